@@ -1,0 +1,79 @@
+"""Amendments: named changes to an aircraft that are carried as data and applied when its JSBSim model is written."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, replace
+
+from testbench.aircraft.elastic import ElasticMode, ElasticModel
+from testbench.errors import ModelError
+
+
+@dataclass(frozen=True)
+class SetProperty:
+    """Give a declared property of the model another value."""
+
+    name: str
+    value: float
+
+    def apply(self, tree: ET.Element) -> None:
+        """Change ``tree`` in place; ModelError if no such property is declared."""
+        found = [e for e in tree.iter("property") if (e.text or "").strip() == self.name and "value" in e.attrib]
+        if not found:
+            raise ModelError(f"an amended property must be declared in the model, got '{self.name}'")
+        found[0].set("value", repr(float(self.value)))
+
+
+@dataclass(frozen=True)
+class SetText:
+    """Give the element at ``path`` (ElementTree path below fdm_config) another number."""
+
+    path: str
+    value: float
+
+    def apply(self, tree: ET.Element) -> None:
+        """Change ``tree`` in place; ModelError if no such element exists."""
+        element = tree.find(self.path)
+        if element is None:
+            raise ModelError(f"an amended element must exist in the model, got '{self.path}'")
+        element.text = repr(float(self.value))
+
+
+@dataclass(frozen=True)
+class Insert:
+    """Insert an element, given as XML text, at the end (or at ``position``) of the element at ``parent``."""
+
+    parent: str
+    xml: str
+    position: int | None = None
+
+    def apply(self, tree: ET.Element) -> None:
+        """Change ``tree`` in place; ModelError if the parent does not exist."""
+        parent = tree if self.parent == "." else tree.find(self.parent)
+        if parent is None:
+            raise ModelError(f"an amendment must go into an element of the model, got '{self.parent}'")
+        element = ET.fromstring(self.xml)
+        parent.insert(len(parent) if self.position is None else self.position, element)
+
+
+Change = SetProperty | SetText | Insert
+
+
+@dataclass(frozen=True)
+class Amendment:
+    """A change with a name: edits of the XML and, possibly, further elastic modes."""
+
+    name: str
+    description: str
+    changes: tuple[Change, ...] = ()
+    modes: tuple[ElasticMode, ...] = ()
+
+    def apply(self, tree: ET.Element, elastic: ElasticModel | None, S_m2: float, cbar_m: float) -> ElasticModel | None:
+        """Apply the edits to ``tree`` in place and return the elastic model with the added modes."""
+        for change in self.changes:
+            change.apply(tree)
+        if not self.modes:
+            return elastic
+        if elastic is None:
+            return ElasticModel(self.modes, S_m2, cbar_m)
+        return replace(elastic, modes=(*elastic.modes, *self.modes))

@@ -1,0 +1,282 @@
+"""Elastic modes as coupled linear modal states: their equations, and the JSBSim functions that integrate them.
+
+Equations of motion of mode i (M. R. Waszak, D. K. Schmidt, "Flight dynamics of aeroelastic vehicles", J. Aircraft 25(6),
+1988, eq. 31, with modal damping), generalised coordinates without unit:
+
+    mass_i (eta_i'' + 2 zeta_i w_i eta_i' + w_i^2 eta_i) = qbar S cbar C_Qi
+    C_Qi = zero + alpha alpha + q q cbar/2V + ... + sum_j (eta_ij eta_j + etadot_ij eta_j' cbar/2V)
+
+and each mode adds ``effect`` to the force and moment coefficients of the aircraft.
+
+Inside JSBSim the states step by the exact first-order hold x+ = Ad x + B0 u + B1 u+ of the coupled equations at the
+dynamic pressure that the model was generated for; what another dynamic pressure changes in the aerodynamic stiffness
+and damping enters as an input, extrapolated by one frame. The functions stand directly under ``<aerodynamics>``, where
+alpha, rates, qbar and deflections are already those of the new frame, and before the axis functions, so that the lift
+of a frame uses the deflection of that frame. While time stands still (trim, initial conditions) the modes take their
+static deflection, or hold what was set in ``modal/eta-i`` and ``modal/etadot-i`` when ``modal/static-ic`` is 0.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.linalg import block_diag, expm
+
+from testbench.constants import PSF_PA
+from testbench.record import FloatArray
+
+# How each motion variable of C_Q reads in JSBSim: properties whose product is the nondimensional variable.
+MOTIONS: dict[str, tuple[str, ...]] = {
+    "zero": (),
+    "alpha": ("aero/alpha-rad",),
+    "q": ("velocities/q-aero-rad_sec", "aero/ci2vel"),
+    "de": ("fcs/elevator-pos-rad",),
+    "beta": ("aero/beta-rad",),
+    "p": ("velocities/p-aero-rad_sec", "aero/bi2vel"),
+    "r": ("velocities/r-aero-rad_sec", "aero/bi2vel"),
+    "da": ("fcs/left-aileron-pos-rad",),
+    "dr": ("fcs/rudder-pos-rad",),
+}
+# Coefficient -> JSBSim axis and the reference length that its moment takes.
+COEFFICIENTS: dict[str, tuple[str, str | None]] = {
+    "CL": ("LIFT", None),
+    "CD": ("DRAG", None),
+    "CY": ("SIDE", None),
+    "Cl": ("ROLL", "metrics/bw-ft"),
+    "Cm": ("PITCH", "metrics/cbarw-ft"),
+    "Cn": ("YAW", "metrics/bw-ft"),
+}
+
+
+
+@dataclass(frozen=True)
+class ElasticMode:
+    """One in-vacuo mode and its aerodynamic coupling; all coefficients without unit, per unit of eta, rad or rate."""
+
+    name: str
+    f_hz: float
+    zeta: float
+    mass_kg_m2: float
+    symmetry: str
+    force: Mapping[str, float] = field(default_factory=dict)
+    force_eta: Mapping[int, float] = field(default_factory=dict)
+    force_etadot: Mapping[int, float] = field(default_factory=dict)
+    effect_eta: Mapping[str, float] = field(default_factory=dict)
+    effect_etadot: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def omega_rad_s(self) -> float:
+        """Natural frequency in vacuo, rad/s."""
+        return 2.0 * np.pi * self.f_hz
+
+
+@dataclass(frozen=True)
+class ElasticModel:
+    """The modes of an aircraft, numbered from 1 in this order everywhere, and its reference area and chord."""
+
+    modes: tuple[ElasticMode, ...]
+    S_m2: float
+    cbar_m: float
+
+    def __len__(self) -> int:
+        return len(self.modes)
+
+    def uncoupled(self) -> ElasticModel:
+        """Return the same modes without any aerodynamic coupling: they ring at their in-vacuo frequency and damping."""
+        bare = tuple(ElasticMode(m.name, m.f_hz, m.zeta, m.mass_kg_m2, m.symmetry) for m in self.modes)
+        return ElasticModel(bare, self.S_m2, self.cbar_m)
+
+    def matrices(self, qbar_Pa: float, V_m_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return (K, D, G) of eta'' = -K eta - D eta' + G C_rigid at one condition.
+
+        K (n, n) in 1/s2 and D (n, n) in 1/s hold structure and aerodynamics; G (n,) in 1/s2 takes the part of C_Q due
+        to the rigid motion to the modal acceleration.
+        """
+        n = len(self)
+        gain = qbar_Pa * self.S_m2 * self.cbar_m / np.array([m.mass_kg_m2 for m in self.modes])
+        K = np.diag([m.omega_rad_s**2 for m in self.modes])
+        D = np.diag([2.0 * m.zeta * m.omega_rad_s for m in self.modes])
+        for i, mode in enumerate(self.modes):
+            for j, c in mode.force_eta.items():
+                K[i, j - 1] -= gain[i] * c
+            for j, c in mode.force_etadot.items():
+                D[i, j - 1] -= gain[i] * c * self.cbar_m / (2.0 * V_m_s)
+        return K.reshape(n, n), D.reshape(n, n), gain
+
+    def blocks(self) -> list[list[int]]:
+        """Return groups of mode indices (from 0) that couple with each other; groups do not couple among themselves."""
+        n = len(self)
+        group = list(range(n))
+        for i, mode in enumerate(self.modes):
+            for j in (*mode.force_eta, *mode.force_etadot):
+                a, b = group[i], group[j - 1]
+                group = [min(a, b) if g in (a, b) else g for g in group]
+        return [[i for i in range(n) if group[i] == g] for g in sorted(set(group))]
+
+
+def first_order_hold(A: FloatArray, B: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return Ad, B0, B1 of the exact step x+ = Ad x + B0 u + B1 u+ for inputs that run linearly between samples.
+
+    Source: the augmented matrix exponential of G. F. Franklin, J. D. Powell, M. Workman, Digital Control of Dynamic
+    Systems, 3rd ed., section 6.3.2 (triangle hold).
+    """
+    n, m = B.shape
+    M = block_diag(A, np.zeros((2 * m, 2 * m)))
+    M[:n, n : n + m] = B
+    M[n : n + m, n + m :] = np.eye(m) / dt_s
+    E = expm(M * dt_s)
+    B1 = E[:n, n + m :]
+    return E[:n, :n], E[:n, n : n + m] - B1, B1
+
+
+def _element(tag: str, *children: ET.Element, text: str | None = None, **attributes: str) -> ET.Element:
+    out = ET.Element(tag, attributes)
+    out.text = text
+    out.extend(children)
+    return out
+
+
+def _value(x: float) -> ET.Element:
+    return _element("value", text=repr(float(x)))
+
+
+def _property(name: str) -> ET.Element:
+    return _element("property", text=name)
+
+
+def _product(*factors: ET.Element | float | str) -> ET.Element:
+    parts = [f if isinstance(f, ET.Element) else _property(f) if isinstance(f, str) else _value(f) for f in factors]
+    return parts[0] if len(parts) == 1 else _element("product", *parts)
+
+
+def _sum(terms: Sequence[ET.Element]) -> ET.Element:
+    return _element("sum", *terms) if len(terms) > 1 else _element("sum", *terms, _value(0.0)) if terms else _value(0.0)
+
+
+def _weighted(weights: FloatArray, names: Sequence[str]) -> list[ET.Element]:
+    return [_product(float(w), name) for w, name in zip(weights, names, strict=True) if w != 0.0]
+
+
+def _function(name: str, body: ET.Element, copyto: str | None = None) -> ET.Element:
+    return _element("function", body, name=name, **({"copyto": copyto} if copyto else {}))
+
+
+def add_modes(tree: ET.Element, elastic: ElasticModel, dt_s: float, qbar_Pa: float, V_m_s: float) -> None:
+    """Write the modal states and their coupling into a JSBSim model, in place.
+
+    Args:
+        tree: the ``fdm_config`` element of the rigid aircraft.
+        elastic: the modes.
+        dt_s: frame time that the coefficients are made for; the model flies at this rate only.
+        qbar_Pa: dynamic pressure that the exact step is made for.
+        V_m_s: true airspeed that it is made for.
+    """
+    K, D, _ = elastic.matrices(qbar_Pa, V_m_s)
+    numbers = range(1, len(elastic) + 1)
+    declared = {"modal/static-ic": "1.0", "modal/dt-s": repr(float(dt_s))}
+    for i in numbers:
+        for name in ("eta", "etadot", "extra", "extra-previous", "input-previous"):
+            declared[f"modal/{name}-{i}"] = "0.0"
+    system = _element("system", name="elastic modes")
+    system.extend(_element("property", text=name, value=value) for name, value in declared.items())
+    aerodynamics = tree.find("aerodynamics")
+    assert aerodynamics is not None
+    tree.insert(list(tree).index(aerodynamics), system)
+
+    functions: list[ET.Element] = [_rigid_force(elastic, i) for i in numbers]
+    functions += [
+        _function(f"modal/input-{i}", _element("sum", _property(f"modal/force-{i}"), _product(2.0, f"modal/extra-{i}"),
+                                               _product(-1.0, f"modal/extra-previous-{i}")))
+        for i in numbers
+    ]  # fmt: skip
+    for block in elastic.blocks():
+        functions += _block_step(K[np.ix_(block, block)], D[np.ix_(block, block)], [i + 1 for i in block], dt_s)
+    for i in numbers:  # commits come after all new values, so that every row used the old states
+        functions.append(_function(f"modal/commit-eta-{i}", _sum([_property(f"modal/new-eta-{i}")]), f"modal/eta-{i}"))
+        functions.append(
+            _function(f"modal/commit-etadot-{i}", _sum([_property(f"modal/new-etadot-{i}")]), f"modal/etadot-{i}")
+        )
+    for i in numbers:
+        functions.append(
+            _function(f"modal/commit-extra-{i}", _sum([_property(f"modal/extra-{i}")]), f"modal/extra-previous-{i}")
+        )
+    functions += [_extra_force(elastic, i, qbar_Pa, V_m_s) for i in numbers]
+    for i in numbers:
+        both = _sum([_property(f"modal/force-{i}"), _property(f"modal/extra-{i}")])
+        functions.append(_function(f"modal/commit-input-{i}", both, f"modal/input-previous-{i}"))
+        functions.append(_acceleration(elastic, K, D, i))
+    for position, function in enumerate(functions):
+        aerodynamics.insert(position, function)
+    _add_effects(aerodynamics, elastic)
+
+
+def _rigid_force(elastic: ElasticModel, i: int) -> ET.Element:
+    mode = elastic.modes[i - 1]
+    gain = elastic.S_m2 * elastic.cbar_m * PSF_PA / mode.mass_kg_m2
+    terms = [_product(c, *MOTIONS[motion]) for motion, c in mode.force.items() if c != 0.0]
+    return _function(f"modal/force-{i}", _element("product", _property("aero/qbar-psf"), _value(gain), _sum(terms)))
+
+
+def _block_step(K: FloatArray, D: FloatArray, numbers: list[int], dt_s: float) -> list[ET.Element]:
+    """Return the functions that step one block of coupled modes, without committing the new values."""
+    n = len(numbers)
+    A = np.block([[np.zeros((n, n)), np.eye(n)], [-K, -D]])
+    B = np.vstack([np.zeros((n, n)), np.eye(n)])
+    Ad, B0, B1 = first_order_hold(A, B, dt_s)
+    static = np.vstack([np.linalg.inv(K), np.zeros((n, n))])
+    states = [f"modal/eta-{i}" for i in numbers] + [f"modal/etadot-{i}" for i in numbers]
+    old = [f"modal/input-previous-{i}" for i in numbers]
+    new = [f"modal/input-{i}" for i in numbers]
+    out = []
+    for row, state in enumerate(states):
+        step = _sum(_weighted(Ad[row], states) + _weighted(B0[row], old) + _weighted(B1[row], new))
+        rest = _element(
+            "ifthen", _property("modal/static-ic"), _sum(_weighted(static[row], new)), _property(state)
+        )
+        moving = _element("gt", _property("simulation/dt"), _value(0.0))
+        out.append(_function(state.replace("modal/", "modal/new-"), _element("ifthen", moving, step, rest)))
+    return out
+
+
+def _extra_force(elastic: ElasticModel, i: int, qbar_Pa: float, V_m_s: float) -> ET.Element:
+    """Return the aerodynamic stiffness and damping beyond those of the condition that the exact step is made for."""
+    mode = elastic.modes[i - 1]
+    gain = elastic.S_m2 * elastic.cbar_m / mode.mass_kg_m2
+    parts: list[ET.Element] = []
+    if mode.force_eta:
+        terms = [_product(gain * PSF_PA * c, f"modal/eta-{j}") for j, c in mode.force_eta.items()]
+        change = _element("difference", _property("aero/qbar-psf"), _value(qbar_Pa / PSF_PA))
+        parts.append(_element("product", change, _sum(terms)))
+    if mode.force_etadot:
+        terms = [_product(gain * PSF_PA * c, f"modal/etadot-{j}") for j, c in mode.force_etadot.items()]
+        scaled = _product("aero/qbar-psf", "aero/ci2vel")
+        change = _element("difference", scaled, _value(qbar_Pa / PSF_PA * elastic.cbar_m / (2.0 * V_m_s)))
+        parts.append(_element("product", change, _sum(terms)))
+    return _function(f"modal/compute-extra-{i}", _sum(parts), f"modal/extra-{i}")
+
+
+def _acceleration(elastic: ElasticModel, K: FloatArray, D: FloatArray, i: int) -> ET.Element:
+    numbers = range(1, len(elastic) + 1)
+    terms = [_property(f"modal/force-{i}"), _property(f"modal/extra-{i}")]
+    terms += _weighted(-K[i - 1], [f"modal/eta-{j}" for j in numbers])
+    terms += _weighted(-D[i - 1], [f"modal/etadot-{j}" for j in numbers])
+    return _function(f"modal/etaddot-{i}", _sum(terms))
+
+
+def _add_effects(aerodynamics: ET.Element, elastic: ElasticModel) -> None:
+    for coefficient, (axis_name, length) in COEFFICIENTS.items():
+        terms = []
+        for i, mode in enumerate(elastic.modes, 1):
+            if mode.effect_eta.get(coefficient):
+                terms.append(_product(mode.effect_eta[coefficient], f"modal/eta-{i}"))
+            if mode.effect_etadot.get(coefficient):
+                terms.append(_product(mode.effect_etadot[coefficient], f"modal/etadot-{i}", "aero/ci2vel"))
+        axis = next((a for a in aerodynamics.findall("axis") if a.get("name") == axis_name), None)
+        if not terms or axis is None:
+            continue
+        factors = [_property("aero/qbar-psf"), _property("metrics/Sw-sqft")]
+        factors += [_property(length)] if length else []
+        axis.append(_function(f"modal/effect-{coefficient}", _element("product", *factors, _sum(terms))))

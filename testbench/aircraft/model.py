@@ -1,0 +1,247 @@
+"""Aircraft: a folder of aircraft_models/ read into one frozen object that writes itself out as JSBSim XML."""
+
+from __future__ import annotations
+
+import difflib
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from testbench.aircraft.amend import Amendment
+from testbench.aircraft.elastic import ElasticMode, ElasticModel, add_modes
+from testbench.constants import DEG_RAD, FT_M, LBF_N, SLUG_KG
+from testbench.errors import ModelError, ScenarioError, nearest
+from testbench.paths import AIRCRAFT_MODELS, aircraft_names
+from testbench.scenario import Positive, Strict, parse, read_toml
+
+_LENGTH_M = {"M": 1.0, "FT": FT_M, "IN": FT_M / 12.0}
+_AREA_M2 = {"M2": 1.0, "FT2": FT_M**2}
+_MASS_KG = {"KG": 1.0, "LBS": LBF_N / 9.80665, "SLUG": SLUG_KG}
+_INERTIA = {"KG*M2": 1.0, "SLUG*FT2": SLUG_KG * FT_M**2}
+
+
+@dataclass(frozen=True)
+class Geometry:
+    """Reference area S (m2), span b (m) and mean aerodynamic chord cbar (m)."""
+
+    S_m2: float
+    b_m: float
+    cbar_m: float
+
+
+@dataclass(frozen=True)
+class MassProperties:
+    """Mass (kg) and moments of inertia about the centre of gravity (kg m2); Ixz positive as in JSBSim's file."""
+
+    mass_kg: float
+    Ixx: float
+    Iyy: float
+    Izz: float
+    Ixz: float
+
+
+@dataclass(frozen=True)
+class Control:
+    """A control channel: the JSBSim property that commands it (-1 to 1, or 0 to 1) and what 1 means in SI."""
+
+    name: str
+    command: str
+    full: float
+
+    @property
+    def low(self) -> float:
+        """Lowest admissible value: rad, or 0 for the throttle."""
+        return 0.0 if self.name == "thr" else -self.full
+
+
+@dataclass(frozen=True)
+class Aircraft:
+    """One aircraft: JSBSim XML of the rigid airframe, elastic modes, limits and what was amended.
+
+    Attributes:
+        name: folder name, with what was changed ("eolo, rigid wings").
+        title: one line for people.
+        geometry, mass: read from the XML.
+        controls: by channel name.
+        limits: channel -> (low, high) in SI; a flight that leaves them is aborted.
+        rate_hz: default simulation rate.
+        design_V_m_s, design_h_m: condition that elastic equations are generated for if none is given.
+        xml: the rigid aircraft as JSBSim XML.
+        engine_files: file name -> XML text of Engines/.
+        elastic: modes, or None for rigid wings.
+        amendments: changes applied to ``xml``, in order.
+    """
+
+    name: str
+    title: str
+    geometry: Geometry
+    mass: MassProperties
+    controls: Mapping[str, Control]
+    limits: Mapping[str, tuple[float, float]]
+    rate_hz: float
+    design_V_m_s: float
+    design_h_m: float
+    xml: str
+    engine_files: Mapping[str, str] = field(default_factory=dict)
+    elastic: ElasticModel | None = None
+    amendments: tuple[Amendment, ...] = ()
+
+    def with_rigid_wings(self) -> Aircraft:
+        """Return the aircraft with its modes frozen at zero deflection."""
+        return replace(self, name=f"{self.name}, rigid wings", elastic=None) if self.elastic else self
+
+    def amended(self, *amendments: Amendment) -> Aircraft:
+        """Return the aircraft with further changes; they are applied when the model is written."""
+        return replace(self, amendments=(*self.amendments, *amendments))
+
+    def model_xml(self, rate_hz: float, qbar_Pa: float, V_m_s: float) -> str:
+        """Return the complete JSBSim model for one frame rate and design condition.
+
+        Raises:
+            ModelError: an amendment does not fit the model.
+        """
+        tree = ET.fromstring(self.xml)
+        elastic = self.elastic
+        for amendment in self.amendments:
+            elastic = amendment.apply(tree, elastic, self.geometry.S_m2, self.geometry.cbar_m)
+        if elastic is not None and len(elastic):
+            add_modes(tree, elastic, 1.0 / rate_hz, qbar_Pa, V_m_s)
+        ET.indent(tree)
+        return '<?xml version="1.0"?>\n' + ET.tostring(tree, encoding="unicode") + "\n"
+
+    def flown_modes(self) -> ElasticModel | None:
+        """Return the modes that the written model carries, those added by amendments included."""
+        elastic = self.elastic
+        tree = ET.fromstring(self.xml)
+        for amendment in self.amendments:
+            elastic = amendment.apply(tree, elastic, self.geometry.S_m2, self.geometry.cbar_m)
+        return elastic
+
+    def diff(self, other: Aircraft, qbar_Pa: float) -> str:
+        """Return a unified diff of the two written models (this one is the old one)."""
+        old, new = (a.model_xml(a.rate_hz, qbar_Pa, a.design_V_m_s).splitlines() for a in (self, other))
+        return "\n".join(difflib.unified_diff(old, new, self.name, other.name, lineterm="", n=2)) + "\n"
+
+
+class _Controls(Strict):
+    command: str
+    full_deflection_deg: Positive | None = None
+
+
+class _Mode(Strict):
+    name: str
+    f_hz: Positive
+    zeta: Annotated[float, Field(gt=0.0, lt=1.0)]
+    mass_kg_m2: Positive
+    symmetry: Literal["symmetric", "asymmetric"]
+    force: dict[Literal["zero", "alpha", "q", "de", "beta", "p", "r", "da", "dr"], float] = {}
+    force_eta: dict[str, float] = {}
+    force_etadot: dict[str, float] = {}
+    effect_eta: dict[Literal["CL", "CD", "CY", "Cl", "Cm", "Cn"], float] = {}
+    effect_etadot: dict[Literal["CL", "CD", "CY", "Cl", "Cm", "Cn"], float] = {}
+
+
+class _Elastic(Strict):
+    mode: Annotated[tuple[_Mode, ...], Field(strict=False)]
+
+
+class _SimulationFile(Strict):
+    rate_hz: Positive
+
+
+class _AircraftFile(Strict):
+    title: str
+    model: str
+    design_V_m_s: Positive
+    design_h_m: float
+    simulation: _SimulationFile
+    controls: dict[Literal["de", "da", "dr", "thr"], _Controls]
+    limits: dict[str, Annotated[tuple[float, float], Field(strict=False)]]
+    elastic: _Elastic | None = None
+
+
+def load_aircraft(name: str, wings: str = "flexible", folder: Path | None = None) -> Aircraft:
+    """Read the aircraft ``name`` from its folder.
+
+    Args:
+        name: folder name under aircraft_models/.
+        wings: "flexible", or "rigid" to hold the elastic modes at zero.
+        folder: read this folder instead.
+
+    Raises:
+        ModelError: no such aircraft, or its XML is damaged.
+        ScenarioError: aircraft.toml breaks its schema.
+    """
+    if folder is None and name not in aircraft_names():
+        raise ModelError(f"an aircraft must be one of {', '.join(aircraft_names())}, got '{name}'{nearest(name, aircraft_names())}")
+    folder = folder or AIRCRAFT_MODELS / name
+    path = folder / "aircraft.toml"
+    described, faults = parse(_AircraftFile, read_toml(path), path)
+    if described is None or faults:
+        raise ScenarioError(faults)
+    xml_path = folder / described.model
+    try:
+        xml = xml_path.read_text(encoding="utf-8")
+        tree = ET.fromstring(xml)
+    except (OSError, ET.ParseError) as error:
+        raise ModelError(f"'{xml_path}' must be a JSBSim model, but it cannot be read: {error}") from error
+    geometry = Geometry(
+        _quantity(tree, "metrics/wingarea", _AREA_M2, xml_path),
+        _quantity(tree, "metrics/wingspan", _LENGTH_M, xml_path),
+        _quantity(tree, "metrics/chord", _LENGTH_M, xml_path),
+    )
+    mass = MassProperties(
+        _quantity(tree, "mass_balance/emptywt", _MASS_KG, xml_path),
+        *(_quantity(tree, f"mass_balance/{axis}", _INERTIA, xml_path) for axis in ("ixx", "iyy", "izz", "ixz")),
+    )
+    controls = {
+        n: Control(n, c.command, 1.0 if c.full_deflection_deg is None else c.full_deflection_deg * DEG_RAD)
+        for n, c in described.controls.items()
+    }
+    limits = {}
+    for key, (low, high) in described.limits.items():
+        channel, factor = (key.removesuffix("_deg"), DEG_RAD) if key.endswith("_deg") else (key, 1.0)
+        limits[channel.removesuffix("_m_s").removesuffix("_m")] = (low * factor, high * factor)
+    modes = tuple(_mode(m) for m in described.elastic.mode) if described.elastic else ()
+    aircraft = Aircraft(
+        name=name,
+        title=described.title,
+        geometry=geometry,
+        mass=mass,
+        controls=controls,
+        limits=limits,
+        rate_hz=described.simulation.rate_hz,
+        design_V_m_s=described.design_V_m_s,
+        design_h_m=described.design_h_m,
+        xml=xml,
+        engine_files={p.name: p.read_text(encoding="utf-8") for p in sorted((folder / "Engines").glob("*.xml"))},
+        elastic=ElasticModel(modes, geometry.S_m2, geometry.cbar_m) if modes else None,
+    )
+    return aircraft.with_rigid_wings() if wings == "rigid" else aircraft
+
+
+def _mode(m: _Mode) -> ElasticMode:
+    return ElasticMode(
+        m.name,
+        m.f_hz,
+        m.zeta,
+        m.mass_kg_m2,
+        m.symmetry,
+        dict(m.force),
+        {int(j): c for j, c in m.force_eta.items()},
+        {int(j): c for j, c in m.force_etadot.items()},
+        dict(m.effect_eta),
+        dict(m.effect_etadot),
+    )
+
+
+def _quantity(tree: ET.Element, path: str, units: Mapping[str, float], file: Path) -> float:
+    element = tree.find(path)
+    unit = (element.get("unit") or "").upper() if element is not None else ""
+    if element is None or unit not in units:
+        raise ModelError(f"'{file}' must hold <{path}> in {' or '.join(units)}, got {'nothing' if element is None else repr(unit)}")
+    return float(element.text or "nan") * units[unit]

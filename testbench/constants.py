@@ -1,0 +1,14 @@
+"""Physical constants and conversion factors, each with its unit and source."""
+
+from __future__ import annotations
+
+import math
+
+G0_M_S2 = 9.80665  # standard acceleration of gravity, ISO 80000-3
+FT_M = 0.3048  # international foot, m (exact, 1959 agreement)
+LBF_N = 4.4482216152605  # pound-force, N (exact: 0.45359237 kg times standard gravity)
+SLUG_KG = LBF_N / FT_M  # slug, kg
+PSF_PA = LBF_N / FT_M**2  # pound-force per square foot, Pa
+DEG_RAD = math.pi / 180.0  # degree, rad
+KT_M_S = 1852.0 / 3600.0  # international knot, m/s (exact)
+PERCENT = 0.01  # percent, 1

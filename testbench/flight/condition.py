@@ -1,0 +1,55 @@
+"""The condition that a flight starts from, and the equilibrium found there."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from testbench.record import FloatArray
+
+_LAPSE_K_M, _T0_K, _RHO0_KG_M3 = 0.0065, 288.15, 1.225  # ISO 2533:1975 standard atmosphere, troposphere
+
+
+@dataclass(frozen=True)
+class FlightCondition:
+    """Steady straight flight: true airspeed (m/s), altitude above sea level (m), flight-path angle (rad)."""
+
+    V_m_s: float
+    h_m: float
+    gamma_rad: float = 0.0
+
+    @property
+    def qbar_Pa(self) -> float:
+        """Dynamic pressure in the standard atmosphere, Pa."""
+        return 0.5 * air_density(self.h_m) * self.V_m_s**2
+
+    def __str__(self) -> str:
+        return f"{self.V_m_s:g} m/s, {self.h_m:g} m"
+
+
+def air_density(h_m: float) -> float:
+    """Return the density of the standard atmosphere below 11 km, kg/m3 (ISO 2533:1975)."""
+    return _RHO0_KG_M3 * (1.0 - _LAPSE_K_M * h_m / _T0_K) ** 4.2558797
+
+
+@dataclass(frozen=True, eq=False)
+class TrimmedFlight:
+    """An equilibrium: attitude and controls that hold the condition.
+
+    Attributes:
+        condition: what was asked for.
+        rate_hz: frame rate of the model that was trimmed.
+        alpha, theta, phi: rad.
+        controls: channel -> value, rad or 1.
+        residual: (6,) udot, vdot, wdot in m/s2 and pdot, qdot, rdot in rad/s2 that remain.
+        state: channel -> value of every channel of the simulator at trim, SI.
+    """
+
+    condition: FlightCondition
+    rate_hz: float
+    alpha: float
+    theta: float
+    phi: float
+    controls: Mapping[str, float]
+    residual: FloatArray
+    state: Mapping[str, float]

@@ -1,0 +1,192 @@
+"""Fly a manoeuvre: JSBSim from trim to the end of the inputs, recorded as truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from testbench.aircraft import Aircraft
+from testbench.constants import DEG_RAD
+from testbench.errors import FlightAborted, LimitError
+from testbench.flight.condition import TrimmedFlight
+from testbench.flight.executive import Executive, executive
+from testbench.flight.trim import place_at_trim
+from testbench.inputs.signal import InputSignal
+from testbench.record import FlightRecord, FloatArray
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """Inputs flown from trim: ``settle_s`` of undisturbed flight, then the signal's clock starts."""
+
+    name: str
+    signal: InputSignal
+    settle_s: float = 2.0
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the record, s."""
+        return self.settle_s + self.signal.t_s.size * self.signal.dt_s
+
+
+def stride(rate_hz: float, log_rate_hz: float) -> int:
+    """Return how many simulation frames make one log interval.
+
+    Raises:
+        LimitError: the log rate does not divide the simulation rate.
+    """
+    ratio = rate_hz / log_rate_hz
+    if ratio < 1.0 - 1e-9 or abs(ratio - round(ratio)) > 1e-6:
+        near = sorted({rate_hz / math.ceil(max(ratio, 1.0)), rate_hz / max(math.floor(ratio), 1)})
+        raise LimitError(
+            f"a log rate must divide the simulation rate of {rate_hz:g} Hz, got {log_rate_hz:g} Hz; "
+            f"nearest: {' or '.join(f'{n:g}' for n in near)} Hz"
+        )
+    return round(ratio)
+
+
+def commands(aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre) -> FloatArray:
+    """Return the absolute commands (frames + 1, controls of the signal) at every frame, trim included, SI.
+
+    Raises:
+        LimitError: a command leaves the range of its control; inputs are never clipped.
+    """
+    signal = manoeuvre.signal
+    settle = round(manoeuvre.settle_s * trimmed.rate_hz)
+    u = np.zeros((settle + signal.t_s.size + 1, len(signal.channels)))
+    u[settle:-1] = signal.u
+    u[-1] = signal.u[-1]
+    for i, name in enumerate(signal.channels):
+        u[:, i] += trimmed.controls[name]
+        control = aircraft.controls[name]
+        scale, unit = (100.0, "%") if name == "thr" else (1.0 / DEG_RAD, "deg")
+        worst = u[np.argmax(np.abs(u[:, i] - 0.5 * (control.full + control.low))), i]
+        if not control.low - 1e-9 <= worst <= control.full + 1e-9:
+            raise LimitError(
+                f"{control.low * scale:g} <= {name} <= {control.full * scale:g} {unit} must hold for {aircraft.name}, "
+                f"got {worst * scale:.2f} {unit} ({trimmed.controls[name] * scale:.2f} at trim and "
+                f"{(worst - trimmed.controls[name]) * scale:.2f} from the input); reduce the amplitude"
+            )
+    return u
+
+
+def fly(
+    aircraft: Aircraft,
+    trimmed: TrimmedFlight,
+    manoeuvre: Manoeuvre,
+    log_rate_hz: float,
+    channels: Sequence[str] | None = None,
+) -> FlightRecord:
+    """Fly ``manoeuvre`` from ``trimmed`` and return the truth, logged every 1/``log_rate_hz`` s from t = 0.
+
+    Args:
+        aircraft: the aircraft that was trimmed.
+        trimmed: where the flight starts; gives the simulation rate.
+        manoeuvre: the inputs; the signal must be sampled at the simulation rate.
+        log_rate_hz: must divide the simulation rate.
+        channels: what is logged; every channel of the simulator if not given.
+
+    Raises:
+        LimitError: a rate or a command breaks its law.
+        FlightAborted: the flight left the aircraft's limits or ceased to be finite; the error carries the record.
+    """
+    rate = trimmed.rate_hz
+    if abs(manoeuvre.signal.dt_s * rate - 1.0) > 1e-6:
+        raise LimitError(f"a signal must be sampled at the simulation rate of {rate:g} Hz, got {1 / manoeuvre.signal.dt_s:g} Hz")
+    step = stride(rate, log_rate_hz)
+    u = commands(aircraft, trimmed, manoeuvre)
+    fdm = executive(aircraft, rate, trimmed.condition)
+    fdm.reset()
+    fdm.start_engines()
+    place_at_trim(fdm, trimmed)
+
+    names = tuple(channels) if channels is not None else fdm.channels
+    index = [fdm.channels.index(n) for n in names]
+    readers = [fdm.channel_nodes[i].get_double_value for i in index]
+    watched = _watch(aircraft, fdm)
+    rows = (u.shape[0] - 1) // step + 1
+    raw = np.empty((rows, len(names)))
+    raw[0] = [read() for read in readers]
+    scale = np.array([aircraft.controls[n].full for n in manoeuvre.signal.channels])
+    columns = [column.tolist() for column in (u / scale).T]
+    changed = [False, *np.any(np.diff(u, axis=0) != 0.0, axis=1).tolist()]
+    writers = [fdm.command_nodes[n].set_double_value for n in manoeuvre.signal.channels]
+    run = fdm.fdm.run
+    frame = 0
+    reason = ""
+    row = 0
+    for row in range(1, rows):
+        for frame in range(frame + 1, frame + step + 1):
+            if changed[frame]:
+                for write, column in zip(writers, columns, strict=True):
+                    write(column[frame])
+            run()
+        raw[row] = [read() for read in readers]
+        for read, low, high, text in watched:
+            # written so that NaN, for which every comparison fails, counts as outside
+            if not low <= read() <= high:
+                reason = text(read())
+                break
+        if reason:
+            break
+    last = row + 1 if not reason else row  # the row outside the limits may hold NaN
+    record = FlightRecord(
+        t_s=np.arange(last) / log_rate_hz,
+        channels=names,
+        data=raw[:last] * np.array([fdm.factors[i] for i in index]),
+        kind="truth",
+        provenance=_provenance(aircraft, trimmed, manoeuvre),
+        outcome="aborted" if reason else "completed",
+        reason=reason,
+    )
+    if reason:
+        time_s = row / log_rate_hz
+        raise FlightAborted(
+            f"{aircraft.name} left its limits at t = {time_s:.2f} s of manoeuvre '{manoeuvre.name}': {reason}; "
+            "reduce the amplitude or the duration of the input",
+            time_s,
+            reason,
+            record,
+        )
+    return record
+
+
+def _watch(aircraft: Aircraft, fdm: Executive) -> list[tuple[Any, float, float, Any]]:
+    """Return (reader, low, high, message) of every limit, in JSBSim's units."""
+    out = []
+    for name, (low, high) in aircraft.limits.items():
+        targets = [n for n in fdm.channels if n.startswith("eta_")] if name == "eta" else [name]
+        for target in targets:
+            i = fdm.channels.index(target)
+            factor = fdm.factors[i]
+
+            def text(value: float, name: str = target, factor: float = factor, low: float = low, high: float = high) -> str:
+                degrees = name in {"alpha", "beta", "theta", "phi"}
+                scale, unit = (1.0 / DEG_RAD, " deg") if degrees else (1.0, "")
+                got = value * factor * scale
+                if not math.isfinite(got):
+                    return f"{name} ceased to be a finite number"
+                return f"{low * scale:g} <= {name} <= {high * scale:g}{unit} must hold, got {got:.3g}{unit}"
+
+            out.append((fdm.channel_nodes[i].get_double_value, low / factor, high / factor, text))
+    return out
+
+
+def _provenance(aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre) -> dict[str, Any]:
+    c = trimmed.condition
+    return {
+        "aircraft": aircraft.name,
+        "amendments": [a.name for a in aircraft.amendments],
+        "V_m_s": c.V_m_s,
+        "h_m": c.h_m,
+        "gamma_rad": c.gamma_rad,
+        "manoeuvre": manoeuvre.name,
+        "settle_s": manoeuvre.settle_s,
+        "simulation_rate_hz": trimmed.rate_hz,
+        "jsbsim": version("jsbsim"),
+    }
