@@ -1,7 +1,7 @@
 """Aircraft folders read into frozen objects, their elastic modes, and changes to them."""
 
-from testbench.aircraft.amend import Amendment, Insert, SetProperty, SetText
+from testbench.aircraft.amend import Amendment, Insert, ScaleCoefficient, SetProperty, SetText
 from testbench.aircraft.elastic import ElasticMode, ElasticModel
 from testbench.aircraft.model import Aircraft, Control, load_aircraft
 
-__all__ = ["Aircraft", "Amendment", "Control", "ElasticMode", "ElasticModel", "Insert", "SetProperty", "SetText", "load_aircraft"]
+__all__ = ["Aircraft", "Amendment", "Control", "ElasticMode", "ElasticModel", "Insert", "ScaleCoefficient", "SetProperty", "SetText", "load_aircraft"]

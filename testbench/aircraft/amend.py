@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from testbench.aircraft.elastic import ElasticMode, ElasticModel
 from testbench.errors import ModelError
@@ -56,7 +56,24 @@ class Insert:
         parent.insert(len(parent) if self.position is None else self.position, element)
 
 
-Change = SetProperty | SetText | Insert
+@dataclass(frozen=True)
+class ScaleCoefficient:
+    """Multiply the aerodynamic coefficient ``aero/coefficient/NAME`` by a factor."""
+
+    name: str
+    factor: float
+
+    def apply(self, tree: ET.Element) -> None:
+        """Change ``tree`` in place; ModelError if the model has no such coefficient."""
+        for function in tree.iter("function"):
+            product = function.find("product")
+            if function.get("name") == f"aero/coefficient/{self.name}" and product is not None:
+                ET.SubElement(product, "value").text = repr(float(self.factor))
+                return
+        raise ModelError(f"an amended coefficient must exist in the model, got '{self.name}'")
+
+
+Change = SetProperty | SetText | Insert | ScaleCoefficient
 
 
 @dataclass(frozen=True)
@@ -68,12 +85,13 @@ class Amendment:
     changes: tuple[Change, ...] = ()
     modes: tuple[ElasticMode, ...] = ()
 
-    def apply(self, tree: ET.Element, elastic: ElasticModel | None, S_m2: float, cbar_m: float) -> ElasticModel | None:
-        """Apply the edits to ``tree`` in place and return the elastic model with the added modes."""
+    def apply(self, tree: ET.Element) -> None:
+        """Apply the edits of the XML to ``tree`` in place."""
         for change in self.changes:
             change.apply(tree)
+
+    def modes_added(self, elastic: ElasticModel | None, S_m2: float, cbar_m: float) -> ElasticModel | None:
+        """Return the elastic model with the modes of this amendment behind its own."""
         if not self.modes:
             return elastic
-        if elastic is None:
-            return ElasticModel(self.modes, S_m2, cbar_m)
-        return replace(elastic, modes=(*elastic.modes, *self.modes))
+        return ElasticModel((*(elastic.modes if elastic else ()), *self.modes), S_m2, cbar_m)

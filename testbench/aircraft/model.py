@@ -105,9 +105,9 @@ class Aircraft:
             ModelError: an amendment does not fit the model.
         """
         tree = ET.fromstring(self.xml)
-        elastic = self.elastic
         for amendment in self.amendments:
-            elastic = amendment.apply(tree, elastic, self.geometry.S_m2, self.geometry.cbar_m)
+            amendment.apply(tree)
+        elastic = self.flown_modes()
         if elastic is not None and len(elastic):
             add_modes(tree, elastic, 1.0 / rate_hz, qbar_Pa, V_m_s)
         ET.indent(tree)
@@ -116,10 +116,22 @@ class Aircraft:
     def flown_modes(self) -> ElasticModel | None:
         """Return the modes that the written model carries, those added by amendments included."""
         elastic = self.elastic
-        tree = ET.fromstring(self.xml)
         for amendment in self.amendments:
-            elastic = amendment.apply(tree, elastic, self.geometry.S_m2, self.geometry.cbar_m)
+            elastic = amendment.modes_added(elastic, self.geometry.S_m2, self.geometry.cbar_m)
         return elastic
+
+    def coefficient(self, name: str) -> float:
+        """Return the number of ``aero/coefficient/NAME`` in the XML, e.g. "CL_alpha".
+
+        Raises:
+            ModelError: the XML has no such coefficient, or it is not a single number.
+        """
+        for function in ET.fromstring(self.xml).iter("function"):
+            if function.get("name") == f"aero/coefficient/{name}":
+                values = function.findall("product/value")
+                if len(values) == 1:
+                    return float(values[0].text or "nan")
+        raise ModelError(f"{self.name} must have a coefficient '{name}' with one value, got none")
 
     def diff(self, other: Aircraft, qbar_Pa: float) -> str:
         """Return a unified diff of the two written models (this one is the old one)."""

@@ -1,15 +1,16 @@
-"""The adapter around JSBSim: loads a model quietly, checks every property before it is read or written, and is reused.
+"""The adapter around JSBSim: loads a model quietly and checks every property before it is read or written.
 
 JSBSim's manners that this file shields the rest from (measured with 1.3.3): it prints unless a logger is set in the
 thread; the frame time must be set before the model is loaded; a load may fail by returning False; writing an unknown
-property creates it and reading one gives zero; loading twice into one executive crashes; a reset puts the default
-integrators back.
+property creates it and reading one gives zero; loading twice into one executive crashes.
 """
 
 from __future__ import annotations
 
 import tempfile
-from collections import OrderedDict
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -23,8 +24,6 @@ from testbench.flight.condition import FlightCondition
 
 ADAMS_BASHFORTH_2 = 3  # JSBSim's number for it; its default, Euler for the rates, costs 3 % at 8 Hz
 _INTEGRATORS = ("rate/rotational", "rate/translational", "position/rotational", "position/translational")
-_CACHE: OrderedDict[int, Executive] = OrderedDict()
-_CACHE_SIZE = 64
 
 
 class _QuietLogger(jsbsim.FGLogger):  # type: ignore[misc]
@@ -44,7 +43,11 @@ class _QuietLogger(jsbsim.FGLogger):  # type: ignore[misc]
 
 
 class Executive:
-    """One JSBSim executive with one loaded model; see :func:`executive`.
+    """One JSBSim executive with one freshly loaded model, ready at time zero with the engines running.
+
+    One executive serves one trim, one flight or one linearisation. A used one would not do: its initial conditions keep
+    some bits of what they were (they are recomputed from one another), so that results would depend on what the process
+    flew before. A fresh one costs a few milliseconds.
 
     Args:
         aircraft: what is flown.
@@ -58,36 +61,50 @@ class Executive:
     def __init__(self, aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> None:
         self.aircraft = aircraft
         self.rate_hz = rate_hz
-        xml = aircraft.model_xml(rate_hz, condition.qbar_Pa, condition.V_m_s)
+        written = _write(_Key.of(aircraft, rate_hz, condition))
         modes = aircraft.flown_modes()
         self.mode_count = len(modes) if modes else 0
-        self._iterations = 5 if "alphadot" in xml else 2  # see evaluate()
+        # See evaluate(). The gains of the loops that it closes are 2e-2 (alphadot) and some 1e-5 (static elasticity).
+        self._iterations, self._to_rest = (5, 12) if "aero/alphadot-rad_sec" in written.properties else (2, 5)
         self._logger = _QuietLogger()
         jsbsim.set_logger(self._logger)
-        with tempfile.TemporaryDirectory() as root:
-            place = Path(root) / "aircraft" / "model"
-            (place / "Engines").mkdir(parents=True)
-            (place / "model.xml").write_text(xml, encoding="utf-8")
-            for name, text in aircraft.engine_files.items():
-                (place / "Engines" / name).write_text(text, encoding="utf-8")
-            self.fdm = jsbsim.FGFDMExec(root)
-            self.fdm.set_debug_level(0)
-            self.fdm.set_dt(1.0 / rate_hz)
-            try:
-                loaded = self.fdm.load_model("model")
-                if loaded:
-                    self.fdm.run_ic()  # an undefined property in a function shows here, not before
-            except RuntimeError as error:
-                raise ModelError(f"JSBSim refuses the model of {aircraft.name}: {error}") from error
-            if not loaded:
-                said = "; ".join(self._logger.lines[-3:]) or "no reason given"
-                raise ModelError(f"JSBSim refuses the model of {aircraft.name}: {said}")
+        self.fdm = jsbsim.FGFDMExec(written.root.name)
         self._manager = self.fdm.get_property_manager()
         self._nodes: dict[str, Any] = {}
+        self.fdm.set_debug_level(0)
+        self.fdm.set_dt(1.0 / rate_hz)
+        try:
+            loaded = self.fdm.load_model("model")
+            self._refuse_unknown_properties(written.properties)
+            if loaded:
+                self.fdm.run_ic()
+        except RuntimeError as error:
+            raise ModelError(f"JSBSim refuses the model of {aircraft.name}: {error}") from error
+        if not loaded:
+            said = "; ".join(self._logger.lines[-3:]) or "no reason given"
+            raise ModelError(f"JSBSim refuses the model of {aircraft.name}: {said}")
+        for name in _INTEGRATORS:
+            self.set(f"simulation/integrator/{name}", ADAMS_BASHFORTH_2)
+        self.fdm.get_propulsion().init_running(-1)
         self.channels = self._available_channels()
         self.factors = [self._factor(name) for name in self.channels]
         self.channel_nodes = [self.node(str(channel(name).jsbsim_property)) for name in self.channels]
         self.command_nodes = {n: self.node(aircraft.controls[n].command) for n in CONTROLS if n in aircraft.controls}
+
+    def _refuse_unknown_properties(self, read: frozenset[str]) -> None:
+        """Raise ModelError if a function reads a property that nothing defines.
+
+        JSBSim would find out only when it evaluates the function, and end the whole process when it deletes the model;
+        defining the missing property lets it go in peace.
+        """
+        missing = sorted(name for name in read if not self._manager.hasNode(name))
+        for name in missing:
+            self.fdm.set_property_value(name, 0.0)
+        if missing:
+            raise ModelError(
+                f"JSBSim refuses the model of {self.aircraft.name}: every property that a function reads must be "
+                f"defined, got {', '.join(missing)}"
+            )
 
     def _available_channels(self) -> tuple[str, ...]:
         names = [n for n, c in CHANNELS.items() if self._has(c.jsbsim_property)]
@@ -120,17 +137,6 @@ class Executive:
         """Write a JSBSim property, in JSBSim's unit."""
         self.node(name).set_double_value(value)
 
-    def reset(self) -> None:
-        """Go back to time zero, zero controls and declared values, with the integrators of this testbench."""
-        jsbsim.set_logger(self._logger)  # the logger belongs to the thread, and another executive may have set its own
-        self.fdm.reset_to_initial_conditions(0)
-        for name in _INTEGRATORS:
-            self.set(f"simulation/integrator/{name}", ADAMS_BASHFORTH_2)
-
-    def start_engines(self) -> None:
-        """Set all engines running; a reset stops them."""
-        self.fdm.get_propulsion().init_running(-1)
-
     def command(self, values: dict[str, float]) -> None:
         """Set control commands, SI."""
         for name, value in values.items():
@@ -147,13 +153,14 @@ class Executive:
         for axis, value in zip("pqr", pqr, strict=True):
             self.set(f"ic/{axis}-rad_sec", value)
 
-    def evaluate(self) -> None:
+    def evaluate(self, to_rest: bool = False) -> None:
         """Evaluate all forces at the initial conditions, time standing still.
 
         Repeated because the control system runs before the airspeed of the new state is known (thrust falls with
-        airspeed), and because a lift that depends on alphadot closes a loop over wdot whose gain is some 2 %.
+        airspeed), and because lift that depends on alphadot, and the static deflection of the modes, close loops over
+        the evaluation before. ``to_rest`` repeats until no bit changes any more.
         """
-        for _ in range(self._iterations):
+        for _ in range(self._to_rest if to_rest else self._iterations):
             self.fdm.run_ic()
 
     def read(self) -> dict[str, float]:
@@ -162,18 +169,41 @@ class Executive:
         return dict(zip(self.channels, values, strict=True))
 
 
-def executive(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> Executive:
-    """Return an executive for this model, from the process's cache if it has been loaded before.
+@dataclass(frozen=True)
+class _Key:
+    """What a written model depends on, hashable although an aircraft holds mappings."""
 
-    A reused executive flies bit-for-bit like a fresh one (tests/flight/test_simulate.py).
-    """
-    modes = aircraft.flown_modes()
-    design = (condition.qbar_Pa, condition.V_m_s) if modes else None  # a rigid model is the same at every speed
-    engines = tuple(sorted(aircraft.engine_files.items()))
-    key = hash((aircraft.xml, repr(modes), repr(aircraft.amendments), engines, rate_hz, design))
-    if key not in _CACHE:
-        _CACHE[key] = Executive(aircraft, rate_hz, condition)
-        if len(_CACHE) > _CACHE_SIZE:
-            _CACHE.popitem(last=False)
-    _CACHE.move_to_end(key)
-    return _CACHE[key]
+    aircraft: Aircraft = field(compare=False)
+    condition: FlightCondition = field(compare=False)
+    rate_hz: float
+    contents: tuple[object, ...]
+
+    @classmethod
+    def of(cls, aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> _Key:
+        design = (condition.qbar_Pa, condition.V_m_s) if aircraft.flown_modes() else None  # a rigid model fits every speed
+        engines = tuple(sorted(aircraft.engine_files.items()))
+        return cls(
+            aircraft, condition, rate_hz, (aircraft.xml, repr(aircraft.elastic), repr(aircraft.amendments), engines, design)
+        )
+
+
+@dataclass(frozen=True)
+class _Written:
+    """A model on disk (removed with this object), and the properties that its functions read."""
+
+    root: tempfile.TemporaryDirectory[str]
+    properties: frozenset[str]
+
+
+@lru_cache(maxsize=64)
+def _write(key: _Key) -> _Written:
+    """Write a model where JSBSim finds it; kept, because the same model is loaded for trim, flight and linearisation."""
+    xml = key.aircraft.model_xml(key.rate_hz, key.condition.qbar_Pa, key.condition.V_m_s)
+    root = tempfile.TemporaryDirectory(prefix="testbench-")
+    place = Path(root.name) / "aircraft" / "model"
+    (place / "Engines").mkdir(parents=True)
+    (place / "model.xml").write_text(xml, encoding="utf-8")
+    for name, text in key.aircraft.engine_files.items():
+        (place / "Engines" / name).write_text(text, encoding="utf-8")
+    read = {(e.text or "").strip().lstrip("-") for e in ET.fromstring(xml).iter("property")}
+    return _Written(root, frozenset(read - {""}))

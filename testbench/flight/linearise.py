@@ -13,7 +13,7 @@ from testbench.channels import CONTROLS
 from testbench.constants import FT_M
 from testbench.errors import ChannelError, nearest
 from testbench.flight.condition import TrimmedFlight
-from testbench.flight.executive import Executive, executive
+from testbench.flight.executive import Executive
 from testbench.record import FloatArray
 
 _RIGID = ("u", "v", "w", "p", "q", "r", "phi", "theta", "h")
@@ -95,9 +95,7 @@ def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
     and thr, and the commands de_cmd, da_cmd, dr_cmd, which pass through the servo lags first (three further states).
     Outputs: every channel of the simulator.
     """
-    fdm = executive(aircraft, trimmed.rate_hz, trimmed.condition)
-    fdm.reset()
-    fdm.start_engines()
+    fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
     modes = range(1, fdm.mode_count + 1)
     states = [*_RIGID, *(f"eta_{i}" for i in modes), *(f"etadot_{i}" for i in modes)]
     inputs = [n for n in CONTROLS if n in aircraft.controls]
@@ -116,7 +114,6 @@ def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
     C = np.column_stack([jacobian[s][n:] for s in states])
     D = np.column_stack([jacobian[u][n:] for u in inputs])
     servos = {u: fdm.get(f"fcs/{_SERVOS[u]}-lag-rad_sec") for u in inputs if u in _SERVOS}
-    fdm.reset()
     return _with_servos(LinearModel(A, B, C, D, tuple(states), tuple(inputs), fdm.channels), servos)
 
 

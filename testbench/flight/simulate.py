@@ -14,7 +14,7 @@ from testbench.aircraft import Aircraft
 from testbench.constants import DEG_RAD
 from testbench.errors import FlightAborted, LimitError
 from testbench.flight.condition import TrimmedFlight
-from testbench.flight.executive import Executive, executive
+from testbench.flight.executive import Executive
 from testbench.flight.trim import place_at_trim
 from testbench.inputs.signal import InputSignal
 from testbench.record import FlightRecord, FloatArray
@@ -100,9 +100,7 @@ def fly(
         raise LimitError(f"a signal must be sampled at the simulation rate of {rate:g} Hz, got {1 / manoeuvre.signal.dt_s:g} Hz")
     step = stride(rate, log_rate_hz)
     u = commands(aircraft, trimmed, manoeuvre)
-    fdm = executive(aircraft, rate, trimmed.condition)
-    fdm.reset()
-    fdm.start_engines()
+    fdm = Executive(aircraft, rate, trimmed.condition)
     place_at_trim(fdm, trimmed)
 
     names = tuple(channels) if channels is not None else fdm.channels
@@ -114,7 +112,8 @@ def fly(
     raw[0] = [read() for read in readers]
     scale = np.array([aircraft.controls[n].full for n in manoeuvre.signal.channels])
     columns = [column.tolist() for column in (u / scale).T]
-    changed = [False, *np.any(np.diff(u, axis=0) != 0.0, axis=1).tolist()]
+    at_trim = np.array([[trimmed.controls[n] for n in manoeuvre.signal.channels]])
+    changed = np.any(np.diff(np.vstack([at_trim, at_trim, u[1:]]), axis=0) != 0.0, axis=1).tolist()
     writers = [fdm.command_nodes[n].set_double_value for n in manoeuvre.signal.channels]
     run = fdm.fdm.run
     frame = 0

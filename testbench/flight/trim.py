@@ -8,7 +8,7 @@ from testbench.aircraft import Aircraft
 from testbench.constants import DEG_RAD, FT_M
 from testbench.errors import TrimError
 from testbench.flight.condition import FlightCondition, TrimmedFlight
-from testbench.flight.executive import Executive, executive
+from testbench.flight.executive import Executive
 from testbench.record import FloatArray
 
 _UNKNOWNS = ("alpha", "phi", "de", "da", "dr", "thr")
@@ -34,11 +34,7 @@ def trim(aircraft: Aircraft, condition: FlightCondition, rate_hz: float | None =
         TrimError: there is no equilibrium within the limits of the controls and the flight envelope.
     """
     rate = rate_hz or aircraft.rate_hz
-    fdm = executive(aircraft, rate, condition)
-    fdm.reset()
-    fdm.start_engines()
-    if "modal/static-ic" in fdm._nodes or fdm.mode_count:
-        fdm.set("modal/static-ic", 1.0)
+    fdm = Executive(aircraft, rate, condition)
     x = np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.3])
     residual = _accelerations(fdm, condition, x)
     for _ in range(25):
@@ -50,9 +46,13 @@ def trim(aircraft: Aircraft, condition: FlightCondition, rate_hz: float | None =
             d[j] = step
             jacobian[:, j] = (_accelerations(fdm, condition, x + d) - _accelerations(fdm, condition, x - d)) / (2 * step)
         if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian) > 1e12:
-            raise TrimError(f"trim of {aircraft.name} at {condition} needs controls that work there, but they have no effect")
+            raise TrimError(
+                f"trim of {aircraft.name} at {condition} needs controls that can balance it, but on the way there they "
+                "lose their effect; the condition is outside the flight envelope"
+            )
         x = x - np.clip(np.linalg.solve(jacobian, residual), -0.3, 0.3)
         residual = _accelerations(fdm, condition, x)
+    residual = _accelerations(fdm, condition, x, to_rest=True)
     _check(aircraft, condition, x, residual)
     controls = {n: float(v) for n, v in zip(_UNKNOWNS, x, strict=True) if n in aircraft.controls}
     alpha, phi = float(x[0]), float(x[1])
@@ -64,18 +64,18 @@ def _theta(condition: FlightCondition, alpha: float) -> float:
 
 
 def place_at_trim(fdm: Executive, trimmed: TrimmedFlight) -> None:
-    """Put a reset executive into the trimmed state, at rest in time."""
+    """Put a fresh executive into the trimmed state, at rest in time."""
     x = np.array([trimmed.alpha, trimmed.phi, *(trimmed.controls[n] for n in _UNKNOWNS[2:])])
-    _accelerations(fdm, trimmed.condition, x)
+    _accelerations(fdm, trimmed.condition, x, to_rest=True)
 
 
-def _accelerations(fdm: Executive, condition: FlightCondition, x: FloatArray) -> FloatArray:
+def _accelerations(fdm: Executive, condition: FlightCondition, x: FloatArray, to_rest: bool = False) -> FloatArray:
     alpha, phi = float(x[0]), float(x[1])
     V = condition.V_m_s
     # The wings are all but level, so that theta = alpha + gamma holds the flight path to phi^2.
     fdm.command(dict(zip(_UNKNOWNS[2:], map(float, x[2:]), strict=True)))
     fdm.place(condition.h_m, _theta(condition, alpha), phi, (V * np.cos(alpha), 0.0, V * np.sin(alpha)))
-    fdm.evaluate()
+    fdm.evaluate(to_rest)
     return np.array([fdm.get(name) * factor for name, factor in _ACCELERATIONS])
 
 

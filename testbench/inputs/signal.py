@@ -9,12 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.channels import CONTROLS
 from testbench.errors import ChannelError, EstimationError, LimitError, nearest
 from testbench.record import FloatArray
 
-_BLOCK = 2_000_000  # complex numbers held at once by a spectrum: 32 MB
+_BLOCK = 2_000_000  # phases held at once by a spectrum: 16 MB
 _PAIRS = 1_000_000  # up to this many pairs of jumps are counted one by one, beyond it by FFT
 _SHARE_MAX = 1.0 - 1e-6  # a held signal has energy at all frequencies; its tail falls as 1/w
 
@@ -185,7 +186,7 @@ def _columns(u: FloatArray) -> FloatArray:
     return u[:, None] if u.ndim == 1 else u
 
 
-def _jumps(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _jumps(u: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return the jumps (j, m) of a held signal where any column has one, and their sample numbers (j,), 0 to n.
 
     A multistep input has a handful of jumps among thousands of samples; nothing else enters its spectrum.
@@ -194,7 +195,7 @@ def _jumps(u: FloatArray) -> tuple[FloatArray, FloatArray]:
     zero = np.zeros((1, u.shape[1]))
     jumps = np.diff(u, axis=0, prepend=zero, append=zero)
     rows = np.flatnonzero(np.any(jumps != 0.0, axis=1))
-    return jumps[rows], rows.astype(float)
+    return jumps[rows], rows
 
 
 def _correlation(u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -211,13 +212,13 @@ def _correlation(u: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray, Fl
             f"a share of energy needs a finite signal that moves, got energy {energy[column]:g} in column {column}"
         )
     jumps, rows = _jumps(u)
-    rows = rows.astype(int) - int(rows[0])
+    rows = rows - rows[0]
     length = int(rows[-1]) + 1
     if rows.size**2 <= _PAIRS:
         first, second = np.triu_indices(rows.size, 1)
         lags, where = np.unique(rows[second] - rows[first], return_inverse=True)
-        products = jumps[first] * jumps[second]
-        correlation = np.column_stack([np.bincount(where, column, lags.size) for column in products.T])
+        correlation = np.zeros((lags.size, jumps.shape[1]))
+        np.add.at(correlation, where, jumps[first] * jumps[second])
     else:
         dense = np.zeros((length, jumps.shape[1]))
         dense[rows] = jumps

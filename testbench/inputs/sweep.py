@@ -70,8 +70,8 @@ def sweep(spec: Sweep, duration_s: float, rate_hz: float, fade_s: float = 0.0) -
     """Return the sweep of a scenario, sampled at k / rate and held; (n,), unit of the amplitude in SI.
 
     The law f_end <= rate / 10 keeps the held sine faithful: at the end of the sweep its fundamental has lost no more
-    than 2 % of its amplitude and lags half a sample. The held signal is what the aircraft is flown with, so that neither
-    is an error of the record.
+    than 2 % of its amplitude and lags half a sample. The held signal is what the aircraft is flown with, so neither is
+    an error of the record.
 
     Raises:
         ScenarioError: f_end is above a tenth of the rate, the frequencies do not rise, or it ends after the manoeuvre.
@@ -80,13 +80,13 @@ def sweep(spec: Sweep, duration_s: float, rate_hz: float, fade_s: float = 0.0) -
     if spec.f_end_hz > rate_hz / SAMPLES_PER_CYCLE * (1.0 + 1e-9):
         faults.append(
             f"f_end_hz <= rate / {SAMPLES_PER_CYCLE} = {rate_hz / SAMPLES_PER_CYCLE:g} Hz must hold for a held sweep, "
-            f"got {spec.f_end_hz:g} Hz at {rate_hz:g} Hz; lower it or simulate at {SAMPLES_PER_CYCLE * spec.f_end_hz:g} Hz "
-            "or more"
+            f"got {spec.f_end_hz:g} Hz at {rate_hz:g} Hz; lower it or simulate at "
+            f"{SAMPLES_PER_CYCLE * spec.f_end_hz:g} Hz or more"
         )
     end = spec.start_s + spec.sweep_s
     if end > duration_s + 1e-6 / rate_hz:
         faults.append(end_fault(end, duration_s))
-    # A start that lies on a sample must not lose it to the last digit of k / rate - start.
+    # A sweep that starts and ends on samples must not gain one to the last digit of k / rate - start.
     tau = np.round((np.arange(sample_count(duration_s, rate_hz)) - spec.start_s * rate_hz), 9) / rate_hz
     try:
         unit = swept_sine(tau, spec.f_start_hz, spec.f_end_hz, spec.sweep_s, spec.spacing, fade_s)

@@ -175,6 +175,17 @@ class SensorSuite:
         """The recorded channels that are neither controls nor commands."""
         return tuple(name for name in self.channels if name not in (*CONTROLS, *_COMMANDS))
 
+    def check_log_rate(self, log_hz: float) -> int:
+        """Return how many samples of a truth logged at ``log_hz`` make one of the suite's.
+
+        Raises:
+            ScenarioError: the suite's rate does not divide it.
+        """
+        stride = whole_ratio(log_hz, self.rate_hz)
+        if stride is None:
+            raise ScenarioError([_log_rate_fault(self.name, self.rate_hz, log_hz)])
+        return stride
+
     def measure(self, truth: FlightRecord, seed: int) -> FlightRecord:
         """Return what the suite records of a flight.
 
@@ -198,10 +209,7 @@ class SensorSuite:
             raise ScenarioError([f"0 <= seed must hold, got {seed}"])
         needed = dict.fromkeys(name for sensor in self.sensors for name in sensor.needs)
         require(needed, truth.channels, f"sensor suite '{self.name}'")
-        log_rate = 1.0 / truth.dt_s
-        stride = whole_ratio(log_rate, self.rate_hz)
-        if stride is None:
-            raise ScenarioError([_log_rate_fault(self.name, self.rate_hz, log_rate)])
+        stride = self.check_log_rate(1.0 / truth.dt_s)
         t = truth.t_s[::stride]
         data, valid = np.empty((t.size, len(self.sensors))), np.zeros((t.size, len(self.sensors)), bool)
         for i, sensor in enumerate(self.sensors):

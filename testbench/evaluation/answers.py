@@ -1,0 +1,70 @@
+"""The answer in words: what a sensor bought, and where fitted poles come from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from testbench.evaluation.modes import frequency_and_damping
+from testbench.inputs.signal import energy_spectrum
+
+if TYPE_CHECKING:
+    from testbench.record import FlightRecord
+
+
+def alpha_findings(cases: Sequence[Any]) -> list[str]:
+    """Say what adding alpha bought, for every estimator that ran both with and without it.
+
+    Only outputs that both suites sense are compared: a mean over different channels would compare unlike things.
+
+    Args:
+        cases: objects with ``suite``, ``estimator.method``, ``model`` and ``evaluation`` (pipeline.Case).
+    """
+    out = []
+    for method in dict.fromkeys(c.estimator.method for c in cases):
+        same = [c for c in cases if c.estimator.method == method]
+        without = next((c for c in same if "alpha" not in c.model.outputs), None)
+        with_alpha = next((c for c in same if "alpha" in c.model.outputs), None)
+        if without is None or with_alpha is None:
+            continue
+        common = [o for o in without.model.outputs if o in with_alpha.model.outputs]
+        before, after = (
+            np.mean([c.evaluation.validation.mrse_percent[c.model.outputs.index(o)] for o in common]) for c in (without, with_alpha)
+        )
+        word = "lowers" if after < before else "raises"
+        out.append(
+            f"adding alpha {word} the mean validation MRSE over {', '.join(common)} from {before:.1f} % to {after:.1f} % ({method})"
+        )
+        for old, new in zip(without.evaluation.poles, with_alpha.evaluation.poles, strict=False):
+            if old.name == new.name and old.name.startswith("short period"):
+                out.append(f"{old.name}: {_pole(old)} without alpha, {_pole(new)} with alpha ({method})")
+    return out
+
+
+def _pole(match: Any) -> str:
+    if match.found is None:
+        return "not found"
+    wn, zeta = frequency_and_damping(match.found)
+    true_wn, true_zeta = frequency_and_damping(match.true)
+    return f"wn {wn:.2f} rad/s, zeta {zeta:.2f} (true {true_wn:.2f}, {true_zeta:.2f})"
+
+
+def sampling_findings(cases: Sequence[Any], modes: Mapping[str, complex], flight: Any) -> list[str]:
+    """Say whether poles fitted output by output scatter about the input's spectral peak instead of a true mode."""
+    fitted = {o: p for c in cases if c.estimator.method == "transfer_function" for o, p in c.model.poles().items()}
+    if not fitted or "short period" not in modes:
+        return []
+    record: FlightRecord = next(iter(flight.measured.values()))
+    control = next(c for c in cases if c.estimator.method == "transfer_function").model.inputs[0]
+    nyquist = np.pi / record.dt_s
+    omega = np.linspace(0.05, nyquist, 2000)
+    u = record[control] - record[control][0]
+    peak = omega[int(np.argmax(energy_spectrum(u, record.dt_s, omega)))]
+    fast = {o: max((abs(p) for p in poles if p.imag > 1e-9), default=float("nan")) for o, poles in fitted.items()}
+    text = ", ".join(f"{o} {w:.1f}" for o, w in fast.items())
+    return [
+        f"fastest oscillatory pole fitted to each output, rad/s: {text}; true short period {abs(modes['short period']):.1f}, "
+        f"peak of the input's spectrum {peak:.1f}, sampling limit {nyquist:.1f}"
+    ]

@@ -1,0 +1,113 @@
+"""Does this input excite each mode: its energy in the mode's band, and what of it reaches the sensors above their noise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from testbench.flight.linearise import LinearModel
+from testbench.inputs.signal import energy_spectrum, total_energy
+from testbench.record import FloatArray
+
+EXCITED_DB = 10.0  # a mode counts as excited when its response stands 10 dB above the noise in its own band
+
+
+@dataclass(frozen=True)
+class ModeExcitation:
+    """What one input does to one mode.
+
+    Attributes:
+        mode: name.
+        pole: rad/s.
+        band_rad_s: half-power band of the mode, wn (1 - zeta) to wn (1 + zeta).
+        input_share: share of the input's energy inside that band.
+        snr_db: sensor -> energy of the mode's response in that band over the noise energy there, dB.
+    """
+
+    mode: str
+    pole: complex
+    band_rad_s: tuple[float, float]
+    input_share: float
+    snr_db: Mapping[str, float]
+
+    @property
+    def best_sensor(self) -> str:
+        """The sensor that shows the mode best."""
+        return max(self.snr_db, key=lambda name: self.snr_db[name])
+
+    @property
+    def excited(self) -> bool:
+        """True when the best sensor shows the mode at least EXCITED_DB above its noise."""
+        return self.snr_db[self.best_sensor] >= EXCITED_DB
+
+    @property
+    def sentence(self) -> str:
+        """The verdict in words."""
+        wn = abs(self.pole)
+        verdict = "excited" if self.excited else "NOT excited"
+        return (
+            f"{self.mode} ({wn:.2f} rad/s, {wn / (2 * np.pi):.2f} Hz): {verdict}; {100 * self.input_share:.2g} % of the "
+            f"input's energy lies in its band, {self.snr_db[self.best_sensor]:+.0f} dB against the noise of {self.best_sensor}"
+        )
+
+
+def excitation(
+    model: LinearModel,
+    modes: Mapping[str, complex],
+    inputs: Sequence[str],
+    u: FloatArray,
+    dt_s: float,
+    noise_std: Mapping[str, float],
+    sensor_dt_s: float,
+    duration_s: float,
+) -> list[ModeExcitation]:
+    """Return the excitation of every mode.
+
+    The response of mode i is its term R_i / (jw - s_i) (with its conjugate) of the partial-fraction expansion of the
+    linear model, driven by the input's exact spectrum. Signal and noise energy are compared inside the half-power band.
+
+    Args:
+        model: longitudinal linear model with the given inputs and sensors as outputs.
+        modes: name -> pole.
+        inputs: (m,) channels of ``u``.
+        u: (n, m) held deviations from trim.
+        dt_s: sample time of ``u``.
+        noise_std: sensor channel -> standard deviation of a sample, SI.
+        sensor_dt_s: sample time of the sensors.
+        duration_s: length of the record that the noise is gathered over.
+    """
+    poles, V = np.linalg.eig(model.A)
+    W = np.linalg.inv(V)
+    outputs = list(noise_std)
+    rows = [model.outputs.index(o) for o in outputs]
+    columns = [model.inputs.index(i) for i in inputs]
+    out = []
+    for name, pole in modes.items():
+        k = int(np.argmin(np.abs(poles - pole)))
+        wn = abs(pole)
+        zeta = min(abs(pole.real) / wn, 0.95)
+        low, high = wn * (1.0 - zeta), wn * (1.0 + zeta)
+        omega = np.linspace(low, high, 201)
+        U = _spectrum(u, dt_s, omega)
+        residue = np.outer(model.C[rows] @ V[:, k], W[k] @ model.B[:, columns])
+        H = residue[None] / (1j * omega[:, None, None] - poles[k])
+        if abs(poles[k].imag) > 1e-9:
+            H = H + residue.conj()[None] / (1j * omega[:, None, None] - poles[k].conj())
+        Y = np.einsum("kpm,km->kp", H, U)
+        signal = np.trapezoid(np.abs(Y) ** 2, omega, axis=0) / np.pi
+        noise = np.array([noise_std[o] for o in outputs]) ** 2 * duration_s * sensor_dt_s * (high - low) / np.pi
+        with np.errstate(divide="ignore"):
+            snr = 10.0 * np.log10(np.maximum(signal, 1e-300) / np.maximum(noise, 1e-300))
+        energy = np.trapezoid(energy_spectrum(u, dt_s, omega), omega, axis=0) / np.pi
+        share = float(energy.sum() / total_energy(u, dt_s).sum())
+        out.append(ModeExcitation(name, pole, (low, high), share, dict(zip(outputs, snr.tolist(), strict=True))))
+    return out
+
+
+def _spectrum(u: FloatArray, dt_s: float, omega: FloatArray) -> np.ndarray:
+    """Return the complex spectrum of held samples (k, m); the phase matters when several inputs act on one mode."""
+    jumps = np.diff(u, axis=0, prepend=np.zeros((1, u.shape[1])), append=np.zeros((1, u.shape[1])))
+    at = np.flatnonzero(np.any(jumps != 0.0, axis=1))
+    return (np.exp(-1j * np.outer(omega, at * dt_s)) @ jumps[at]) / (1j * omega[:, None])

@@ -1,0 +1,170 @@
+"""The believed aircraft and sensors, flown through the commands of a measured record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import expm
+
+from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient
+from testbench.channels import CONTROLS
+from testbench.errors import RecordError
+from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
+from testbench.gap.effects import Effect
+from testbench.inputs.signal import InputSignal
+from testbench.record import FlightRecord, FloatArray
+from testbench.sensors import SensorSuite
+
+# Coefficients whose believed values are only believed: every hypothesis may re-tune them at this price (relative
+# standard deviation of the prior). The sizes are estimates of what handbook methods reach.
+NUISANCES: Mapping[str, float] = {
+    "CL_alpha": 0.05,
+    "CD": 0.10,
+    "Cm_alpha": 0.10,
+    "Cm_q": 0.15,
+    "Cm_de": 0.10,
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Believed:
+    """What is believed of a flight: aircraft, sensor suite and the condition that the manoeuvres start from."""
+
+    aircraft: Aircraft
+    suite: SensorSuite
+    condition: FlightCondition
+    rate_hz: float
+
+    @cached_property
+    def trimmed(self) -> TrimmedFlight:
+        """The believed equilibrium."""
+        return trim(self.aircraft, self.condition, self.rate_hz)
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Channels of the suite that are compared: all but commands and deflections."""
+        return tuple(n for n in self.suite.channels if n.removesuffix("_cmd") not in CONTROLS)
+
+    @cached_property
+    def noise_std(self) -> FloatArray:
+        """Standard deviation of one sample of each output: noise and rounding (quantum / sqrt 12) together."""
+        sensors = {s.channel: s for s in self.suite.sensors}
+        return np.array([np.hypot(sensors[n].noise_std, sensors[n].quantum / np.sqrt(12.0)) for n in self.outputs])
+
+    def with_effect(self, effect: Effect, values: Mapping[str, float]) -> Believed:
+        """Return the belief with one effect of the library added."""
+        aircraft, suite = effect.amend(self.aircraft, self.suite, values)
+        return replace(self, aircraft=aircraft, suite=suite)
+
+    def with_tuning(self, factors: Mapping[str, float]) -> Believed:
+        """Return the belief with coefficients multiplied by ``factors``."""
+        changes = tuple(ScaleCoefficient(name, f) for name, f in factors.items())
+        return replace(self, aircraft=self.aircraft.amended(Amendment("tuning", "re-tuned coefficients", changes)))
+
+    def predict(self, record: FlightRecord) -> FloatArray:
+        """Return what the believed sensors would have read on this record, (n, outputs), without noise, from JSBSim.
+
+        The measured commands, as deviations from the quiet flight before them, are held from sample to sample and added
+        to the believed trim.
+
+        Raises:
+            FlightAborted, LimitError: the believed aircraft does not survive these commands.
+            RecordError: the record holds no command, or no quiet flight before the first one.
+        """
+        names, u = commands(record)
+        held = np.repeat(u[:-1], round(self.rate_hz * record.dt_s), axis=0)  # the last command acts after the record
+        signal = InputSignal(np.arange(held.shape[0]) / self.rate_hz, held, names)
+        manoeuvre = Manoeuvre("measured commands", signal, 0.0)
+        truth = fly(self.aircraft, self.trimmed, manoeuvre, 1.0 / record.dt_s, self._needed)
+        return self._ideal_suite.measure(truth, 0).columns(self.outputs)
+
+    def predict_linear(self, record: FlightRecord) -> FloatArray:
+        """Return the same from the aircraft linearised at trim: ten times faster, and right for small deviations.
+
+        The workflow uses it for differences between hypotheses only, never for a residual.
+        """
+        names, u = commands(record)
+        model = self._linear
+        columns = [model.inputs.index(n if n == "thr" else f"{n}_cmd") for n in names]
+        n, m = len(model.states), len(columns)
+        block = np.zeros((n + m, n + m))
+        block[:n] = np.hstack([model.A, model.B[:, columns]])
+        step = expm(block * record.dt_s)
+        driven = u[:-1] @ step[:n, n:].T
+        x = np.zeros((len(record), n))
+        Ad = step[:n, :n]
+        for k in range(len(record) - 1):
+            x[k + 1] = Ad @ x[k] + driven[k]
+        rows = [model.outputs.index(c) for c in self._needed]
+        outputs = x @ model.C[rows].T + u @ model.D[np.ix_(rows, columns)].T
+        outputs += [self.trimmed.state[c] for c in self._needed]
+        truth = FlightRecord(t_s=record.t_s, channels=self._needed, data=outputs, kind="truth")
+        return self._ideal_suite.measure(truth, 0).columns(self.outputs)
+
+    @cached_property
+    def _linear(self) -> LinearModel:
+        return linearise(self.aircraft, self.trimmed)
+
+    @property
+    def _needed(self) -> tuple[str, ...]:
+        """The true channels that the suite's outputs are made of."""
+        return tuple(dict.fromkeys(n for s in self._ideal_suite.sensors for n in s.needs))
+
+    @cached_property
+    def _ideal_suite(self) -> SensorSuite:
+        """The outputs' sensors with everything that is certain (scale, lag, delay, position) and nothing random."""
+        sensors = tuple(
+            replace(s, noise_std=0.0, quantum=0.0, dropout=0.0, bias=0.0)
+            for s in self.suite.sensors
+            if s.channel in self.outputs
+        )
+        return replace(self.suite, sensors=sensors)
+
+    def residuals(self, record: FlightRecord) -> FloatArray:
+        """Return measured minus predicted in units of the noise, each channel about its own mean, (n, outputs).
+
+        The mean is taken out because sensor biases and trim offsets are unknown; invalid samples are set to zero.
+        """
+        return self.in_noise_units(record, record.columns(self.outputs) - self.predict(record))
+
+    def in_noise_units(self, record: FlightRecord, difference: FloatArray) -> FloatArray:
+        """Return ``difference`` (n, outputs) over the noise, about its mean over the valid samples of the record."""
+        valid = record.valid[:, [record.channels.index(n) for n in self.outputs]]
+        r = difference / self.noise_std
+        mean = (r * valid).sum(axis=0) / np.maximum(valid.sum(axis=0), 1)
+        return (r - mean) * valid
+
+
+def tuning(factors: FloatArray) -> Mapping[str, float]:
+    """Return nuisance -> factor."""
+    return dict(zip(NUISANCES, factors.tolist(), strict=True))
+
+
+def commands(record: FlightRecord) -> tuple[tuple[str, ...], FloatArray]:
+    """Return the controls whose commands the record holds, and their deviations (n, m) from the quiet flight.
+
+    Raises:
+        RecordError: no command, or less than half a second of quiet flight.
+    """
+    names = tuple(n for n in CONTROLS if f"{n}_cmd" in record)
+    if not names:
+        raise RecordError("a record of the gap workflow must hold a command such as de_cmd, got none")
+    u = record.columns(f"{n}_cmd" for n in names)
+    return names, u - u[: quiet_samples(record)].mean(axis=0)
+
+
+def quiet_samples(record: FlightRecord) -> int:
+    """Return how many samples pass before the first command moves.
+
+    Raises:
+        RecordError: less than half a second.
+    """
+    commands = record.columns([n for n in record.channels if n.endswith("_cmd")])
+    moved = np.any(np.abs(commands - commands[0]) > 1e-3, axis=1)
+    count = int(np.argmax(moved)) if moved.any() else len(record)
+    if count * record.dt_s < 0.5:
+        raise RecordError(f"a record must begin with at least 0.5 s of quiet flight, got {count * record.dt_s:.2f} s; cut it earlier")
+    return count

@@ -1,0 +1,148 @@
+"""Gap scenarios: what is believed, and the measured records, real or made from a hidden truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from testbench.aircraft import load_aircraft
+from testbench.constants import DEG_RAD
+from testbench.errors import RecordError, ScenarioError, located
+from testbench.flight import FlightCondition
+from testbench.gap.believed import Believed
+from testbench.gap.hidden import Hidden, measure_hidden
+from testbench.gap.workflow import GapFinding, find_gap
+from testbench.paths import find_scenario
+from testbench.record import FlightRecord, load_record
+from testbench.scenario import (
+    AircraftName,
+    Condition,
+    Manoeuvre,
+    Simulation,
+    Strict,
+    SuiteName,
+    parse,
+    read_toml,
+)
+from testbench.sensors import load_suite
+
+Keep = Callable[[str, FlightRecord], None]
+
+
+class MeasuredFile(Strict):
+    """A measured record on disk (NetCDF, as written by the testbench), relative to the scenario file."""
+
+    name: str
+    file: str
+    use: Literal["naming", "held_out"]
+
+
+class GapScenario(Strict):
+    """A gap case. Either ``measured`` lists records, or ``manoeuvre`` and ``hidden`` make them.
+
+    Of the manoeuvres, those for "identification" are used to name the effect, those for "validation" are held out.
+    """
+
+    title: Annotated[str, Field(min_length=1)]
+    question: str = ""
+    aircraft: AircraftName
+    wings: Literal["flexible", "rigid"] = "flexible"
+    suite: SuiteName
+    seed: Annotated[int, Field(ge=0)] = 0
+    condition: Condition
+    simulation: Simulation = Simulation()
+    manoeuvre: Annotated[tuple[Manoeuvre, ...], Field(strict=False)] = ()
+    hidden: Hidden | None = None
+    measured: Annotated[tuple[MeasuredFile, ...], Field(strict=False)] = ()
+
+    @model_validator(mode="after")
+    def _one_source_with_both_uses(self) -> GapScenario:
+        if bool(self.measured) == bool(self.manoeuvre and self.hidden):
+            raise ValueError("either 'measured' must list records, or 'manoeuvre' and 'hidden' must say how to make them")
+        uses = {m.use for m in self.measured} | {m.use for m in self.manoeuvre}
+        if not (uses & {"naming", "identification"} and uses & {"held_out", "validation"}) or "split" in uses:
+            raise ValueError("records must serve both naming (identification) and judging (validation, held out)")
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class GapResult:
+    """A gap case and what was found."""
+
+    name: str
+    file: Path
+    scenario: GapScenario
+    seed: int
+    records: Mapping[str, FlightRecord]
+    finding: GapFinding
+
+
+def load_gap(path: Path | str) -> tuple[Path, GapScenario]:
+    """Read a gap scenario.
+
+    Raises:
+        ScenarioError: lists every fault with file, key, law and value.
+    """
+    file = find_scenario(path)
+    scenario, faults = parse(GapScenario, read_toml(file), file)
+    if scenario is None or faults:
+        raise ScenarioError(faults)
+    return file, scenario
+
+
+def run_gap(
+    path: Path | str, seed: int | None = None, keep: Keep | None = None, progress: Callable[[str], None] | None = None
+) -> GapResult:
+    """Read or make the measured records of a gap scenario and find what the believed model lacks.
+
+    Args:
+        path: gap scenario, a file or the name of a packaged one.
+        seed: replaces the scenario's own.
+        keep: called with a name and each record as soon as it exists.
+        progress: called with a few words as each stage begins.
+
+    Raises:
+        TestbenchError: with the file and key that it comes from.
+    """
+    file, scenario = load_gap(path)
+    seed = scenario.seed if seed is None else seed
+    keep = keep or (lambda name, record: None)
+    with located(file, "suite"):
+        suite = load_suite(scenario.suite)
+    condition = FlightCondition(scenario.condition.V_m_s, scenario.condition.h_m, scenario.condition.gamma_deg * DEG_RAD)
+    aircraft = load_aircraft(scenario.aircraft, scenario.wings)
+    believed = Believed(aircraft, suite, condition, scenario.simulation.rate_hz or aircraft.rate_hz)
+    if scenario.hidden is not None:
+        with located(file, "manoeuvre"):
+            records = measure_hidden(
+                scenario.aircraft,
+                scenario.wings,
+                scenario.hidden,
+                suite,
+                condition,
+                scenario.manoeuvre,
+                seed,
+                scenario.simulation.rate_hz,
+                progress,
+            )
+        held = {m.name for m in scenario.manoeuvre if m.use == "validation"}
+    else:
+        with located(file, "measured"):
+            records = {m.name: load_record(file.parent / m.file) for m in scenario.measured}
+            if len(records) < len(scenario.measured):
+                raise RecordError("names of measured records must differ")
+        held = {m.name for m in scenario.measured if m.use == "held_out"}
+    for name, record in records.items():
+        keep(name, record)
+    with located(file, "condition"):
+        finding = find_gap(
+            believed,
+            {n: r for n, r in records.items() if n not in held},
+            {n: r for n, r in records.items() if n in held},
+            progress,
+        )
+    return GapResult(file.stem, file, scenario, seed, records, finding)

@@ -1,0 +1,31 @@
+"""A servo slower than believed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from testbench.aircraft import Aircraft, Amendment, SetProperty
+from testbench.gap.effects.base import Effect, Parameter
+from testbench.sensors import SensorSuite
+
+
+def amend(aircraft: Aircraft, suite: SensorSuite, values: Mapping[str, float]) -> tuple[Aircraft, SensorSuite]:
+    """Give the elevator servo another first-order lag."""
+    lag = values["lag_rad_s"]
+    amendment = Amendment(
+        "actuator_lag", f"elevator servo lag {lag:.3g} rad/s", (SetProperty("fcs/elevator-lag-rad_sec", lag),)
+    )
+    return aircraft.amended(amendment), suite
+
+
+EFFECT = Effect(
+    name="actuator_lag",
+    title="lag of the elevator servo",
+    physics=(
+        "The elevator follows its command through a first-order lag that is slower than the model believes. "
+        "Fast inputs arrive late and reduced, slow ones hardly changed."
+    ),
+    parameters=(Parameter("lag_rad_s", "rad/s", 2.0, 200.0, (30.0, 8.0)),),
+    amend=amend,
+    separated_by="looks like a transport delay at low frequency; a sweep beyond 6 Hz shows the loss of amplitude",
+)

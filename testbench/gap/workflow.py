@@ -1,0 +1,118 @@
+"""The gap workflow: locate, name, amend, and judge on manoeuvres that were used for neither."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from testbench.errors import RecordError
+from testbench.gap.believed import NUISANCES, Believed
+from testbench.gap.locate import ResidualMap, locate
+from testbench.gap.name import Naming, name_effect
+from testbench.record import FlightRecord, FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Shrink:
+    """Before and after on one held-out manoeuvre, residuals in units of the noise.
+
+    Attributes:
+        manoeuvre: name.
+        record: the measured record.
+        before, after: (n, p) predictions of the believed and of the amended model, offset to the record's mean.
+        energy_before, energy_after: (p,) mean squared residual per channel, 1 is the noise floor.
+        map_before, map_after: where the residual sits.
+    """
+
+    manoeuvre: str
+    record: FlightRecord
+    before: FloatArray
+    after: FloatArray
+    energy_before: FloatArray
+    energy_after: FloatArray
+    map_before: ResidualMap
+    map_after: ResidualMap
+
+    @property
+    def removed(self) -> float:
+        """Share of the excess energy over the noise floor that the amendment removed, all channels together."""
+        excess = float(np.sum(self.energy_before - 1.0))
+        return 1.0 - float(np.sum(self.energy_after - 1.0)) / excess if excess > 0.0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class GapFinding:
+    """What the gap workflow found, where, and what adding it did on held-out manoeuvres."""
+
+    believed: Believed
+    amended: Believed
+    maps: tuple[ResidualMap, ...]
+    naming: Naming
+    shrink: tuple[Shrink, ...]
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The answer in words."""
+        out = [self.naming.sentence]
+        if self.naming.outcome != "no gap":
+            out += [m.sentence for m in self.maps]
+        for s in self.shrink if self.naming.best else ():
+            out.append(
+                f"held-out {s.manoeuvre}: mean squared residual {s.energy_before.mean():.3g} before, "
+                f"{s.energy_after.mean():.3g} after (noise floor 1); {100 * s.removed:.1f} % of the excess removed"
+            )
+        return tuple(out)
+
+
+def find_gap(
+    believed: Believed,
+    records: Mapping[str, FlightRecord],
+    held_out: Mapping[str, FlightRecord],
+    progress: Callable[[str], None] | None = None,
+) -> GapFinding:
+    """Find what the believed model lacks.
+
+    Args:
+        believed: aircraft, sensors and condition as believed.
+        records: name -> measured record, used to locate and to name.
+        held_out: name -> measured record, used only to judge.
+        progress: called with a few words as each stage begins.
+
+    Raises:
+        RecordError: a record is not measured, or lacks a channel of the believed suite.
+        FlightAborted, TrimError: the believed aircraft cannot fly these commands.
+    """
+    say = progress or (lambda text: None)
+    for name, record in {**records, **held_out}.items():
+        if record.kind != "measured":
+            raise RecordError(f"the gap workflow takes measured records only, got '{name}' of kind '{record.kind}'")
+    say("locate the residual")
+    maps = tuple(_map(believed, name, record) for name, record in records.items())
+    naming = name_effect(believed, list(records.values()), say)
+    amended = believed
+    if naming.best is not None:
+        amended = _tuned(believed, naming.best.tuning).with_effect(naming.best.effect, naming.best.values)
+    say("judge on held-out manoeuvres")
+    shrink = tuple(_shrink(believed, amended, name, record) for name, record in held_out.items())
+    return GapFinding(believed, amended, maps, naming, shrink)
+
+
+def _tuned(believed: Believed, factors: Mapping[str, float]) -> Believed:
+    return believed.with_tuning({n: factors[n] for n in NUISANCES})
+
+
+def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:
+    return locate(name, believed.residuals(record), believed.outputs, record.dt_s)
+
+
+def _shrink(believed: Believed, amended: Believed, name: str, record: FlightRecord) -> Shrink:
+    measured = record.columns(believed.outputs)
+    predictions = []
+    for model in (believed, amended):
+        y = model.predict(record)
+        predictions.append(y + (measured - y).mean(axis=0))
+    maps = (_map(believed, name, record), _map(amended, name, record))
+    energy = [(model.residuals(record) ** 2).mean(axis=0) for model in (believed, amended)]
+    return Shrink(name, record, predictions[0], predictions[1], energy[0], energy[1], *maps)

@@ -1,0 +1,404 @@
+"""The straight line: scenario -> aircraft -> trim -> fly -> measure -> estimate -> evaluate, and the same for real records."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from testbench.aircraft import Aircraft, load_aircraft
+from testbench.constants import DEG_RAD
+from testbench.errors import LimitError, ScenarioError, TestbenchError, located
+from testbench.estimators import estimate
+from testbench.estimators.model import IdentifiedModel
+from testbench.estimators.prepare import prepare
+from testbench.evaluation import Evaluation, evaluate
+from testbench.evaluation.answers import alpha_findings, sampling_findings
+from testbench.evaluation.excitation import ModeExcitation, excitation
+from testbench.evaluation.modes import longitudinal_modes
+from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
+from testbench.flight.simulate import stride
+from testbench.inputs import build
+from testbench.inputs.signal import energy_spectrum
+from testbench.record import FlightRecord, FloatArray
+from testbench.scenario import Estimator, Identification, Preparation, Scenario, attach_file, parse, read_toml
+from testbench.sensors import SensorSuite, load_suite
+
+if TYPE_CHECKING:
+    from testbench.logs.description import RecordDescription
+
+Keep = Callable[[str, FlightRecord], None]
+Report = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """One manoeuvre: how its record is used, the truth (None for a recorded flight), and the record of each suite."""
+
+    name: str
+    use: str
+    truth: FlightRecord | None
+    measured: Mapping[str, FlightRecord]
+    trim_s: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One suite and one estimator: the prepared records, the model and its evaluation."""
+
+    suite: str
+    estimator: Estimator
+    identification: tuple[FlightRecord, ...]
+    validation: tuple[FlightRecord, ...]
+    model: IdentifiedModel
+    evaluation: Evaluation
+
+    @property
+    def label(self) -> str:
+        """Suite and method, for tables and file names."""
+        return f"{self.suite}_{self.estimator.method}"
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What is known of a simulated aircraft: its linear model at trim, its modes, and what the input does to them."""
+
+    aircraft: Aircraft
+    trimmed: TrimmedFlight
+    linear: LinearModel
+    modes: Mapping[str, complex]
+    excitation: tuple[ModeExcitation, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """Everything a run found. ``table`` and ``findings`` are made from it; nothing is stored twice."""
+
+    name: str
+    title: str
+    question: str
+    source: Scenario | RecordDescription
+    seed: int
+    flights: tuple[Flight, ...]
+    cases: tuple[Case, ...]
+    truth: Truth | None = None
+    suites: tuple[SensorSuite, ...] = ()
+    reference: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def table(self) -> Any:
+        """Pandas DataFrame, one row per suite, estimator, data set and output: MRSE and fit in percent."""
+        import pandas as pd
+
+        rows = [
+            {"suite": c.suite, "estimator": c.estimator.method, "data": data, "output": o, "mrse_percent": m, "fit_percent": f}
+            for c in self.cases
+            for data, scores in (("identification", c.evaluation.identification), ("validation", c.evaluation.validation))
+            for o, m, f in zip(c.model.outputs, scores.mrse_percent, scores.fit_percent, strict=True)
+        ]
+        return pd.DataFrame(rows)
+
+    @cached_property
+    def findings(self) -> tuple[str, ...]:
+        """The answer in a few sentences."""
+        out = alpha_findings(self.cases)
+        if self.truth is not None:
+            identification = next(f for f in self.flights if f.use != "validation")
+            out += sampling_findings(self.cases, self.truth.modes, identification)
+            out += [e.sentence for e in self.truth.excitation]
+        for case in self.cases:
+            out += [f"{case.label}: {advice}" for advice in case.model.advice]
+        return tuple(out)
+
+
+def run(scenario: Scenario, seed: int | None = None, keep: Keep | None = None, progress: Report | None = None) -> RunResult:
+    """Fly, measure, identify and judge one scenario.
+
+    Args:
+        scenario: what to do.
+        seed: replaces the scenario's own.
+        keep: called with a name and each record as soon as it exists, so that a later failure loses none of them.
+        progress: called with a few words as each stage begins.
+
+    Raises:
+        TestbenchError: with the file and key of the scenario that it comes from.
+    """
+    seed = scenario.seed if seed is None else seed
+    keep, say = keep or (lambda name, record: None), progress or (lambda text: None)
+    where = scenario.file
+    aircraft = load_aircraft(scenario.aircraft, scenario.wings)
+    suites = tuple(_suite(scenario, name) for name in scenario.suites)
+    say(f"trim {aircraft.name}")
+    with located(where, "condition"):
+        trimmed = trim(aircraft, _condition(scenario), scenario.simulation.rate_hz)
+    flights = []
+    for i, spec in enumerate(scenario.manoeuvre):
+        say(f"fly {spec.name}")
+        with located(where, f"manoeuvre[{i}]"):
+            manoeuvre = Manoeuvre(spec.name, build(spec.input, spec.duration_s, trimmed.rate_hz), spec.settle_s)
+            truth = _fly(aircraft, trimmed, manoeuvre, _log_rate(scenario, suites), keep)
+        measured = {}
+        for suite in suites:
+            measured[suite.name] = suite.measure(truth, seed + i)
+            keep(f"{spec.name}_{suite.name}", measured[suite.name])
+        flights.append(Flight(spec.name, spec.use, truth, measured, spec.settle_s))
+    say("linearise")
+    known = _truth(scenario, aircraft, trimmed, flights, suites)
+    cases = _identify(
+        flights, [s.name for s in suites], scenario.preparation, scenario.identification, where, say, known
+    )
+    return RunResult(
+        scenario.name, scenario.title, scenario.question, scenario, seed, tuple(flights), cases, known, suites
+    )
+
+
+def identify(
+    description: RecordDescription,
+    data_folder: Path | None = None,
+    keep: Keep | None = None,
+    progress: Report | None = None,
+) -> RunResult:
+    """Run the same estimators and evaluation on recorded flights.
+
+    Args:
+        description: which file, column and unit is which channel.
+        data_folder: where the files lie, instead of the folder that the description names.
+        keep: called with a name and each record as soon as it has been read.
+        progress: called with a few words as each stage begins.
+
+    Raises:
+        TestbenchError: with the file and key of the description that it comes from.
+    """
+    from testbench.logs import read_records
+
+    keep, say = keep or (lambda name, record: None), progress or (lambda text: None)
+    say("read records")
+    flights = [
+        Flight(name, use, None, {"recorded": record}, description.trim_s)
+        for name, use, record in read_records(description, data_folder)
+    ]
+    for flight in flights:
+        keep(f"{flight.name}_recorded", flight.measured["recorded"])
+    cases = _identify(
+        flights, ["recorded"], description.preparation, description.identification, description.file, say, None
+    )
+    return RunResult(
+        description.name,
+        description.title,
+        description.question,
+        description,
+        0,
+        tuple(flights),
+        cases,
+        reference=description.reference_values,
+    )
+
+
+def load_scenario(path: Path | str) -> Scenario:
+    """Read a scenario and check it against its aircraft and suites, without flying.
+
+    Raises:
+        ScenarioError: lists every fault with file, key, law, value and the nearest valid name.
+    """
+    from testbench.paths import find_scenario
+
+    file = find_scenario(path)
+    scenario, faults = parse(Scenario, read_toml(file), file)
+    if scenario is not None:
+        scenario = attach_file(scenario, file)
+        faults = [*faults, *check(scenario)]
+    if scenario is None or faults:
+        raise ScenarioError(faults)
+    return scenario
+
+
+def check(scenario: Scenario) -> list[str]:
+    """Return every law of aircraft, inputs and sensors that the scenario breaks, in words, without flying it."""
+    faults: list[str] = []
+
+    def attempt(key: str, action: Callable[[], Any]) -> Any:
+        try:
+            with located(scenario.file, key):
+                return action()
+        except TestbenchError as error:
+            faults.extend(error.faults if isinstance(error, ScenarioError) else [str(error)])
+            return None
+
+    aircraft = attempt("aircraft", lambda: load_aircraft(scenario.aircraft, scenario.wings))
+    loaded = [attempt(f"suites[{i}]", lambda n=n: load_suite(n)) for i, n in enumerate(scenario.suites)]
+    suites = tuple(s for s in loaded if s is not None)
+    if aircraft is None or len(suites) < len(scenario.suites):
+        return faults
+    rate = scenario.simulation.rate_hz or aircraft.rate_hz
+    log_rate = attempt("simulation.log_rate_hz", lambda: _log_rate(scenario, suites))
+    if log_rate is not None:
+        attempt("simulation.log_rate_hz", lambda: stride(rate, log_rate))
+        for i, suite in enumerate(suites):
+            attempt(f"suites[{i}]", lambda s=suite: s.check_log_rate(log_rate))
+    for i, spec in enumerate(scenario.manoeuvre):
+        for k, signal in enumerate(spec.input):
+            key = f"manoeuvre[{i}].input[{k}]"
+            attempt(key, lambda s=signal, d=spec.duration_s: build([s], d, rate))
+            unit = "amplitude_percent" if signal.control == "thr" else "amplitude_deg"
+            attempt(f"{key}.{unit}", lambda s=signal: _check_amplitude(aircraft, s.control, s.amplitude))
+        if spec.use == "identification" and spec.settle_s == 0.0 and scenario.preparation.bias == "trim":
+            attempt(f"manoeuvre[{i}].settle_s", _no_settling)
+    for i, suite in enumerate(suites):
+        for name in (*scenario.identification.inputs, *scenario.identification.outputs):
+            if name not in suite.channels and not any(name in s.channels for s in suites):
+                attempt("identification", lambda n=name: _no_such_sensor(n, suites))
+        del i
+    return list(dict.fromkeys(faults))
+
+
+def _check_amplitude(aircraft: Aircraft, control: str, amplitude: float) -> None:
+    full = aircraft.controls[control].full
+    if abs(amplitude) > full:
+        scale, unit = (100.0, "percent") if control == "thr" else (1.0 / DEG_RAD, "deg")
+        raise LimitError(
+            f"amplitude_{unit} <= {full * scale:g} must hold for control '{control}' of {aircraft.name}, got {abs(amplitude) * scale:g}"
+        )
+
+
+def _no_settling() -> None:
+    raise LimitError('settle_s > 0 must hold where preparation.bias = "trim" (the bias is read there), got 0')
+
+
+def _no_such_sensor(name: str, suites: Sequence[SensorSuite]) -> None:
+    have = ", ".join(dict.fromkeys(c for s in suites for c in s.channels))
+    raise LimitError(f"inputs and outputs must be sensed by a suite, got '{name}'; sensed: {have}")
+
+
+def _suite(scenario: Scenario, name: str) -> SensorSuite:
+    with located(scenario.file, "suites"):
+        return load_suite(name)
+
+
+def _condition(scenario: Scenario) -> FlightCondition:
+    c = scenario.condition
+    return FlightCondition(c.V_m_s, c.h_m, c.gamma_deg * DEG_RAD)
+
+
+def _log_rate(scenario: Scenario, suites: Sequence[SensorSuite]) -> float:
+    return scenario.simulation.log_rate_hz or max(s.rate_hz for s in suites)
+
+
+def _fly(aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre, log_rate_hz: float, keep: Keep) -> FlightRecord:
+    from testbench.errors import FlightAborted
+
+    try:
+        truth = fly(aircraft, trimmed, manoeuvre, log_rate_hz)
+    except FlightAborted as error:
+        if error.record is not None and len(error.record):
+            keep(f"{manoeuvre.name}_aborted", error.record)
+        raise
+    keep(f"{manoeuvre.name}_truth", truth)
+    return truth
+
+
+def _truth(
+    scenario: Scenario,
+    aircraft: Aircraft,
+    trimmed: TrimmedFlight,
+    flights: Sequence[Flight],
+    suites: Sequence[SensorSuite],
+) -> Truth:
+    linear = linearise(aircraft, trimmed)
+    elastic = aircraft.flown_modes()
+    symmetric = {
+        i: m.name for i, m in enumerate(elastic.modes if elastic else (), 1) if m.symmetry == "symmetric"
+    }
+    modes = longitudinal_modes(linear, symmetric)
+    flight = next(f for f in flights if f.use != "validation")
+    assert flight.truth is not None
+    inputs = [n.removesuffix("_cmd") for n in scenario.identification.inputs]
+    u = flight.truth.columns(inputs)
+    sensors = {s.channel: s.noise_std for suite in suites for s in suite.sensors if s.channel not in scenario.identification.inputs}
+    used = {n: s for n, s in sensors.items() if s > 0.0 and n in linear.outputs}
+    found = excitation(
+        linear.longitudinal(tuple(symmetric)),
+        modes,
+        inputs,
+        u - u[0],
+        flight.truth.dt_s,
+        used,
+        1.0 / suites[0].rate_hz,
+        flight.truth.duration_s,
+    )
+    return Truth(aircraft, trimmed, linear, modes, tuple(found))
+
+
+def _identify(
+    flights: Sequence[Flight],
+    suites: Sequence[str],
+    preparation: Preparation,
+    identification: Identification,
+    where: Path | None,
+    say: Report,
+    truth: Truth | None,
+) -> tuple[Case, ...]:
+    cases = []
+    for suite in suites:
+        with located(where, "preparation"):
+            parts = [(f.use, _prepared(f.measured[suite], f.trim_s, preparation)) for f in flights]
+        fit, judge = _divide(parts, preparation.identification_fraction)
+        sensed = fit[0].channels
+        outputs = tuple(
+            n for n in (identification.outputs or sensed) if n in sensed and n not in identification.inputs
+        )
+        for k, spec in enumerate(identification.estimators):
+            say(f"identify {suite} with {spec.method}")
+            with located(where, f"identification.estimators[{k}]"):
+                model = estimate(spec, fit, identification.inputs, outputs, judge)
+                scores = evaluate(model, fit, judge, **_known(truth, model, fit))
+            cases.append(Case(suite, spec, tuple(fit), tuple(judge), model, scores))
+    return tuple(cases)
+
+
+def _prepared(record: FlightRecord, trim_s: float, preparation: Preparation) -> FlightRecord:
+    return prepare(
+        record,
+        bias=preparation.bias,
+        trim_s=trim_s,
+        lowpass_hz=preparation.lowpass_hz,
+        decimate=preparation.decimate,
+    )
+
+
+def _divide(parts: Sequence[tuple[str, FlightRecord]], fraction: float) -> tuple[list[FlightRecord], list[FlightRecord]]:
+    """Return the records to identify on and those to judge on."""
+    fit = [r for use, r in parts if use == "identification"]
+    judge = [r for use, r in parts if use == "validation"]
+    for use, record in parts:
+        if use == "split":
+            first, second = record.split(fraction)
+            fit.append(first)
+            judge.append(second)
+    return fit, judge
+
+
+def _known(truth: Truth | None, model: IdentifiedModel, records: Sequence[FlightRecord]) -> dict[str, Any]:
+    """Return what evaluation may be told of the truth: poles, and the response over the band that the input excites."""
+    if truth is None:
+        return {}
+    omega = excited_band(records, model.inputs)
+    symmetric = [int(n.split("_")[1]) for n in truth.linear.states if n.startswith("eta_")]
+    elastic = truth.aircraft.flown_modes()
+    symmetric = [i for i in symmetric if elastic and elastic.modes[i - 1].symmetry == "symmetric"]
+    linear = truth.linear.longitudinal(symmetric)
+    inputs = [n.removesuffix("_cmd") for n in model.inputs]
+    response = linear.frequency_response(omega, model.outputs, inputs)
+    return {"true_poles": dict(truth.modes), "true_response": response, "omega": omega}
+
+
+def excited_band(records: Sequence[FlightRecord], inputs: Sequence[str], floor: float = 0.01) -> FloatArray:
+    """Return 60 frequencies, rad/s, spanning the band where the inputs' energy density exceeds ``floor`` of its peak."""
+    dt = records[0].dt_s
+    omega = np.geomspace(0.1, 0.8 * np.pi / dt, 400)
+    density = np.sum([energy_spectrum(r.columns(inputs), dt, omega).sum(axis=1) for r in records], axis=0)
+    inside = omega[density >= floor * density.max()]
+    return np.geomspace(inside[0], inside[-1], 60)

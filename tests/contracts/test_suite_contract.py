@@ -1,0 +1,90 @@
+"""What every packaged sensor suite must do, and what the four of the papers promise of each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from testbench.channels import CHANNELS
+from testbench.paths import suite_names
+from testbench.record import FlightRecord
+from testbench.sensors import load_suite
+
+SECONDS = 20.0
+MARKS = ("estimate", "from memory", "data sheet")
+
+
+def flight(rate_hz: float) -> FlightRecord:
+    """Return a smooth truth with every channel of the table, logged at three times ``rate_hz``."""
+    t = np.arange(round(3.0 * rate_hz * SECONDS) + 1) / (3.0 * rate_hz)
+    data = np.column_stack([1.0 + 0.1 * np.sin(t * (0.5 + 0.05 * i) + i) for i in range(len(CHANNELS))])
+    return FlightRecord(t, tuple(CHANNELS), data, "truth", provenance={"aircraft": "synthetic"})
+
+
+@pytest.mark.parametrize("name", suite_names())
+def test_suite(name: str) -> None:
+    suite = load_suite(name)
+    truth = flight(suite.rate_hz)
+    record = suite.measure(truth, 1)
+    assert suite.name == name
+    assert suite.title
+    assert record.kind == "measured"
+    assert record.channels == suite.channels
+    assert record.dt_s == pytest.approx(1.0 / suite.rate_hz, rel=1e-9)
+    assert record.valid[0].all()
+    assert record.provenance["truth"] == {"aircraft": "synthetic"}
+    assert suite.measure(truth, 1).data.tobytes() == record.data.tobytes()
+    for sensor, column in zip(suite.sensors, record.data.T, strict=True):
+        exact = truth[sensor.channel][::3]
+        # what is wrong with a sample: noise (6 standard deviations, exceeded by one of 2000 samples with probability
+        # 4e-6), bias, half a quantum, and the age of the value times the fastest slope, 0.1 * 2.05
+        age = sensor.lag_s + sensor.delay_s + 1.0 / (sensor.rate_hz or suite.rate_hz)
+        bound = 6.0 * sensor.noise_std + abs(sensor.bias) + 0.5 * sensor.quantum + 0.21 * age
+        assert np.abs(column - exact).max() <= bound
+        noisy = sensor.noise_std > 0.0 or sensor.bias != 0.0 or sensor.quantum > 0.0
+        assert noisy == bool(np.any(column != exact)), "a sensor with faults shows them"
+
+
+@pytest.mark.parametrize("name", suite_names())
+def test_every_part_has_a_source_that_says_how_well_it_is_known(name: str) -> None:
+    for sensor in load_suite(name).sensors:
+        assert sensor.part.strip()
+        assert any(mark in sensor.source for mark in MARKS), f"{name}, {sensor.channel}: {sensor.source}"
+
+
+@pytest.mark.parametrize("name", suite_names())
+def test_figures_are_those_of_an_instrument(name: str) -> None:
+    for sensor in load_suite(name).sensors:
+        assert sensor.scale == pytest.approx(1.0, abs=0.1)
+        assert sensor.lag_s < 1.0
+        assert sensor.delay_s < 1.0
+        assert sensor.noise_std + sensor.quantum > 0.0, "nothing is perfect"
+
+
+def test_channels_of_the_four_suites() -> None:
+    assert load_suite("eolo_no_alpha").channels == ("V", "q", "theta", "de")
+    assert load_suite("eolo_alpha").channels == ("V", "alpha", "q", "theta", "de")
+    assert load_suite("eolo_gap").channels == ("V", "alpha", "q", "theta", "az", "de_cmd")
+    assert load_suite("taurus_8hz").channels == ("theta", "q", "u", "h", "de_cmd")
+    assert [load_suite(n).rate_hz for n in ("eolo_no_alpha", "eolo_alpha", "eolo_gap", "taurus_8hz")] == [
+        100,
+        100,
+        100,
+        8,
+    ]
+
+
+@pytest.mark.parametrize("other", ["eolo_alpha", "eolo_gap"])
+def test_common_sensors_of_the_eolo_suites_record_the_same_bytes(other: str) -> None:
+    truth = flight(100.0)
+    one, two = load_suite("eolo_no_alpha"), load_suite(other)
+    common = [n for n in one.channels if n in two.channels]
+    assert {"V", "q", "theta"} <= set(common)
+    a, b = one.measure(truth, 3), two.measure(truth, 3)
+    assert a.columns(common).tobytes() == b.columns(common).tobytes()
+    assert [s for s in one.sensors if s.channel in common] == [s for s in two.sensors if s.channel in common]
+
+
+def test_gps_of_taurus_delivers_every_second_row() -> None:
+    record = load_suite("taurus_8hz").measure(flight(8.0), 0)
+    assert record.valid[:, record.channels.index("u")].tolist() == [i % 2 == 0 for i in range(len(record))]

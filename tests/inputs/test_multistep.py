@@ -1,0 +1,115 @@
+"""Edges, levels and laws of the stepped inputs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from testbench.constants import DEG_RAD, PERCENT
+from testbench.errors import ScenarioError
+from testbench.inputs import build
+from testbench.scenario import Doublet, Multistep, Multistep3211, Pulse, Step
+
+DE = {"control": "de", "amplitude_deg": 2.0}
+
+
+def levels(spec: object, duration_s: float = 20.0, rate_hz: float = 100.0) -> list[tuple[float, int]]:
+    """Return the signal as runs (level in units of the amplitude, samples)."""
+    u = build([spec], duration_s, rate_hz).u[:, 0] / (2.0 * DEG_RAD)  # type: ignore[list-item]
+    edges = np.flatnonzero(np.diff(u)) + 1
+    parts = np.split(u, edges)
+    return [(round(float(part[0]), 12), part.size) for part in parts]
+
+
+def test_step() -> None:
+    assert levels(Step(signal="step", start_s=5.0, **DE)) == [(0.0, 500), (1.0, 1500)]
+
+
+def test_pulse() -> None:
+    assert levels(Pulse(signal="pulse", start_s=1.0, width_s=0.5, **DE)) == [(0.0, 100), (1.0, 50), (0.0, 1850)]
+
+
+def test_doublet_is_up_then_down() -> None:
+    spec = Doublet(signal="doublet", start_s=1.0, period_s=2.0, **DE)
+    assert levels(spec) == [(0.0, 100), (1.0, 100), (-1.0, 100), (0.0, 1700)]
+
+
+def test_doublets_repeat_every_two_periods_by_default() -> None:
+    spec = Doublet(signal="doublet", start_s=1.0, period_s=2.0, repeats=3, **DE)
+    pair = [(1.0, 100), (-1.0, 100)]
+    assert levels(spec) == [(0.0, 100), *pair, (0.0, 200), *pair, (0.0, 200), *pair, (0.0, 900)]
+
+
+def test_doublets_may_follow_without_a_gap() -> None:
+    spec = Doublet(signal="doublet", start_s=0.0, period_s=2.0, repeats=2, spacing_s=2.0, **DE)
+    assert levels(spec) == [(1.0, 100), (-1.0, 100), (1.0, 100), (-1.0, 100), (0.0, 1600)]
+
+
+def test_doublets_may_not_overlap() -> None:
+    spec = Doublet(signal="doublet", period_s=2.0, repeats=2, spacing_s=1.5, **DE)
+    with pytest.raises(ScenarioError, match=r"spacing_s >= period_s must hold .* got 1\.5 and 2 s"):
+        build([spec], 20.0, 100.0)
+
+
+def test_3211() -> None:
+    spec = Multistep3211(signal="3211", start_s=1.0, step_s=0.8, **DE)
+    assert levels(spec) == [(0.0, 100), (1.0, 240), (-1.0, 160), (1.0, 80), (-1.0, 80), (0.0, 1340)]
+
+
+def test_multistep_with_the_3211_pattern_is_the_3211() -> None:
+    pattern = Multistep(signal="multistep", start_s=1.0, step_s=0.37, pattern=(3, -2, 1, -1), **DE)
+    assert levels(pattern) == levels(Multistep3211(signal="3211", start_s=1.0, step_s=0.37, **DE))
+
+
+def test_multistep_takes_fractions_and_repeated_signs() -> None:
+    spec = Multistep(signal="multistep", step_s=1.0, pattern=(-1.5, 0.5, 0.25), **DE)
+    assert levels(spec) == [(-1.0, 150), (1.0, 75), (0.0, 1775)]
+
+
+def test_throttle_amplitude_is_in_fractions() -> None:
+    made = build([Pulse(signal="pulse", control="thr", amplitude_percent=20.0, width_s=1.0)], 2.0, 50.0)
+    assert made.u.max() == pytest.approx(20.0 * PERCENT, rel=1e-15)
+
+
+def test_edges_round_to_the_nearest_sample_without_adding_up() -> None:
+    # 0.37 s steps at 8 Hz: edges at 2.96 k samples; rounding each length by itself would give 3 k
+    spec = Multistep(signal="multistep", step_s=0.37, pattern=(1, -1) * 10, **DE)
+    runs = levels(spec, 8.0, 8.0)
+    edges = np.cumsum([n for _, n in runs])[:20]
+    np.testing.assert_array_equal(edges, np.rint(2.96 * np.arange(1, 21)))
+
+
+def test_an_edge_halfway_goes_to_the_later_sample_in_spite_of_the_last_digit() -> None:
+    # 1.005 s * 100 Hz is 100.49999999999999 in floating point
+    assert levels(Pulse(signal="pulse", start_s=1.005, width_s=1.0, **DE))[0] == (0.0, 101)
+    assert levels(Pulse(signal="pulse", start_s=0.005, width_s=1.0, **DE))[0] == (0.0, 1)
+
+
+def test_a_step_of_one_sample_is_the_shortest() -> None:
+    assert levels(Pulse(signal="pulse", width_s=0.01, **DE))[0] == (1.0, 1)
+    with pytest.raises(ScenarioError, match=r"at least one sample \(0\.01 s at 100 Hz\), got 0\.009 s"):
+        build([Pulse(signal="pulse", width_s=0.009, **DE)], 20.0, 100.0)
+
+
+@pytest.mark.parametrize(
+    "spec",
+    [
+        Pulse(signal="pulse", start_s=9.0, width_s=2.0, **DE),
+        Doublet(signal="doublet", start_s=1.0, period_s=2.0, repeats=3, **DE),
+        Multistep3211(signal="3211", start_s=4.0, step_s=1.0, **DE),
+        Multistep(signal="multistep", start_s=0.0, step_s=1.0, pattern=(11.0,), **DE),
+    ],
+)
+def test_an_input_may_not_end_after_its_manoeuvre(spec: object) -> None:
+    with pytest.raises(ScenarioError, match=r"must end within duration_s = 10 s .* got an end at 11 s"):
+        build([spec], 10.0, 100.0)  # type: ignore[list-item]
+
+
+def test_an_input_may_end_with_its_manoeuvre() -> None:
+    # 0.1 + 0.2 > 0.3 in floating point: the last digit must not be an error
+    assert levels(Pulse(signal="pulse", start_s=0.1, width_s=0.2, **DE), 0.3) == [(0.0, 10), (1.0, 20)]
+
+
+def test_a_step_needs_a_sample_of_the_manoeuvre() -> None:
+    with pytest.raises(ScenarioError, match=r"start_s <= 9\.99 s.* got 12 s"):
+        build([Step(signal="step", start_s=12.0, **DE)], 10.0, 100.0)

@@ -1,0 +1,135 @@
+"""Suite files: units at the edge, noise densities, and every fault at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from testbench.constants import DEG_RAD
+from testbench.errors import RecordError, ScenarioError
+from testbench.sensors import load_suite, noise_std, suite_table
+
+HEAD = 'title = "t"\nrate_hz = 100.0\n'
+
+
+def write(folder: Path, text: str, name: str = "mine.toml") -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def entry(**keys: object) -> str:
+    base: dict = {"channel": "q", "unit": "deg/s", "part": "a gyro", "source": "estimate"} | keys
+    return "[[sensor]]\n" + "".join(f"{k} = {v!r}\n".replace("'", '"') for k, v in base.items() if v is not None)
+
+
+def faults(folder: Path, text: str) -> list[str]:
+    path = write(folder, text)
+    with pytest.raises(ScenarioError) as caught:
+        load_suite(path)
+    assert all(fault.startswith(f"{path}, ") for fault in caught.value.faults)
+    return [fault.removeprefix(f"{path}, ") for fault in caught.value.faults]
+
+
+def test_units_are_converted_at_the_edge(tmp_path: Path) -> None:
+    text = HEAD + entry(
+        noise_std=0.5, bias=-1.0, quantum=0.1, scale=1.02, lag_s=0.1, delay_s=0.2, dropout=0.1, rate_hz=50.0
+    )
+    text += entry(channel="az", unit="g", noise_std=0.01, position_m=[0.1, 0, -0.2])
+    made = load_suite(write(tmp_path, text))
+    q, az = made.sensors
+    assert (made.name, made.title, made.rate_hz) == ("mine", "t", 100.0)
+    np.testing.assert_allclose([q.noise_std, q.bias, q.quantum], np.array([0.5, -1.0, 0.1]) * DEG_RAD, rtol=1e-15)
+    assert (q.scale, q.lag_s, q.delay_s, q.dropout, q.rate_hz) == (1.02, 0.1, 0.2, 0.1, 50.0)
+    assert az.noise_std == pytest.approx(0.0980665, rel=1e-12)
+    assert az.position_m == (0.1, 0.0, -0.2)
+    assert (q.part, q.source) == ("a gyro", "estimate")
+
+
+def test_noise_density_becomes_the_noise_of_one_sample(tmp_path: Path) -> None:
+    text = HEAD + entry(noise_density=0.005)
+    text += entry(channel="p", noise_density=0.005, rate_hz=4.0) + entry(
+        channel="r", noise_density=0.005, bandwidth_hz=20.0
+    )
+    got = [s.noise_std / DEG_RAD for s in load_suite(write(tmp_path, text)).sensors]
+    # std = density sqrt(bandwidth): half of 100 Hz, half of its own 4 Hz, the filter's 20 Hz
+    np.testing.assert_allclose(got, 0.005 * np.sqrt([50.0, 2.0, 20.0]), rtol=1e-14)
+
+
+def test_noise_density_is_the_density_of_the_sampled_noise() -> None:
+    # the one-sided density of white samples is 2 std^2 / rate. The mean of n / 2 independent periodogram bins, each
+    # exponential, has relative standard deviation 1 / sqrt(n / 2); 5 of them: false alarm 6e-7
+    rate, density, n = 100.0, 0.03, 40_000
+    x = noise_std(density, rate) * np.random.default_rng(8).standard_normal(n)
+    periodogram = 2.0 / (rate * n) * np.abs(np.fft.rfft(x)[1:-1]) ** 2
+    assert abs(periodogram.mean() / density**2 - 1.0) < 5.0 / np.sqrt(n / 2)
+
+
+def test_every_fault_is_reported_at_once_with_its_key(tmp_path: Path) -> None:
+    text = 'title = "t"\nrate_hz = 8.0\nnmae = 1\n'
+    text += entry(noise_std=-1.0, source=None)  # sensor[0]
+    text += entry(channel="alfa", unit="deg")  # sensor[1]
+    text += entry(channel="theta", unit="m/s", nois_std=1.0)  # sensor[2]
+    text += entry(channel="u", unit="m/s", rate_hz=5.0, position_m=[1, 0, 0])  # sensor[3]
+    text += entry(channel="q", noise_std=1.0, noise_density=1.0)  # sensor[4]: twice q, and two noises
+    text += entry(channel="h", unit="m", bandwidth_hz=1.0)  # sensor[5]
+    got = faults(tmp_path, text)
+    keys = {fault.split(":")[0] for fault in got}
+    assert keys == {
+        "nmae",
+        "sensor[0].noise_std",
+        "sensor[0].source",
+        "sensor[1].channel",
+        "sensor[2].unit",
+        "sensor[2].nois_std",
+        "sensor[3].rate_hz",
+        "sensor[3].position_m",
+        "sensor[4].channel",
+        "sensor[4].noise_density",
+        "sensor[5].bandwidth_hz",
+    }
+    assert len(got) == len(keys)
+    said = "\n".join(got)
+    assert "did you mean 'alpha'" in said
+    assert "did you mean 'noise_std'" in said
+    assert "measured in rad or deg, got unit 'm/s'" in said
+    assert "nearest valid: 4 Hz or 8 Hz" in said
+
+
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        ('rate_hz = 10.0\n[[sensor]]\nchannel = "q"\nunit = "rad/s"\npart = "p"\nsource = "s"\n', "title"),
+        (HEAD, "sensor"),
+        (HEAD + "sensor = []\n", "sensor"),
+        (HEAD + "sensor = 3\n", "sensor"),
+        ('title = "t"\nrate_hz = "fast"\n' + entry(), "rate_hz"),
+        (HEAD + entry(channel=3), "sensor[0].channel"),
+        (HEAD + entry(rate_hz="fast"), "sensor[0].rate_hz"),
+        (HEAD + entry(position_m=[1, 2]), "sensor[0].position_m"),
+    ],
+)
+def test_a_fault_of_form_names_its_key(tmp_path: Path, text: str, key: str) -> None:
+    got = faults(tmp_path, text)
+    assert len(got) == 1
+    assert got[0].startswith(key)
+
+
+def test_deeper_faults_are_found_beside_a_fault_of_the_head(tmp_path: Path) -> None:
+    got = faults(tmp_path, 'title = "t"\nrate_hz = -1.0\n' + entry(channel="alfa", unit="deg"))
+    assert {fault.split(":")[0] for fault in got} == {"rate_hz", "sensor[0].channel"}
+
+
+def test_names_and_files() -> None:
+    with pytest.raises(ScenarioError, match="got 'eolo_alfa'; did you mean 'eolo_alpha'"):
+        load_suite("eolo_alfa")
+    with pytest.raises(RecordError, match=r"nowhere\.toml"):
+        load_suite("nowhere.toml")
+
+
+def test_suite_table_lists_all_packaged_suites() -> None:
+    names = [made.name for made in suite_table()]
+    assert names == sorted(names)
+    assert {"eolo_no_alpha", "eolo_alpha", "eolo_gap", "taurus_8hz"} <= set(names)
