@@ -222,10 +222,10 @@ def check(scenario: Scenario) -> list[str]:
 
     def attempt(key: str, action: Callable[[], Any]) -> Any:
         try:
-            with located(scenario.file, key):
-                return action()
+            return action()
         except TestbenchError as error:
-            faults.extend(error.faults if isinstance(error, ScenarioError) else [str(error)])
+            inner = error.faults if isinstance(error, ScenarioError) else (error.message,)
+            faults.extend(f"{scenario.file}, {key}: {fault}" for fault in inner)
             return None
 
     aircraft = attempt("aircraft", lambda: load_aircraft(scenario.aircraft, scenario.wings))
@@ -240,19 +240,17 @@ def check(scenario: Scenario) -> list[str]:
         for i, suite in enumerate(suites):
             attempt(f"suites[{i}]", lambda s=suite: s.check_log_rate(log_rate))
     for i, spec in enumerate(scenario.manoeuvre):
+        attempt(f"manoeuvre[{i}]", lambda s=spec: build(s.input, s.duration_s, rate))
         for k, signal in enumerate(spec.input):
             key = f"manoeuvre[{i}].input[{k}]"
-            attempt(key, lambda s=signal, d=spec.duration_s: build([s], d, rate))
             unit = "amplitude_percent" if signal.control == "thr" else "amplitude_deg"
             attempt(f"{key}.{unit}", lambda s=signal: _check_amplitude(aircraft, s.control, s.amplitude))
         if spec.use == "identification" and spec.settle_s == 0.0 and scenario.preparation.bias == "trim":
             attempt(f"manoeuvre[{i}].settle_s", _no_settling)
-    for i, suite in enumerate(suites):
-        for name in (*scenario.identification.inputs, *scenario.identification.outputs):
-            if name not in suite.channels and not any(name in s.channels for s in suites):
-                attempt("identification", lambda n=name: _no_such_sensor(n, suites))
-        del i
-    return list(dict.fromkeys(faults))
+    for name in (*scenario.identification.inputs, *scenario.identification.outputs):
+        if not any(name in s.channels for s in suites):
+            attempt("identification", lambda n=name: _no_such_sensor(n, suites))
+    return faults
 
 
 def _check_amplitude(aircraft: Aircraft, control: str, amplitude: float) -> None:

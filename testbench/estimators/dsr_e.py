@@ -1,0 +1,390 @@
+"""DSR_e: subspace identification in two steps, innovations first and a deterministic problem after.
+
+D. Di Ruscio, "Closed and Open Loop Subspace System Identification of the Kalman Filter", Modeling, Identification
+and Control 30(2), 2009, and the variant of the EOLO paper (section 2.1, equations 1 to 3). Symbols as there: past
+horizon J, future horizon L; subscript f marks the block Hankel matrix of L future samples.
+
+Step 1. The row space of the past is W = [U_past; Y_past], J samples of each (with D free, U_k joins it). The signal
+part y^d = Y / W is the orthogonal projection of the outputs on it, and e = y - y^d are the innovations.
+
+Step 2. x[k+1] = A x[k] + [B K] [u; e][k], y^d[k] = C x[k] is a deterministic problem. The oblique projection of the
+future outputs along the future inputs on the past, P_L = Y^d_f /_[U_f; E_f] W = O_L X, shows the order in its singular
+values. Its columns are weighted by the projection on the orthogonal complement of the future inputs:
+
+    P_L Pi = Y^d_f Pi = Z_{J|L},    Pi = I - [U_f; E_f]^+ [U_f; E_f],
+
+where the first equality holds because Y^d_f lies in the row space of W and of the future inputs. Weights from the
+right leave the column space alone (Van Overschee and De Moor 1996, unifying theorem); this one makes the EOLO paper's
+P_L Di Ruscio's own Z_{J|L}. It is needed: inputs confined to a fraction of the Nyquist frequency are nearly predictable
+from their past, the two factors of the oblique projection then cannot be told apart, and P_L unweighted turns a short
+period of 3 rad/s, excited by a sweep at 50 Hz with 5 % noise, into poles beyond 100 rad/s.
+
+With P_L Pi = U S V': O_L = U_n S_n^(1/2), C is its first block, A its shift. Given A and C, B and K follow by linear
+least squares from the deterministic problem, the initial states eliminated. A last linear least squares then fits B, D
+and the initial states to the measured outputs in free run over all records together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from testbench.errors import EstimationError
+from testbench.estimators.dsr_e_advice import advice_in_words
+from testbench.estimators.hankel import runs, triangle, window_starts, windows
+from testbench.estimators.model import check_records, continuous_poles
+from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs
+from testbench.record import FlightRecord, FloatArray
+
+_EXACT = 1e-9  # innovations below this share of an output's rms are rounding: the output is free of noise
+_RANK = 1e-12  # truncation of projections of noise-free data
+_RANK_NOISY = 1e-8  # with noise, weaker directions only let the noise in
+_FLOOR = 2.0  # singular values beyond this many noise floors belong to states
+_GAP = 3.0  # a fall by this factor from one singular value to the next is a clear gap
+_LONG = 20  # future horizons from here on are checked against their half, shorter ones against their double
+
+
+class _Stretch(NamedTuple):
+    """One record, every channel divided by its root mean square over all records."""
+
+    u: FloatArray
+    y: FloatArray
+    valid_u: NDArray[np.bool_]
+    valid_y: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class _Innovations:
+    """Step 1: per record y^d, e (NaN-free; rows not in ``known`` are zero), in units of the innovations' deviation."""
+
+    signal: list[FloatArray]
+    noise: list[FloatArray]
+    known: list[NDArray[np.bool_]]
+    deviation: FloatArray  # (p,) of the innovations, in the units of the stretches; floored
+    noisy: NDArray[np.bool_]  # (p,)
+    columns: int
+    unknowns: int
+    condition: float
+    excitation: float  # smallest over largest singular value of the past inputs
+
+
+class _Realisation(NamedTuple):
+    """Step 2: A, C in the units of step 1, and the singular values relative to the noise floor."""
+
+    A: FloatArray
+    C: FloatArray
+    singular_values: FloatArray
+    order_choice: str
+    columns: int
+
+
+def estimate(
+    records: Sequence[FlightRecord],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    *,
+    past_horizon: int,
+    future_horizon: int,
+    order: int | None = None,
+    direct_feedthrough: bool = False,
+) -> StateSpaceModel:
+    """Identify an innovations model by DSR_e (module docstring) from one or several records of deviations from trim.
+
+    Hankel columns of all records are put side by side; none reaches across a joint or touches an invalid sample.
+    Channels are scaled by their root mean square and outputs by the deviation of their innovations, so that units do
+    not matter. Noise on the inputs biases the estimate, as in every method of this family.
+
+    Args:
+        records: measured records with one sample time; deviations from trim (see ``prepare``).
+        inputs: (m,) channels that drive the model.
+        outputs: (p,) channels that it predicts.
+        past_horizon: J >= 1 in samples. (A - K C)^J must be negligible, while J (m + p) unknowns per output have to
+            stay well below the number of samples.
+        future_horizon: L >= 2 in samples. L times the sample time should reach a good part of the fastest mode's time
+            constant: over a shorter time the states' contributions differ by less than the noise.
+        order: number of states, or None to choose it from the singular values.
+        direct_feedthrough: estimate D; zero if not.
+
+    Returns:
+        The model, with these diagnostics:
+        ``singular_values``: of Z_{J|L}, in multiples of the noise floor that step 1 makes one expect (of noise-free
+        data: of the largest); ``order`` and ``order_choice`` in words;
+        ``columns`` and ``unknowns`` per output of step 1, ``columns_step_2``;
+        ``condition``: of the past W; ``input_excitation``: weakest over strongest singular value of the past inputs;
+        ``innovations_std``: (p,) in SI units, 0 for an output free of noise;
+        ``output_error_percent``: (p,) 100 ||y - y_free|| / ||y|| of the free run on the records, and
+        ``output_error_deterministic_B``, ``output_error_refined_B``: of all outputs before and after the last step;
+        ``free_run_over_innovations``: (p,) near 1 if measurement noise is all that the model leaves, 0 without noise;
+        ``pole_shift_past``, ``pole_shift_future``: largest relative change of a pole with J halved, and with
+        ``other_future_horizon`` (2 L; from L = 20 on L / 2); None without noise;
+        ``poles_without_continuous_counterpart``: discrete z.
+
+    Raises:
+        EstimationError: settings against the method's laws, too few columns for the unknowns, or records against
+            those of :func:`check_records`.
+        ChannelError: a record lacks a channel.
+    """
+    J, L = past_horizon, future_horizon
+    _check_settings(J, L, order, len(outputs))
+    check_records(records, inputs, outputs)
+    stretches, size_u, size_y = _scale(records, inputs, outputs)
+    step1 = _innovations(stretches, J, direct_feedthrough)
+    step2 = _realise(stretches, step1, L, order)
+    B, D, K, errors = _input_matrices(stretches, step1, step2, direct_feedthrough)
+    n = step2.A.shape[0]
+    unit = size_y * step1.deviation  # of the outputs, in SI
+    C = unit[:, None] * step2.C
+    model = StateSpaceModel(
+        method="dsr_e",
+        inputs=tuple(inputs),
+        outputs=tuple(outputs),
+        dt_s=records[0].dt_s,
+        settings={
+            "past_horizon": J,
+            "future_horizon": L,
+            "order": order,
+            "direct_feedthrough": direct_feedthrough,
+        },
+        A=step2.A,
+        B=B / size_u,
+        C=C,
+        D=unit[:, None] * D / size_u,
+        K=K / unit,
+    )
+    residual = _residual(model, records)
+    shifts = _pole_shifts(stretches, step1, step2, J, L, direct_feedthrough)
+    discrete = continuous_poles(np.linalg.eigvals(step2.A).astype(np.complex128), model.dt_s)[1]
+    diagnostics: dict[str, Any] = {
+        "singular_values": step2.singular_values,
+        "order": n,
+        "order_choice": step2.order_choice,
+        "columns": step1.columns,
+        "unknowns": step1.unknowns,
+        "columns_step_2": step2.columns,
+        "condition": step1.condition,
+        "input_excitation": step1.excitation,
+        "innovations_std": np.where(step1.noisy, unit, 0.0),
+        "output_error_percent": 100.0 * residual / size_y,
+        "free_run_over_innovations": np.where(step1.noisy, residual / unit, 0.0),
+        "output_error_deterministic_B": errors[0],
+        "output_error_refined_B": errors[1],
+        **shifts,
+        "poles_without_continuous_counterpart": discrete,
+    }
+    advice = advice_in_words(diagnostics, outputs, J, L)
+    return replace(model, diagnostics=diagnostics, status="warning" if advice else "good", advice=advice)
+
+
+def _check_settings(J: int, L: int, order: int | None, p: int) -> None:
+    if J < 1 or L < 2:
+        raise EstimationError(f"past_horizon >= 1 and future_horizon >= 2 must hold, got {J} and {L}")
+    if order is not None and not 1 <= order <= p * (L - 1):
+        raise EstimationError(
+            f"1 <= order <= outputs x (future_horizon - 1) = {p * (L - 1)} must hold, got {order}; "
+            "lengthen the future horizon or lower the order"
+        )
+
+
+def _scale(
+    records: Sequence[FlightRecord], inputs: Sequence[str], outputs: Sequence[str]
+) -> tuple[list[_Stretch], FloatArray, FloatArray]:
+    sizes = []
+    for names in (inputs, outputs):
+        parts = [r.select(names) for r in records]
+        squares = np.sum([np.sum(np.where(r.valid, r.data, 0.0) ** 2, axis=0) for r in parts], axis=0)
+        counts = np.sum([r.valid.sum(axis=0) for r in parts], axis=0)
+        for name, square in zip(names, squares, strict=True):
+            if square == 0.0:
+                raise EstimationError(f"channel '{name}' must move to be modelled, but all its valid samples are zero")
+        sizes.append(np.sqrt(squares / counts))
+    size_u, size_y = sizes
+    stretches = [
+        _Stretch(
+            r.columns(inputs) / size_u, r.columns(outputs) / size_y, r.select(inputs).valid, r.select(outputs).valid
+        )
+        for r in records
+    ]
+    return stretches, size_u, size_y
+
+
+def _innovations(stretches: Sequence[_Stretch], J: int, direct: bool) -> _Innovations:
+    """Step 1: project the outputs on the past by least squares, truncated where the past is rank deficient."""
+    m, p = stretches[0].u.shape[1], stretches[0].y.shape[1]
+    d = m + p
+    past = np.r_[0 : J * d + (m if direct else 0)]
+    now = np.r_[J * d + m : (J + 1) * d]
+    R = np.zeros((0, past.size + p))
+    columns = 0
+    places = []
+    for s in stretches:
+        places.append(window_starts(np.logical_and.reduce(np.hstack([s.valid_u, s.valid_y]), axis=1), J + 1))
+        columns += places[-1].size
+        z = np.hstack([s.u, s.y])
+        for _, rows in windows(z, places[-1], J + 1):
+            R = triangle(R, rows[:, np.r_[past, now]])
+    q = past.size
+    if columns < q + p:
+        touched = sum(max(len(s.u) - J, 0) for s in stretches) - columns
+        raise EstimationError(
+            f"step 1 of DSR_e needs more columns than unknowns: past_horizon = {J} gives {q} unknowns per output, "
+            f"got {columns} columns ({touched} dropped for invalid samples); shorten past_horizon, give more data"
+            + (", or decimate to the rate of the slowest sensor" if touched else "")
+        )
+    U, sigma, Vt = np.linalg.svd(R[:q, :q])
+    theta, noisy, rest = np.zeros((q, p)), np.ones(p, bool), np.zeros(p)
+    size = np.sqrt(np.sum(R[:, q:] ** 2, axis=0))
+    for tolerance in (_RANK, _RANK_NOISY):
+        rank = int(np.sum(sigma > tolerance * sigma[0]))
+        theta[:, noisy] = Vt[:rank].T @ ((U[:, :rank].T @ R[:q, q:][:, noisy]) / sigma[:rank, None])
+        rest = np.sqrt(np.sum((R[:, q:] - R[:, :q] @ theta) ** 2, axis=0))
+        noisy = rest > _EXACT * size
+        if not noisy.any():
+            break
+    deviation = rest / np.sqrt(max(columns - rank, 1))
+    deviation = np.maximum(deviation, 1e-4) if noisy.any() else np.ones(p)
+    signal, noise, known = [], [], []
+    for stretch, starts in zip(stretches, places, strict=True):
+        yd, e, at = np.zeros(stretch.y.shape), np.zeros(stretch.y.shape), np.zeros(len(stretch.y), bool)
+        for part, rows in windows(np.hstack([stretch.u, stretch.y]), starts, J + 1):
+            yd[part + J] = rows[:, past] @ theta
+        at[starts + J] = True
+        e[at] = np.where(noisy, stretch.y[at] - yd[at], 0.0)
+        yd[at] = stretch.y[at] - e[at]
+        signal.append(yd / deviation)
+        noise.append(e / deviation)
+        known.append(at)
+    past_inputs = np.flatnonzero(past % d < m)
+    su = np.linalg.svd(R[:q, past_inputs], compute_uv=False)
+    condition = float(sigma[0] / sigma[-1]) if sigma[-1] > 0.0 else np.inf
+    return _Innovations(signal, noise, known, deviation, noisy, columns, q, condition, excitation=float(su[-1] / su[0]))
+
+
+def _realise(stretches: Sequence[_Stretch], step1: _Innovations, L: int, order: int | None) -> _Realisation:
+    """Step 2: A and C from the singular value decomposition of Z_{J|L}."""
+    m, p = stretches[0].u.shape[1], step1.deviation.size
+    mv = m + int(step1.noisy.sum())
+    future = np.r_[0 : L * (mv + p)]
+    is_input = future % (mv + p) < mv
+    future = np.concatenate([future[is_input], future[~is_input]])
+    a = L * mv
+    R = np.zeros((0, future.size))
+    columns = 0
+    for s, yd, e, known in zip(stretches, step1.signal, step1.noise, step1.known, strict=True):
+        starts = window_starts(known, L)
+        columns += starts.size
+        for _, rows in windows(np.hstack([s.u, e[:, step1.noisy], yd]), starts, L):
+            R = triangle(R, rows[:, future])
+    if columns < future.size:
+        raise EstimationError(
+            f"step 2 of DSR_e needs at least as many columns as rows: future_horizon = {L} gives {future.size} rows, "
+            f"got {columns} columns; shorten the horizons or give more data"
+        )
+    U, sigma, _ = np.linalg.svd(R[:, :a], full_matrices=False)
+    U = U[:, sigma > _RANK * sigma[0]]
+    Z = R[:, a:] - U @ (U.T @ R[:, a:])  # the orthogonal complement of the future inputs, in the basis of R
+    _, values, Vt = np.linalg.svd(Z, full_matrices=False)
+    floor = np.sqrt(step1.unknowns) + np.sqrt(p * L) if step1.noisy.any() else values[0]
+    relative = values / floor
+    n, choice = (order, "given") if order is not None else _choose_order(relative, bool(step1.noisy.any()), p * (L - 1))
+    O_L = Vt[:n].T * np.sqrt(values[:n])
+    A = np.linalg.lstsq(O_L[:-p], O_L[p:], rcond=None)[0]
+    return _Realisation(A, O_L[:p], relative, choice, columns)
+
+
+def _choose_order(values: FloatArray, noisy: bool, most: int) -> tuple[int, str]:
+    """Return the order and why, from singular values relative to the noise floor (noise-free: to the largest)."""
+    floor = _FLOOR if noisy else _EXACT
+    above = min(int(np.sum(values > floor)), most)
+    if above == 0:
+        raise EstimationError(
+            f"no state stands out of the noise: the largest singular value is {values[0]:.2g} times the noise floor, "
+            f"{floor:g} is needed; excite more strongly, or lengthen the future horizon"
+        )
+    following = np.append(values[1:], 0.0)[:most]
+    ratios = (values[:most] / np.maximum(following, 1e-3 * floor))[:above]
+    clear = np.flatnonzero(ratios >= _GAP)
+    n = int(clear[-1] if clear.size else np.argmax(ratios)) + 1
+    kind = "last clear" if clear.size else "widest, not clear"
+    return (
+        n,
+        f"{above} singular values stand above the noise floor; the {kind} gap, "
+        f"a factor {ratios[n - 1]:.3g}, follows number {n}",
+    )
+
+
+def _input_matrices(
+    stretches: Sequence[_Stretch], step1: _Innovations, step2: _Realisation, direct: bool
+) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float]]:
+    """Return B, D, K in scaled units, and the output error in percent before and after the refinement of B and D.
+
+    B and K solve the deterministic problem; B and D are then replaced by those of the free run on the measured outputs
+    if these leave the smaller output error, both judged with initial states of their own.
+    """
+    m, noisy = stretches[0].u.shape[1], step1.noisy
+    p, mv = noisy.size, m + int(noisy.sum())
+    through = np.full(m, direct)
+    inner = [
+        Series(np.hstack([s.u, e[:, noisy]])[run], yd[run], np.ones(yd[run].shape, bool))
+        for s, yd, e, known in zip(stretches, step1.signal, step1.noise, step1.known, strict=True)
+        for run in runs(known)
+    ]
+    first = fit_inputs(step2.A, step2.C, inner, np.concatenate([through, np.zeros(mv - m, bool)]))
+    K = np.zeros((step2.A.shape[0], p))
+    K[:, noisy] = first.B[:, m:]
+    B, D = first.B[:, :m], first.D[:, :m]
+    # Here the outputs weigh by their root mean square: the criterion is then the MRSE of the EOLO paper, squared.
+    C = step1.deviation[:, None] * step2.C
+    outer = [Series(s.u, s.y, s.valid_y) for s in stretches]
+    refined = fit_inputs(step2.A, C, outer, through)
+    before = refined.error(B, step1.deviation[:, None] * D, through)
+    after = refined.error(refined.B, refined.D, through)
+    total = sum(float(np.sum(s.y[s.valid_y] ** 2)) for s in stretches)
+    errors = (100.0 * float(np.sqrt(before / total)), 100.0 * float(np.sqrt(after / total)))
+    if after < before:
+        B, D = refined.B, refined.D / step1.deviation[:, None]
+    return B, D, K, errors
+
+
+def _residual(model: StateSpaceModel, records: Sequence[FlightRecord]) -> FloatArray:
+    """Return the root mean square of y - y_free per output over the valid samples of all records."""
+    error, count = np.zeros(len(model.outputs)), np.zeros(len(model.outputs))
+    for record in records:
+        part = record.select(model.outputs)
+        error += np.sum(np.where(part.valid, part.data - model.simulate(record), 0.0) ** 2, axis=0)
+        count += part.valid.sum(axis=0)
+    return np.sqrt(error / count)
+
+
+def _pole_shifts(
+    stretches: Sequence[_Stretch], step1: _Innovations, step2: _Realisation, J: int, L: int, direct: bool
+) -> dict[str, Any]:
+    """Return how far, relatively, the poles move with half the past horizon and with another future horizon.
+
+    A past horizon too short to forget the initial state biases the poles, and half of it biases them more; a future
+    horizon too short to tell the states apart is seen by doubling it (a long one, by halving it, which costs less).
+    None where the other horizon is not possible, or without noise, where the poles are exact.
+    """
+    n, p = step2.A.shape[0], step1.deviation.size
+    other = 2 * L if L < _LONG else L // 2
+    shifts: dict[str, Any] = {"other_future_horizon": other, "pole_shift_past": None, "pole_shift_future": None}
+    if not step1.noisy.any():
+        return shifts
+    if J >= 2:
+        half = _realise(stretches, _innovations(stretches, J // 2, direct), L, n)
+        shifts["pole_shift_past"] = _distance(step2.A, half.A)
+    columns = sum(window_starts(known, other).size for known in step1.known)
+    if n <= p * (other - 1) and columns >= other * (stretches[0].u.shape[1] + 2 * p):
+        shifts["pole_shift_future"] = _distance(step2.A, _realise(stretches, step1, other, n).A)
+    return shifts
+
+
+def _distance(A: FloatArray, other: FloatArray) -> float:
+    """Return the largest distance of the poles of two models, each relative to the first's, paired at least cost."""
+    s, t = (np.log(np.linalg.eigvals(M).astype(complex) + 1e-300) for M in (A, other))
+    apart = np.abs(s[:, None] - t) / np.maximum(np.abs(s), 1e-12)[:, None]
+    return float(apart[linear_sum_assignment(apart)].max())

@@ -1,0 +1,125 @@
+"""Measured record in, deviations from trim out: gaps bridged, bias removed, filtered and decimated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from testbench.errors import EstimationError
+from testbench.record import FlightRecord, FloatArray
+
+Bias = Literal["trim", "mean", "trend", "none"]
+
+
+def prepare(
+    record: FlightRecord,
+    *,
+    bias: Bias,
+    trim_s: float,
+    lowpass_hz: float | None = None,
+    decimate: int = 1,
+    reference: FlightRecord | None = None,
+) -> FlightRecord:
+    """Return the record as deviations from trim, ready for an estimator.
+
+    In this order: samples that were not taken are interpolated linearly between their neighbours (the validity mask
+    is kept); the bias is subtracted; all channels pass one zero-phase low-pass filter; every ``decimate``-th
+    sample is kept.
+
+    Args:
+        record: measured record.
+        bias: "trim" subtracts the mean of the valid samples in the first ``trim_s`` seconds, "mean" that of the whole
+            record, "trend" a straight line fitted by least squares, "none" nothing.
+        trim_s: duration of undisturbed flight at the start, s; used by "trim" only.
+        lowpass_hz: cut-off of a 4th-order Butterworth filter run forwards and backwards (zero phase; its gain at the
+            cut-off is -6 dB), on inputs and outputs alike: what both pass cancels from input to output.
+        decimate: keep every so many samples. Without ``lowpass_hz`` below the new Nyquist frequency, noise folds down.
+        reference: the record whose bias is subtracted, if not this one: the second part of a split record has no
+            undisturbed flight of its own.
+
+    Returns:
+        The prepared record; its provenance holds under "prepared" what was done and the bias subtracted (at the first
+        sample, for a trend), in SI units.
+
+    Raises:
+        EstimationError: fewer than 2 valid samples to take a bias from, a cut-off at or above the Nyquist frequency, a
+            record too short to filter, or a decimation below 1.
+        ChannelError: the reference lacks a channel.
+        RecordError: the record is to be filtered but not uniformly sampled.
+    """
+    if decimate < 1:
+        raise EstimationError(f"decimate >= 1 must hold, got {decimate}")
+    data = _interpolate(record)
+    source = record if reference is None else reference.select(record.channels)
+    level = _bias(source, record.t_s, bias, trim_s)
+    data = data - level
+    if lowpass_hz is not None:
+        data = _lowpass(data, record.dt_s, lowpass_hz)
+    done = {
+        "bias": bias,
+        "trim_s": trim_s,
+        "lowpass_hz": lowpass_hz,
+        "decimate": decimate,
+        "removed": dict(zip(record.channels, level[0].tolist(), strict=True)),
+    }
+    out = replace(record, data=data, provenance={**record.provenance, "prepared": done})
+    return out.decimate(decimate) if decimate > 1 else out
+
+
+def _interpolate(record: FlightRecord) -> FloatArray:
+    """Return the samples (n, m) with those that were not taken interpolated; beyond the ends the nearest is held."""
+    data = np.array(record.data)
+    for i, name in enumerate(record.channels):
+        valid = record.valid[:, i]
+        if not valid.any():
+            raise EstimationError(f"channel '{name}' must hold at least one valid sample, got none; leave it out")
+        if not valid.all():
+            data[~valid, i] = np.interp(record.t_s[~valid], record.t_s[valid], data[valid, i])
+    return data
+
+
+def _bias(source: FlightRecord, t_s: FloatArray, bias: Bias, trim_s: float) -> FloatArray:
+    """Return what is to be subtracted at the times ``t_s``, shape (n, m)."""
+    level = np.zeros((t_s.size, len(source.channels)))
+    if bias == "none":
+        return level
+    chosen: NDArray[np.bool_] = np.ones(len(source), bool)
+    if bias == "trim":
+        chosen = source.t_s < source.t_s[0] + trim_s
+    for i, name in enumerate(source.channels):
+        rows = chosen & source.valid[:, i]
+        if rows.sum() < 2:
+            where = f"the first trim_s = {trim_s:g} s" if bias == "trim" else "the record"
+            raise EstimationError(
+                f"bias '{bias}' needs at least 2 valid samples of channel '{name}' in {where}, got {rows.sum()}; "
+                "record more undisturbed flight, or choose bias 'mean' or 'trend'"
+            )
+        t, y = source.t_s[rows], source.data[rows, i]
+        if bias == "trend":
+            middle = t.mean()
+            slope = np.sum((t - middle) * y) / np.sum((t - middle) ** 2)
+            level[:, i] = y.mean() + slope * (t_s - middle)
+        else:
+            level[:, i] = y.mean()
+    return level
+
+
+def _lowpass(data: FloatArray, dt_s: float, cutoff_hz: float) -> FloatArray:
+    from scipy.signal import butter, sosfiltfilt
+
+    nyquist_hz = 0.5 / dt_s
+    if not 0.0 < cutoff_hz < nyquist_hz:
+        raise EstimationError(
+            f"0 < lowpass_hz < Nyquist frequency = {nyquist_hz:g} Hz must hold, got {cutoff_hz:g}; lower or omit it"
+        )
+    sections = butter(4, cutoff_hz, fs=1.0 / dt_s, output="sos")
+    pad = 3 * (2 * len(sections) + 1)  # the samples that sosfiltfilt reflects at either end
+    if len(data) <= pad:
+        raise EstimationError(
+            f"the low-pass filter needs more than {pad} samples, got {len(data)}; give a longer record"
+        )
+    filtered: FloatArray = sosfiltfilt(sections, data, axis=0, padlen=pad)
+    return filtered

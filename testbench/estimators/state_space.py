@@ -1,0 +1,304 @@
+"""StateSpaceModel: a discrete innovations model, simulated from its inputs with the initial state estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import schur, solve_sylvester
+from scipy.signal import lfilter
+
+from testbench.errors import EstimationError, RecordError
+from testbench.estimators.hankel import triangle
+from testbench.estimators.model import ComplexArray, IdentifiedModel, continuous_poles
+from testbench.record import FlightRecord, FloatArray
+
+_GROWTH = 1e3  # a mode that grows by more than this over a record is run backwards in time
+_RCOND = 1e-12
+
+
+class Trajectories:
+    """All trajectories of x[k+1] = A x[k] + f[k] over ``samples`` samples, in numbers that stay bounded.
+
+    Forward recursion of an unstable A loses all digits: the forced response and the response to the initial state
+    both grow and cancel. A is therefore decoupled (ordered real Schur form, Sylvester equation) into modes that run
+    forwards from x[0] = 0 and modes that grow by more than a factor 1000 over the record, which run backwards from
+    x[N-1] = 0. The set {forced + free a} over all a is the same set of trajectories; only its origin differs.
+
+    Args:
+        A: (n, n) state matrix.
+        samples: number of samples N.
+    """
+
+    def __init__(self, A: FloatArray, samples: int) -> None:
+        self.samples = samples
+        limit = _GROWTH ** (1.0 / max(samples, 1))
+        T, Q, m = schur(A, output="real", sort=lambda re, im: np.hypot(re, im) <= limit)
+        n = T.shape[0]
+        S = np.eye(n)
+        if 0 < m < n:
+            S[:m, m:] = solve_sylvester(T[:m, :m], -T[m:, m:], -T[:m, m:])
+        V = Q @ S
+        self._forward, self._backward = T[:m, :m], T[m:, m:]
+        if m < n:
+            self._backward, Q2 = schur(np.linalg.inv(T[m:, m:]), output="real")
+            V[:, m:] = V[:, m:] @ Q2
+        self._V, self._Vinv, self._m = V, np.linalg.inv(V), m
+
+    def forced(self, f: FloatArray) -> FloatArray:
+        """Return one trajectory per column of the forcing ``f`` (N, n, b), same shape."""
+        g = np.einsum("ij,kjb->kib", self._Vinv, f)
+        m = self._m
+        x = np.zeros(g.shape)
+        x[:, :m] = _recursion(self._forward, g[:, :m])
+        if m < x.shape[1]:
+            back = np.einsum("ij,kjb->kib", -self._backward, g[:, m:])[-2::-1]  # x[k] = A^-1 (x[k+1] - f[k])
+            back = np.concatenate([back, np.zeros((1, *back.shape[1:]))])
+            x[:, m:] = _recursion(self._backward, back)[::-1]
+        return np.einsum("ij,kjb->kib", self._V, x)
+
+    def free(self) -> FloatArray:
+        """Return a basis (N, n, n) of the solutions of x[k+1] = A x[k]."""
+        N, n, m = self.samples, self._V.shape[0], self._m
+        x = np.zeros((N, n, n))
+        for T, part, step in ((self._forward, slice(0, m), 1), (self._backward, slice(m, n), -1)):
+            if T.size:
+                start = np.zeros((N + 1, T.shape[0], T.shape[0]))
+                start[0] = np.eye(T.shape[0])
+                x[:, part, part] = _recursion(T, start)[1:][::step]
+        return np.einsum("ij,kjb->kib", self._V, x)
+
+
+def _recursion(T: FloatArray, f: FloatArray) -> FloatArray:
+    """Return x (N, n, b) with x[0] = 0, x[k+1] = T x[k] + f[k], for a quasi-triangular T, mode by mode."""
+    n = T.shape[0]
+    x = np.zeros(f.shape)
+    i = n
+    while i > 0:
+        pair = i > 1 and T[i - 1, i - 2] != 0.0
+        rows = slice(i - 2, i) if pair else slice(i - 1, i)
+        drive = f[:, rows] + np.einsum("ij,kjb->kib", T[rows, i:], x[:, i:])
+        if pair:  # standardised block [[a, b], [c, a]] with b c < 0: one complex mode of first order
+            a, b, c = T[i - 2, i - 2], T[i - 2, i - 1], T[i - 1, i - 2]
+            w = np.sqrt(-b * c)
+            zeta = lfilter([0.0, 1.0], [1.0, -(a + 1j * w)], drive[:, 0] / (2 * b) - 1j * drive[:, 1] / (2 * w), axis=0)
+            x[:, i - 2], x[:, i - 1] = 2 * b * zeta.real, -2 * w * zeta.imag
+        else:
+            x[:, i - 1] = lfilter([0.0, 1.0], [1.0, -T[i - 1, i - 1]], drive[:, 0], axis=0)
+        i = rows.start
+    return x
+
+
+class Series(NamedTuple):
+    """Inputs (N, m), outputs (N, p) and which outputs count (N, p), of one stretch of uniform samples."""
+
+    u: FloatArray
+    y: FloatArray
+    valid: NDArray[np.bool_]
+
+
+class InputFit(NamedTuple):
+    """What :func:`fit_inputs` found: B (n, m), D (p, m) and R, with || R [parameters; -1] || the output error."""
+
+    B: FloatArray
+    D: FloatArray
+    R: FloatArray
+
+    def error(self, B: FloatArray, D: FloatArray, direct: NDArray[np.bool_]) -> float:
+        """Return the summed squared output error of other matrices B, D on the same data, initial states re-fitted."""
+        parameters = np.concatenate([B.T.ravel(), D[:, direct].T.ravel(), [-1.0]])
+        return float(np.sum((self.R @ parameters) ** 2))
+
+
+def fit_inputs(A: FloatArray, C: FloatArray, series: Sequence[Series], direct: NDArray[np.bool_]) -> InputFit:
+    """Return B and D that minimise the output error for given A and C, the initial states of all series eliminated.
+
+    Linear least squares of y[k] = C A^k x0 + C sum_j A^(k-1-j) B u[j] + D u[k] over all valid samples of all series.
+
+    Args:
+        A: (n, n) state matrix.
+        C: (p, n) output matrix.
+        series: the data; outputs weigh as they are scaled.
+        direct: (m,) True for the inputs that have a column in D; the other columns of D are zero.
+
+    Raises:
+        EstimationError: fewer valid output samples than unknowns.
+    """
+    n, p, m = A.shape[0], C.shape[0], direct.size
+    through = np.flatnonzero(direct)
+    count = n * m + p * through.size
+    R = np.zeros((0, count + 1))
+    for u, y, valid in series:
+        rows = valid.ravel()
+        if rows.sum() <= n:
+            continue
+        paths = Trajectories(A, len(u))
+        block = np.zeros((len(u), p, n + count + 1))
+        block[:, :, :n] = np.einsum("ij,kjb->kib", C, paths.free())
+        for j in range(m):
+            x = paths.forced(u[:, j, None, None] * np.eye(n))
+            block[:, :, n * (j + 1) : n * (j + 2)] = np.einsum("ij,kjb->kib", C, x)
+        for i, column in enumerate(through):
+            at = n + n * m + p * i
+            block[:, range(p), range(at, at + p)] = u[:, column, None]
+        block[:, :, -1] = y
+        reduced = triangle(np.zeros((0, n + count + 1)), block.reshape(-1, n + count + 1)[rows])
+        R = triangle(R, reduced[n:, n:])
+    if R.shape[0] < count:
+        raise EstimationError(
+            f"B and D need at least {count} samples beyond the initial states, got {R.shape[0]}; give more data"
+        )
+    parameters = np.linalg.lstsq(R[:, :-1], R[:, -1], rcond=_RCOND)[0]
+    B = parameters[: n * m].reshape(m, n).T
+    D = np.zeros((p, m))
+    D[:, through] = parameters[n * m :].reshape(through.size, p).T
+    return InputFit(B, D, R)
+
+
+def free_run(
+    A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray, u: FloatArray, y: FloatArray, valid: NDArray[np.bool_]
+) -> FloatArray:
+    """Return the outputs (N, p) driven by ``u`` (N, m), from the initial state that fits the valid ``y`` (N, p) best.
+
+    Linear least squares; each output weighted by the inverse of its root mean square.
+    """
+    paths = Trajectories(A, len(u))
+    forced = np.einsum("ij,kj->ki", C, paths.forced((u @ B.T)[:, :, None])[:, :, 0]) + u @ D.T
+    free = np.einsum("ij,kjb->kib", C, paths.free())
+    counts = np.maximum(valid.sum(axis=0), 1)
+    size = np.sqrt(np.sum(np.where(valid, y, 0.0) ** 2, axis=0) / counts)
+    weight = valid / np.where(size > 0.0, size, 1.0)
+    n = A.shape[0]
+    left = (free * weight[:, :, None]).reshape(-1, n)
+    start = np.linalg.lstsq(left, ((y - forced) * weight).ravel(), rcond=_RCOND)[0]
+    return forced + free @ start
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StateSpaceModel(IdentifiedModel):
+    """x[k+1] = A x[k] + B u[k] + K e[k], y[k] = C x[k] + D u[k] + e[k] (EOLO paper, equation 2, with D).
+
+    Inputs and outputs are deviations from trim in SI units; the states have no physical meaning of their own.
+
+    Attributes:
+        A: (n, n) state matrix.
+        B: (n, m) input matrix.
+        C: (p, n) output matrix.
+        D: (p, m) direct feedthrough.
+        K: (n, p) gain of the innovations e; zeros if the estimator gives none.
+    """
+
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    D: FloatArray
+    K: FloatArray = field(default=None)  # type: ignore[arg-type]
+
+    def __post_init__(self) -> None:
+        n, m, p = np.atleast_2d(self.A).shape[0], len(self.inputs), len(self.outputs)
+        if self.K is None:
+            object.__setattr__(self, "K", np.zeros((n, p)))
+        for name, shape in (("A", (n, n)), ("B", (n, m)), ("C", (p, n)), ("D", (p, m)), ("K", (n, p))):
+            matrix = np.array(getattr(self, name), dtype=np.float64)
+            if matrix.shape != shape or not np.all(np.isfinite(matrix)):
+                raise EstimationError(f"{name} must be finite and of shape {shape}, got shape {matrix.shape}")
+            matrix.setflags(write=False)
+            object.__setattr__(self, name, matrix)
+
+    @property
+    def order(self) -> int:
+        """Number of states n."""
+        return self.A.shape[0]
+
+    def simulate(self, record: FlightRecord) -> FloatArray:
+        """Return the free-run outputs (N, p): the record's inputs, and the initial state that fits its outputs best.
+
+        The initial state is a linear least-squares estimate over all valid output samples. For a model with unstable
+        modes it is carried by the end of the record (see :class:`Trajectories`), which is the same estimate in
+        numbers that do not overflow.
+
+        Raises:
+            ChannelError: the record lacks an input or output of the model.
+            RecordError: its sample time differs from the model's by more than 1 %.
+        """
+        check_sample_time(record, self.dt_s)
+        u, y = record.columns(self.inputs), record.columns(self.outputs)
+        return free_run(self.A, self.B, self.C, self.D, u, y, record.select(self.outputs).valid)
+
+    def poles(self) -> dict[str, ComplexArray]:
+        """Return the continuous-time poles ln(z)/dt in rad/s under all outputs' names joined by ", "."""
+        return {
+            ", ".join(self.outputs): continuous_poles(np.linalg.eigvals(self.A).astype(np.complex128), self.dt_s)[0]
+        }
+
+    def frequency_response(self, omega_rad_s: FloatArray) -> ComplexArray:
+        """Return C (zI - A)^-1 B + D at z = exp(j w dt), shape (k, p, m).
+
+        Raises:
+            EstimationError: a frequency lies above the Nyquist frequency pi/dt, or on a pole of the model.
+        """
+        z = unit_circle(omega_rad_s, self.dt_s)
+        try:
+            inner = np.linalg.solve(z[:, None, None] * np.eye(self.order) - self.A, self.B.astype(complex))
+        except np.linalg.LinAlgError as error:
+            raise EstimationError(
+                "the frequency response is infinite at a pole; choose frequencies off the poles"
+            ) from error
+        return np.asarray(self.C @ inner + self.D, dtype=np.complex128)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return names, sample time, matrices (lists of rows), settings, status and advice as JSON values."""
+        matrices = {name: getattr(self, name).tolist() for name in "ABCDK"}
+        return {**description(self), **matrices}
+
+    def to_control(self) -> Any:
+        """Return the model from inputs to outputs as ``control.StateSpace`` with signal names."""
+        import control
+
+        return control.ss(
+            self.A, self.B, self.C, self.D, self.dt_s, inputs=list(self.inputs), outputs=list(self.outputs)
+        )
+
+
+def description(model: IdentifiedModel) -> dict[str, Any]:
+    """Return what every model's ``to_dict`` begins with, as JSON values."""
+    return {
+        "method": model.method,
+        "inputs": list(model.inputs),
+        "outputs": list(model.outputs),
+        "dt_s": model.dt_s,
+        "settings": dict(model.settings),
+        "status": model.status,
+        "advice": list(model.advice),
+    }
+
+
+def check_sample_time(record: FlightRecord, dt_s: float) -> None:
+    """Check that a record can drive a model of sample time ``dt_s``.
+
+    Raises:
+        RecordError: the sample times differ by more than 1 %.
+    """
+    if abs(record.dt_s - dt_s) > 0.01 * dt_s:
+        raise RecordError(
+            f"record and model must share their sample time, got {record.dt_s:g} s and {dt_s:g} s; "
+            "resample the record or identify at its rate"
+        )
+
+
+def unit_circle(omega_rad_s: FloatArray, dt_s: float) -> ComplexArray:
+    """Return exp(j w dt) for frequencies (k,) up to the Nyquist frequency.
+
+    Raises:
+        EstimationError: a frequency lies above pi/dt, where a discrete model says nothing.
+    """
+    omega = np.atleast_1d(np.asarray(omega_rad_s, dtype=np.float64))
+    if omega.size and np.max(np.abs(omega)) > np.pi / dt_s * (1.0 + 1e-9):
+        raise EstimationError(
+            f"a discrete model answers up to its Nyquist frequency {np.pi / dt_s:.4g} rad/s, "
+            f"got {np.max(np.abs(omega)):.4g} rad/s; shorten the frequency grid"
+        )
+    return np.exp(1j * omega * dt_s)

@@ -1,0 +1,215 @@
+"""Judging an identified model: predicted against measured outputs, and its poles and response against true ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from testbench.errors import EstimationError
+from testbench.evaluation.bode import BodeError, bode_error
+from testbench.evaluation.metrics import fit_percent, mrse_percent
+from testbench.record import FlightRecord, FloatArray
+
+if TYPE_CHECKING:
+    from testbench.estimators.model import IdentifiedModel
+    from testbench.evaluation.poles import PoleMatch
+
+__all__ = ["BodeError", "Evaluation", "Scores", "bode_error", "evaluate", "fit_percent", "mrse_percent"]
+
+ComplexArray = NDArray[np.complex128]
+
+# Judgement, not statistics: where a model stops being useful for simulation and control design.
+GOOD_MRSE_PERCENT = 20.0
+USELESS_MRSE_PERCENT = 100.0
+CLOSE_WN_PERCENT = 5.0
+CLOSE_ZETA = 0.05
+CLOSE_DB = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """How a model predicts one data set, all its records taken together.
+
+    Attributes:
+        mrse_percent: (p,) relative squared error per output (EOLO paper, equation 4).
+        fit_percent: (p,) 100 (1 - ||y - yhat|| / ||y - mean(y)||) per output.
+        predictions: one (n, p) array per record, from the record's inputs alone.
+        mrse_mean: mean of ``mrse_percent`` (the paper's MRSE of all outputs).
+
+    Without records the figures are NaN and :attr:`Evaluation.verdicts` says so.
+    """
+
+    mrse_percent: FloatArray
+    fit_percent: FloatArray
+    predictions: tuple[FloatArray, ...]
+
+    @property
+    def mrse_mean(self) -> float:
+        """Mean of the outputs' relative squared errors, percent."""
+        return float(np.mean(self.mrse_percent))
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """Figures of merit of one model.
+
+    Attributes:
+        outputs: (p,) outputs of the model, the order of all arrays.
+        identification: scores on the records that it was identified from.
+        validation: scores on records that it has not seen.
+        poles: one match per mode and set of poles; empty if no true poles were given.
+        bode: errors of the frequency response over ``omega_rad_s``, or None.
+        omega_rad_s: frequencies that were compared: those asked for, up to the model's Nyquist frequency.
+        unstable: poles of the model with positive real part, rad/s, upper half plane.
+    """
+
+    outputs: tuple[str, ...]
+    identification: Scores
+    validation: Scores
+    poles: tuple[PoleMatch, ...] = ()
+    bode: BodeError | None = None
+    omega_rad_s: FloatArray | None = None
+    unstable: tuple[complex, ...] = ()
+
+    @property
+    def verdicts(self) -> tuple[str, ...]:
+        """The figures in sentences, made from them each time."""
+        out = [
+            _prediction_verdict("identification", self.outputs, self.identification),
+            _prediction_verdict("validation", self.outputs, self.validation),
+        ]
+        out += [_pole_verdict(match) for match in self.poles]
+        if self.bode is not None and self.omega_rad_s is not None:
+            out.append(_bode_verdict(self.outputs, self.bode, self.omega_rad_s))
+        if self.unstable:
+            listed = ", ".join(f"{s.real:.3g}{s.imag:+.3g}j" if s.imag else f"{s.real:.3g}" for s in self.unstable)
+            out.append(
+                f"the model is unstable (poles at {listed} rad/s): beyond the records its predictions diverge, and "
+                "within them the estimated initial state holds them near the data"
+            )
+        return tuple(out)
+
+
+def evaluate(
+    model: IdentifiedModel,
+    identification_records: Sequence[FlightRecord],
+    validation_records: Sequence[FlightRecord],
+    *,
+    true_poles: Mapping[str, complex] | None = None,
+    true_response: Callable[[FloatArray], ComplexArray] | ComplexArray | None = None,
+    omega: FloatArray | None = None,
+) -> Evaluation:
+    """Judge a model on the records that it was identified from and on others, and against the truth where it is known.
+
+    Args:
+        model: what an estimator returned.
+        identification_records: prepared records that it was identified from.
+        validation_records: prepared records that it has not seen; may be empty.
+        true_poles: mode name -> continuous pole, rad/s.
+        true_response: response of the true system from the model's inputs to its outputs, (k, p, m) at ``omega`` or a
+            function that returns it, SI units. The model is a discrete one: see :func:`bode.zero_order_hold`.
+        omega: (k,) frequencies, rad/s, where the responses are compared; those above the model's Nyquist frequency
+            are left out.
+
+    Raises:
+        EstimationError: no identification record, or ``true_response`` without ``omega`` or of a wrong shape.
+        ChannelError: a record lacks a channel of the model.
+        RecordError: a record's sample time is not the model's.
+    """
+    if not identification_records:
+        raise EstimationError("an evaluation needs the records that the model was identified from, got none")
+    sets = model.poles()
+    matches: list[PoleMatch] = []
+    if true_poles:
+        from testbench.evaluation.poles import match_poles
+
+        for names, poles in sets.items():
+            matches += match_poles(poles, true_poles, names)
+    bode, compared = None, None
+    if true_response is not None:
+        bode, compared = _compare_responses(model, true_response, omega)
+    unstable = {complex(s) for poles in sets.values() for s in poles if s.real > 0.0 and s.imag >= 0.0}
+    return Evaluation(
+        outputs=model.outputs,
+        identification=_score(model, identification_records),
+        validation=_score(model, validation_records),
+        poles=tuple(matches),
+        bode=bode,
+        omega_rad_s=compared,
+        unstable=tuple(sorted(unstable, key=abs)),
+    )
+
+
+def _score(model: IdentifiedModel, records: Sequence[FlightRecord]) -> Scores:
+    p = len(model.outputs)
+    if not records:
+        return Scores(np.full(p, np.nan), np.full(p, np.nan), ())
+    parts = [record.select(model.outputs) for record in records]
+    # an unstable model may overflow: that becomes an infinite error, not a warning
+    with np.errstate(over="ignore", invalid="ignore"):
+        predictions = tuple(np.asarray(model.simulate(record), dtype=np.float64) for record in records)
+    y, yhat = np.vstack([part.data for part in parts]), np.vstack(predictions)
+    valid = np.vstack([part.valid for part in parts])
+    return Scores(mrse_percent(y, yhat, valid), fit_percent(y, yhat, valid), predictions)
+
+
+def _compare_responses(
+    model: IdentifiedModel, true_response: Callable[[FloatArray], ComplexArray] | ComplexArray, omega: FloatArray | None
+) -> tuple[BodeError, FloatArray]:
+    if omega is None:
+        raise EstimationError("comparing frequency responses needs the frequencies omega, got none")
+    omega = np.atleast_1d(np.asarray(omega, dtype=np.float64))
+    true = np.asarray(true_response(omega) if callable(true_response) else true_response)
+    below = omega <= np.pi / model.dt_s
+    shape = (omega.size, len(model.outputs), len(model.inputs))
+    if true.shape != shape or not below.any():
+        raise EstimationError(
+            f"the true response must have shape (frequencies, outputs, inputs) = {shape} and a frequency below the "
+            f"model's Nyquist frequency {np.pi / model.dt_s:.4g} rad/s, got shape {true.shape} and "
+            f"{int(below.sum())} such frequencies"
+        )
+    return bode_error(model.frequency_response(omega[below]), true[below]), omega[below]
+
+
+def _prediction_verdict(name: str, outputs: Sequence[str], scores: Scores) -> str:
+    if not scores.predictions:
+        return f"{name}: no records, so nothing is known of how the model predicts them"
+    errors = dict(zip(outputs, scores.mrse_percent.tolist(), strict=True))
+    overflow = [o for o, e in errors.items() if not np.isfinite(e)]
+    if overflow:
+        return f"{name}: the prediction of {', '.join(overflow)} grows beyond all bounds; the model does not predict"
+    listed = ", ".join(f"{o} {e:.3g} %" for o, e in errors.items())
+    good = [o for o, e in errors.items() if e <= GOOD_MRSE_PERCENT]
+    useless = [o for o, e in errors.items() if e >= USELESS_MRSE_PERCENT]
+    if useless:
+        word = f"{', '.join(useless)} no better than predicting no motion at all"
+    elif len(good) == len(errors):
+        word = "all outputs predicted well"
+    else:
+        word = f"{', '.join(o for o in errors if o not in good)} predicted in part only"
+    return f"{name}: MRSE {scores.mrse_mean:.3g} % ({listed}): {word}"
+
+
+def _pole_verdict(match: PoleMatch) -> str:
+    where = f" ({match.outputs})" if match.outputs else ""
+    if match.found is None or match.wn_error_percent is None or match.zeta_error is None:
+        if match.found is not None:
+            return f"{match.name}{where}: found at {abs(match.found):.3g} rad/s, true pole at the origin"
+        return f"{match.name}{where}: not found; no pole of the model lies near {abs(match.true):.3g} rad/s"
+    close = abs(match.wn_error_percent) <= CLOSE_WN_PERCENT and abs(match.zeta_error) <= CLOSE_ZETA
+    return (
+        f"{match.name}{where}: {'found' if close else 'found, but off'}; wn {abs(match.found):.3g} rad/s "
+        f"({match.wn_error_percent:+.2g} %), zeta off by {match.zeta_error:+.2g}"
+    )
+
+
+def _bode_verdict(outputs: Sequence[str], bode: BodeError, omega: FloatArray) -> str:
+    listed = ", ".join(f"{o} {e:.2g} dB" for o, e in zip(outputs, bode.magnitude_db.tolist(), strict=True))
+    word = "within" if np.all(bode.magnitude_db <= CLOSE_DB) else "not within"
+    return (
+        f"frequency response from {omega.min():.3g} to {omega.max():.3g} rad/s: {word} {CLOSE_DB:g} dB ({listed}, rms)"
+    )

@@ -1,0 +1,322 @@
+"""Tables of a run: each one object that becomes HTML, CSV and JSON with the same figures."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from testbench.report.labels import case_names, number, outputs_of, superscript, symbol
+
+if TYPE_CHECKING:
+    from testbench.pipeline import RunResult
+
+Value = str | float | int | bool | None
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: ``key`` names it in files, ``head`` and ``unit`` on the page, ``group`` spans neighbours.
+
+    ``decimals`` fixes the places behind the point; None gives ``digits`` significant ones. ``given`` marks a column of
+    values that were chosen, not found: they are shown without trailing zeros.
+    """
+
+    key: str
+    head: str
+    unit: str = ""
+    group: str = ""
+    decimals: int | None = None
+    digits: int = 3
+    given: bool = False
+
+    def text(self, value: Value) -> str:
+        """Return ``value`` as the page shows it; what is missing becomes a dash."""
+        if _missing(value):
+            return "–"
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        if isinstance(value, float):
+            if self.given:
+                text = f"{value:.{self.digits}g}".replace("-", "−")
+                return number(value, self.digits) if "e" in text else text
+            if self.decimals is not None and math.isfinite(value) and abs(value) < 1e6:
+                return f"{value:.{self.decimals}f}".replace("-", "−")
+            return number(value, self.digits)
+        return str(value)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a report; ``rows`` hold one value per column.
+
+    Attributes:
+        name: short, fit for a file name.
+        title: what it shows.
+        caption: how to read it.
+        columns: at least one.
+        rows: values in the order of the columns.
+        total: the last row is a mean or sum and is set off.
+        wide: long text in cells; the page lets it wrap.
+    """
+
+    name: str
+    title: str
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Value, ...], ...]
+    total: bool = False
+    wide: bool = False
+
+    def groups(self) -> list[tuple[str, int]]:
+        """Return (group, number of columns) of the upper heading row; empty if no column belongs to a group."""
+        out: list[tuple[str, int]] = []
+        for column in self.columns:
+            if out and out[-1][0] == column.group:
+                out[-1] = (column.group, out[-1][1] + 1)
+            else:
+                out.append((column.group, 1))
+        return out if any(name for name, _ in out) else []
+
+    def numeric(self) -> list[bool]:
+        """Return for every column whether it holds numbers, which stand to the right."""
+        return [
+            any(_is_number(v) for v in values) and all(v is None or _is_number(v) for v in values)
+            for values in zip(*self.rows, strict=True)
+        ]
+
+    def cells(self) -> list[list[tuple[str, bool]]]:
+        """Return (text, stands to the right) of every cell."""
+        numeric = self.numeric()
+        return [
+            [(c.text(v), right) for c, v, right in zip(self.columns, row, numeric, strict=True)] for row in self.rows
+        ]
+
+    def heads(self) -> list[str]:
+        """Return the column names that files carry, with units."""
+        return [c.key + (f" [{c.unit}]" if c.unit else "") for c in self.columns]
+
+    def to_csv(self) -> str:
+        """Return the table as CSV with a header line; all digits of numbers, missing ones left empty."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(self.heads())
+        writer.writerows([["" if _missing(v) else v for v in row] for row in self.rows])
+        return out.getvalue()
+
+    def to_json(self) -> str:
+        """Return title, caption, units and rows as JSON; a number that is not finite becomes null."""
+        content = {
+            "title": self.title,
+            "caption": self.caption,
+            "units": {c.key: c.unit for c in self.columns if c.unit},
+            "rows": [{c.key: _json(v) for c, v in zip(self.columns, row, strict=True)} for row in self.rows],
+        }
+        return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _missing(value: Value) -> bool:
+    return value is None or (isinstance(value, float) and math.isnan(value))
+
+
+def _is_number(value: Value) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _json(value: Value) -> Value:
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def result_tables(result: RunResult) -> list[Table]:
+    """Return every table of what was found that ``result`` has the data for, in the order of the report."""
+    from testbench.report.pole_tables import mode_table, pole_table, reference_tables
+
+    made = [
+        mrse_table(result),
+        fit_table(result),
+        excitation_table(result),
+        mode_table(result),
+        bode_table(result),
+        *reference_tables(result),
+        pole_table(result),
+        transfer_function_table(result),
+    ]
+    return [table for table in made if table is not None and table.rows]
+
+
+def mrse_table(result: RunResult) -> Table:
+    """Return the MRSE of every output and its mean, cases side by side, as in the EOLO paper's Tables 3 and 4."""
+    return _score_table(
+        result,
+        "mrse",
+        "MRSE",
+        "Mean relative squared error (EOLO paper, equation 4): 100 % times the root of the error's energy over that of "
+        "the measured output, in free run. 0 % is perfect, 100 % no better than predicting zero. Measurement noise "
+        "alone keeps it above zero. A dash: the suite does not sense that output; means over different outputs do not "
+        "compare.",
+    )
+
+
+def fit_table(result: RunResult) -> Table:
+    """Return the fit in percent of every output, cases side by side; the Taurus paper's measure (Figures 5 to 8)."""
+    return _score_table(
+        result,
+        "fit",
+        "Fit",
+        "Goodness of fit, 100 % times one minus the norm of the error over the norm of the measured output about its "
+        "mean, in free run. 100 % is perfect, 0 % no better than the mean, negative is worse.",
+    )
+
+
+def _score_table(result: RunResult, kind: str, head: str, caption: str) -> Table:
+    columns = [Column("output", "output")]
+    names = case_names(result.cases)
+    for name in names:
+        for use, short in (("identification", "id. set"), ("validation", "val. set")):
+            columns.append(Column(f"{name} {use}", short, "%", name, decimals=2))
+    rows: list[tuple[Value, ...]] = []
+    outputs = outputs_of(result.cases)
+    for output in outputs:
+        rows.append((symbol(output), *(_score(case, use, kind, output) for case, use in _sets(result))))
+    rows.append(("mean", *(_mean_score(case, use, kind) for case, use in _sets(result))))
+    return Table(kind, f"{head} per output", caption, tuple(columns), tuple(rows), total=True)
+
+
+def _sets(result: RunResult) -> list[tuple[Any, str]]:
+    return [(case, use) for case in result.cases for use in ("identification", "validation")]
+
+
+def _score(case: Any, use: str, kind: str, output: str) -> float | None:
+    if output not in case.model.outputs:
+        return None
+    values = getattr(getattr(case.evaluation, use), f"{kind}_percent")
+    return float(values[case.model.outputs.index(output)])
+
+
+def _mean_score(case: Any, use: str, kind: str) -> float:
+    scores = getattr(case.evaluation, use)
+    return scores.mrse_mean if kind == "mrse" else float(np.mean(scores.fit_percent))
+
+
+def excitation_table(result: RunResult) -> Table | None:
+    """Return what the identification input does to every true mode, with the verdict; None without truth."""
+    if result.truth is None or not result.truth.excitation:
+        return None
+    from testbench.evaluation.excitation import EXCITED_DB
+
+    sensors = list(dict.fromkeys(s for e in result.truth.excitation for s in e.snr_db))
+    columns = (
+        Column("mode", "mode"),
+        Column("wn", "ωn", "rad/s"),
+        Column("f", "f", "Hz"),
+        Column("zeta", "ζ", "", digits=2),
+        Column("input share", "input energy in its band", "%", digits=2),
+        *(Column(f"snr {s}", symbol(s), "dB", "response over noise", decimals=0) for s in sensors),
+        Column("verdict", "verdict"),
+    )
+    rows = []
+    for e in result.truth.excitation:
+        wn = abs(e.pole)
+        ratios = [float(e.snr_db[s]) if s in e.snr_db else None for s in sensors]
+        verdict = "excited" if e.excited else "NOT excited"
+        rows.append((e.mode, wn, wn / (2 * np.pi), -e.pole.real / wn, 100.0 * e.input_share, *ratios, verdict))
+    caption = (
+        f"A mode counts as excited when the sensor that shows it best has its response {EXCITED_DB:g} dB "
+        "or more above the noise, both inside the mode's half-power band. Computed from the true linear model, the "
+        "input as flown and the noise of the suites."
+    )
+    return Table("excitation", "Does the input excite each mode?", caption, columns, tuple(rows))
+
+
+def transfer_function_table(result: RunResult) -> Table:
+    """Return numerator and denominator of every discrete model, output by input."""
+    columns = (
+        Column("model", "model"),
+        Column("response", "response"),
+        Column("numerator", "numerator"),
+        Column("denominator", "denominator"),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for name, case in zip(case_names(result.cases), result.cases, strict=True):
+        for output, given, above, below in polynomials(case.model.to_dict()):
+            rows.append((name, f"{symbol(output)} / {symbol(given)}", polynomial(above), polynomial(below)))
+    caption = (
+        "Discrete-time models in powers of the delay z⁻¹, at the sample time of the record; SI units and radians. Of a "
+        "state-space model all responses share one denominator. All digits are in the model files."
+    )
+    return Table("transfer_functions", "Identified transfer functions", caption, columns, tuple(rows), wide=True)
+
+
+def polynomials(model: Mapping[str, Any]) -> list[tuple[str, str, list[float], list[float]]]:
+    """Return (output, input, numerator, denominator) in powers 0, -1, ... of z, from a model's ``to_dict``.
+
+    State-space models (A, B, C, D) and sets of transfer functions (numerators, denominators) are understood; of any
+    other model nothing is returned.
+    """
+    out: list[tuple[str, str, list[float], list[float]]] = []
+    if {"A", "B", "C", "D"} <= set(model):
+        from scipy.signal import ss2tf
+
+        A, B, C, D = (np.asarray(model[k], float) for k in "ABCD")
+        for j, given in enumerate(model["inputs"]):
+            above, below = ss2tf(A, B, C, D, input=j)
+            out += [
+                (o, given, list(map(float, b)), list(map(float, below)))
+                for o, b in zip(model["outputs"], above, strict=True)
+            ]
+    elif {"numerators", "denominators"} <= set(model):
+        given = model["inputs"][0]
+        for output in model["outputs"]:
+            below = [float(a) for a in model["denominators"][output]]
+            above = [float(b) for b in model["numerators"][output]]
+            out.append((output, given, [0.0] * (len(below) - len(above)) + above, below))
+    return out
+
+
+def polynomial(coefficients: Sequence[float], digits: int = 5) -> str:
+    """Return "0.12 z⁻¹ − 0.3 z⁻²" for coefficients of powers 0, -1, ...; terms 1e-12 below the largest are left out."""
+    largest = max((abs(c) for c in coefficients), default=0.0)
+    terms: list[str] = []
+    for power, c in enumerate(coefficients):
+        if abs(c) <= 1e-12 * largest:
+            continue
+        sign = ("− " if c < 0.0 else "+ ") if terms else ("−" if c < 0.0 else "")
+        size = "" if abs(c) == 1.0 and power else f"{abs(c):.{digits}g}".replace("-", "−") + " "
+        terms.append(sign + size + (f"z{superscript(-power)}" if power else ""))
+    return " ".join(t.strip() for t in terms) or "0"
+
+
+def bode_table(result: RunResult) -> Table | None:
+    """Return the errors of every frequency response over the band that the input excites; None without truth."""
+    if not any(case.evaluation.bode is not None for case in result.cases):
+        return None
+    columns = [Column("output", "output")]
+    bands = []
+    for name, case in zip(case_names(result.cases), result.cases, strict=True):
+        columns += [
+            Column(f"{name} magnitude", "magnitude", "dB", name, decimals=2),
+            Column(f"{name} complex", "complex", "%", name, decimals=1),
+        ]
+        omega = case.evaluation.omega_rad_s
+        if omega is not None and len(omega):
+            bands.append(f"{name}: {number(float(omega[0]))} to {number(float(omega[-1]))} rad/s")
+    rows: list[tuple[Value, ...]] = []
+    for output in outputs_of(result.cases):
+        row: list[Value] = [symbol(output)]
+        for case in result.cases:
+            bode = case.evaluation.bode
+            known = bode is not None and output in case.model.outputs
+            k = case.model.outputs.index(output) if known else 0
+            row += [float(bode.magnitude_db[k]), float(bode.relative_percent[k])] if known and bode else [None, None]
+        rows.append(tuple(row))
+    caption = (
+        "Root mean square over the band that the identification input excites: of the ratio of magnitudes in dB, and "
+        f"of the complex error over the true magnitude, which counts phase too. {'; '.join(bands)}."
+    )
+    return Table("bode", "Frequency response against the true aircraft", caption, tuple(columns), tuple(rows))

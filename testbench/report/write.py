@@ -1,0 +1,79 @@
+"""Write what a run found into a folder: tables, models, figures, one page; and its records as they are made."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from testbench.errors import RecordError
+from testbench.report.labels import file_stem, unique
+
+if TYPE_CHECKING:
+    from testbench.pipeline import Keep, RunResult
+    from testbench.record import FlightRecord
+
+PAGE = "report.html"
+
+
+def write_results(result: RunResult, folder: Path | str) -> list[Path]:
+    """Write tables/*.csv and *.json, models/*.json, figures/*.png and report.html; return the paths, the page last.
+
+    Every file appears complete or not at all: it is written under another name and renamed.
+
+    Raises:
+        RecordError: the folder cannot be written to.
+    """
+    from testbench.report.figures import plates
+    from testbench.report.flown_tables import flown_tables
+    from testbench.report.html import picture, report_page
+    from testbench.report.tables import result_tables
+
+    folder = Path(folder)
+    out: list[Path] = []
+    for table in (*flown_tables(result), *result_tables(result)):
+        stem = file_stem(table.name)
+        out.append(write_file(folder / "tables" / f"{stem}.csv", table.to_csv()))
+        out.append(write_file(folder / "tables" / f"{stem}.json", table.to_json()))
+    for stem, case in zip(unique([file_stem(c.label) for c in result.cases]), result.cases, strict=True):
+        out.append(write_file(folder / "models" / f"{file_stem(stem)}.json", _json_text(case.model.to_dict())))
+    pictures = []
+    for plate in plates(result):
+        drawing = plate.draw()
+        out.append(write_file(folder / "figures" / f"{file_stem(plate.name)}.png", drawing.png))
+        pictures.append(picture(plate, drawing.svg))
+    out.append(write_file(folder / PAGE, report_page(result, pictures)))
+    return out
+
+
+def record_keeper(folder: Path | str) -> Keep:
+    """Return a function that saves each record as folder/records/NAME.nc, for ``pipeline.run(keep=...)``."""
+    records = Path(folder) / "records"
+
+    def keep(name: str, record: FlightRecord) -> None:
+        record.save(records / f"{file_stem(name)}.nc")
+
+    return keep
+
+
+def write_file(path: Path, content: str | bytes) -> Path:
+    """Write ``content`` (text as UTF-8) under another name, rename it to ``path`` and return ``path``.
+
+    Raises:
+        RecordError: the folder cannot be written to.
+    """
+    part = path.with_name(path.name + ".part")  # so that a killed process never leaves half a file
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+        part.replace(path)
+    except OSError as error:
+        raise RecordError(
+            f"results must go to a folder that can be written to, got '{path}': {error.strerror or error}; give "
+            "another folder or free space"
+        ) from error
+    return path
+
+
+def _json_text(content: dict[str, Any]) -> str:
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -1,0 +1,137 @@
+"""The five cases of scenarios/gap, each solved from its measured records alone.
+
+False alarms: a case without an effect is named with probability 1e-3 (testbench.gap.name.FALSE_ALARM); seeds are fixed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from testbench.errors import RecordError, ScenarioError
+from testbench.flight import FlightCondition
+from testbench.gap.believed import NUISANCES, Believed, quiet_samples
+from testbench.gap.case import load_gap, run_gap
+from testbench.gap.hidden import Nothing, measure_hidden
+from testbench.gap.local import Local
+from testbench.gap.locate import locate
+from testbench.gap.workflow import find_gap
+from testbench.paths import SCENARIOS
+from testbench.sensors import load_suite
+
+CASES = {
+    "flexible_wings": "wing_bending",
+    "slow_servo": "actuator_lag",
+    "thrust_line": "thrust_line",
+    "alpha_vane": "alpha_scale",
+}
+TRUE_SIZE = {"slow_servo": ("lag_rad_s", 12.0), "thrust_line": ("z_m", 0.03), "alpha_vane": ("scale", 1.10)}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def solved(request):
+    return request.param, run_gap(SCENARIOS / "gap" / f"{request.param}.toml")
+
+
+def test_the_right_effect_is_named_and_the_gap_shrinks(solved):
+    case, result = solved
+    finding = result.finding
+    assert finding.naming.outcome == "named", finding.naming.sentence
+    assert finding.naming.names == (CASES[case],)
+    for shrink in finding.shrink:
+        channels = finding.believed.outputs
+        worst = int(np.argmax(shrink.energy_before))
+        assert shrink.energy_after[worst] < shrink.energy_before[worst]
+        # Held-out records have 2000 samples: the mean square of white noise scatters by 0.03 about 1, five of that here.
+        assert shrink.energy_after == pytest.approx(np.ones(len(channels)), abs=0.16)
+        if shrink.energy_before.mean() > 1.2:
+            assert shrink.removed > 0.9
+    if case in TRUE_SIZE:
+        name, true = TRUE_SIZE[case]
+        best = finding.naming.best
+        assert abs(best.values[name] - true) < 4.0 * best.errors[name]  # false alarm 6e-5
+
+
+def test_nothing_hidden_is_no_gap():
+    finding = run_gap(SCENARIOS / "gap" / "nothing.toml").finding
+    assert finding.naming.outcome == "no gap"
+    assert finding.amended is finding.believed
+    assert finding.naming.best is None
+
+
+@pytest.fixture(scope="module")
+def case():
+    _, scenario = load_gap(SCENARIOS / "gap" / "nothing.toml")
+    suite = load_suite(scenario.suite)
+    condition = FlightCondition(16.0, 547.0)
+    from testbench.aircraft import load_aircraft
+
+    aircraft = load_aircraft("eolo", "rigid")
+    believed = Believed(aircraft, suite, condition, aircraft.rate_hz)
+    records = measure_hidden("eolo", "rigid", Nothing(kind="nothing"), suite, condition, scenario.manoeuvre[:1], 5)
+    return believed, next(iter(records.values()))
+
+
+def test_residuals_of_the_truth_are_white_noise_of_unit_variance(case):
+    believed, record = case
+    energy = (believed.residuals(record) ** 2).mean(axis=0)
+    assert energy == pytest.approx(np.ones(5), abs=5 * np.sqrt(2 / len(record)))  # five sigma: false alarm 3e-6
+
+
+def test_linear_and_flown_predictions_agree_on_small_differences(case):
+    """The difference of two linear predictions stands for the difference of two flights, to a tenth of itself."""
+    believed, record = case
+    other = believed.with_tuning({"Cm_q": 1.05})
+    flown = other.predict(record) - believed.predict(record)
+    linear = other.predict_linear(record) - believed.predict_linear(record)
+    assert np.linalg.norm(flown - linear, axis=0) == pytest.approx(np.zeros(5), abs=0.1 * np.linalg.norm(flown, axis=0).max())
+
+
+def test_re_tuning_recovers_a_changed_coefficient(case):
+    believed, record = case
+    wrong = replace(believed, aircraft=believed.with_tuning({"Cm_alpha": 1.08}).aircraft)
+    factors = np.ones(len(NUISANCES))
+    for _ in range(3):
+        point = Local.at(wrong, wrong, (record,), factors)
+        factors = point.tuned(point.exact)[1]
+    assert factors[list(NUISANCES).index("Cm_alpha")] == pytest.approx(1 / 1.08, abs=0.02)
+
+
+def test_the_map_of_white_noise_is_flat_and_a_tone_sits_in_its_band():
+    rng = np.random.default_rng(4)
+    t = np.arange(4000) * 0.01
+    noise = rng.standard_normal((4000, 2))
+    flat = locate("noise", noise, ("q", "V"), 0.01)
+    assert flat.by_band[2:] == pytest.approx(np.ones((4, 2)), abs=0.5)  # 60 lines or more in each: four sigma
+    noise[1000:1500, 0] += 3.0 * np.sin(2 * np.pi * 4.6 * t[1000:1500])
+    found = locate("tone", noise, ("q", "V"), 0.01)
+    assert np.unravel_index(np.argmax(found.by_band), found.by_band.shape) == (3, 0)
+    assert "q" in found.sentence
+    assert "3 to 6 Hz" in found.sentence
+
+
+def test_a_record_without_quiet_flight_or_command_is_refused(case):
+    believed, record = case
+    start = float(record.t_s[quiet_samples(record)])
+    with pytest.raises(RecordError, match="at least 0.5 s of quiet flight"):
+        believed.predict(record.between(start - 0.1, start + 5.0))
+    with pytest.raises(RecordError, match="must hold a command"):
+        believed.predict(record.select(["V", "q"]))
+
+
+def test_a_truth_record_is_refused(case):
+    believed, record = case
+    with pytest.raises(RecordError, match="measured records only"):
+        find_gap(believed, {"a": replace(record, kind="truth")}, {})
+
+
+def test_faults_of_a_gap_scenario_come_at_once(tmp_path):
+    text = (SCENARIOS / "gap" / "nothing.toml").read_text(encoding="utf-8")
+    file = tmp_path / "g.toml"
+    file.write_text(text.replace('kind = "nothing"', 'kind = "nothin"').replace("seed", "sed"), encoding="utf-8")
+    with pytest.raises(ScenarioError) as caught:
+        load_gap(file)
+    assert len(caught.value.faults) == 2
+    assert any("did you mean 'nothing'" in f for f in caught.value.faults)

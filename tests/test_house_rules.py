@@ -1,0 +1,152 @@
+"""The rules of the house, read off the code itself: who imports whom, what is documented, what tests assert."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "testbench"
+SOURCES = sorted(PACKAGE.rglob("*.py"))
+TESTS = sorted((ROOT / "tests").rglob("test_*.py"))
+
+# Rooms by rank: a module imports only from lower ranks, and never from another room of its own rank.
+RANKS = (
+    {"constants", "errors", "channels", "paths"},
+    {"record", "scenario"},
+    {"aircraft", "inputs", "sensors", "estimators", "logs"},
+    {"flight"},
+    {"design", "evaluation"},
+    {"pipeline"},
+    {"campaign"},
+    {"gap"},
+    {"report"},
+    {"envs", "studio", "exercises"},
+    {"checks"},
+    {"cli"},
+)
+RANK = {room: rank for rank, rooms in enumerate(RANKS) for room in rooms}
+# The vocabulary is one room: errors name channels' nearest names, channels use constants and errors.
+VOCABULARY = RANKS[0]
+ONLY_IN = {"jsbsim": "flight", "matplotlib": "report", "gymnasium": "envs", "dask": "campaign", "distributed": "campaign"}
+
+
+def room(path: Path) -> str:
+    relative = path.relative_to(PACKAGE)
+    return relative.parts[0].removesuffix(".py")
+
+
+def imports(path: Path) -> list[tuple[str, int]]:
+    """Modules that a file imports at run time; those under TYPE_CHECKING are for the type checker alone."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    hidden = {
+        id(node)
+        for block in ast.walk(tree)
+        if isinstance(block, ast.If) and ast.unparse(block.test) == "TYPE_CHECKING"
+        for node in ast.walk(block)
+    }
+    found = []
+    for node in ast.walk(tree):
+        if id(node) in hidden:
+            continue
+        if isinstance(node, ast.Import):
+            found += [(alias.name, node.lineno) for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            found.append((node.module or "", node.lineno))
+    return found
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_imports_point_to_the_left(path):
+    here = room(path)
+    if here == "__init__":
+        return  # the facade names everything, lazily
+    for module, line in imports(path):
+        top = module.split(".")[0]
+        assert ONLY_IN.get(top, here) == here, f"{path.name}:{line}: {top} belongs in {ONLY_IN.get(top)}/"
+        if top != "testbench":
+            continue
+        there = (module.split(".") + ["__init__"])[1]
+        if there in (here, "__init__"):
+            continue
+        left = RANK[there] < RANK[here] or {there, here} <= VOCABULARY
+        assert left, f"{path.name}:{line}: {here} may not import {there}"
+
+
+def test_the_hidden_truth_and_the_library_of_effects_share_no_code():
+    hidden = {m for m, _ in imports(PACKAGE / "gap" / "hidden.py")}
+    assert not {m for m in hidden if m.startswith("testbench.gap")}
+    for path in (PACKAGE / "gap" / "effects").glob("*.py"):
+        assert not {m for m, _ in imports(path) if m.startswith("testbench.gap") and "effects" not in m}
+    for name in ("name.py", "locate.py", "local.py", "believed.py", "workflow.py"):
+        assert "testbench.gap.hidden" not in {m for m, _ in imports(PACKAGE / "gap" / name)}
+
+
+def public(tree: ast.Module) -> list[ast.FunctionDef | ast.ClassDef]:
+    return [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)) and not node.name.startswith("_")
+    ]
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_everything_public_is_documented(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    assert ast.get_docstring(tree), "a module says what it holds"
+    nested = {id(n) for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) for n in ast.walk(f) if n is not f}
+    private = {id(n) for c in ast.walk(tree) if isinstance(c, ast.ClassDef) and c.name.startswith("_") for n in ast.walk(c)}
+    for node in public(tree):
+        if id(node) not in nested | private:
+            assert ast.get_docstring(node), f"{node.name} (line {node.lineno}) has no docstring"
+
+
+@pytest.mark.parametrize("path", TESTS, ids=lambda p: str(p.relative_to(ROOT)))
+def test_every_test_asserts(path):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    helpers = {f.name for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) and any(isinstance(n, ast.Assert) for n in ast.walk(f))}
+    for node in ast.walk(tree):
+        if not (isinstance(node, ast.FunctionDef) and node.name.startswith("test")):
+            continue
+        names = {n.attr if isinstance(n, ast.Attribute) else n.id for n in ast.walk(node) if isinstance(n, (ast.Attribute, ast.Name))}
+        asserts = any(isinstance(n, ast.Assert) for n in ast.walk(node)) or names & (helpers | {"raises", "warns", "assert_allclose", "assert_array_equal"})
+        assert asserts, f"{node.name} (line {node.lineno}) cannot fail"
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr):
+            call = ast.unparse(node.value.func).split(".")[-1] if isinstance(node.value, ast.Call) else ""
+            assert not isinstance(node.value, ast.Compare), f"line {node.lineno}: a comparison without assert"
+            assert call not in {"allclose", "isclose", "array_equal"}, f"line {node.lineno}: {call} without assert"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_nothing_is_left_unfinished(path):
+    text = path.read_text(encoding="utf-8")
+    for mark in ("TODO", "FIXME", "XXX", "NotImplementedError"):
+        assert mark not in text
+
+
+def test_names_in_the_schema_are_those_of_the_families():
+    from typing import get_args
+
+    from testbench.estimators import METHODS
+    from testbench.inputs import FAMILIES
+    from testbench.scenario import Estimator, Input
+
+    def tags(union: object, key: str) -> set[str]:
+        classes = get_args(get_args(union)[0])
+        return {tag for c in classes for tag in get_args(c.model_fields[key].annotation)}
+
+    assert tags(Input, "signal") == set(FAMILIES)
+    assert tags(Estimator, "method") == set(METHODS)
+
+
+@pytest.mark.parametrize(
+    "command", [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"]], ids=lambda c: " ".join(c)
+)
+def test_lint_format_and_types(command):
+    done = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
