@@ -45,7 +45,7 @@ _HOME = {
     "write_results": "testbench.report",
 }
 
-__all__ = [  # noqa: RUF022 (the order of _HOME, which the type checker reads above)
+__all__ = [
     "FlightCondition",
     "FlightRecord",
     "Manoeuvre",

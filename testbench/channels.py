@@ -46,9 +46,15 @@ _TABLE = (
     Channel("phi", "φ", "rad", "bank angle", "attitude/phi-rad"),
     Channel("theta", "θ", "rad", "pitch angle", "attitude/theta-rad"),
     Channel("psi", "ψ", "rad", "heading", "attitude/psi-rad"),
-    Channel("ax", "ax", "m/s2", "specific force along body x at the centre of gravity", "forces/fbx-total-lbs", LBF_N, True),
-    Channel("ay", "ay", "m/s2", "specific force along body y at the centre of gravity", "forces/fby-total-lbs", LBF_N, True),
-    Channel("az", "az", "m/s2", "specific force along body z at the centre of gravity", "forces/fbz-total-lbs", LBF_N, True),
+    Channel(
+        "ax", "ax", "m/s2", "specific force along body x at the centre of gravity", "forces/fbx-total-lbs", LBF_N, True
+    ),
+    Channel(
+        "ay", "ay", "m/s2", "specific force along body y at the centre of gravity", "forces/fby-total-lbs", LBF_N, True
+    ),
+    Channel(
+        "az", "az", "m/s2", "specific force along body z at the centre of gravity", "forces/fbz-total-lbs", LBF_N, True
+    ),
     Channel("h", "h", "m", "altitude above sea level", "position/h-sl-ft", FT_M),
     Channel("hdot", "ḣ", "m/s", "climb rate", "velocities/h-dot-fps", FT_M),
     Channel("Vg", "Vg", "m/s", "ground speed", "velocities/vg-fps", FT_M),

@@ -36,7 +36,9 @@ Exit status: 0 done, 2 bad input, 3 the computation cannot be carried out (no tr
 """,
 )
 
-ScenarioArgument = Annotated[Path, typer.Argument(help="Scenario file, or the name of a packaged one.", show_default=False)]
+ScenarioArgument = Annotated[
+    Path, typer.Argument(help="Scenario file, or the name of a packaged one.", show_default=False)
+]
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="Folder that gets one folder of results per scenario.")]
 SeedOption = Annotated[int | None, typer.Option("--seed", min=0, help="Replaces the seed of the scenario.")]
 

@@ -18,6 +18,7 @@ from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepare
 from testbench.evaluation import Evaluation, evaluate
 from testbench.evaluation.answers import alpha_findings, sampling_findings
+from testbench.evaluation.bode import zero_order_hold
 from testbench.evaluation.excitation import ModeExcitation, excitation
 from testbench.evaluation.modes import longitudinal_modes
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
@@ -25,7 +26,16 @@ from testbench.flight.simulate import stride
 from testbench.inputs import build
 from testbench.inputs.signal import energy_spectrum
 from testbench.record import FlightRecord, FloatArray
-from testbench.scenario import Estimator, Identification, Preparation, Scenario, attach_file, parse, read_toml
+from testbench.scenario import (
+    Estimator,
+    Identification,
+    Preparation,
+    Scenario,
+    attach_file,
+    estimator_name,
+    parse,
+    read_toml,
+)
 from testbench.sensors import SensorSuite, load_suite
 
 if TYPE_CHECKING:
@@ -59,8 +69,8 @@ class Case:
 
     @property
     def label(self) -> str:
-        """Suite and method, for tables and file names."""
-        return f"{self.suite}_{self.estimator.method}"
+        """Suite and estimator, in words."""
+        return f"{self.suite}, {estimator_name(self.estimator)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +82,17 @@ class Truth:
     linear: LinearModel
     modes: Mapping[str, complex]
     excitation: tuple[ModeExcitation, ...]
+
+    def response(self, omega_rad_s: FloatArray, outputs: Sequence[str], inputs: Sequence[str], dt_s: float) -> Any:
+        """Return the true response (k, p, m) from sampled inputs to outputs, as a discrete model of them should have it.
+
+        A command is held from sample to sample, and the hold is part of such a model; a measured deflection has passed
+        the servo and runs smoothly through its samples, so that no hold belongs to it.
+        """
+        H = self.linear.frequency_response(omega_rad_s, outputs, inputs)
+        held = np.array([name.endswith("_cmd") for name in inputs])
+        hold = zero_order_hold(omega_rad_s, dt_s)
+        return np.where(held, hold[:, None, None] * H, H)
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,9 +116,19 @@ class RunResult:
         import pandas as pd
 
         rows = [
-            {"suite": c.suite, "estimator": c.estimator.method, "data": data, "output": o, "mrse_percent": m, "fit_percent": f}
+            {
+                "suite": c.suite,
+                "estimator": estimator_name(c.estimator),
+                "data": data,
+                "output": o,
+                "mrse_percent": m,
+                "fit_percent": f,
+            }
             for c in self.cases
-            for data, scores in (("identification", c.evaluation.identification), ("validation", c.evaluation.validation))
+            for data, scores in (
+                ("identification", c.evaluation.identification),
+                ("validation", c.evaluation.validation),
+            )
             for o, m, f in zip(c.model.outputs, scores.mrse_percent, scores.fit_percent, strict=True)
         ]
         return pd.DataFrame(rows)
@@ -115,7 +146,9 @@ class RunResult:
         return tuple(out)
 
 
-def run(scenario: Scenario, seed: int | None = None, keep: Keep | None = None, progress: Report | None = None) -> RunResult:
+def run(
+    scenario: Scenario, seed: int | None = None, keep: Keep | None = None, progress: Report | None = None
+) -> RunResult:
     """Fly, measure, identify and judge one scenario.
 
     Args:
@@ -148,8 +181,9 @@ def run(scenario: Scenario, seed: int | None = None, keep: Keep | None = None, p
         flights.append(Flight(spec.name, spec.use, truth, measured, spec.settle_s))
     say("linearise")
     known = _truth(scenario, aircraft, trimmed, flights, suites)
+    noise = {s.name: s.noise_std for s in suites} if scenario.preparation.lowpass_hz is None else {}
     cases = _identify(
-        flights, [s.name for s in suites], scenario.preparation, scenario.identification, where, say, known
+        flights, [s.name for s in suites], scenario.preparation, scenario.identification, where, say, known, noise
     )
     return RunResult(
         scenario.name, scenario.title, scenario.question, scenario, seed, tuple(flights), cases, known, suites
@@ -184,7 +218,7 @@ def identify(
     for flight in flights:
         keep(f"{flight.name}_recorded", flight.measured["recorded"])
     cases = _identify(
-        flights, ["recorded"], description.preparation, description.identification, description.file, say, None
+        flights, ["recorded"], description.preparation, description.identification, description.file, say, None, {}
     )
     return RunResult(
         description.name,
@@ -285,7 +319,9 @@ def _log_rate(scenario: Scenario, suites: Sequence[SensorSuite]) -> float:
     return scenario.simulation.log_rate_hz or max(s.rate_hz for s in suites)
 
 
-def _fly(aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre, log_rate_hz: float, keep: Keep) -> FlightRecord:
+def _fly(
+    aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre, log_rate_hz: float, keep: Keep
+) -> FlightRecord:
     from testbench.errors import FlightAborted
 
     try:
@@ -307,15 +343,18 @@ def _truth(
 ) -> Truth:
     linear = linearise(aircraft, trimmed)
     elastic = aircraft.flown_modes()
-    symmetric = {
-        i: m.name for i, m in enumerate(elastic.modes if elastic else (), 1) if m.symmetry == "symmetric"
-    }
+    symmetric = {i: m.name for i, m in enumerate(elastic.modes if elastic else (), 1) if m.symmetry == "symmetric"}
     modes = longitudinal_modes(linear, symmetric)
     flight = next(f for f in flights if f.use != "validation")
     assert flight.truth is not None
     inputs = [n.removesuffix("_cmd") for n in scenario.identification.inputs]
     u = flight.truth.columns(inputs)
-    sensors = {s.channel: s.noise_std for suite in suites for s in suite.sensors if s.channel not in scenario.identification.inputs}
+    sensors = {
+        s.channel: s.noise_std
+        for suite in suites
+        for s in suite.sensors
+        if s.channel not in scenario.identification.inputs
+    }
     used = {n: s for n, s in sensors.items() if s > 0.0 and n in linear.outputs}
     found = excitation(
         linear.longitudinal(tuple(symmetric)),
@@ -338,6 +377,7 @@ def _identify(
     where: Path | None,
     say: Report,
     truth: Truth | None,
+    noise: Mapping[str, Mapping[str, float]],
 ) -> tuple[Case, ...]:
     cases = []
     for suite in suites:
@@ -345,14 +385,12 @@ def _identify(
             parts = [(f.use, _prepared(f.measured[suite], f.trim_s, preparation)) for f in flights]
         fit, judge = _divide(parts, preparation.identification_fraction)
         sensed = fit[0].channels
-        outputs = tuple(
-            n for n in (identification.outputs or sensed) if n in sensed and n not in identification.inputs
-        )
+        outputs = tuple(n for n in (identification.outputs or sensed) if n in sensed and n not in identification.inputs)
         for k, spec in enumerate(identification.estimators):
             say(f"identify {suite} with {spec.method}")
             with located(where, f"identification.estimators[{k}]"):
                 model = estimate(spec, fit, identification.inputs, outputs, judge)
-                scores = evaluate(model, fit, judge, **_known(truth, model, fit))
+                scores = evaluate(model, fit, judge, noise_std=noise.get(suite), **_known(truth, model, fit))
             cases.append(Case(suite, spec, tuple(fit), tuple(judge), model, scores))
     return tuple(cases)
 
@@ -367,7 +405,9 @@ def _prepared(record: FlightRecord, trim_s: float, preparation: Preparation) -> 
     )
 
 
-def _divide(parts: Sequence[tuple[str, FlightRecord]], fraction: float) -> tuple[list[FlightRecord], list[FlightRecord]]:
+def _divide(
+    parts: Sequence[tuple[str, FlightRecord]], fraction: float
+) -> tuple[list[FlightRecord], list[FlightRecord]]:
     """Return the records to identify on and those to judge on."""
     fit = [r for use, r in parts if use == "identification"]
     judge = [r for use, r in parts if use == "validation"]
@@ -384,12 +424,7 @@ def _known(truth: Truth | None, model: IdentifiedModel, records: Sequence[Flight
     if truth is None:
         return {}
     omega = excited_band(records, model.inputs)
-    symmetric = [int(n.split("_")[1]) for n in truth.linear.states if n.startswith("eta_")]
-    elastic = truth.aircraft.flown_modes()
-    symmetric = [i for i in symmetric if elastic and elastic.modes[i - 1].symmetry == "symmetric"]
-    linear = truth.linear.longitudinal(symmetric)
-    inputs = [n.removesuffix("_cmd") for n in model.inputs]
-    response = linear.frequency_response(omega, model.outputs, inputs)
+    response = truth.response(omega, model.outputs, model.inputs, model.dt_s)
     return {"true_poles": dict(truth.modes), "true_response": response, "omega": omega}
 
 

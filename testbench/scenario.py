@@ -120,7 +120,9 @@ class Multistep(_Input):
     @model_validator(mode="after")
     def _no_step_of_no_length(self) -> Multistep:
         if any(p == 0.0 for p in self.pattern):
-            raise ValueError("every entry of pattern must differ from 0 (its size is the duration, its sign the direction)")
+            raise ValueError(
+                "every entry of pattern must differ from 0 (its size is the duration, its sign the direction)"
+            )
         return self
 
 
@@ -167,6 +169,7 @@ class DsrE(Strict):
     """Subspace identification DSR_e of the EOLO paper; order chosen from the singular values if not given."""
 
     method: Literal["dsr_e"]
+    label: str | None = None
     order: Annotated[int, Field(ge=1)] | None = None
     past_horizon: Annotated[int, Field(ge=1)]
     future_horizon: Annotated[int, Field(ge=2)]
@@ -177,14 +180,22 @@ class TransferFunctions(Strict):
     """One least-squares transfer function per output; the number of zeros is chosen on the validation part."""
 
     method: Literal["transfer_function"]
+    label: str | None = None
     poles: Annotated[int, Field(ge=1)]
     zeros: Annotated[tuple[int, ...], Field(min_length=1, strict=False)]
 
     @model_validator(mode="after")
     def _proper(self) -> TransferFunctions:
         if not all(0 <= z < self.poles for z in self.zeros):
-            raise ValueError(f"0 <= zeros < poles = {self.poles} must hold for every entry of zeros, got {list(self.zeros)}")
+            raise ValueError(
+                f"0 <= zeros < poles = {self.poles} must hold for every entry of zeros, got {list(self.zeros)}"
+            )
         return self
+
+
+def estimator_name(spec: DsrE | TransferFunctions) -> str:
+    """Return the label of an estimator in tables, or its method if it has none."""
+    return spec.label or spec.method
 
 
 Estimator = Annotated[DsrE | TransferFunctions, Field(discriminator="method")]
@@ -221,7 +232,9 @@ class Scenario(Strict):
     def _uses_and_names(self) -> Scenario:
         uses = [m.use for m in self.manoeuvre]
         if "split" not in uses and not {"identification", "validation"} <= set(uses):
-            raise ValueError("manoeuvres must include use = 'identification' and 'validation', or one with use = 'split'")
+            raise ValueError(
+                "manoeuvres must include use = 'identification' and 'validation', or one with use = 'split'"
+            )
         names = [m.name for m in self.manoeuvre]
         if len(set(names)) != len(names):
             raise ValueError(f"manoeuvre names must differ, got {', '.join(names)}")
@@ -254,9 +267,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise ScenarioError([f"{path} must be TOML: {error}"]) from error
 
 
-def parse(
-    schema: type[Model], content: Mapping[str, Any], file: Path | str | None
-) -> tuple[Model | None, list[str]]:
+def parse(schema: type[Model], content: Mapping[str, Any], file: Path | str | None) -> tuple[Model | None, list[str]]:
     """Validate ``content`` against ``schema`` and return the object, if it could be built, and all faults in words.
 
     Unknown keys do not keep the object from being built, so that a caller can go on and report deeper faults too.

@@ -17,7 +17,9 @@ def flight_data() -> Path:
     """Folder of real flight records; skips the test with a message where it is absent."""
     folder = Path(os.environ.get("TESTBENCH_FLIGHT_DATA", ROOT.parent / "shared" / "flight_data"))
     if not folder.is_dir():
-        pytest.skip(f"no flight records at {folder}; set TESTBENCH_FLIGHT_DATA to the folder that holds attas/, hfb320/")
+        pytest.skip(
+            f"no flight records at {folder}; set TESTBENCH_FLIGHT_DATA to the folder that holds attas/, hfb320/"
+        )
     return folder
 
 

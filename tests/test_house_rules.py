@@ -32,7 +32,13 @@ RANKS = (
 RANK = {room: rank for rank, rooms in enumerate(RANKS) for room in rooms}
 # The vocabulary is one room: errors name channels' nearest names, channels use constants and errors.
 VOCABULARY = RANKS[0]
-ONLY_IN = {"jsbsim": "flight", "matplotlib": "report", "gymnasium": "envs", "dask": "campaign", "distributed": "campaign"}
+ONLY_IN = {
+    "jsbsim": "flight",
+    "matplotlib": "report",
+    "gymnasium": "envs",
+    "dask": "campaign",
+    "distributed": "campaign",
+}
 
 
 def room(path: Path) -> str:
@@ -99,7 +105,9 @@ def test_everything_public_is_documented(path):
     tree = ast.parse(path.read_text(encoding="utf-8"))
     assert ast.get_docstring(tree), "a module says what it holds"
     nested = {id(n) for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) for n in ast.walk(f) if n is not f}
-    private = {id(n) for c in ast.walk(tree) if isinstance(c, ast.ClassDef) and c.name.startswith("_") for n in ast.walk(c)}
+    private = {
+        id(n) for c in ast.walk(tree) if isinstance(c, ast.ClassDef) and c.name.startswith("_") for n in ast.walk(c)
+    }
     for node in public(tree):
         if id(node) not in nested | private:
             assert ast.get_docstring(node), f"{node.name} (line {node.lineno}) has no docstring"
@@ -108,12 +116,22 @@ def test_everything_public_is_documented(path):
 @pytest.mark.parametrize("path", TESTS, ids=lambda p: str(p.relative_to(ROOT)))
 def test_every_test_asserts(path):
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    helpers = {f.name for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) and any(isinstance(n, ast.Assert) for n in ast.walk(f))}
+    helpers = {
+        f.name
+        for f in ast.walk(tree)
+        if isinstance(f, ast.FunctionDef) and any(isinstance(n, ast.Assert) for n in ast.walk(f))
+    }
     for node in ast.walk(tree):
         if not (isinstance(node, ast.FunctionDef) and node.name.startswith("test")):
             continue
-        names = {n.attr if isinstance(n, ast.Attribute) else n.id for n in ast.walk(node) if isinstance(n, (ast.Attribute, ast.Name))}
-        asserts = any(isinstance(n, ast.Assert) for n in ast.walk(node)) or names & (helpers | {"raises", "warns", "assert_allclose", "assert_array_equal"})
+        names = {
+            n.attr if isinstance(n, ast.Attribute) else n.id
+            for n in ast.walk(node)
+            if isinstance(n, (ast.Attribute, ast.Name))
+        }
+        asserts = any(isinstance(n, ast.Assert) for n in ast.walk(node)) or names & (
+            helpers | {"raises", "warns", "assert_allclose", "assert_array_equal"}
+        )
         assert asserts, f"{node.name} (line {node.lineno}) cannot fail"
     for node in ast.walk(tree):
         if isinstance(node, ast.Expr):

@@ -32,8 +32,8 @@ def faults(tmp_path: Path, text: str) -> list[str]:
         ('aircraft = "eolo"', 'aircraft = "eollo"', r"aircraft: must name an aircraft folder, got 'eollo'; did you mean 'eolo'\?"),
         ('"eolo_alpha"]', '"eolo_alfa"]', r"suites\[1\]: must name a sensor suite or a .toml file, got 'eolo_alfa'; did you mean 'eolo_alpha'\?"),
         ('signal = "3211"', 'signal = "3212"', r"manoeuvre\[0\].input\[0\]: unknown signal '3212'; did you mean '3211'\?"),
-        ("amplitude_deg = 2.0\nstep_s", "amplitude_rad = 2.0\nstep_s", r"unknown key 'amplitude_rad'"),
-        ("amplitude_deg = 2.0\nstep_s", "amplitude_deg = 40.0\nstep_s", r"manoeuvre\[0\].input\[0\].amplitude_deg: amplitude_deg <= 25 must hold for control 'de' of eolo, got 40"),
+        ("amplitude_deg = 3.0\nstep_s", "amplitude_rad = 2.0\nstep_s", r"unknown key 'amplitude_rad'"),
+        ("amplitude_deg = 3.0\nstep_s", "amplitude_deg = 40.0\nstep_s", r"manoeuvre\[0\].input\[0\].amplitude_deg: amplitude_deg <= 25 must hold for control 'de' of eolo, got 40"),
         ('method = "dsr_e"', 'method = "dsr"', r"identification.estimators\[0\]: unknown method 'dsr'; did you mean 'dsr_e'\?"),
         ("[condition]", "[simulation]\nlog_rate_hz = 60.0\n[condition]", r"must divide"),
         ('inputs = ["de"]', 'inputs = ["dee"]', r"'dee'"),
@@ -48,7 +48,11 @@ def test_every_fault_has_its_message(tmp_path, old, new, message):
 
 
 def test_all_faults_come_at_once_schema_and_physics_together(tmp_path):
-    text = GOOD.replace("seed = 1", "sede = 1").replace("amplitude_deg = 2.0", "amplitude_deg = 40.0")
+    text = (
+        GOOD.replace("seed = 1", "sede = 1")
+        .replace("amplitude_deg = 3.0", "amplitude_deg = 40.0")
+        .replace("amplitude_deg = 2.0", "amplitude_deg = 40.0")
+    )
     text = text.replace("[condition]", "[simulation]\nrate_hz = 450.0\n[condition]")
     found = faults(tmp_path, text)
     assert any("'sede'; did you mean 'seed'?" in f for f in found)
@@ -79,4 +83,11 @@ def test_a_file_that_cannot_be_read_is_one_message(tmp_path, content):
 
 def test_an_empty_file_lists_what_is_required(tmp_path):
     found = faults(tmp_path, "")
-    assert {f.split(":")[0] for f in found} >= {"title", "aircraft", "condition", "manoeuvre", "suites", "identification"}
+    assert {f.split(":")[0] for f in found} >= {
+        "title",
+        "aircraft",
+        "condition",
+        "manoeuvre",
+        "suites",
+        "identification",
+    }

@@ -4,4 +4,15 @@ from testbench.aircraft.amend import Amendment, Insert, ScaleCoefficient, SetPro
 from testbench.aircraft.elastic import ElasticMode, ElasticModel
 from testbench.aircraft.model import Aircraft, Control, load_aircraft
 
-__all__ = ["Aircraft", "Amendment", "Control", "ElasticMode", "ElasticModel", "Insert", "ScaleCoefficient", "SetProperty", "SetText", "load_aircraft"]
+__all__ = [
+    "Aircraft",
+    "Amendment",
+    "Control",
+    "ElasticMode",
+    "ElasticModel",
+    "Insert",
+    "ScaleCoefficient",
+    "SetProperty",
+    "SetText",
+    "load_aircraft",
+]

@@ -51,7 +51,6 @@ COEFFICIENTS: dict[str, tuple[str, str | None]] = {
 }
 
 
-
 @dataclass(frozen=True)
 class ElasticMode:
     """One in-vacuo mode and its aerodynamic coupling; all coefficients without unit, per unit of eta, rad or rate."""
@@ -233,9 +232,7 @@ def _block_step(K: FloatArray, D: FloatArray, numbers: list[int], dt_s: float) -
     out = []
     for row, state in enumerate(states):
         step = _sum(_weighted(Ad[row], states) + _weighted(B0[row], old) + _weighted(B1[row], new))
-        rest = _element(
-            "ifthen", _property("modal/static-ic"), _sum(_weighted(static[row], new)), _property(state)
-        )
+        rest = _element("ifthen", _property("modal/static-ic"), _sum(_weighted(static[row], new)), _property(state))
         moving = _element("gt", _property("simulation/dt"), _value(0.0))
         out.append(_function(state.replace("modal/", "modal/new-"), _element("ifthen", moving, step, rest)))
     return out

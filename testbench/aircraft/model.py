@@ -189,7 +189,9 @@ def load_aircraft(name: str, wings: str = "flexible", folder: Path | None = None
         ScenarioError: aircraft.toml breaks its schema.
     """
     if folder is None and name not in aircraft_names():
-        raise ModelError(f"an aircraft must be one of {', '.join(aircraft_names())}, got '{name}'{nearest(name, aircraft_names())}")
+        raise ModelError(
+            f"an aircraft must be one of {', '.join(aircraft_names())}, got '{name}'{nearest(name, aircraft_names())}"
+        )
     folder = folder or AIRCRAFT_MODELS / name
     path = folder / "aircraft.toml"
     described, faults = parse(_AircraftFile, read_toml(path), path)
@@ -255,5 +257,7 @@ def _quantity(tree: ET.Element, path: str, units: Mapping[str, float], file: Pat
     element = tree.find(path)
     unit = (element.get("unit") or "").upper() if element is not None else ""
     if element is None or unit not in units:
-        raise ModelError(f"'{file}' must hold <{path}> in {' or '.join(units)}, got {'nothing' if element is None else repr(unit)}")
+        raise ModelError(
+            f"'{file}' must hold <{path}> in {' or '.join(units)}, got {'nothing' if element is None else repr(unit)}"
+        )
     return float(element.text or "nan") * units[unit]

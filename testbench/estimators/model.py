@@ -89,7 +89,9 @@ def check_records(
             raise EstimationError(f"estimators take measured records only, got one of kind '{record.kind}'")
     steps = [record.dt_s for record in records]
     if max(steps) - min(steps) > 0.01 * min(steps):
-        raise EstimationError(f"records must share one sample time, got {min(steps):g} to {max(steps):g} s; resample them")
+        raise EstimationError(
+            f"records must share one sample time, got {min(steps):g} to {max(steps):g} s; resample them"
+        )
     data = [(record.columns(inputs), record.columns(outputs)) for record in records]
     spread = np.max([np.ptp(u, axis=0) for u, _ in data], axis=0)
     for name, moved in zip(inputs, spread, strict=True):

@@ -38,6 +38,7 @@ class Scores:
         mrse_percent: (p,) relative squared error per output (EOLO paper, equation 4).
         fit_percent: (p,) 100 (1 - ||y - yhat|| / ||y - mean(y)||) per output.
         predictions: one (n, p) array per record, from the record's inputs alone.
+        noise_percent: (p,) MRSE that a perfect model would get because of the measurement noise; None if unknown.
         mrse_mean: mean of ``mrse_percent`` (the paper's MRSE of all outputs).
 
     Without records the figures are NaN and :attr:`Evaluation.verdicts` says so.
@@ -46,6 +47,7 @@ class Scores:
     mrse_percent: FloatArray
     fit_percent: FloatArray
     predictions: tuple[FloatArray, ...]
+    noise_percent: FloatArray | None = None
 
     @property
     def mrse_mean(self) -> float:
@@ -102,6 +104,7 @@ def evaluate(
     true_poles: Mapping[str, complex] | None = None,
     true_response: Callable[[FloatArray], ComplexArray] | ComplexArray | None = None,
     omega: FloatArray | None = None,
+    noise_std: Mapping[str, float] | None = None,
 ) -> Evaluation:
     """Judge a model on the records that it was identified from and on others, and against the truth where it is known.
 
@@ -114,6 +117,7 @@ def evaluate(
             function that returns it, SI units. The model is a discrete one: see :func:`bode.zero_order_hold`.
         omega: (k,) frequencies, rad/s, where the responses are compared; those above the model's Nyquist frequency
             are left out.
+        noise_std: output -> standard deviation of one sample, SI, where it is known.
 
     Raises:
         EstimationError: no identification record, or ``true_response`` without ``omega`` or of a wrong shape.
@@ -135,8 +139,8 @@ def evaluate(
     unstable = {complex(s) for poles in sets.values() for s in poles if s.real > 0.0 and s.imag >= 0.0}
     return Evaluation(
         outputs=model.outputs,
-        identification=_score(model, identification_records),
-        validation=_score(model, validation_records),
+        identification=_score(model, identification_records, noise_std),
+        validation=_score(model, validation_records, noise_std),
         poles=tuple(matches),
         bode=bode,
         omega_rad_s=compared,
@@ -144,7 +148,7 @@ def evaluate(
     )
 
 
-def _score(model: IdentifiedModel, records: Sequence[FlightRecord]) -> Scores:
+def _score(model: IdentifiedModel, records: Sequence[FlightRecord], noise_std: Mapping[str, float] | None) -> Scores:
     p = len(model.outputs)
     if not records:
         return Scores(np.full(p, np.nan), np.full(p, np.nan), ())
@@ -154,7 +158,12 @@ def _score(model: IdentifiedModel, records: Sequence[FlightRecord]) -> Scores:
         predictions = tuple(np.asarray(model.simulate(record), dtype=np.float64) for record in records)
     y, yhat = np.vstack([part.data for part in parts]), np.vstack(predictions)
     valid = np.vstack([part.valid for part in parts])
-    return Scores(mrse_percent(y, yhat, valid), fit_percent(y, yhat, valid), predictions)
+    noise = None
+    if noise_std is not None:
+        std = np.array([noise_std[o] for o in model.outputs])
+        size = np.sqrt(np.sum(np.where(valid, y, 0.0) ** 2, axis=0))
+        noise = 100.0 * std * np.sqrt(valid.sum(axis=0)) / np.maximum(size, 1e-300)
+    return Scores(mrse_percent(y, yhat, valid), fit_percent(y, yhat, valid), predictions, noise)
 
 
 def _compare_responses(

@@ -9,6 +9,7 @@ import numpy as np
 
 from testbench.evaluation.modes import frequency_and_damping
 from testbench.inputs.signal import energy_spectrum
+from testbench.scenario import estimator_name
 
 if TYPE_CHECKING:
     from testbench.record import FlightRecord
@@ -20,27 +21,40 @@ def alpha_findings(cases: Sequence[Any]) -> list[str]:
     Only outputs that both suites sense are compared: a mean over different channels would compare unlike things.
 
     Args:
-        cases: objects with ``suite``, ``estimator.method``, ``model`` and ``evaluation`` (pipeline.Case).
+        cases: objects with ``suite``, ``estimator``, ``model`` and ``evaluation`` (pipeline.Case).
     """
     out = []
-    for method in dict.fromkeys(c.estimator.method for c in cases):
-        same = [c for c in cases if c.estimator.method == method]
+    for name in dict.fromkeys(estimator_name(c.estimator) for c in cases):
+        same = [c for c in cases if estimator_name(c.estimator) == name]
         without = next((c for c in same if "alpha" not in c.model.outputs), None)
         with_alpha = next((c for c in same if "alpha" in c.model.outputs), None)
         if without is None or with_alpha is None:
             continue
         common = [o for o in without.model.outputs if o in with_alpha.model.outputs]
         before, after = (
-            np.mean([c.evaluation.validation.mrse_percent[c.model.outputs.index(o)] for o in common]) for c in (without, with_alpha)
+            np.mean([c.evaluation.validation.mrse_percent[c.model.outputs.index(o)] for o in common])
+            for c in (without, with_alpha)
         )
-        word = "lowers" if after < before else "raises"
+        word = "lowers" if after < before - 0.05 else "raises" if after > before + 0.05 else "leaves"
+        change = f"at {after:.1f} %" if word == "leaves" else f"from {before:.1f} % to {after:.1f} %"
+        new = {(m.name, m.outputs): m for m in with_alpha.evaluation.poles}
+        pole = [
+            f"; its short period is {_pole(m)} without alpha, {_pole(n)} with alpha"
+            for m, n in ((m, _same_mode(m, new)) for m in without.evaluation.poles)
+            if m.name == "short period" and n is not None
+        ]
         out.append(
-            f"adding alpha {word} the mean validation MRSE over {', '.join(common)} from {before:.1f} % to {after:.1f} % ({method})"
+            f"{name}: adding alpha {word} the mean validation MRSE over {', '.join(common)} {change}{''.join(pole)}"
         )
-        for old, new in zip(without.evaluation.poles, with_alpha.evaluation.poles, strict=False):
-            if old.name == new.name and old.name.startswith("short period"):
-                out.append(f"{old.name}: {_pole(old)} without alpha, {_pole(new)} with alpha ({method})")
     return out
+
+
+def _same_mode(match: Any, others: Mapping[tuple[str, str], Any]) -> Any:
+    """Return the match of the same mode among ``others``, of the same output where poles belong to single outputs."""
+    if (match.name, match.outputs) in others:
+        return others[match.name, match.outputs]
+    joint = [m for (name, outputs), m in others.items() if name == match.name and ", " in outputs]
+    return joint[0] if joint else None
 
 
 def _pole(match: Any) -> str:

@@ -21,7 +21,7 @@ class ModeExcitation:
     Attributes:
         mode: name.
         pole: rad/s.
-        band_rad_s: half-power band of the mode, wn (1 - zeta) to wn (1 + zeta).
+        band_rad_s: half-power band of the mode, wn (1 - zeta) to wn (1 + zeta), or the resolution of the record.
         input_share: share of the input's energy inside that band.
         snr_db: sensor -> energy of the mode's response in that band over the noise energy there, dB.
     """
@@ -87,14 +87,16 @@ def excitation(
     for name, pole in modes.items():
         k = int(np.argmin(np.abs(poles - pole)))
         wn = abs(pole)
-        zeta = min(abs(pole.real) / wn, 0.95)
-        low, high = wn * (1.0 - zeta), wn * (1.0 + zeta)
+        # A record of T s resolves no band narrower than 2 pi / T, and sees no mode ring for longer than T.
+        half = np.clip(max(abs(pole.real), np.pi / duration_s), 0.0, 0.95 * wn)
+        low, high = wn - half, wn + half
+        s = complex(-max(abs(pole.real), 1.0 / duration_s), poles[k].imag)
         omega = np.linspace(low, high, 201)
         U = _spectrum(u, dt_s, omega)
         residue = np.outer(model.C[rows] @ V[:, k], W[k] @ model.B[:, columns])
-        H = residue[None] / (1j * omega[:, None, None] - poles[k])
+        H = residue[None] / (1j * omega[:, None, None] - s)
         if abs(poles[k].imag) > 1e-9:
-            H = H + residue.conj()[None] / (1j * omega[:, None, None] - poles[k].conj())
+            H = H + residue.conj()[None] / (1j * omega[:, None, None] - s.conjugate())
         Y = np.einsum("kpm,km->kp", H, U)
         signal = np.trapezoid(np.abs(Y) ** 2, omega, axis=0) / np.pi
         noise = np.array([noise_std[o] for o in outputs]) ** 2 * duration_s * sensor_dt_s * (high - low) / np.pi

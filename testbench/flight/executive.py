@@ -180,10 +180,15 @@ class _Key:
 
     @classmethod
     def of(cls, aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> _Key:
-        design = (condition.qbar_Pa, condition.V_m_s) if aircraft.flown_modes() else None  # a rigid model fits every speed
+        design = (
+            (condition.qbar_Pa, condition.V_m_s) if aircraft.flown_modes() else None
+        )  # a rigid model fits every speed
         engines = tuple(sorted(aircraft.engine_files.items()))
         return cls(
-            aircraft, condition, rate_hz, (aircraft.xml, repr(aircraft.elastic), repr(aircraft.amendments), engines, design)
+            aircraft,
+            condition,
+            rate_hz,
+            (aircraft.xml, repr(aircraft.elastic), repr(aircraft.amendments), engines, design),
         )
 
 

@@ -60,7 +60,9 @@ class LinearModel:
         rows = [_index(o, self.outputs) for o in outputs]
         columns = [_index(i, self.inputs) for i in inputs]
         eye = np.eye(len(self.states))
-        X = np.linalg.solve(1j * np.asarray(omega_rad_s)[:, None, None] * eye - self.A, self.B[None, :, columns].astype(complex))
+        X = np.linalg.solve(
+            1j * np.asarray(omega_rad_s)[:, None, None] * eye - self.A, self.B[None, :, columns].astype(complex)
+        )
         return self.C[rows] @ X + self.D[np.ix_(rows, columns)]
 
     def subsystem(self, states: Sequence[str]) -> LinearModel:
@@ -147,5 +149,11 @@ def _with_servos(model: LinearModel, lags: Mapping[str, float]) -> LinearModel:
     C = np.hstack([model.C, model.D[:, columns]])
     D = np.hstack([model.D, np.zeros((len(model.outputs), k))])
     return LinearModel(
-        A, B, C, D, (*model.states, *(f"servo_{u}" for u in lags)), (*model.inputs, *(f"{u}_cmd" for u in lags)), model.outputs
+        A,
+        B,
+        C,
+        D,
+        (*model.states, *(f"servo_{u}" for u in lags)),
+        (*model.inputs, *(f"{u}_cmd" for u in lags)),
+        model.outputs,
     )

@@ -97,7 +97,9 @@ def fly(
     """
     rate = trimmed.rate_hz
     if abs(manoeuvre.signal.dt_s * rate - 1.0) > 1e-6:
-        raise LimitError(f"a signal must be sampled at the simulation rate of {rate:g} Hz, got {1 / manoeuvre.signal.dt_s:g} Hz")
+        raise LimitError(
+            f"a signal must be sampled at the simulation rate of {rate:g} Hz, got {1 / manoeuvre.signal.dt_s:g} Hz"
+        )
     step = stride(rate, log_rate_hz)
     u = commands(aircraft, trimmed, manoeuvre)
     fdm = Executive(aircraft, rate, trimmed.condition)
@@ -164,7 +166,9 @@ def _watch(aircraft: Aircraft, fdm: Executive) -> list[tuple[Any, float, float, 
             i = fdm.channels.index(target)
             factor = fdm.factors[i]
 
-            def text(value: float, name: str = target, factor: float = factor, low: float = low, high: float = high) -> str:
+            def text(
+                value: float, name: str = target, factor: float = factor, low: float = low, high: float = high
+            ) -> str:
                 degrees = name in {"alpha", "beta", "theta", "phi"}
                 scale, unit = (1.0 / DEG_RAD, " deg") if degrees else (1.0, "")
                 got = value * factor * scale

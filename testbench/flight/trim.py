@@ -44,7 +44,9 @@ def trim(aircraft: Aircraft, condition: FlightCondition, rate_hz: float | None =
         for j, step in enumerate(_STEPS):
             d = np.zeros(6)
             d[j] = step
-            jacobian[:, j] = (_accelerations(fdm, condition, x + d) - _accelerations(fdm, condition, x - d)) / (2 * step)
+            jacobian[:, j] = (_accelerations(fdm, condition, x + d) - _accelerations(fdm, condition, x - d)) / (
+                2 * step
+            )
         if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian) > 1e12:
             raise TrimError(
                 f"trim of {aircraft.name} at {condition} needs controls that can balance it, but on the way there they "

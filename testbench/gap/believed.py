@@ -12,6 +12,7 @@ from scipy.linalg import expm
 from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient
 from testbench.channels import CONTROLS
 from testbench.errors import RecordError
+from testbench.estimators.state_space import Trajectories
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
 from testbench.gap.effects import Effect
 from testbench.inputs.signal import InputSignal
@@ -50,9 +51,8 @@ class Believed:
 
     @cached_property
     def noise_std(self) -> FloatArray:
-        """Standard deviation of one sample of each output: noise and rounding (quantum / sqrt 12) together."""
-        sensors = {s.channel: s for s in self.suite.sensors}
-        return np.array([np.hypot(sensors[n].noise_std, sensors[n].quantum / np.sqrt(12.0)) for n in self.outputs])
+        """Standard deviation of one sample of each output, SI."""
+        return np.array([self.suite.noise_std[n] for n in self.outputs])
 
     def with_effect(self, effect: Effect, values: Mapping[str, float]) -> Believed:
         """Return the belief with one effect of the library added."""
@@ -93,11 +93,8 @@ class Believed:
         block = np.zeros((n + m, n + m))
         block[:n] = np.hstack([model.A, model.B[:, columns]])
         step = expm(block * record.dt_s)
-        driven = u[:-1] @ step[:n, n:].T
-        x = np.zeros((len(record), n))
-        Ad = step[:n, :n]
-        for k in range(len(record) - 1):
-            x[k + 1] = Ad @ x[k] + driven[k]
+        driven = u @ step[:n, n:].T
+        x = Trajectories(step[:n, :n], len(record)).forced(driven[:, :, None])[:, :, 0]
         rows = [model.outputs.index(c) for c in self._needed]
         outputs = x @ model.C[rows].T + u @ model.D[np.ix_(rows, columns)].T
         outputs += [self.trimmed.state[c] for c in self._needed]
@@ -166,5 +163,7 @@ def quiet_samples(record: FlightRecord) -> int:
     moved = np.any(np.abs(commands - commands[0]) > 1e-3, axis=1)
     count = int(np.argmax(moved)) if moved.any() else len(record)
     if count * record.dt_s < 0.5:
-        raise RecordError(f"a record must begin with at least 0.5 s of quiet flight, got {count * record.dt_s:.2f} s; cut it earlier")
+        raise RecordError(
+            f"a record must begin with at least 0.5 s of quiet flight, got {count * record.dt_s:.2f} s; cut it earlier"
+        )
     return count

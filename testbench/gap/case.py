@@ -62,7 +62,9 @@ class GapScenario(Strict):
     @model_validator(mode="after")
     def _one_source_with_both_uses(self) -> GapScenario:
         if bool(self.measured) == bool(self.manoeuvre and self.hidden):
-            raise ValueError("either 'measured' must list records, or 'manoeuvre' and 'hidden' must say how to make them")
+            raise ValueError(
+                "either 'measured' must list records, or 'manoeuvre' and 'hidden' must say how to make them"
+            )
         uses = {m.use for m in self.measured} | {m.use for m in self.manoeuvre}
         if not (uses & {"naming", "identification"} and uses & {"held_out", "validation"}) or "split" in uses:
             raise ValueError("records must serve both naming (identification) and judging (validation, held out)")
@@ -113,7 +115,9 @@ def run_gap(
     keep = keep or (lambda name, record: None)
     with located(file, "suite"):
         suite = load_suite(scenario.suite)
-    condition = FlightCondition(scenario.condition.V_m_s, scenario.condition.h_m, scenario.condition.gamma_deg * DEG_RAD)
+    condition = FlightCondition(
+        scenario.condition.V_m_s, scenario.condition.h_m, scenario.condition.gamma_deg * DEG_RAD
+    )
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)
     believed = Believed(aircraft, suite, condition, scenario.simulation.rate_hz or aircraft.rate_hz)
     if scenario.hidden is not None:

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from testbench.errors import FlightAborted, LimitError, TrimError
+from testbench.errors import LimitError, TrimError
 from testbench.gap.believed import NUISANCES, Believed, tuning
 from testbench.record import FlightRecord, FloatArray
 

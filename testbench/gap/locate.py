@@ -42,7 +42,9 @@ class ResidualMap:
         )
 
 
-def locate(name: str, residuals: FloatArray, channels: Sequence[str], dt_s: float, window_s: float = 1.0) -> ResidualMap:
+def locate(
+    name: str, residuals: FloatArray, channels: Sequence[str], dt_s: float, window_s: float = 1.0
+) -> ResidualMap:
     """Return where the residuals (n, p), in units of the noise, have their energy."""
     n, p = residuals.shape
     frequency = np.fft.rfftfreq(n, dt_s)

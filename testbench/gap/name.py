@@ -14,13 +14,13 @@ from testbench.errors import FlightAborted, LimitError, TrimError
 from testbench.gap.believed import NUISANCES, Believed, tuning
 from testbench.gap.effects import EFFECTS, Effect
 from testbench.gap.local import Local
-from testbench.gap.effects import EFFECTS, Effect
 from testbench.record import FlightRecord, FloatArray
 
 FALSE_ALARM = 1e-3  # probability of naming any effect where there is none, all effects of the library together
 ENOUGH = 0.90  # share of the excess that a named effect must explain, unless what is left is noise
 MAX_ROUNDS = 6  # rounds of fitting on linear differences and flying the result
 AT_REST = 0.01  # relative change of parameters and nuisance factors below which the rounds end
+HOPELESS = 0.5  # a fit that gains less than this share of the best one's gain is not followed to its end
 STARTS = 2  # the most promising starts of each effect are fitted
 TOO_CLOSE = 0.85  # a runner-up with this share of the best gain cannot be told apart
 
@@ -34,9 +34,10 @@ class EffectFit:
         values: parameter -> estimate.
         errors: parameter -> standard error.
         chi2: weighted sum of squares left, nuisances re-tuned (prior included).
-        gain: fall of chi2 against the believed model with its nuisances re-tuned.
+        gain: fall of chi2 against the believed model with its nuisances re-tuned; 0 if it found nothing better.
         threshold: gain that noise alone exceeds with probability FALSE_ALARM / size of the library.
-        share: share of the excess over the noise that it explains, up to 1.
+        share: share of the excess over the noise that it explains, 0 to 1; NaN if the excess itself is no more than
+            four standard deviations of the noise's chi-square.
         tuning: nuisance -> re-tuned factor.
     """
 
@@ -111,12 +112,18 @@ def name_effect(
     chi2_believed = float(start.exact @ start.exact)
     tuned = _retune(start)
     samples = int(start.exact.size)
-    fits, rejected = [], {}
-    for effect in EFFECTS.values():
+    fits: list[EffectFit] = []
+    rejected = {}
+    say("screen the library")
+    for effect, starts in _screen(tuned):
         say(f"fit {effect.title}")
-        fit = _fit(tuned, effect, tuned.chi2, samples)
-        if isinstance(fit, str):
-            rejected[effect.name] = fit
+        if not starts:
+            rejected[effect.name] = "no start of this effect flies the measured commands"
+            continue
+        hopeless = tuned.chi2 - HOPELESS * max((f.gain for f in fits), default=0.0)
+        fit = _fit(tuned, effect, starts, hopeless)
+        if fit is None:
+            rejected[effect.name] = "nothing on the way to its best fit flies the measured commands"
         else:
             fits.append(fit)
     ranking = tuple(sorted(fits, key=lambda f: -f.gain))
@@ -136,31 +143,49 @@ def _retune(local: Local) -> Local:
     return best
 
 
-def _fit(tuned: Local, effect: Effect, chi2_tuned: float, samples: int) -> EffectFit | str:
-    """Fit one effect from its most promising starts; return the best fit, or why there is none."""
+def _screen(tuned: Local) -> list[tuple[Effect, list[FloatArray]]]:
+    """Return every effect with the starts that can be flown, the most promising effect and start first."""
+    screened = []
+    for effect in EFFECTS.values():
+        starts = [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
+        costs = [tuned.cost(effect_model(tuned.believed, effect, x)) for x in starts]
+        order = [int(k) for k in np.argsort(costs) if np.isfinite(costs[k])]
+        screened.append((min(costs), effect, [starts[k] for k in order]))
+    return [(effect, starts) for _, effect, starts in sorted(screened, key=lambda item: item[0])]
+
+
+def effect_model(believed: Believed, effect: Effect, x: FloatArray) -> Believed:
+    """Return the believed model with ``effect`` at the parameter values ``x`` (p,)."""
+    return believed.with_effect(effect, dict(zip([p.name for p in effect.parameters], x.tolist(), strict=True)))
+
+
+def _fit(tuned: Local, effect: Effect, starts: Sequence[FloatArray], hopeless: float) -> EffectFit | None:
+    """Fit one effect from its most promising starts; return the best fit, or None if none could be flown.
+
+    A descent is not followed further once even its fit on the linear differences comes no lower than ``hopeless``.
+    """
     names = [p.name for p in effect.parameters]
-
-    def model(x: FloatArray) -> Believed:
-        return tuned.believed.with_effect(effect, dict(zip(names, x.tolist(), strict=True)))
-
-    starts = [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
-    tried = [(tuned.cost(model(x)), k) for k, x in enumerate(starts)]
-    found = [_descend(tuned, effect, model, starts[k]) for cost, k in sorted(tried)[:STARTS] if np.isfinite(cost)]
-    reached = [f for f in found if f is not None]
+    chi2_tuned, samples = tuned.chi2, tuned.exact.size
+    reached: list[_Descent] = []
+    for start in starts[:STARTS]:
+        descent = _descend(tuned, effect, start, hopeless)
+        if descent is not None:
+            reached.append(descent)
     if not reached:
-        return "no start of this effect flies the measured commands"
+        return None
     best = min(reached, key=lambda f: f.chi2)
     information = best.jacobian.T @ best.jacobian
     errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0.0) * max(best.chi2 / samples, 1.0))
-    excess = max(chi2_tuned - samples, 1e-9)
+    excess = chi2_tuned - samples
+    share = (chi2_tuned - best.chi2) / excess if excess > 4.0 * np.sqrt(2.0 * samples) else float("nan")
     return EffectFit(
         effect=effect,
         values=dict(zip(names, best.x.tolist(), strict=True)),
         errors=dict(zip(names, errors.tolist(), strict=True)),
         chi2=best.chi2,
-        gain=chi2_tuned - best.chi2,
+        gain=max(chi2_tuned - best.chi2, 0.0),
         threshold=float(chi2.isf(FALSE_ALARM / len(EFFECTS), len(names))),
-        share=min((chi2_tuned - best.chi2) / excess, 1.0),
+        share=float(np.clip(share, 0.0, 1.0)),
         tuning=tuning(best.point.factors),
     )
 
@@ -175,15 +200,17 @@ class _Descent:
     chi2: float
 
 
-def _descend(
-    local: Local, effect: Effect, model: Callable[[FloatArray], Believed], start: FloatArray
-) -> _Descent | None:
+def _descend(local: Local, effect: Effect, start: FloatArray, hopeless: float) -> _Descent | None:
     """Descend from one start: fit on the linear differences, fly the result, repeat until it rests.
 
     Returns None if nothing on the way could be flown.
     """
     bounds = ([p.low for p in effect.parameters], [p.high for p in effect.parameters])
     scale = np.abs(start)
+
+    def model(y: FloatArray) -> Believed:
+        return effect_model(local.believed, effect, y)
+
     best: _Descent | None = None
     x = start
     for _ in range(MAX_ROUNDS):
@@ -194,7 +221,9 @@ def _descend(
             left = here.lost if residuals is None else here.tuned(residuals)[0]
             return np.concatenate([left, effect.prior_residuals(y)])
 
-        found = least_squares(objective, x, bounds=bounds, x_scale=scale, diff_step=1e-3, ftol=1e-6, xtol=1e-4, max_nfev=12)
+        found = least_squares(
+            objective, x, bounds=bounds, x_scale=scale, diff_step=1e-3, ftol=1e-6, xtol=1e-4, max_nfev=12
+        )
         residuals = here.residuals(model(found.x))
         if residuals is None:
             break
@@ -208,7 +237,7 @@ def _descend(
             best = _Descent(found.x, local, found.jac, chi2_here)
         still = np.max(np.abs(found.x - x) / scale) < AT_REST and np.max(np.abs(factors - here.factors)) < AT_REST
         x = found.x
-        if still:
+        if still or 2.0 * found.cost > hopeless:
             break
     return best
 
@@ -236,6 +265,7 @@ def _decide(ranking: Sequence[EffectFit], chi2_tuned: float, samples: int) -> tu
     if close:
         names = (best.effect.name, *(f.effect.name for f in close))
         return "set", names, f"these cannot be told apart by these data: {', '.join(names)}"
-    return "named", (best.effect.name,), (
-        f"{best.effect.title}: {best.size}; explains {100 * best.share:.1f} % of the excess over noise"
-    )  # fmt: skip
+    explained = "what is left is noise"
+    if np.isfinite(best.share):
+        explained = f"explains {100 * best.share:.1f} % of the excess over noise"
+    return "named", (best.effect.name,), f"{best.effect.title}: {best.size}; {explained}"

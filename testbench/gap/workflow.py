@@ -36,6 +36,12 @@ class Shrink:
     map_after: ResidualMap
 
     @property
+    def visible(self) -> bool:
+        """True if the excess before stands four standard deviations above what noise alone scatters by."""
+        scatter = np.sqrt(2.0 * self.energy_before.size / len(self.record))
+        return float(np.sum(self.energy_before - 1.0)) > 4.0 * scatter
+
+    @property
     def removed(self) -> float:
         """Share of the excess energy over the noise floor that the amendment removed, all channels together."""
         excess = float(np.sum(self.energy_before - 1.0))
@@ -59,9 +65,16 @@ class GapFinding:
         if self.naming.outcome != "no gap":
             out += [m.sentence for m in self.maps]
         for s in self.shrink if self.naming.best else ():
+            k = int(np.argmax(s.energy_before))
             out.append(
-                f"held-out {s.manoeuvre}: mean squared residual {s.energy_before.mean():.3g} before, "
-                f"{s.energy_after.mean():.3g} after (noise floor 1); {100 * s.removed:.1f} % of the excess removed"
+                f"held-out {s.manoeuvre}: mean squared residual {s.energy_before.mean():.3g} before and "
+                f"{s.energy_after.mean():.3g} after, noise floor 1 (most in {self.believed.outputs[k]}: "
+                f"{s.energy_before[k]:.3g} and {s.energy_after[k]:.3g}); "
+                + (
+                    f"{100 * s.removed:.1f} % of the excess removed"
+                    if s.visible
+                    else "too little excess to judge by here"
+                )
             )
         return tuple(out)
 

@@ -83,7 +83,7 @@ def _history_plate(result: RunResult, parts: Sequence[tuple[str, int]], part: in
     def make(wide: bool) -> Figure:
         tall = [0.62 if name in result.cases[0].model.inputs else 1.05 for name in channels]
         names = [("measured", MEASURED)]
-        top = legend_in(1 + len(result.cases), wide) + 0.28
+        top = legend_in(["measured", *case_names(result.cases)], wide) + 0.28
         gap = 0.26 if wide else 0.52
         heights = tall if wide else [h for h in tall for _ in parts]
         figure = new_figure(wide, top + sum(heights) + gap * (len(heights) - 1) + 0.5)
@@ -105,7 +105,7 @@ def _history_plate(result: RunResult, parts: Sequence[tuple[str, int]], part: in
                 if wide and c > 0:
                     axes.tick_params(labelleft=False)
             _share_y(panels[r])
-        legend(figure, line_handles(case_names(result.cases), names), wide)
+        legend(figure, line_handles(case_names(result.cases), names))
         return figure
 
     title = "Measured and predicted outputs" + (f", part {part}" if part else "")

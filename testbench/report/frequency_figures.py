@@ -212,8 +212,8 @@ def _bode_plate(result: RunResult, given: str) -> Plate:
 
     def make(wide: bool) -> Figure:
         rows, columns = (len(outputs), 2) if wide else (2 * len(outputs), 1)
-        entries = len(result.cases) + (result.truth is not None)
-        top = legend_in(entries, wide) + 0.28
+        extra = [] if result.truth is None else [("true aircraft", INK)]
+        top = legend_in([*(text for text, _ in extra), *case_names(result.cases)], wide) + 0.28
         figure = new_figure(wide, top + rows * 1.25 + (rows - 1) * 0.42 + 0.5)
         panels = grid(figure, top, [1.25] * rows, [1.0] * columns, gap_in=0.42, between_in=0.74).reshape(
             len(outputs), 2
@@ -236,8 +236,7 @@ def _bode_plate(result: RunResult, given: str) -> Plate:
                 axes.axvspan(band[0], band[-1], color=BAND, linewidth=0, zorder=0)
                 for pole in () if result.truth is None else result.truth.modes.values():
                     axes.axvline(abs(pole), color=QUIET, linewidth=0.7, linestyle=":")
-        extra = [] if result.truth is None else [("true aircraft", INK)]
-        legend(figure, line_handles(case_names(result.cases), extra), wide)
+        legend(figure, line_handles(case_names(result.cases), extra))
         return figure
 
     return Plate(f"bode_{given}", f"Frequency responses to {symbol(given)}", caption, make)
@@ -255,9 +254,9 @@ def _curves(result: RunResult, output: str, given: str, omega: FloatArray, band:
     factor = ratio_unit(output, given)[0]
     centre = float(np.sqrt(band[0] * band[-1]))
     responses: list[tuple[FloatArray, Any, dict[str, Any]]] = []
-    actual = given.removesuffix("_cmd")
-    if result.truth is not None and output in result.truth.linear.outputs and actual in result.truth.linear.inputs:
-        H = longitudinal_truth(result).frequency_response(omega, [output], [actual])[:, 0, 0]
+    known = result.truth
+    if known is not None and output in known.linear.outputs and given in known.linear.inputs:
+        H = known.response(omega, [output], [given], result.cases[0].model.dt_s)[:, 0, 0]
         responses.append((omega, H, {"color": INK, "linewidth": 2.2, "alpha": 0.85}))
     for k, case in enumerate(result.cases):
         if output in case.model.outputs and given in case.model.inputs:
@@ -271,11 +270,3 @@ def _curves(result: RunResult, output: str, given: str, omega: FloatArray, band:
         sheet = 360.0 * np.round((goal - float(np.interp(centre, own, phase))) / 360.0)
         found.append(_Curve(own, factor * np.abs(H), phase + sheet, line))
     return found
-
-
-def longitudinal_truth(result: RunResult) -> Any:
-    """Return the true linear model of the longitudinal motion, symmetric elastic modes included."""
-    assert result.truth is not None
-    flown = result.truth.aircraft.flown_modes()
-    symmetric = [i for i, m in enumerate(flown.modes if flown else (), 1) if m.symmetry == "symmetric"]
-    return result.truth.linear.longitudinal(symmetric)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from testbench.channels import channel
 from testbench.constants import DEG_RAD, PERCENT
+from testbench.scenario import estimator_name
 
 if TYPE_CHECKING:
     from testbench.pipeline import Case, RunResult
@@ -51,18 +52,22 @@ def ratio_unit(output: str, given: str) -> tuple[float, str]:
 
 def case_names(cases: Sequence[Case]) -> list[str]:
     """Return a short and unique name per case: what differs of suite, method and order, then a number."""
-    suites, methods = {c.suite for c in cases}, {c.estimator.method for c in cases}
+    suites, methods = {c.suite for c in cases}, {estimator_name(c.estimator) for c in cases}
     names = []
     for case in cases:
         parts = ([case.suite] if len(suites) > 1 or len(methods) == 1 else []) + (
-            [case.estimator.method] if len(methods) > 1 else []
+            [estimator_name(case.estimator)] if len(methods) > 1 else []
         )
         order = case.model.diagnostics.get("order")
-        same = [c for c in cases if (c.suite, c.estimator.method) == (case.suite, case.estimator.method)]
+        same = [c for c in cases if _key(c) == _key(case)]
         if len(same) > 1 and order is not None:
             parts.append(f"n = {order}")
         names.append(", ".join(parts))
     return unique(names)
+
+
+def _key(case: Case) -> tuple[str, str]:
+    return case.suite, estimator_name(case.estimator)
 
 
 def unique(names: Sequence[str]) -> list[str]:

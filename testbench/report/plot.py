@@ -258,20 +258,27 @@ def widths(records: Sequence[FlightRecord]) -> list[float]:
     return [max(r.duration_s, 0.4 * longest) for r in records]
 
 
-def legend(figure: Figure, handles: Sequence[Any], wide: bool) -> None:
-    """Write a legend at the figure's upper left corner, in one row if it is wide enough, else in two columns."""
+def legend(figure: Figure, handles: Sequence[Any]) -> None:
+    """Write a legend at the figure's upper left corner, in as many columns as fit."""
+    width, height = (float(x) for x in figure.get_size_inches())
     figure.legend(
         handles=list(handles),
         loc="upper left",
-        bbox_to_anchor=(0.005, 1.0 - 0.04 / float(figure.get_size_inches()[1])),
-        ncols=len(handles) if wide and len(handles) < 6 else 2,
+        bbox_to_anchor=(0.005, 1.0 - 0.04 / height),
+        ncols=_legend_columns([str(h.get_label()) for h in handles], width),
     )
 
 
-def legend_in(count: int, wide: bool) -> float:
-    """Return the height, in, that a legend of ``count`` entries takes."""
-    rows = 1 if wide and count < 6 else -(-count // 2)
-    return 0.08 + 0.18 * rows
+def legend_in(names: Sequence[str], wide: bool, share: float = 1.0) -> float:
+    """Return the height, in, that a legend of ``names`` takes in a figure from :func:`new_figure`."""
+    width = share * WIDE_IN if wide else NARROW_IN
+    return 0.08 + 0.18 * -(-len(names) // _legend_columns(names, width))
+
+
+def _legend_columns(names: Sequence[str], width_in: float) -> int:
+    """Return how many columns of the widest name, with its line before it, fit side by side; at least one."""
+    widest = (max(len(name) for name in names) * _POINTS_PER_LETTER + 45.0) / 72.0
+    return max(1, min(len(names), int(width_in / widest)))
 
 
 def line_handles(names: Sequence[str], extra: Sequence[tuple[str, str]] = ()) -> list[Any]:

@@ -39,7 +39,8 @@ def pole_plates(result: RunResult) -> list[Plate]:
     )
 
     def make(wide: bool) -> Figure:
-        top = legend_in(len(found) + bool(true), wide and len(windows) > 1) + 0.28
+        handles = _pole_handles(found, word if true else "")
+        top = legend_in([str(h.get_label()) for h in handles], wide, 0.5 * len(windows)) + 0.28
         rows = 1 if wide else len(windows)
         tall = 3.2 if wide else 2.7
         figure = new_figure(wide, top + rows * tall + (rows - 1) * 0.8 + 0.5, 0.5 * len(windows))
@@ -48,7 +49,7 @@ def pole_plates(result: RunResult) -> list[Plate]:
         for i, (axes, reach) in enumerate(zip(panels, windows, strict=True)):
             _draw_poles(axes, reach, found, true)
             label(axes, "Re s, rad/s", "Im s, rad/s", "near the origin" if i else "")
-        legend(figure, _pole_handles(found, word if true else ""), wide and len(windows) > 1)
+        legend(figure, handles)
         return figure
 
     return [Plate("poles", f"Poles found and {word}" if true else "Poles found", caption, make)]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from testbench.report.labels import case_names, symbol
 from testbench.report.tables import Column, Table, Value
+from testbench.scenario import estimator_name
 
 if TYPE_CHECKING:
     from testbench.pipeline import RunResult
@@ -167,8 +168,8 @@ def _reference_table(result: RunResult, modes: Mapping[str, tuple[float, float |
 def _estimators(result: RunResult) -> list[str]:
     """Return what to call each case by its estimator; the suite too where there are several."""
     names = case_names(result.cases)
-    one = len({c.suite for c in result.cases}) == 1 and len({c.estimator.method for c in result.cases}) == 1
-    return [c.estimator.method for c in result.cases] if one and len(names) == 1 else names
+    one = len({c.suite for c in result.cases}) == 1 and len({estimator_name(c.estimator) for c in result.cases}) == 1
+    return [estimator_name(c.estimator) for c in result.cases] if one and len(names) == 1 else names
 
 
 def _nearest(poles: list[complex], wn: float, zeta: float | None) -> complex | None:

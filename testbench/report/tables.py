@@ -157,8 +157,8 @@ def mrse_table(result: RunResult) -> Table:
         "mrse",
         "MRSE",
         "Mean relative squared error (EOLO paper, equation 4): 100 % times the root of the error's energy over that of "
-        "the measured output, in free run. 0 % is perfect, 100 % no better than predicting zero. Measurement noise "
-        "alone keeps it above zero. A dash: the suite does not sense that output; means over different outputs do not "
+        "the measured output, in free run. 0 % is perfect, 100 % no better than predicting zero. Noise alone: "
+        "what a perfect model would get, since the measured output is noisy. A dash: the suite does not sense that output; means over different outputs do not "
         "compare.",
     )
 
@@ -177,15 +177,33 @@ def fit_table(result: RunResult) -> Table:
 def _score_table(result: RunResult, kind: str, head: str, caption: str) -> Table:
     columns = [Column("output", "output")]
     names = case_names(result.cases)
+    floor = _noise_floor(result) if kind == "mrse" else {}
+    if floor:
+        for use, short in (("identification", "id. set"), ("validation", "val. set")):
+            columns.append(Column(f"noise alone {use}", short, "%", "noise alone", decimals=2))
     for name in names:
         for use, short in (("identification", "id. set"), ("validation", "val. set")):
             columns.append(Column(f"{name} {use}", short, "%", name, decimals=2))
     rows: list[tuple[Value, ...]] = []
     outputs = outputs_of(result.cases)
     for output in outputs:
-        rows.append((symbol(output), *(_score(case, use, kind, output) for case, use in _sets(result))))
-    rows.append(("mean", *(_mean_score(case, use, kind) for case, use in _sets(result))))
+        scores = (_score(case, use, kind, output) for case, use in _sets(result))
+        rows.append((symbol(output), *(floor[output] if floor else ()), *scores))
+    rows.append(
+        ("mean", *((None, None) if floor else ()), *(_mean_score(case, use, kind) for case, use in _sets(result)))
+    )
     return Table(kind, f"{head} per output", caption, tuple(columns), tuple(rows), total=True)
+
+
+def _noise_floor(result: RunResult) -> dict[str, tuple[float, float]]:
+    """Return output -> MRSE of a perfect model on identification and validation data; empty where it is not known."""
+    out = {}
+    for case in result.cases:
+        sets = (case.evaluation.identification.noise_percent, case.evaluation.validation.noise_percent)
+        if sets[0] is not None and sets[1] is not None:
+            for k, output in enumerate(case.model.outputs):
+                out[output] = (float(sets[0][k]), float(sets[1][k]))
+    return out
 
 
 def _sets(result: RunResult) -> list[tuple[Any, str]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,7 +16,7 @@ from testbench.paths import SUITES, suite_names
 from testbench.scenario import NonNegative, Positive, Strict, parse, read_toml
 from testbench.sensors.sensor import Sensor, SensorSuite, suite_faults
 
-__all__ = ["Sensor", "SensorSuite", "load_suite", "noise_std", "suite_table"]
+__all__ = ["Sensor", "SensorSuite", "load_suite", "noise_std", "suite_table", "suite_toml"]
 
 Text = Annotated[str, Field(min_length=1)]
 
@@ -95,6 +96,21 @@ def load_suite(name_or_path: str | Path) -> SensorSuite:
 def suite_table() -> list[SensorSuite]:
     """Return all packaged suites, by name."""
     return [load_suite(name) for name in suite_names()]
+
+
+def suite_toml(suite: SensorSuite) -> str:
+    """Return a suite as the text of a .toml file that :func:`load_suite` reads back as it is; SI units."""
+    lines = [f"title = {json.dumps(suite.title)}", f"rate_hz = {suite.rate_hz!r}"]
+    for sensor in suite.sensors:
+        lines += ["", "[[sensor]]", f'channel = "{sensor.channel}"', f'unit = "{channel(sensor.channel).unit}"']
+        for key in ("noise_std", "bias", "scale", "lag_s", "delay_s", "quantum", "rate_hz", "dropout"):
+            value = getattr(sensor, key)
+            if value is not None:
+                lines.append(f"{key} = {float(value)!r}")
+        if any(sensor.position_m):
+            lines.append(f"position_m = {list(sensor.position_m)}")
+        lines += [f"{key} = {json.dumps(getattr(sensor, key), ensure_ascii=False)}" for key in ("part", "source")]
+    return "\n".join(lines) + "\n"
 
 
 def _read_sensor(table: Mapping[str, Any], suite_rate_hz: float) -> tuple[Sensor | None, list[str]]:

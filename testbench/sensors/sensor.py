@@ -175,6 +175,11 @@ class SensorSuite:
         """The recorded channels that are neither controls nor commands."""
         return tuple(name for name in self.channels if name not in (*CONTROLS, *_COMMANDS))
 
+    @property
+    def noise_std(self) -> dict[str, float]:
+        """Channel -> standard deviation of one sample, noise and rounding (quantum / sqrt 12) together, SI."""
+        return {s.channel: math.hypot(s.noise_std, s.quantum / math.sqrt(12.0)) for s in self.sensors}
+
     def check_log_rate(self, log_hz: float) -> int:
         """Return how many samples of a truth logged at ``log_hz`` make one of the suite's.
 

@@ -42,7 +42,10 @@ def test_linear_and_nonlinear_flight_agree_for_a_small_input(eolo, eolo_trim, li
     for j, name in enumerate(names):
         deviation = record[name] - record[name][0]
         error = np.sqrt(np.mean((deviation - predicted[:, j]) ** 2)) / np.std(deviation)
-        assert error < 0.03, (name, error)  # the held step against the simulator's ramp over one frame is the larger part
+        assert error < 0.03, (
+            name,
+            error,
+        )  # the held step against the simulator's ramp over one frame is the larger part
 
 
 def test_uncoupled_structure_and_rigid_body_appear_among_the_poles(eolo, eolo_trim):

@@ -14,7 +14,9 @@ from testbench.flight.trim import place_at_trim
 from testbench.inputs.signal import InputSignal
 
 
-def doublet(rate_hz: float, amplitude_deg: float = 2.0, half_s: float = 0.5, duration_s: float = 5.0, control: str = "de") -> Manoeuvre:
+def doublet(
+    rate_hz: float, amplitude_deg: float = 2.0, half_s: float = 0.5, duration_s: float = 5.0, control: str = "de"
+) -> Manoeuvre:
     n = round(rate_hz * duration_s)
     u = np.zeros((n, 1))
     half = round(rate_hz * half_s)
@@ -95,7 +97,9 @@ def test_modes_without_coupling_leave_the_rigid_motion_as_it_is():
     bare = replace(eolo, elastic=eolo.elastic.uncoupled())
     rigid = eolo.with_rigid_wings()
     condition = FlightCondition(16.0, 547.0)
-    flights = [fly(a, trim(a, condition), doublet(500.0), 100.0, ("V", "alpha", "q", "theta", "h")) for a in (bare, rigid)]
+    flights = [
+        fly(a, trim(a, condition), doublet(500.0), 100.0, ("V", "alpha", "q", "theta", "h")) for a in (bare, rigid)
+    ]
     assert np.array_equal(flights[0].data, flights[1].data)
 
 
@@ -114,7 +118,9 @@ def test_a_command_beyond_the_deflection_is_refused_and_not_clipped(eolo, eolo_t
 
 
 def test_a_log_rate_must_divide_the_simulation_rate(eolo, eolo_trim):
-    with pytest.raises(LimitError, match=r"must divide the simulation rate of 500 Hz, got 60 Hz; nearest: 55.5556 or 62.5"):
+    with pytest.raises(
+        LimitError, match=r"must divide the simulation rate of 500 Hz, got 60 Hz; nearest: 55.5556 or 62.5"
+    ):
         fly(eolo, eolo_trim, doublet(500.0), 60.0)
 
 
@@ -135,7 +141,9 @@ def test_leaving_the_envelope_aborts_with_time_reason_and_record(eolo, eolo_trim
 
 def test_a_model_that_ceases_to_be_finite_aborts():
     bad = '<function name="aero/bad"><quotient><value>1</value><difference><property>simulation/sim-time-sec</property><value>0.5</value></difference></quotient></function>'
-    aircraft = load_aircraft("taurus").amended(Amendment("bad", "1/0 at 0.5 s", (Insert("aerodynamics/axis[@name='PITCH']", bad),)))
+    aircraft = load_aircraft("taurus").amended(
+        Amendment("bad", "1/0 at 0.5 s", (Insert("aerodynamics/axis[@name='PITCH']", bad),))
+    )
     unstable = aircraft.amended(Amendment("unstable", "nose-up", (ScaleCoefficient("Cm_alpha", -20.0),)))
     trimmed = trim(load_aircraft("taurus"), FlightCondition(14.0, 100.0))
     with pytest.raises(FlightAborted, match=r"must hold, got|ceased to be a finite number"):
@@ -144,7 +152,16 @@ def test_a_model_that_ceases_to_be_finite_aborts():
 
 def test_jsbsim_refusing_a_model_is_one_clear_error():
     broken = load_aircraft("taurus").amended(
-        Amendment("broken", "undefined property", (Insert("aerodynamics/axis[@name='PITCH']", '<function name="aero/x"><property>no/such</property></function>'),))
+        Amendment(
+            "broken",
+            "undefined property",
+            (
+                Insert(
+                    "aerodynamics/axis[@name='PITCH']",
+                    '<function name="aero/x"><property>no/such</property></function>',
+                ),
+            ),
+        )
     )
     with pytest.raises(ModelError, match="JSBSim refuses the model of taurus"):
         trim(broken, FlightCondition(14.0, 100.0))

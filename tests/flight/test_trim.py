@@ -28,7 +28,12 @@ def test_climb_points_the_flight_path_up(eolo):
 def test_elastic_modes_rest_in_static_equilibrium(eolo, eolo_trim):
     K, _, gain = eolo.elastic.matrices(eolo_trim.state["qbar"], 16.0)
     alpha, de = eolo_trim.state["alpha"], eolo_trim.state["de"]
-    force = np.array([m.force.get("zero", 0) + m.force.get("alpha", 0) * alpha + m.force.get("de", 0) * de for m in eolo.elastic.modes])
+    force = np.array(
+        [
+            m.force.get("zero", 0) + m.force.get("alpha", 0) * alpha + m.force.get("de", 0) * de
+            for m in eolo.elastic.modes
+        ]
+    )
     eta = np.linalg.solve(K, gain * force)
     assert [eolo_trim.state[f"eta_{i}"] for i in range(1, 9)] == pytest.approx(eta, rel=1e-6, abs=1e-9)
     assert all(abs(eolo_trim.state[f"etaddot_{i}"]) < 1e-9 for i in range(1, 9))

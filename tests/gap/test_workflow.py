@@ -86,7 +86,9 @@ def test_linear_and_flown_predictions_agree_on_small_differences(case):
     other = believed.with_tuning({"Cm_q": 1.05})
     flown = other.predict(record) - believed.predict(record)
     linear = other.predict_linear(record) - believed.predict_linear(record)
-    assert np.linalg.norm(flown - linear, axis=0) == pytest.approx(np.zeros(5), abs=0.1 * np.linalg.norm(flown, axis=0).max())
+    assert np.linalg.norm(flown - linear, axis=0) == pytest.approx(
+        np.zeros(5), abs=0.1 * np.linalg.norm(flown, axis=0).max()
+    )
 
 
 def test_re_tuning_recovers_a_changed_coefficient(case):

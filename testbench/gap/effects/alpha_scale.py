@@ -12,9 +12,7 @@ from testbench.sensors import SensorSuite
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Mapping[str, float]) -> tuple[Aircraft, SensorSuite]:
     """Give the vane another scale factor; a suite without a vane stays as it is."""
-    sensors = tuple(
-        replace(s, scale=s.scale * values["scale"]) if s.channel == "alpha" else s for s in suite.sensors
-    )
+    sensors = tuple(replace(s, scale=s.scale * values["scale"]) if s.channel == "alpha" else s for s in suite.sensors)
     return aircraft, replace(suite, sensors=sensors)
 
 

@@ -1,0 +1,170 @@
+"""The report of the gap workflow: files of a case, its page, and its answer in a terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from testbench.gap.name import FALSE_ALARM
+from testbench.report.labels import file_stem, symbol
+from testbench.report.tables import Column, Table
+from testbench.report.write import PAGE, write_file
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from testbench.gap.case import GapResult
+
+
+def write_gap(result: GapResult, folder: Path | str) -> list[Path]:
+    """Write tables, figures, the amended model or suite with its diff, and report.html; return the paths, page last.
+
+    Raises:
+        RecordError: the folder cannot be written to.
+    """
+    from testbench.report.gap_figures import gap_plates
+    from testbench.report.html import picture, render
+
+    folder = Path(folder)
+    tables = gap_tables(result)
+    out: list[Path] = []
+    for table in tables:
+        out.append(write_file(folder / "tables" / f"{table.name}.csv", table.to_csv()))
+        out.append(write_file(folder / "tables" / f"{table.name}.json", table.to_json()))
+    pictures = []
+    for plate in gap_plates(result):
+        drawing = plate.draw()
+        out.append(write_file(folder / "figures" / f"{file_stem(plate.name)}.png", drawing.png))
+        pictures.append(picture(plate, drawing.svg))
+    amended = write_amended(result, folder / "amended")
+    out += amended
+    page = render(
+        "gap.html.j2",
+        result=result,
+        answer=result.finding.sentences,
+        tables=tables,
+        pictures=pictures,
+        amended=[str(path.relative_to(folder)) for path in amended],
+        diff=next((p.read_text(encoding="utf-8") for p in amended if p.suffix == ".diff"), ""),
+        false_alarm=FALSE_ALARM,
+        source_text=result.file.read_text(encoding="utf-8"),
+    )
+    out.append(write_file(folder / PAGE, page))
+    return out
+
+
+def write_amended(result: GapResult, folder: Path) -> list[Path]:
+    """Write what the named effect changes: the JSBSim model (flies in stock JSBSim) or the sensor suite, with a diff.
+
+    Nothing is written if nothing was named.
+    """
+    import difflib
+
+    from testbench.sensors import suite_toml
+
+    old, new = result.finding.believed, result.finding.amended
+    if result.finding.naming.best is None:
+        return []
+    out: list[Path] = []
+    suites = [suite_toml(b.suite) for b in (old, new)]
+    if suites[0] != suites[1]:
+        diff = difflib.unified_diff(*(s.splitlines() for s in suites), "believed suite", "amended suite", lineterm="")
+        out.append(write_file(folder / f"{file_stem(new.suite.name)}.toml", suites[1]))
+        out.append(write_file(folder / "suite.diff", "\n".join(diff) + "\n"))
+    condition = new.condition
+    models = [b.aircraft.model_xml(b.rate_hz, condition.qbar_Pa, condition.V_m_s) for b in (old, new)]
+    name = result.scenario.aircraft
+    out.append(write_file(folder / name / f"{name}.xml", models[1]))
+    for file, text in new.aircraft.engine_files.items():
+        out.append(write_file(folder / name / "Engines" / file, text))
+    lines = difflib.unified_diff(*(m.splitlines() for m in models), "believed model", "amended model", lineterm="", n=2)
+    out.append(write_file(folder / "model.diff", "\n".join(lines) + "\n"))
+    return out
+
+
+def gap_tables(result: GapResult) -> list[Table]:
+    """Return the ranking of the effects, the coefficients re-tuned beside the best one, and before and after."""
+    naming = result.finding.naming
+    ranking = Table(
+        "ranking",
+        "The library of effects, ranked",
+        f"Gain: fall of chi-square ({naming.samples} samples) against the believed model with its uncertain coefficients "
+        f"re-tuned ({naming.chi2_tuned:.0f}; {naming.chi2_believed:.0f} before re-tuning). Significant: above what noise "
+        f"reaches with probability {FALSE_ALARM:g} for the whole library, in still air. Share: of the excess over noise.",
+        (
+            Column("effect", "effect"),
+            Column("size", "size, with standard error"),
+            Column("gain", "gain", decimals=1),
+            Column("threshold", "threshold", decimals=1),
+            Column("share", "share explained", "%", decimals=1),
+            Column("verdict", "verdict"),
+            Column("separated", "what separates it"),
+        ),
+        tuple(
+            (
+                f.effect.title,
+                f.size if f.gain > 0.0 else "not pursued",
+                f.gain,
+                f.threshold,
+                100.0 * f.share,
+                "named" if f.effect.name in naming.names else "significant" if f.significant else "as noise",
+                f.effect.separated_by,
+            )
+            for f in naming.ranking
+        ),
+        wide=True,
+    )
+    out = [ranking]
+    if naming.best is not None:
+        out.append(
+            Table(
+                "tuning",
+                "Coefficients re-tuned together with the effect",
+                "Factors on the believed coefficients; far from 1 means that the effect is not the whole story.",
+                (Column("coefficient", "coefficient"), Column("factor", "factor", decimals=3)),
+                tuple(naming.best.tuning.items()),
+            )
+        )
+        for k, shrink in enumerate(result.finding.shrink, 1):
+            rows = zip(result.finding.believed.outputs, shrink.energy_before, shrink.energy_after, strict=True)
+            out.append(
+                Table(
+                    f"held_out_{k}",
+                    f"Mean squared residual on the held-out manoeuvre: {shrink.manoeuvre}",
+                    "In units of the noise: 1 is the noise floor. Used neither to name nor to fit.",
+                    (
+                        Column("output", "output"),
+                        Column("before", "before", decimals=3),
+                        Column("after", "after", decimals=3),
+                    ),
+                    tuple((symbol(o), float(b), float(a)) for o, b, a in rows),
+                )
+            )
+    return out
+
+
+def print_gap(result: GapResult, console: Console, folder: Path | str | None = None) -> None:
+    """Print the answer, the ranking, and where the files are."""
+    from rich.table import Table as RichTable
+    from rich.text import Text
+
+    console.print(Text(result.scenario.title, style="bold underline"))
+    answer = RichTable.grid(padding=(0, 1))
+    for i, sentence in enumerate(result.finding.sentences):
+        answer.add_row("-", Text(sentence, style="bold" if i == 0 else ""))
+    console.print(answer)
+    ranking = RichTable(box=None, pad_edge=False)
+    for head in ("effect", "gain", "threshold", "share"):
+        ranking.add_column(head, justify="left" if head == "effect" else "right")
+    for f in result.finding.naming.ranking:
+        ranking.add_row(
+            f.effect.title,
+            f"{f.gain:.1f}",
+            f"{f.threshold:.1f}",
+            f"{100 * f.share:.1f} %" if f.share == f.share else "–",
+        )
+    console.print()
+    console.print(ranking)
+    if folder is not None:
+        console.print()
+        console.print(Text(f"Report: {Path(folder) / PAGE}"), soft_wrap=True)

@@ -1,0 +1,193 @@
+"""The figures of the gap workflow: where the residual sits, which effect explains it, before and after."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from testbench.gap.locate import BANDS_HZ
+from testbench.report.labels import axis_label, shown_unit, symbol
+from testbench.report.plot import (
+    COLOURS,
+    INK,
+    MEASURED,
+    QUIET,
+    Plate,
+    envelope,
+    grid,
+    label,
+    legend,
+    legend_in,
+    line_handles,
+    log_axis,
+    new_figure,
+    time_axis,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from testbench.gap.case import GapResult
+    from testbench.gap.locate import ResidualMap
+    from testbench.gap.workflow import Shrink
+    from testbench.record import FloatArray
+
+_TOP_ENERGY = 100.0  # residual energies from 1 (noise) to this span the colour scale
+_BEFORE, _AFTER = COLOURS[1], COLOURS[0]
+_SEGMENTS = 8  # of a residual spectrum, averaged
+
+
+def gap_plates(result: GapResult) -> list[Plate]:
+    """Return the figures of a gap case: maps, ranking, and before and after on each held-out manoeuvre."""
+    out = [_map_plate(result)]
+    if any(f.gain > 0.0 for f in result.finding.naming.ranking):
+        out.append(_ranking_plate(result))
+    if result.finding.naming.best is not None:
+        for k, shrink in enumerate(result.finding.shrink, 1):
+            out += [_history_plate(result, shrink, k), _spectrum_plate(result, shrink, k)]
+    return out
+
+
+def _map_plate(result: GapResult) -> Plate:
+    maps = result.finding.maps
+
+    def make(wide: bool) -> Figure:
+        from matplotlib.ticker import MaxNLocator
+
+        rows = len(maps) if wide else 2 * len(maps)
+        height = 0.19 * len(maps[0].channels) + 0.35
+        figure = new_figure(wide, 0.95 + rows * height + (rows - 1) * 0.62 + 0.55)
+        panels = grid(figure, 0.95, [height] * rows, (1.0, 1.6) if wide else (1.0,), gap_in=0.62, between_in=0.5)
+        panels = panels.reshape(len(maps), 2)
+        for r, m in enumerate(maps):
+            image = _draw_map(panels[r, 0], m, m.by_band)
+            _draw_map(panels[r, 1], m, m.by_time)
+            panels[r, 0].set_xticks(range(len(BANDS_HZ)), [f"{b[0]:g}–{b[1]:g}" for b in BANDS_HZ], fontsize=7)
+            panels[r, 1].xaxis.set_major_locator(MaxNLocator(integer=True))
+            label(panels[r, 0], "frequency, Hz", "", m.manoeuvre)
+            label(panels[r, 1], f"t, windows of {m.window_s:g} s", "", "" if wide else m.manoeuvre)
+        width, tall = figure.get_size_inches()
+        bar = figure.add_axes((0.66 / width, 1.0 - 0.36 / tall, 1.8 / width, 0.09 / tall))
+        colours = figure.colorbar(image, cax=bar, orientation="horizontal", ticks=[1, 3, 10, 30, 100])
+        colours.ax.set_xticklabels(["1", "3", "10", "30", "≥100"])
+        colours.ax.set_title("residual energy, noise = 1", fontsize=8, color=QUIET)
+        colours.outline.set_visible(False)  # type: ignore[operator]
+        return figure
+
+    caption = (
+        "Measured minus believed, in units of the noise energy, for the manoeuvres that the effect was sought in: "
+        "channel by frequency band (left) and by time (right). White is noise; dark is what the model does not know."
+    )
+    return Plate("residual_maps", "Where the residual sits", caption, make)
+
+
+def _draw_map(axes: Axes, m: ResidualMap, energy: FloatArray) -> Any:
+    from matplotlib.colors import LogNorm
+
+    image = axes.imshow(
+        np.clip(energy.T, 1.0, _TOP_ENERGY), aspect="auto", cmap="Blues", norm=LogNorm(1.0, _TOP_ENERGY)
+    )
+    axes.set_yticks(range(len(m.channels)), [symbol(c) for c in m.channels])
+    axes.grid(False)
+    axes.tick_params(length=0)
+    return image
+
+
+def _ranking_plate(result: GapResult) -> Plate:
+    fits = result.finding.naming.ranking
+
+    def make(wide: bool) -> Figure:
+        figure = new_figure(wide, 0.3 + 0.34 * len(fits) + 0.55, share=0.75)
+        axes = grid(figure, 0.25, [0.34 * len(fits)], left_in=2.3 if wide else 1.45)[0, 0]
+        named = set(result.finding.naming.names)
+        for i, fit in enumerate(fits):
+            gain = max(fit.gain, 0.5)
+            axes.barh(i, gain, left=0.5, height=0.55, color=COLOURS[0] if fit.effect.name in named else MEASURED)
+            axes.plot([fit.threshold, fit.threshold], [i - 0.42, i + 0.42], color=COLOURS[1], linewidth=1.4)
+        axes.set_yticks(range(len(fits)), [f.effect.title if wide else f.effect.name for f in fits])
+        axes.invert_yaxis()
+        axes.grid(axis="y", visible=False)
+        axes.set_xlim(0.5, max(max(f.gain for f in fits), fits[0].threshold) * 2.0)
+        log_axis(axes, "x", powers=True)
+        label(axes, "gain: fall of chi-square")
+        return figure
+
+    caption = (
+        "How much of the residual each effect of the library explains after the uncertain coefficients were re-tuned. "
+        "Blue: named. Orange mark: what noise alone reaches with a probability of 1 in 1000, all effects together."
+    )
+    return Plate("ranking", "Which effect explains it", caption, make)
+
+
+def _history_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
+    outputs = result.finding.believed.outputs
+    t = shrink.record.t_s
+
+    def make(wide: bool) -> Figure:
+        handles = line_handles([], [("measured", MEASURED), ("believed model", _BEFORE), ("amended model", _AFTER)])
+        top = legend_in([h.get_label() for h in handles], wide) + 0.2
+        figure = new_figure(wide, top + 1.0 * len(outputs) + 0.28 * (len(outputs) - 1) + 0.5)
+        panels = grid(figure, top, [1.0] * len(outputs), gap_in=0.28)[:, 0]
+        for i, (axes, name) in enumerate(zip(panels, outputs, strict=True)):
+            factor = shown_unit(name)[0]
+            axes.plot(*envelope(t, factor * shrink.record[name]), color=MEASURED, linewidth=1.0)
+            axes.plot(t, factor * shrink.before[:, i], color=_BEFORE, linestyle=(0, (5, 1.5)), linewidth=1.2)
+            axes.plot(t, factor * shrink.after[:, i], color=_AFTER, linewidth=1.2)
+            last = i == len(outputs) - 1
+            text = f"{shrink.energy_before[i]:.3g} → {shrink.energy_after[i]:.3g}"
+            axes.set_title(text, loc="right", fontsize=8, color=QUIET, pad=2)
+            label(axes, "t, s" if last else "", axis_label(name))
+            time_axis(axes)
+            axes.tick_params(labelbottom=last)
+        legend(figure, handles)
+        return figure
+
+    caption = (
+        "This manoeuvre was used neither to name nor to fit. Numbers above a panel: mean squared residual before and "
+        "after, the noise being 1. Predictions are shifted to the mean of the measurement, as sensor biases are unknown."
+    )
+    title = f"Before and after on a held-out manoeuvre: {shrink.manoeuvre}"
+    return Plate(f"held_out_{number}", title, caption, make)
+
+
+def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
+    outputs = result.finding.believed.outputs
+    dt = shrink.record.dt_s
+    measured = shrink.record.columns(outputs)
+    sides = [(measured - y) / result.finding.believed.noise_std for y in (shrink.before, shrink.after)]
+
+    def make(wide: bool) -> Figure:
+        per_row = 3 if wide else 1
+        rows = -(-len(outputs) // per_row)
+        handles = line_handles([], [("believed model", _BEFORE), ("amended model", _AFTER), ("noise floor", INK)])
+        top = legend_in([h.get_label() for h in handles], wide) + 0.3
+        figure = new_figure(wide, top + 1.3 * rows + 0.55 * (rows - 1) + 0.5)
+        panels = grid(figure, top, [1.3] * rows, (1.0,) * per_row, gap_in=0.55).ravel()
+        for i, axes in enumerate(panels):
+            if i >= len(outputs):
+                axes.set_visible(False)
+                continue
+            for residual, colour in zip(sides, (_BEFORE, _AFTER), strict=True):
+                f, density = _spectrum(residual[:, i], dt)
+                axes.plot(f, density, color=colour, linewidth=1.2)
+            axes.axhline(1.0, color=INK, linewidth=0.9, linestyle=(0, (2, 2)))
+            axes.set_xlim(f[0], f[-1])
+            log_axis(axes, "x", powers=False)
+            log_axis(axes, "y", powers=True)
+            label(axes, "f, Hz" if i >= len(outputs) - per_row else "", "", symbol(outputs[i]))
+        legend(figure, handles)
+        return figure
+
+    caption = "Spectrum of the residual in units of the noise density, averaged over overlapping segments."
+    return Plate(f"held_out_{number}_spectrum", f"The same by frequency: {shrink.manoeuvre}", caption, make)
+
+
+def _spectrum(residual: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies, Hz, and the power of ``residual`` (n,) relative to unit white noise (Welch's method)."""
+    from scipy.signal import welch
+
+    length = 2 * residual.size // (_SEGMENTS + 1)
+    f, density = welch(residual, fs=1.0 / dt_s, nperseg=length, detrend="constant")
+    return f[1:-1], density[1:-1] / (2.0 * dt_s)
