@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -182,6 +183,8 @@ def _stages() -> Iterator[Callable[[str], None]]:
 
 def main() -> None:
     """Run the command line; turn every error raised on purpose into one message and an exit status."""
+    # Before numpy is imported: for matrices this small, threads cost more than they give.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         app()
     except TestbenchError as error:

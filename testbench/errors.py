@@ -82,7 +82,7 @@ class FlightAborted(TestbenchError):
 
 
 def nearest(name: str, valid: Iterable[str]) -> str:
-    """Return ``"; did you mean 'x'?"`` for the closest valid name, else the list of valid names, for use in messages."""
+    """Return ``"; did you mean 'x'?"`` for the closest valid name, else the list of valid names, to end a message."""
     names = sorted(valid)
     close = get_close_matches(name, names, n=1, cutoff=0.6)
     if close:

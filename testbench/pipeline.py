@@ -1,4 +1,4 @@
-"""The straight line: scenario -> aircraft -> trim -> fly -> measure -> estimate -> evaluate, and the same for real records."""
+"""The straight line: scenario, aircraft, trim, fly, measure, estimate, evaluate; and the same for real records."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft, load_aircraft
 from testbench.constants import DEG_RAD
-from testbench.errors import LimitError, ScenarioError, TestbenchError, located
+from testbench.errors import ScenarioError, located
 from testbench.estimators import estimate
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepare
@@ -22,7 +22,7 @@ from testbench.evaluation.bode import zero_order_hold
 from testbench.evaluation.excitation import ModeExcitation, excitation
 from testbench.evaluation.modes import longitudinal_modes
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
-from testbench.flight.simulate import stride
+from testbench.flight.preflight import check, log_rate
 from testbench.inputs import build
 from testbench.inputs.signal import energy_spectrum
 from testbench.record import FlightRecord, FloatArray
@@ -84,7 +84,7 @@ class Truth:
     excitation: tuple[ModeExcitation, ...]
 
     def response(self, omega_rad_s: FloatArray, outputs: Sequence[str], inputs: Sequence[str], dt_s: float) -> Any:
-        """Return the true response (k, p, m) from sampled inputs to outputs, as a discrete model of them should have it.
+        """Return the true response (k, p, m) from sampled inputs to outputs, as a discrete model should have it.
 
         A command is held from sample to sample, and the hold is part of such a model; a measured deflection has passed
         the servo and runs smoothly through its samples, so that no hold belongs to it.
@@ -173,7 +173,7 @@ def run(
         say(f"fly {spec.name}")
         with located(where, f"manoeuvre[{i}]"):
             manoeuvre = Manoeuvre(spec.name, build(spec.input, spec.duration_s, trimmed.rate_hz), spec.settle_s)
-            truth = _fly(aircraft, trimmed, manoeuvre, _log_rate(scenario, suites), keep)
+            truth = _fly(aircraft, trimmed, manoeuvre, log_rate(scenario, suites), keep)
         measured = {}
         for suite in suites:
             measured[suite.name] = suite.measure(truth, seed + i)
@@ -250,61 +250,6 @@ def load_scenario(path: Path | str) -> Scenario:
     return scenario
 
 
-def check(scenario: Scenario) -> list[str]:
-    """Return every law of aircraft, inputs and sensors that the scenario breaks, in words, without flying it."""
-    faults: list[str] = []
-
-    def attempt(key: str, action: Callable[[], Any]) -> Any:
-        try:
-            return action()
-        except TestbenchError as error:
-            inner = error.faults if isinstance(error, ScenarioError) else (error.message,)
-            faults.extend(f"{scenario.file}, {key}: {fault}" for fault in inner)
-            return None
-
-    aircraft = attempt("aircraft", lambda: load_aircraft(scenario.aircraft, scenario.wings))
-    loaded = [attempt(f"suites[{i}]", lambda n=n: load_suite(n)) for i, n in enumerate(scenario.suites)]
-    suites = tuple(s for s in loaded if s is not None)
-    if aircraft is None or len(suites) < len(scenario.suites):
-        return faults
-    rate = scenario.simulation.rate_hz or aircraft.rate_hz
-    log_rate = attempt("simulation.log_rate_hz", lambda: _log_rate(scenario, suites))
-    if log_rate is not None:
-        attempt("simulation.log_rate_hz", lambda: stride(rate, log_rate))
-        for i, suite in enumerate(suites):
-            attempt(f"suites[{i}]", lambda s=suite: s.check_log_rate(log_rate))
-    for i, spec in enumerate(scenario.manoeuvre):
-        attempt(f"manoeuvre[{i}]", lambda s=spec: build(s.input, s.duration_s, rate))
-        for k, signal in enumerate(spec.input):
-            key = f"manoeuvre[{i}].input[{k}]"
-            unit = "amplitude_percent" if signal.control == "thr" else "amplitude_deg"
-            attempt(f"{key}.{unit}", lambda s=signal: _check_amplitude(aircraft, s.control, s.amplitude))
-        if spec.use == "identification" and spec.settle_s == 0.0 and scenario.preparation.bias == "trim":
-            attempt(f"manoeuvre[{i}].settle_s", _no_settling)
-    for name in (*scenario.identification.inputs, *scenario.identification.outputs):
-        if not any(name in s.channels for s in suites):
-            attempt("identification", lambda n=name: _no_such_sensor(n, suites))
-    return faults
-
-
-def _check_amplitude(aircraft: Aircraft, control: str, amplitude: float) -> None:
-    full = aircraft.controls[control].full
-    if abs(amplitude) > full:
-        scale, unit = (100.0, "percent") if control == "thr" else (1.0 / DEG_RAD, "deg")
-        raise LimitError(
-            f"amplitude_{unit} <= {full * scale:g} must hold for control '{control}' of {aircraft.name}, got {abs(amplitude) * scale:g}"
-        )
-
-
-def _no_settling() -> None:
-    raise LimitError('settle_s > 0 must hold where preparation.bias = "trim" (the bias is read there), got 0')
-
-
-def _no_such_sensor(name: str, suites: Sequence[SensorSuite]) -> None:
-    have = ", ".join(dict.fromkeys(c for s in suites for c in s.channels))
-    raise LimitError(f"inputs and outputs must be sensed by a suite, got '{name}'; sensed: {have}")
-
-
 def _suite(scenario: Scenario, name: str) -> SensorSuite:
     with located(scenario.file, "suites"):
         return load_suite(name)
@@ -313,10 +258,6 @@ def _suite(scenario: Scenario, name: str) -> SensorSuite:
 def _condition(scenario: Scenario) -> FlightCondition:
     c = scenario.condition
     return FlightCondition(c.V_m_s, c.h_m, c.gamma_deg * DEG_RAD)
-
-
-def _log_rate(scenario: Scenario, suites: Sequence[SensorSuite]) -> float:
-    return scenario.simulation.log_rate_hz or max(s.rate_hz for s in suites)
 
 
 def _fly(
@@ -429,7 +370,7 @@ def _known(truth: Truth | None, model: IdentifiedModel, records: Sequence[Flight
 
 
 def excited_band(records: Sequence[FlightRecord], inputs: Sequence[str], floor: float = 0.01) -> FloatArray:
-    """Return 60 frequencies, rad/s, spanning the band where the inputs' energy density exceeds ``floor`` of its peak."""
+    """Return 60 frequencies, rad/s, over the band where the inputs' energy density exceeds ``floor`` of its peak."""
     dt = records[0].dt_s
     omega = np.geomspace(0.1, 0.8 * np.pi / dt, 400)
     density = np.sum([energy_spectrum(r.columns(inputs), dt, omega).sum(axis=1) for r in records], axis=0)

@@ -264,6 +264,7 @@ class FlightRecord:
         """
 
         def write(part: Path) -> None:
+            """Write the NetCDF file ``part``."""
             import h5netcdf  # directly, because xarray's writer takes several times as long on many small variables
 
             with h5netcdf.File(part, "w") as file:
@@ -297,6 +298,7 @@ class FlightRecord:
         """
 
         def write(part: Path) -> None:
+            """Write the MAT file ``part``."""
             from io import BytesIO
 
             from scipy.io import savemat

@@ -332,7 +332,8 @@ def _fault(schema: type[Strict], content: Mapping[str, Any], item: Any, file: Pa
             tag, valid = context["discriminator"].strip("'"), context["expected_tags"].replace("'", "").split(", ")
             return f"{prefix}unknown {tag} '{context['tag']}'{nearest(context['tag'], valid)}"
         valid = context["expected"].replace("'", "").replace(" or ", ", ").split(", ")
-        return f"{prefix}must be one of {', '.join(valid)}, got {got!r}{nearest(str(got), valid) if str(got) not in valid else ''}"
+        hint = nearest(str(got), valid) if str(got) not in valid else ""
+        return f"{prefix}must be one of {', '.join(valid)}, got {got!r}{hint}"
     if kind == "union_tag_not_found":
         return f"{prefix}the key {context['discriminator']} is required and missing"
     message = item["msg"].removeprefix("Value error, ")

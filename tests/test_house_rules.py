@@ -76,7 +76,7 @@ def test_imports_point_to_the_left(path):
         assert ONLY_IN.get(top, here) == here, f"{path.name}:{line}: {top} belongs in {ONLY_IN.get(top)}/"
         if top != "testbench":
             continue
-        there = (module.split(".") + ["__init__"])[1]
+        there = [*module.split("."), "__init__"][1]
         if there in (here, "__init__"):
             continue
         left = RANK[there] < RANK[here] or {there, here} <= VOCABULARY
@@ -163,7 +163,7 @@ def test_names_in_the_schema_are_those_of_the_families():
 
 
 @pytest.mark.parametrize(
-    "command", [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"]], ids=lambda c: " ".join(c)
+    "command", [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"]], ids=" ".join
 )
 def test_lint_format_and_types(command):
     done = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, check=False)

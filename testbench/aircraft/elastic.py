@@ -1,7 +1,7 @@
 """Elastic modes as coupled linear modal states: their equations, and the JSBSim functions that integrate them.
 
-Equations of motion of mode i (M. R. Waszak, D. K. Schmidt, "Flight dynamics of aeroelastic vehicles", J. Aircraft 25(6),
-1988, eq. 31, with modal damping), generalised coordinates without unit:
+Equations of motion of mode i (M. R. Waszak, D. K. Schmidt, "Flight dynamics of aeroelastic vehicles", J. Aircraft
+25(6), 1988, eq. 31, with modal damping), generalised coordinates without unit:
 
     mass_i (eta_i'' + 2 zeta_i w_i eta_i' + w_i^2 eta_i) = qbar S cbar C_Qi
     C_Qi = zero + alpha alpha + q q cbar/2V + ... + sum_j (eta_ij eta_j + etadot_ij eta_j' cbar/2V)

@@ -212,7 +212,7 @@ def load_aircraft(name: str, wings: str = "flexible", folder: Path | None = None
         _quantity(tree, "mass_balance/emptywt", _MASS_KG, xml_path),
         *(_quantity(tree, f"mass_balance/{axis}", _INERTIA, xml_path) for axis in ("ixx", "iyy", "izz", "ixz")),
     )
-    controls = {
+    controls: dict[str, Control] = {
         n: Control(n, c.command, 1.0 if c.full_deflection_deg is None else c.full_deflection_deg * DEG_RAD)
         for n, c in described.controls.items()
     }
@@ -245,11 +245,11 @@ def _mode(m: _Mode) -> ElasticMode:
         m.zeta,
         m.mass_kg_m2,
         m.symmetry,
-        dict(m.force),
+        dict(m.force.items()),
         {int(j): c for j, c in m.force_eta.items()},
         {int(j): c for j, c in m.force_etadot.items()},
-        dict(m.effect_eta),
-        dict(m.effect_etadot),
+        dict(m.effect_eta.items()),
+        dict(m.effect_etadot.items()),
     )
 
 

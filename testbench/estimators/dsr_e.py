@@ -136,46 +136,21 @@ def estimate(
     step1 = _innovations(stretches, J, direct_feedthrough)
     step2 = _realise(stretches, step1, L, order)
     B, D, K, errors = _input_matrices(stretches, step1, step2, direct_feedthrough)
-    n = step2.A.shape[0]
     unit = size_y * step1.deviation  # of the outputs, in SI
-    C = unit[:, None] * step2.C
     model = StateSpaceModel(
         method="dsr_e",
         inputs=tuple(inputs),
         outputs=tuple(outputs),
         dt_s=records[0].dt_s,
-        settings={
-            "past_horizon": J,
-            "future_horizon": L,
-            "order": order,
-            "direct_feedthrough": direct_feedthrough,
-        },
+        settings={"past_horizon": J, "future_horizon": L, "order": order, "direct_feedthrough": direct_feedthrough},
         A=step2.A,
         B=B / size_u,
-        C=C,
+        C=unit[:, None] * step2.C,
         D=unit[:, None] * D / size_u,
         K=K / unit,
     )
-    residual = _residual(model, records)
     shifts = _pole_shifts(stretches, step1, step2, J, L, direct_feedthrough)
-    discrete = continuous_poles(np.linalg.eigvals(step2.A).astype(np.complex128), model.dt_s)[1]
-    diagnostics: dict[str, Any] = {
-        "singular_values": step2.singular_values,
-        "order": n,
-        "order_choice": step2.order_choice,
-        "columns": step1.columns,
-        "unknowns": step1.unknowns,
-        "columns_step_2": step2.columns,
-        "condition": step1.condition,
-        "input_excitation": step1.excitation,
-        "innovations_std": np.where(step1.noisy, unit, 0.0),
-        "output_error_percent": 100.0 * residual / size_y,
-        "free_run_over_innovations": np.where(step1.noisy, residual / unit, 0.0),
-        "output_error_deterministic_B": errors[0],
-        "output_error_refined_B": errors[1],
-        **shifts,
-        "poles_without_continuous_counterpart": discrete,
-    }
+    diagnostics = _diagnostics(step1, step2, errors, _residual(model, records), size_y, shifts, model.dt_s)
     advice = advice_in_words(diagnostics, outputs, J, L)
     return replace(model, diagnostics=diagnostics, status="warning" if advice else "good", advice=advice)
 
@@ -358,6 +333,37 @@ def _residual(model: StateSpaceModel, records: Sequence[FlightRecord]) -> FloatA
         error += np.sum(np.where(part.valid, part.data - model.simulate(record), 0.0) ** 2, axis=0)
         count += part.valid.sum(axis=0)
     return np.sqrt(error / count)
+
+
+def _diagnostics(
+    step1: _Innovations,
+    step2: _Realisation,
+    errors: tuple[float, float],
+    residual: FloatArray,
+    size_y: FloatArray,
+    shifts: dict[str, Any],
+    dt_s: float,
+) -> dict[str, Any]:
+    unit = size_y * step1.deviation
+    return {
+        "singular_values": step2.singular_values,
+        "order": step2.A.shape[0],
+        "order_choice": step2.order_choice,
+        "columns": step1.columns,
+        "unknowns": step1.unknowns,
+        "columns_step_2": step2.columns,
+        "condition": step1.condition,
+        "input_excitation": step1.excitation,
+        "innovations_std": np.where(step1.noisy, unit, 0.0),
+        "output_error_percent": 100.0 * residual / size_y,
+        "free_run_over_innovations": np.where(step1.noisy, residual / unit, 0.0),
+        "output_error_deterministic_B": errors[0],
+        "output_error_refined_B": errors[1],
+        **shifts,
+        "poles_without_continuous_counterpart": continuous_poles(
+            np.linalg.eigvals(step2.A).astype(np.complex128), dt_s
+        )[1],
+    }
 
 
 def _pole_shifts(

@@ -101,10 +101,10 @@ def check_records(
 
 
 def continuous_poles(z: ComplexArray, dt_s: float) -> tuple[ComplexArray, ComplexArray]:
-    """Return the continuous poles ln(z)/dt of those discrete poles that have one, and the discrete poles that have none.
+    """Return the continuous poles ln(z)/dt of the discrete poles that have one, and the discrete poles that have none.
 
     A real z <= 0 has no real continuous counterpart (its logarithm sits at the Nyquist frequency without a conjugate).
     """
-    z = np.asarray(z, complex)
+    z = np.asarray(z, np.complex128)
     none = (np.abs(z.imag) <= 1e-12 * np.maximum(np.abs(z), 1e-300)) & (z.real <= 0.0)
-    return np.log(z[~none]) / dt_s, z[none]
+    return np.asarray(np.log(z[~none]) / dt_s, np.complex128), z[none]

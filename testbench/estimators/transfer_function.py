@@ -6,7 +6,7 @@ tried, and the candidate that predicts the validation records best is kept.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -150,25 +150,13 @@ def estimate(
             those of :func:`check_records`.
         ChannelError: a record lacks a channel.
     """
-    if len(inputs) != 1:
-        raise EstimationError(
-            f"a transfer function has one input, got {len(inputs)} ({', '.join(inputs)}); "
-            "name one, or use dsr_e for several inputs"
-        )
-    if poles < 1 or not zeros or not all(0 <= nz < poles for nz in zeros):
-        raise EstimationError(
-            f"poles >= 1 and 0 <= zeros < poles must hold, got poles = {poles}, zeros = {list(zeros)}"
-        )
+    _check_settings(inputs, poles, zeros)
     check_records(records, inputs, outputs)
     check_records([*records, *validation], inputs, outputs)
     judges = list(validation) or list(records)
-    candidates = sorted(set(zeros))
     chosen, fits, table = {}, {}, {}
     for name in outputs:
-        trials = {nz: _regress(records, inputs[0], name, poles, nz) for nz in candidates}
-        table[name] = {nz: _fit_percent(trial, judges, inputs[0], name) for nz, trial in trials.items()}
-        chosen[name] = max(candidates, key=lambda nz: table[name][nz])
-        fits[name] = trials[chosen[name]]
+        chosen[name], fits[name], table[name] = _choose_zeros(records, judges, inputs[0], name, poles, zeros)
     dt = records[0].dt_s
     peak = _spectral_peak(records, inputs[0], dt)
     discrete = {name: continuous_poles(np.roots(fit.a).astype(np.complex128), dt)[1] for name, fit in fits.items()}
@@ -182,10 +170,7 @@ def estimate(
         diagnostics={
             "zeros": chosen,
             "fit_percent": table,
-            "standard_errors": {name: fit.errors for name, fit in fits.items()},
-            "condition": {name: fit.condition for name, fit in fits.items()},
-            "equation_error_percent": {name: 100.0 * fit.equation_error for name, fit in fits.items()},
-            "rows": {name: fit.rows for name, fit in fits.items()},
+            **_regressions(fits),
             "poles_without_continuous_counterpart": discrete,
             "input_peak_rad_s": peak,
         },
@@ -194,6 +179,33 @@ def estimate(
         numerators=np.array([fit.b for fit in fits.values()]),
         denominators=np.array([fit.a for fit in fits.values()]),
     )
+
+
+def _check_settings(inputs: Sequence[str], poles: int, zeros: Sequence[int]) -> None:
+    if len(inputs) != 1:
+        raise EstimationError(
+            f"a transfer function has one input, got {len(inputs)} ({', '.join(inputs)}); "
+            "name one, or use dsr_e for several inputs"
+        )
+    if poles < 1 or not zeros or not all(0 <= nz < poles for nz in zeros):
+        raise EstimationError(
+            f"poles >= 1 and 0 <= zeros < poles must hold, got poles = {poles}, zeros = {list(zeros)}"
+        )
+
+
+def _choose_zeros(
+    records: Sequence[FlightRecord],
+    judges: Sequence[FlightRecord],
+    given: str,
+    output: str,
+    n: int,
+    zeros: Sequence[int],
+) -> tuple[int, _Fit, dict[int, float]]:
+    """Return the number of zeros that predicts ``judges`` best (the lowest of equals), its fit, and every fit in %."""
+    trials = {nz: _regress(records, given, output, n, nz) for nz in sorted(set(zeros))}
+    percent = {nz: _fit_percent(trial, judges, given, output) for nz, trial in trials.items()}
+    best = max(percent, key=lambda nz: percent[nz])
+    return best, trials[best], percent
 
 
 def _regress(records: Sequence[FlightRecord], given: str, output: str, n: int, nz: int) -> _Fit:
@@ -220,6 +232,16 @@ def _regress(records: Sequence[FlightRecord], given: str, output: str, n: int, n
     b = np.concatenate([theta[n:], np.zeros(n - 1 - nz)])
     a = np.concatenate([[1.0], -theta[:n]])
     return _Fit(b, a, errors, float(s[0] / s[-1]) if s[-1] > 0.0 else np.inf, rest / float(size[-1]), count, taken)
+
+
+def _regressions(fits: Mapping[str, _Fit]) -> dict[str, Any]:
+    """Return what the regressions tell of themselves, by output."""
+    return {
+        "standard_errors": {name: fit.errors for name, fit in fits.items()},
+        "condition": {name: fit.condition for name, fit in fits.items()},
+        "equation_error_percent": {name: 100.0 * fit.equation_error for name, fit in fits.items()},
+        "rows": {name: fit.rows for name, fit in fits.items()},
+    }
 
 
 def _rows(

@@ -79,6 +79,7 @@ def sampling_findings(cases: Sequence[Any], modes: Mapping[str, complex], flight
     fast = {o: max((abs(p) for p in poles if p.imag > 1e-9), default=float("nan")) for o, poles in fitted.items()}
     text = ", ".join(f"{o} {w:.1f}" for o, w in fast.items())
     return [
-        f"fastest oscillatory pole fitted to each output, rad/s: {text}; true short period {abs(modes['short period']):.1f}, "
+        f"fastest oscillatory pole fitted to each output, rad/s: {text}; "
+        f"true short period {abs(modes['short period']):.1f}, "
         f"peak of the input's spectrum {peak:.1f}, sampling limit {nyquist:.1f}"
     ]

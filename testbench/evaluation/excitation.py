@@ -1,4 +1,4 @@
-"""Does this input excite each mode: its energy in the mode's band, and what of it reaches the sensors above their noise."""
+"""Does this input excite each mode: its energy in the mode's band, and what of it sensors show above their noise."""
 
 from __future__ import annotations
 
@@ -45,11 +45,12 @@ class ModeExcitation:
     @property
     def sentence(self) -> str:
         """The verdict in words."""
-        wn = abs(self.pole)
+        wn, sensor = abs(self.pole), self.best_sensor
         verdict = "excited" if self.excited else "NOT excited"
         return (
-            f"{self.mode} ({wn:.2f} rad/s, {wn / (2 * np.pi):.2f} Hz): {verdict}; {100 * self.input_share:.2g} % of the "
-            f"input's energy lies in its band, {self.snr_db[self.best_sensor]:+.0f} dB against the noise of {self.best_sensor}"
+            f"{self.mode} ({wn:.2f} rad/s, {wn / (2 * np.pi):.2f} Hz): {verdict}; "
+            f"{100 * self.input_share:.2g} % of the input's energy lies in its band, "
+            f"{self.snr_db[sensor]:+.0f} dB against the noise of {sensor}"
         )
 
 

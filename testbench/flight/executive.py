@@ -26,7 +26,7 @@ ADAMS_BASHFORTH_2 = 3  # JSBSim's number for it; its default, Euler for the rate
 _INTEGRATORS = ("rate/rotational", "rate/translational", "position/rotational", "position/translational")
 
 
-class _QuietLogger(jsbsim.FGLogger):  # type: ignore[misc]
+class _QuietLogger(jsbsim.FGLogger):
     """Prints nothing and keeps what JSBSim reports at level error or above, for our own message."""
 
     def __init__(self) -> None:
@@ -35,9 +35,11 @@ class _QuietLogger(jsbsim.FGLogger):  # type: ignore[misc]
         self._level = jsbsim.LogLevel.BULK
 
     def set_level(self, level: Any) -> None:
+        """Take the level of the message that follows."""
         self._level = level
 
     def message(self, text: str) -> None:
+        """Keep a message at level error or above."""
         if self._level.value >= jsbsim.LogLevel.ERROR.value and text.strip():
             self.lines.append(text.strip())
 
@@ -180,6 +182,7 @@ class _Key:
 
     @classmethod
     def of(cls, aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> _Key:
+        """Return the key of the model that an executive with these arguments loads."""
         design = (
             (condition.qbar_Pa, condition.V_m_s) if aircraft.flown_modes() else None
         )  # a rigid model fits every speed
@@ -202,7 +205,7 @@ class _Written:
 
 @lru_cache(maxsize=64)
 def _write(key: _Key) -> _Written:
-    """Write a model where JSBSim finds it; kept, because the same model is loaded for trim, flight and linearisation."""
+    """Write a model where JSBSim finds it; kept, as the same model is loaded for trim, flight and linearisation."""
     xml = key.aircraft.model_xml(key.rate_hz, key.condition.qbar_Pa, key.condition.V_m_s)
     root = tempfile.TemporaryDirectory(prefix="testbench-")
     place = Path(root.name) / "aircraft" / "model"

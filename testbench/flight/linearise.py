@@ -51,7 +51,7 @@ class LinearModel:
 
     def poles(self) -> NDArray[np.complex128]:
         """Return the eigenvalues of A, rad/s."""
-        return np.linalg.eigvals(self.A)
+        return np.asarray(np.linalg.eigvals(self.A), np.complex128)
 
     def frequency_response(
         self, omega_rad_s: FloatArray, outputs: Sequence[str], inputs: Sequence[str]
@@ -63,7 +63,7 @@ class LinearModel:
         X = np.linalg.solve(
             1j * np.asarray(omega_rad_s)[:, None, None] * eye - self.A, self.B[None, :, columns].astype(complex)
         )
-        return self.C[rows] @ X + self.D[np.ix_(rows, columns)]
+        return np.asarray(self.C[rows] @ X + self.D[np.ix_(rows, columns)], np.complex128)
 
     def subsystem(self, states: Sequence[str]) -> LinearModel:
         """Return the model of ``states`` alone, the others held at zero."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -106,47 +107,19 @@ def fly(
     place_at_trim(fdm, trimmed)
 
     names = tuple(channels) if channels is not None else fdm.channels
-    index = [fdm.channels.index(n) for n in names]
-    readers = [fdm.channel_nodes[i].get_double_value for i in index]
-    watched = _watch(aircraft, fdm)
-    rows = (u.shape[0] - 1) // step + 1
-    raw = np.empty((rows, len(names)))
-    raw[0] = [read() for read in readers]
-    scale = np.array([aircraft.controls[n].full for n in manoeuvre.signal.channels])
-    columns = [column.tolist() for column in (u / scale).T]
-    at_trim = np.array([[trimmed.controls[n] for n in manoeuvre.signal.channels]])
-    changed = np.any(np.diff(np.vstack([at_trim, at_trim, u[1:]]), axis=0) != 0.0, axis=1).tolist()
-    writers = [fdm.command_nodes[n].set_double_value for n in manoeuvre.signal.channels]
-    run = fdm.fdm.run
-    frame = 0
-    reason = ""
-    row = 0
-    for row in range(1, rows):
-        for frame in range(frame + 1, frame + step + 1):
-            if changed[frame]:
-                for write, column in zip(writers, columns, strict=True):
-                    write(column[frame])
-            run()
-        raw[row] = [read() for read in readers]
-        for read, low, high, text in watched:
-            # written so that NaN, for which every comparison fails, counts as outside
-            if not low <= read() <= high:
-                reason = text(read())
-                break
-        if reason:
-            break
-    last = row + 1 if not reason else row  # the row outside the limits may hold NaN
+    at_trim = np.array([trimmed.controls[n] for n in manoeuvre.signal.channels])
+    data, reason = _run(fdm, manoeuvre.signal.channels, at_trim, u, step, names)
     record = FlightRecord(
-        t_s=np.arange(last) / log_rate_hz,
+        t_s=np.arange(len(data)) / log_rate_hz,
         channels=names,
-        data=raw[:last] * np.array([fdm.factors[i] for i in index]),
+        data=data,
         kind="truth",
         provenance=_provenance(aircraft, trimmed, manoeuvre),
         outcome="aborted" if reason else "completed",
         reason=reason,
     )
     if reason:
-        time_s = row / log_rate_hz
+        time_s = len(data) / log_rate_hz
         raise FlightAborted(
             f"{aircraft.name} left its limits at t = {time_s:.2f} s of manoeuvre '{manoeuvre.name}': {reason}; "
             "reduce the amplitude or the duration of the input",
@@ -157,27 +130,61 @@ def fly(
     return record
 
 
-def _watch(aircraft: Aircraft, fdm: Executive) -> list[tuple[Any, float, float, Any]]:
+def _run(
+    fdm: Executive, controls: Sequence[str], at_trim: FloatArray, u: FloatArray, step: int, names: Sequence[str]
+) -> tuple[FloatArray, str]:
+    """Run JSBSim with the commands ``u`` (frames + 1, controls), and log the channels ``names`` every ``step`` frames.
+
+    Returns:
+        The rows logged, SI, and why the flight ended before its time, or "". The row outside the limits is left out:
+        it may hold NaN.
+    """
+    index = [fdm.channels.index(n) for n in names]
+    readers = [fdm.channel_nodes[i].get_double_value for i in index]
+    factors = np.array([fdm.factors[i] for i in index])
+    watched = _watch(fdm)
+    rows = (u.shape[0] - 1) // step + 1
+    raw = np.empty((rows, len(names)))
+    raw[0] = [read() for read in readers]
+    scale = np.array([fdm.aircraft.controls[n].full for n in controls])
+    columns = [column.tolist() for column in (u / scale).T]
+    changed = np.any(np.diff(np.vstack([at_trim, at_trim, u[1:]]), axis=0) != 0.0, axis=1).tolist()
+    writers = [fdm.command_nodes[n].set_double_value for n in controls]
+    run = fdm.fdm.run
+    for row in range(1, rows):
+        for frame in range((row - 1) * step + 1, row * step + 1):
+            if changed[frame]:
+                for write, column in zip(writers, columns, strict=True):
+                    write(column[frame])
+            run()
+        raw[row] = [read() for read in readers]
+        for read, low, high, text in watched:
+            # written so that NaN, for which every comparison fails, counts as outside
+            if not low <= read() <= high:
+                return raw[:row] * factors, text(read())
+    return raw * factors, ""
+
+
+def _watch(fdm: Executive) -> list[tuple[Any, float, float, Callable[[float], str]]]:
     """Return (reader, low, high, message) of every limit, in JSBSim's units."""
-    out = []
-    for name, (low, high) in aircraft.limits.items():
+    out: list[tuple[Any, float, float, Callable[[float], str]]] = []
+    for name, (low, high) in fdm.aircraft.limits.items():
         targets = [n for n in fdm.channels if n.startswith("eta_")] if name == "eta" else [name]
         for target in targets:
             i = fdm.channels.index(target)
             factor = fdm.factors[i]
-
-            def text(
-                value: float, name: str = target, factor: float = factor, low: float = low, high: float = high
-            ) -> str:
-                degrees = name in {"alpha", "beta", "theta", "phi"}
-                scale, unit = (1.0 / DEG_RAD, " deg") if degrees else (1.0, "")
-                got = value * factor * scale
-                if not math.isfinite(got):
-                    return f"{name} ceased to be a finite number"
-                return f"{low * scale:g} <= {name} <= {high * scale:g}{unit} must hold, got {got:.3g}{unit}"
-
+            text = partial(_reason, target, factor, low, high)
             out.append((fdm.channel_nodes[i].get_double_value, low / factor, high / factor, text))
     return out
+
+
+def _reason(name: str, factor: float, low: float, high: float, value: float) -> str:
+    """Return how ``value``, in JSBSim's unit, breaks the limits of the channel, SI."""
+    scale, unit = (1.0 / DEG_RAD, " deg") if name in {"alpha", "beta", "theta", "phi"} else (1.0, "")
+    got = value * factor * scale
+    if not math.isfinite(got):
+        return f"{name} ceased to be a finite number"
+    return f"{low * scale:g} <= {name} <= {high * scale:g}{unit} must hold, got {got:.3g}{unit}"
 
 
 def _provenance(aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre) -> dict[str, Any]:

@@ -21,8 +21,8 @@ class Local:
     """One hypothesis, its residuals as flown, and its neighbourhood.
 
     Residuals of a neighbour are those flown here plus the difference of the two linear predictions. The difference of
-    two linear models is right to second order although neither is; where a fit comes to rest, the neighbour is the point
-    itself and the residual is JSBSim's.
+    two linear models is right to second order although neither is; where a fit comes to rest, the neighbour is the
+    point itself and the residual is JSBSim's.
 
     Attributes:
         believed: the believed model without any effect.

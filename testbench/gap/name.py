@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -18,8 +19,8 @@ from testbench.record import FlightRecord, FloatArray
 
 FALSE_ALARM = 1e-3  # probability of naming any effect where there is none, all effects of the library together
 ENOUGH = 0.90  # share of the excess that a named effect must explain, unless what is left is noise
-MAX_ROUNDS = 6  # rounds of fitting on linear differences and flying the result
-AT_REST = 0.01  # relative change of parameters and nuisance factors below which the rounds end
+MAX_ROUNDS = 10  # rounds of fitting on linear differences and flying the result
+AT_REST = 0.1  # the rounds end when another one promises to lower chi-square by no more: far below any threshold
 HOPELESS = 0.5  # a fit that gains less than this share of the best one's gain is not followed to its end
 STARTS = 2  # the most promising starts of each effect are fitted
 TOO_CLOSE = 0.85  # a runner-up with this share of the best gain cannot be told apart
@@ -135,8 +136,8 @@ def _retune(local: Local) -> Local:
     """Re-tune the nuisances of the model of ``local`` until they rest; return the best point."""
     best = local
     for _ in range(MAX_ROUNDS):
-        factors = local.tuned(local.exact)[1]
-        if np.max(np.abs(factors - local.factors)) < AT_REST:
+        left, factors = local.tuned(local.exact)
+        if local.chi2 - float(left @ left) < AT_REST:
             break
         local = Local.at(local.believed, local.model, local.records, local.towards(factors))
         best = min(best, local, key=lambda point: point.chi2)
@@ -192,7 +193,7 @@ def _fit(tuned: Local, effect: Effect, starts: Sequence[FloatArray], hopeless: f
 
 @dataclass(frozen=True, eq=False)
 class _Descent:
-    """Where a descent came to rest: parameters, the point, the Jacobian (rows, p) and the sum of squares with priors."""
+    """Where a descent came to rest: parameters, point, Jacobian (rows, p) and the sum of squares with priors."""
 
     x: FloatArray
     point: Local
@@ -207,16 +208,14 @@ def _descend(local: Local, effect: Effect, start: FloatArray, hopeless: float) -
     """
     bounds = ([p.low for p in effect.parameters], [p.high for p in effect.parameters])
     scale = np.abs(start)
-
-    def model(y: FloatArray) -> Believed:
-        return effect_model(local.believed, effect, y)
-
+    model = partial(effect_model, local.believed, effect)
     best: _Descent | None = None
-    x = start
+    x, chi2_here = start, np.inf  # of the point that the round starts from; the first one starts without the effect
     for _ in range(MAX_ROUNDS):
         here = local
 
         def objective(y: FloatArray, here: Local = here) -> FloatArray:
+            """Return the weighted residuals at ``y`` (p,), nuisances re-tuned, followed by those of its priors."""
             residuals = here.residuals(model(y))
             left = here.lost if residuals is None else here.tuned(residuals)[0]
             return np.concatenate([left, effect.prior_residuals(y)])
@@ -232,10 +231,10 @@ def _descend(local: Local, effect: Effect, start: FloatArray, hopeless: float) -
             local = Local.at(here.believed, model(found.x), here.records, here.towards(factors))
         except (FlightAborted, TrimError, LimitError):
             break
+        still = chi2_here - 2.0 * float(found.cost) < AT_REST
         chi2_here = local.chi2 + float(np.sum(effect.prior_residuals(found.x) ** 2))
         if best is None or chi2_here < best.chi2:
             best = _Descent(found.x, local, found.jac, chi2_here)
-        still = np.max(np.abs(found.x - x) / scale) < AT_REST and np.max(np.abs(factors - here.factors)) < AT_REST
         x = found.x
         if still or 2.0 * found.cost > hopeless:
             break

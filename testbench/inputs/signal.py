@@ -172,6 +172,7 @@ def frequency_below(u: FloatArray, dt_s: float, share: float = 0.95) -> FloatArr
         column = correlation[:, i : i + 1]
 
         def excess(omega: float, column: FloatArray = column, total: float = float(half[i])) -> float:
+            """Return the share of the energy below ``omega``, less ``share``."""
             return float(_energy_below(tau, column, omega)[0]) / total - share
 
         high = np.pi / dt_s

@@ -81,6 +81,7 @@ def _history_plate(result: RunResult, parts: Sequence[tuple[str, int]], part: in
     )
 
     def make(wide: bool) -> Figure:
+        """Draw one row of panels per channel, one column per record."""
         tall = [0.62 if name in result.cases[0].model.inputs else 1.05 for name in channels]
         names = [("measured", MEASURED)]
         top = legend_in(["measured", *case_names(result.cases)], wide) + 0.28
@@ -168,6 +169,7 @@ def singular_value_plates(result: RunResult) -> list[Plate]:
     )
 
     def make(wide: bool) -> Figure:
+        """Draw one panel per case."""
         columns = min(len(found), 3) if wide else 1
         rows = -(-len(found) // columns)
         figure = new_figure(wide, 0.3 + rows * 2.0 + (rows - 1) * 0.7 + 0.5)

@@ -80,6 +80,7 @@ def _input_plate(result: RunResult, name: str) -> Plate:
     )
 
     def make(wide: bool) -> Figure:
+        """Draw the time histories of the flights above their spectra."""
         rows = rows_of(moved, 3 if wide else 1)
         top = 0.26 + len(rows) * 1.0 + (len(rows) - 1) * 0.6 + 0.55
         names = (1.55 if wide else 1.35) if simulated else 1.4
@@ -211,6 +212,7 @@ def _bode_plate(result: RunResult, given: str) -> Plate:
     )
 
     def make(wide: bool) -> Figure:
+        """Draw magnitude and phase of each output."""
         rows, columns = (len(outputs), 2) if wide else (2 * len(outputs), 1)
         extra = [] if result.truth is None else [("true aircraft", INK)]
         top = legend_in([*(text for text, _ in extra), *case_names(result.cases)], wide) + 0.28

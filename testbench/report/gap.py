@@ -68,7 +68,8 @@ def write_amended(result: GapResult, folder: Path) -> list[Path]:
     out: list[Path] = []
     suites = [suite_toml(b.suite) for b in (old, new)]
     if suites[0] != suites[1]:
-        diff = difflib.unified_diff(*(s.splitlines() for s in suites), "believed suite", "amended suite", lineterm="")
+        before, after = (s.splitlines() for s in suites)
+        diff = difflib.unified_diff(before, after, "believed suite", "amended suite", lineterm="")
         out.append(write_file(folder / f"{file_stem(new.suite.name)}.toml", suites[1]))
         out.append(write_file(folder / "suite.diff", "\n".join(diff) + "\n"))
     condition = new.condition
@@ -77,7 +78,8 @@ def write_amended(result: GapResult, folder: Path) -> list[Path]:
     out.append(write_file(folder / name / f"{name}.xml", models[1]))
     for file, text in new.aircraft.engine_files.items():
         out.append(write_file(folder / name / "Engines" / file, text))
-    lines = difflib.unified_diff(*(m.splitlines() for m in models), "believed model", "amended model", lineterm="", n=2)
+    before, after = (m.splitlines() for m in models)
+    lines = difflib.unified_diff(before, after, "believed model", "amended model", lineterm="", n=2)
     out.append(write_file(folder / "model.diff", "\n".join(lines) + "\n"))
     return out
 
@@ -88,9 +90,10 @@ def gap_tables(result: GapResult) -> list[Table]:
     ranking = Table(
         "ranking",
         "The library of effects, ranked",
-        f"Gain: fall of chi-square ({naming.samples} samples) against the believed model with its uncertain coefficients "
-        f"re-tuned ({naming.chi2_tuned:.0f}; {naming.chi2_believed:.0f} before re-tuning). Significant: above what noise "
-        f"reaches with probability {FALSE_ALARM:g} for the whole library, in still air. Share: of the excess over noise.",
+        f"Gain: fall of chi-square ({naming.samples} samples) against the believed model with its uncertain "
+        f"coefficients re-tuned ({naming.chi2_tuned:.0f}; {naming.chi2_believed:.0f} before re-tuning). Significant: "
+        f"above what noise reaches with probability {FALSE_ALARM:g} for the whole library, in still air. Share: of the "
+        "excess over noise.",
         (
             Column("effect", "effect"),
             Column("size", "size, with standard error"),

@@ -54,6 +54,7 @@ def _map_plate(result: GapResult) -> Plate:
     maps = result.finding.maps
 
     def make(wide: bool) -> Figure:
+        """Draw two maps per manoeuvre: by frequency band and by time."""
         from matplotlib.ticker import MaxNLocator
 
         rows = len(maps) if wide else 2 * len(maps)
@@ -73,7 +74,7 @@ def _map_plate(result: GapResult) -> Plate:
         colours = figure.colorbar(image, cax=bar, orientation="horizontal", ticks=[1, 3, 10, 30, 100])
         colours.ax.set_xticklabels(["1", "3", "10", "30", "≥100"])
         colours.ax.set_title("residual energy, noise = 1", fontsize=8, color=QUIET)
-        colours.outline.set_visible(False)  # type: ignore[operator]
+        colours.outline.set_visible(False)
         return figure
 
     caption = (
@@ -99,6 +100,7 @@ def _ranking_plate(result: GapResult) -> Plate:
     fits = result.finding.naming.ranking
 
     def make(wide: bool) -> Figure:
+        """Draw one bar per effect, the best on top."""
         figure = new_figure(wide, 0.3 + 0.34 * len(fits) + 0.55, share=0.75)
         axes = grid(figure, 0.25, [0.34 * len(fits)], left_in=2.3 if wide else 1.45)[0, 0]
         named = set(result.finding.naming.names)
@@ -109,7 +111,7 @@ def _ranking_plate(result: GapResult) -> Plate:
         axes.set_yticks(range(len(fits)), [f.effect.title if wide else f.effect.name for f in fits])
         axes.invert_yaxis()
         axes.grid(axis="y", visible=False)
-        axes.set_xlim(0.5, max(max(f.gain for f in fits), fits[0].threshold) * 2.0)
+        axes.set_xlim(0.5, max(*(f.gain for f in fits), fits[0].threshold) * 2.0)
         log_axis(axes, "x", powers=True)
         label(axes, "gain: fall of chi-square")
         return figure
@@ -126,6 +128,7 @@ def _history_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
     t = shrink.record.t_s
 
     def make(wide: bool) -> Figure:
+        """Draw one panel per output."""
         handles = line_handles([], [("measured", MEASURED), ("believed model", _BEFORE), ("amended model", _AFTER)])
         top = legend_in([h.get_label() for h in handles], wide) + 0.2
         figure = new_figure(wide, top + 1.0 * len(outputs) + 0.28 * (len(outputs) - 1) + 0.5)
@@ -146,7 +149,8 @@ def _history_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
 
     caption = (
         "This manoeuvre was used neither to name nor to fit. Numbers above a panel: mean squared residual before and "
-        "after, the noise being 1. Predictions are shifted to the mean of the measurement, as sensor biases are unknown."
+        "after, the noise being 1. Predictions are shifted to the mean of the measurement, as sensor biases are "
+        "unknown."
     )
     title = f"Before and after on a held-out manoeuvre: {shrink.manoeuvre}"
     return Plate(f"held_out_{number}", title, caption, make)
@@ -159,6 +163,7 @@ def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
     sides = [(measured - y) / result.finding.believed.noise_std for y in (shrink.before, shrink.after)]
 
     def make(wide: bool) -> Figure:
+        """Draw one panel per output."""
         per_row = 3 if wide else 1
         rows = -(-len(outputs) // per_row)
         handles = line_handles([], [("believed model", _BEFORE), ("amended model", _AFTER), ("noise floor", INK)])

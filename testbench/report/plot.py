@@ -192,6 +192,7 @@ def log_axis(axes: Any, which: str, powers: bool) -> None:
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     def text(value: float, _: int) -> str:
+        """Return the label of the tick at ``value``."""
         exponent = round(float(np.log10(value)))
         return f"10{superscript(exponent)}" if powers and not close and exponent not in (0, 1) else f"{value:g}"
 

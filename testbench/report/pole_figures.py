@@ -39,6 +39,7 @@ def pole_plates(result: RunResult) -> list[Plate]:
     )
 
     def make(wide: bool) -> Figure:
+        """Draw one panel per window."""
         handles = _pole_handles(found, word if true else "")
         top = legend_in([str(h.get_label()) for h in handles], wide, 0.5 * len(windows)) + 0.28
         rows = 1 if wide else len(windows)
@@ -112,6 +113,7 @@ def _name(axes: Axes, name: str, pole: complex, others: Sequence[complex]) -> No
     wide, tall = (5.2 * len(name) + 14.0) * per_point[0], 20.0 * per_point[1]
 
     def cost(side: tuple[int, int]) -> float:
+        """Return how many poles the name covers on that side; a side that leaves the axes counts as ten or more."""
         x = sorted((pole.real, pole.real + side[0] * wide))
         y = sorted((pole.imag, pole.imag + side[1] * tall))
         covered = sum(x[0] <= p.real <= x[1] and y[0] <= p.imag <= y[1] for p in others)

@@ -177,6 +177,7 @@ def _nearest(poles: list[complex], wn: float, zeta: float | None) -> complex | N
     angle = None if zeta is None else math.acos(min(1.0, max(-1.0, -zeta)))
 
     def distance(pole: complex) -> float:
+        """Return |ln(s / s_printed)|, by frequency alone if no damping was printed."""
         turned = 0.0 if angle is None else math.atan2(pole.imag, pole.real) - angle
         return math.hypot(math.log(abs(pole) / wn), turned)
 

@@ -158,8 +158,8 @@ def mrse_table(result: RunResult) -> Table:
         "MRSE",
         "Mean relative squared error (EOLO paper, equation 4): 100 % times the root of the error's energy over that of "
         "the measured output, in free run. 0 % is perfect, 100 % no better than predicting zero. Noise alone: "
-        "what a perfect model would get, since the measured output is noisy. A dash: the suite does not sense that output; means over different outputs do not "
-        "compare.",
+        "what a perfect model would get, since the measured output is noisy. A dash: the suite does not sense that "
+        "output; means over different outputs do not compare.",
     )
 
 

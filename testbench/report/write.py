@@ -51,6 +51,7 @@ def record_keeper(folder: Path | str) -> Keep:
     records = Path(folder) / "records"
 
     def keep(name: str, record: FlightRecord) -> None:
+        """Save one record under its name."""
         record.save(records / f"{file_stem(name)}.nc")
 
     return keep

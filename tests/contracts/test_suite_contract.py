@@ -11,7 +11,7 @@ from testbench.record import FlightRecord
 from testbench.sensors import load_suite
 
 SECONDS = 20.0
-MARKS = ("estimate", "from memory", "data sheet")
+MARKS = ("estimate", "from memory", "data sheet", "exact by construction")
 
 
 def flight(rate_hz: float) -> FlightRecord:
@@ -58,13 +58,15 @@ def test_figures_are_those_of_an_instrument(name: str) -> None:
         assert sensor.scale == pytest.approx(1.0, abs=0.1)
         assert sensor.lag_s < 1.0
         assert sensor.delay_s < 1.0
-        assert sensor.noise_std + sensor.quantum > 0.0, "nothing is perfect"
+        exact = "exact by construction" in sensor.source
+        assert not exact or sensor.channel.endswith("_cmd"), "only the log of a command can be exact"
+        assert exact == (sensor.noise_std + sensor.quantum == 0.0), "nothing else is perfect"
 
 
 def test_channels_of_the_four_suites() -> None:
     assert load_suite("eolo_no_alpha").channels == ("V", "q", "theta", "de")
     assert load_suite("eolo_alpha").channels == ("V", "alpha", "q", "theta", "de")
-    assert load_suite("eolo_gap").channels == ("V", "alpha", "q", "theta", "az", "de_cmd")
+    assert load_suite("eolo_gap").channels == ("V", "alpha", "q", "theta", "az", "de_cmd", "thr_cmd")
     assert load_suite("taurus_8hz").channels == ("theta", "q", "u", "h", "de_cmd")
     assert [load_suite(n).rate_hz for n in ("eolo_no_alpha", "eolo_alpha", "eolo_gap", "taurus_8hz")] == [
         100,

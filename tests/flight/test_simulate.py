@@ -108,7 +108,8 @@ def test_halving_the_time_step_changes_little(eolo, eolo_trim):
     fine = fly(eolo, trim(eolo, eolo_trim.condition, 1000.0), doublet(1000.0), 50.0)
     for name in ("V", "alpha", "q", "theta", "eta_1", "eta_5", "eta_7"):
         spread = np.std(fine[name])
-        # The step of the command is a ramp over one frame (2 ms against 1 ms): half a millisecond of shift, the rest is less.
+        # The step of the command is a ramp over one frame (2 ms against 1 ms): half a millisecond of shift, the rest is
+        # less.
         assert np.sqrt(np.mean((coarse[name] - fine[name]) ** 2)) < 0.02 * spread
 
 
@@ -130,7 +131,7 @@ def test_a_signal_at_another_rate_is_refused(eolo, eolo_trim):
 
 
 def test_leaving_the_envelope_aborts_with_time_reason_and_record(eolo, eolo_trim):
-    with pytest.raises(FlightAborted, match="left its limits at t = .* must hold, got") as caught:
+    with pytest.raises(FlightAborted, match=r"left its limits at t = .* must hold, got") as caught:
         fly(eolo, eolo_trim, doublet(500.0, 20.0, half_s=2.0), 100.0)
     record = caught.value.record
     assert record is not None
@@ -140,7 +141,11 @@ def test_leaving_the_envelope_aborts_with_time_reason_and_record(eolo, eolo_trim
 
 
 def test_a_model_that_ceases_to_be_finite_aborts():
-    bad = '<function name="aero/bad"><quotient><value>1</value><difference><property>simulation/sim-time-sec</property><value>0.5</value></difference></quotient></function>'
+    bad = (
+        '<function name="aero/bad"><quotient><value>1</value><difference>'
+        "<property>simulation/sim-time-sec</property><value>0.5</value>"
+        "</difference></quotient></function>"
+    )
     aircraft = load_aircraft("taurus").amended(
         Amendment("bad", "1/0 at 0.5 s", (Insert("aerodynamics/axis[@name='PITCH']", bad),))
     )

@@ -115,7 +115,7 @@ def test_the_page_says_where_its_figures_come_from(page: str, result) -> None:
 def test_the_answer_stands_before_everything_else(page: str) -> None:
     order = [page.index(f'id="{name}"') for name in ("answer", "flown", "figures", "tables", "models", "provenance")]
     assert order == sorted(order)
-    assert 'class="doubt">eolo_alpha_dsr_e: doubt this.' in page
+    assert 'class="doubt">eolo_alpha, dsr_e: doubt this.' in page
 
 
 def test_models_are_written_with_all_their_values(written, result) -> None:

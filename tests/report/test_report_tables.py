@@ -239,7 +239,7 @@ def test_a_recorded_flight_answers_against_the_printed_values(result) -> None:
 def test_doubts_come_last_and_apart(result) -> None:
     lines = answer_lines(result)
     assert [line.kind for line in lines].index("doubt") == len(lines) - 1
-    assert "eolo_alpha_dsr_e: doubt this." in lines[-1].text
+    assert "eolo_alpha, dsr_e: doubt this." in lines[-1].text
     assert "adding alpha" in lines[0].text.lower()
 
 

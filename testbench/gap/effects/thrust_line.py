@@ -29,5 +29,7 @@ EFFECT = Effect(
     ),
     parameters=(Parameter("z_m", "m", -0.2, 0.2, (0.02, -0.02)),),
     amend=amend,
-    separated_by="looks like a CG shift or a speed derivative of Cm without throttle motion; throttle steps single it out",
+    separated_by=(
+        "looks like a CG shift or a speed derivative of Cm without throttle motion; throttle steps single it out"
+    ),
 )

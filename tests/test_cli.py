@@ -1,0 +1,198 @@
+"""The command line as a user meets it: a process, its exit status, one message, and never a traceback."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from testbench.paths import SCENARIOS
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def command(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    code = "from testbench.cli import main; main()"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", "OPENBLAS_NUM_THREADS": "1"}
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        cwd=cwd,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def assert_fails(done: subprocess.CompletedProcess[str], status: int, *texts: str) -> None:
+    assert done.returncode == status, done.stderr
+    assert "Traceback" not in done.stderr + done.stdout
+    for text in texts:
+        assert text in done.stderr
+
+
+def altered(tmp_path: Path, name: str, old: str, new: str) -> Path:
+    text = (SCENARIOS / f"{name}.toml").read_text(encoding="utf-8")
+    assert old in text
+    file = tmp_path / "changed.toml"
+    file.write_text(text.replace(old, new, 1), encoding="utf-8")
+    return file
+
+
+def test_help_teaches_and_starts_at_once():
+    seconds = []
+    for _ in range(3):
+        start = time.perf_counter()
+        done = command("--help")
+        seconds.append(time.perf_counter() - start)
+    assert done.returncode == 0
+    for word in ("run", "identify", "gap", "check", "list", "Start here", "Exit status"):
+        assert word in done.stdout
+    # Heavy imports would cost seconds each; the figure itself is measured in tests/benchmarks.
+    assert min(seconds) < 2.0
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys; from testbench.cli import app; import typer.main; typer.main.get_command(app);"
+        "heavy = {'numpy', 'scipy', 'pydantic', 'xarray', 'jsbsim', 'matplotlib', 'pandas'};"
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("kind", ["aircraft", "inputs", "sensors", "estimators", "scenarios", "effects"])
+def test_list_names_the_members(kind):
+    expected = {
+        "aircraft": "eolo",
+        "inputs": "3211",
+        "sensors": "taurus_8hz",
+        "estimators": "dsr_e",
+        "scenarios": "records/attas_short_period",
+        "effects": "wing_bending",
+    }
+    done = command("list", kind)
+    assert done.returncode == 0
+    assert expected[kind] in done.stdout
+
+
+def test_check_accepts_every_packaged_file():
+    files = [*SCENARIOS.glob("*.toml"), *SCENARIOS.glob("records/*.toml"), *SCENARIOS.glob("gap/*.toml")]
+    done = command("check", *files)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("a valid") == len(files)
+
+
+def test_run_writes_everything_and_prints_the_answer(tmp_path):
+    done = command("run", "eolo_alpha", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "adding alpha" in done.stdout
+    assert "NOT excited" in done.stdout
+    folder = tmp_path / "results" / "eolo_alpha"
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    for text in ("Singular values", "Frequency responses", "Measured and predicted", "energy", "MRSE"):
+        assert text in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    for part in ("records/3-2-1-1_truth.nc", "tables/mrse.csv", "tables/mrse.json", "figures/bode_de.png"):
+        assert (folder / part).stat().st_size > 100
+    assert len(list((folder / "models").glob("*.json"))) == 4
+    assert not list(folder.rglob("*.part"))
+
+
+def test_misspelt_key_wrong_unit_and_unknown_names_at_once(tmp_path):
+    file = altered(tmp_path, "eolo_alpha", "V_m_s = 16.0", "V_kt = 31.0")
+    file.write_text(file.read_text().replace('aircraft = "eolo"', 'aircraft = "eollo"'), encoding="utf-8")
+    done = command("run", file)
+    assert_fails(done, 2, "V_kt: unknown key", "condition.V_m_s: the key is required", "did you mean 'eolo'")
+
+
+def test_amplitude_beyond_the_surface(tmp_path):
+    done = command("run", altered(tmp_path, "taurus_doublet", "amplitude_deg = 3.0", "amplitude_deg = 20.0"))
+    assert_fails(done, 2, "amplitude_deg <= 12.5 must hold for control 'de' of taurus, got 20", "manoeuvre[0].input[0]")
+
+
+def test_rate_that_does_not_divide(tmp_path):
+    done = command("run", altered(tmp_path, "taurus_doublet", "log_rate_hz = 40.0", "log_rate_hz = 50.0"))
+    assert_fails(done, 2, "must divide", "50 Hz", "changed.toml")
+
+
+def test_trim_that_does_not_exist(tmp_path):
+    done = command("run", altered(tmp_path, "eolo_alpha", "V_m_s = 16.0", "V_m_s = 8.0"), "-o", tmp_path)
+    assert_fails(done, 3, "needs alpha", "fly faster", "changed.toml, condition")
+
+
+def test_an_input_that_makes_the_aircraft_leave_its_envelope_keeps_the_record(tmp_path):
+    file = altered(tmp_path, "eolo_alpha", "amplitude_deg = 3.0", "amplitude_deg = 20.0")
+    done = command("run", file, "-o", tmp_path / "out")
+    assert_fails(done, 3, "left its limits at t =", "changed.toml, manoeuvre[0]")
+    assert [p.name for p in (tmp_path / "out").rglob("*.nc")] == ["3-2-1-1_aborted.nc"]
+
+
+@pytest.mark.parametrize("verb", ["run", "identify", "gap", "check"])
+def test_a_file_that_does_not_exist(verb, tmp_path):
+    assert_fails(command(verb, tmp_path / "nowhere.toml"), 2, "nowhere.toml")
+
+
+def test_a_folder_that_cannot_be_written(tmp_path):
+    blocker = tmp_path / "file"
+    blocker.write_text("in the way", encoding="utf-8")
+    assert_fails(
+        command("run", "taurus_doublet", "-o", blocker), 2, "must be written to a folder that can be written to"
+    )
+
+
+def test_recorded_flight_with_damaged_data(tmp_path):
+    description = tmp_path / "flight.toml"
+    description.write_text(
+        """
+title = "a damaged record"
+source = "made up"
+rights = "none needed"
+folder = "."
+[[record]]
+name = "flight"
+file = "flight.csv"
+use = "split"
+[time]
+column = "t"
+[[channel]]
+name = "de"
+column = "de"
+unit = "deg"
+[[channel]]
+name = "q"
+column = "q"
+unit = "deg/s"
+[preparation]
+bias = "mean"
+[identification]
+inputs = ["de"]
+outputs = ["q"]
+[[identification.estimators]]
+method = "transfer_function"
+poles = 2
+zeros = [0]
+""",
+        encoding="utf-8",
+    )
+    data = tmp_path / "flight.csv"
+    for content, message in (
+        ("", "flight.csv"),
+        ("t,de,q\n0,0,0\n0.1,nan,0\n0.2,0,0\n", "finite"),
+        ("t,de,q\n0,0,0\n0.1,1\n", "flight.csv"),
+        ("t,de,q\n0,0,0\n0.2,1,0\n0.1,0,0\n", "flight.csv"),
+    ):
+        data.write_text(content, encoding="utf-8")
+        assert_fails(command("identify", description, "-o", tmp_path / "out"), 2, message)
+    data.unlink()
+    assert_fails(command("identify", description, "-o", tmp_path / "out"), 2, "flight.csv")
+
+
+def test_usage_errors_are_usage_errors():
+    assert command("list", "aeroplanes").returncode == 2
+    assert command("fly").returncode == 2
