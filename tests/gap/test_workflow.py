@@ -183,3 +183,22 @@ def test_thirty_flights_without_an_effect_give_no_name():
     namings = [run_gap(SCENARIOS / "gap" / "nothing.toml", seed=seed).finding.naming for seed in range(1000, 1300, 10)]
     assert [n.outcome for n in namings] == ["no gap"] * 30
     assert 0.3 < np.median([n.ranking[0].gain for n in namings]) < 4.0
+
+
+def test_measured_records_on_disk_give_the_same_answer_as_the_case_they_came_from(tmp_path):
+    """The search needs the files alone: records saved by one run are named alike by a scenario that only lists them."""
+    from testbench.report import record_keeper
+
+    source = SCENARIOS / "gap" / "alpha_vane.toml"
+    made = run_gap(source, keep=record_keeper(tmp_path))
+    head = source.read_text(encoding="utf-8").split("\n[hidden]")[0] + "\n"
+    held_out = "doublets and throttle"
+    tables = []
+    for name in made.records:
+        path, use = f"records/{name.replace(' ', '_')}.nc", "held_out" if name == held_out else "naming"
+        tables.append(f'[[measured]]\nname = "{name}"\nfile = "{path}"\nuse = "{use}"\n')
+    file = tmp_path / "recorded.toml"
+    file.write_text(head + "".join(tables), encoding="utf-8")
+    found = run_gap(file).finding.naming
+    assert found.names == ("alpha_scale",)
+    assert found.ranking[0].values == made.finding.naming.ranking[0].values
