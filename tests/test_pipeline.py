@@ -40,17 +40,30 @@ def test_every_scenario_runs(path, results):
 def test_alpha_makes_the_short_period_right_where_the_future_horizon_is_short(results):
     """With the paper's horizons the short period is lost without alpha and found with it; a long future finds it twice.
 
-    Seed 1. Over three seeds the first came out at 9.4 rad/s with a scatter of 1.0, the others within 0.2 of their mean.
+    Seed 1; the scatter over seeds is measured by the test below.
     """
     result = results("eolo_alpha")
     error = {}
     for case in result.cases:
         match = next(m for m in case.evaluation.poles if m.name == "short period")
-        error[case.label] = abs(match.wn_error_percent)
-    assert error["eolo_no_alpha, paper's horizons"] > 20.0
-    assert error["eolo_alpha, paper's horizons"] < 10.0
-    assert error["eolo_alpha, long future"] < 10.0
-    assert error["eolo_no_alpha, long future"] < 15.0
+        error[case.label] = abs(np.log(match.found / match.true))  # relative in frequency and in damping alike
+    assert error["eolo_no_alpha, paper's horizons"] > 0.4
+    assert error["eolo_alpha, paper's horizons"] < 0.15
+    assert error["eolo_alpha, long future"] < 0.15
+    assert error["eolo_no_alpha, long future"] < 0.15
+
+
+def test_what_alpha_buys_holds_over_seeds():
+    """The median error over five seeds, with the paper's horizons: at least three times as large without alpha."""
+    scenario = load_scenario(SCENARIOS / "eolo_alpha.toml")
+    errors = {"eolo_no_alpha": [], "eolo_alpha": []}
+    for seed in range(10, 60, 10):
+        for case in run(scenario, seed).cases:
+            match = next(m for m in case.evaluation.poles if m.name == "short period")
+            if case.estimator.label == "paper's horizons":
+                lost = match.found is None
+                errors[case.suite].append(1.0 if lost else abs(np.log(match.found / match.true)))
+    assert np.median(errors["eolo_no_alpha"]) > 3.0 * np.median(errors["eolo_alpha"])
 
 
 def test_the_3211_does_not_excite_the_elastic_modes(results):

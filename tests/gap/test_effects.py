@@ -50,5 +50,5 @@ def test_a_thrust_line_above_the_cg_pitches_down_with_throttle(believed):
     models = [linearise(a, trim(a, CONDITION)) for a in (aircraft, amended)]
     q, thr = models[0].states.index("q"), models[0].inputs.index("thr")
     change = models[1].B[q, thr] - models[0].B[q, thr]
-    thrust_per_throttle = 30.0 * (1.0 - 16.0 / 32.0)
+    thrust_per_throttle = 45.0 * (1.0 - 16.0 / 36.0)
     assert change == pytest.approx(-0.05 * thrust_per_throttle / aircraft.mass.Iyy, rel=1e-3)

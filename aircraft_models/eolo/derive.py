@@ -1,0 +1,166 @@
+"""Derive the aerodynamic and elastic coefficients of the EOLO-like aircraft from its geometry and estimated masses.
+
+    python aircraft_models/eolo/derive.py            # print them
+    python aircraft_models/eolo/derive.py --write    # write them into eolo.xml and aircraft.toml
+
+Published (EOLO paper, tables 1 and 2): S, b, cbar, mass, inertias, the eight frequencies and damping ratios. Everything
+else below is estimated; the mode shapes and generalised masses follow from it by Rayleigh-Ritz, and the coefficients by
+strips. The frequencies of the assumed-mode model differ from the ground test's; the ground test's are used.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from testbench.aircraft.strip_loads import StripModel
+from testbench.aircraft.strips import Modes, Shape, Stiffness, Tail, Wing, asymmetric_modes, symmetric_modes
+
+FOLDER = Path(__file__).resolve().parent
+S, b, cbar, mass, Ixx, Iyy = 0.846, 4.0, 0.2311, 8.87, 2.53, 1.60  # published
+TAPER = 0.31  # computed: the trapezoid with S / b = 0.2115 m and mean aerodynamic chord 0.2311 m
+WING = Wing(
+    span_m=b,
+    root_chord_m=2.0 * S / b / (1.0 + TAPER),
+    taper=TAPER,
+    mass_kg=3.0,  # estimated: a third of the aircraft
+    elastic_axis=0.35,  # estimated: the main spar's place
+    centre_of_mass=0.42,  # estimated: skin and trailing edge behind the spar
+    gyration=0.27,  # estimated: a uniform plate has 0.29
+    lift_slope=5.65,  # computed: Helmbold's formula for AR = 18.91
+    quarter_chord_m=0.010,  # chosen: with this tail, a static margin of 17 % of the chord
+)
+TAIL = Tail(
+    arm_m=1.05,
+    mass_kg=0.35,
+    area_m2=0.095,
+    lift_slope=3.8,
+    downwash=0.35,
+    elevator=0.55,
+    fin_area_m2=0.060,
+    fin_slope=2.8,
+    fin_height_m=0.08,
+    rudder=0.5,
+    span_m=0.65,
+    roll_inertia_kg_m2=0.006,
+    mass_height_m=0.036,
+)  # all estimated: a glider's tail
+BOOM_UP, BOOM_SIDE, BOOM_ROLL, POWER = 3e4, 1500.0, 16.0, 1.5  # estimated; boom torsion near 7.7 Hz
+MODEL = StripModel(
+    WING,
+    TAIL,
+    S_m2=S,
+    cbar_m=cbar,
+    dihedral_rad=np.radians(4.0),
+    CL=0.69,
+    zero_lift_rad=0.30 / 5.65,
+    aileron=(1.2, 1.9, 0.4),
+)
+BODY = {"CY_beta": -0.15, "Cn_beta": -0.010}  # estimated: the fuselage
+MOTIONS = {True: ("zero", "alpha", "q", "de"), False: ("beta", "p", "r", "da", "dr")}
+# Number, symmetric, index among the modes of its symmetry, name, ground-test frequency and damping, and what a unit of
+# the coordinate is: wing-tip deflection of one chord cbar, tip twist of 1 rad, or tail roll of 1 rad.
+GROUND_TEST = (
+    (True, 0, "1st symmetric wing bending", 4.6, 0.016, "tip"),
+    (False, 0, "tail-boom torsion", 7.7, 0.021, "roll"),
+    (False, 1, "1st asymmetric wing bending and tail-boom torsion, lower", 10.6, 0.022, "tip"),
+    (False, 2, "1st asymmetric wing bending and tail-boom torsion, upper", 11.6, 0.012, "roll"),
+    (True, 1, "1st symmetric wing torsion and tail-boom bending", 15.0, 0.017, "twist"),
+    (False, 3, "1st asymmetric wing torsion", 19.1, 0.032, "twist"),
+    (True, 2, "2nd symmetric wing bending and symmetric wing torsion", 21.2, 0.038, "tip"),
+    (False, 4, "2nd asymmetric wing bending", 30.4, 0.024, "tip"),
+)
+
+
+def stiffness() -> Stiffness:
+    """Return the stiffness that puts the first symmetric bending and torsion at 4.6 and 15.0 Hz."""
+
+    def make(v: np.ndarray) -> Stiffness:
+        return Stiffness(*np.exp(v), POWER, BOOM_UP, BOOM_SIDE, BOOM_ROLL)
+
+    def miss(v: np.ndarray) -> np.ndarray:
+        return np.log(symmetric_modes(WING, TAIL, make(v), mass, Iyy).f_hz[:2] / np.array([4.6, 15.0]))
+
+    return make(least_squares(miss, np.log([500.0, 35.0])).x)
+
+
+def modes() -> tuple[list[Shape], list[float], dict[bool, Modes]]:
+    """Return the eight shapes in the order of the ground test, their generalised masses, kg m2, and all modes."""
+    k = stiffness()
+    found = {True: symmetric_modes(WING, TAIL, k, mass, Iyy), False: asymmetric_modes(WING, TAIL, k, Ixx)}
+    shapes, masses = [], []
+    for symmetric, i, _, _, _, unit in GROUND_TEST:
+        shape, m = found[symmetric].shapes[i], found[symmetric].masses[i]
+        size = {"tip": shape.bend[-1] / cbar, "twist": shape.twist[-1], "roll": shape.tail_roll}[unit]
+        shapes.append(Shape(*(getattr(shape, n) / size for n in MOTION_FIELDS), symmetric=symmetric))
+        masses.append(float(m / size**2))
+    return shapes, masses, found
+
+
+MOTION_FIELDS = tuple(n for n in Shape.__dataclass_fields__ if n != "symmetric")
+
+
+def rigid() -> dict[str, float]:
+    """Return the coefficients of eolo.xml that strips give."""
+    out = {}
+    for symmetric, motions in MOTIONS.items():
+        for motion in motions:
+            for name, value in MODEL.effect(MODEL.flow(motion)).items():
+                if motion != "zero" and (symmetric or (name, motion) not in SKIPPED):
+                    out[f"{name}_{motion}"] = value + BODY.get(f"{name}_{motion}", 0.0)
+    out["CL0"] = MODEL.effect(MODEL.flow("zero"))["CL"]
+    return {name: float(f"{value:.4g}") for name, value in out.items()}
+
+
+# Strips see no yawing moment of a wing that rolls (the tilt of its lift); these stay estimates in the XML.
+SKIPPED = {("CY", "da"), ("Cn", "da"), ("Cn", "p"), ("Cn", "r")}
+
+
+def elastic_toml() -> str:
+    """Return the [[elastic.mode]] tables of aircraft.toml."""
+    shapes, masses, _ = modes()
+    blocks = []
+    for i, (symmetric, _, name, f_hz, zeta, _) in enumerate(GROUND_TEST):
+        shape = shapes[i]
+        alike = [j for j, row in enumerate(GROUND_TEST) if row[0] == symmetric]
+        tables = {
+            "force": {m: MODEL.force(MODEL.flow(m), shape) for m in MOTIONS[symmetric]},
+            "force_eta": {j + 1: MODEL.force(MODEL.flow_of_deflection(shapes[j]), shape) for j in alike},
+            "force_etadot": {j + 1: MODEL.force(MODEL.flow_of_rate(shapes[j]), shape) for j in alike},
+            "effect_eta": MODEL.effect(MODEL.flow_of_deflection(shape)),
+            "effect_etadot": MODEL.effect(MODEL.flow_of_rate(shape)),
+        }
+        head = f'[[elastic.mode]]\nname = "{name}"\nf_hz = {f_hz}\nzeta = {zeta}\nmass_kg_m2 = {masses[i]:.5g}\n'
+        head += f'symmetry = "{"symmetric" if symmetric else "asymmetric"}"\n'
+        rows = (f"{key} = {{ {', '.join(f'{k} = {v:.5g}' for k, v in t.items())} }}\n" for key, t in tables.items())
+        blocks.append(head + "".join(rows))
+    return "\n".join(blocks)
+
+
+def amended_files() -> dict[Path, str]:
+    """Return path -> text of eolo.xml and aircraft.toml with the derived coefficients in place."""
+    xml = (FOLDER / "eolo.xml").read_text(encoding="utf-8")
+    for name, value in rigid().items():
+        pattern = rf'(<function name="aero/coefficient/{name}">.*?)<value>[^<]*</value>'
+        xml, count = re.subn(pattern, rf"\g<1><value>{value}</value>", xml, count=1, flags=re.DOTALL)
+        if count != 1:
+            raise SystemExit(f"eolo.xml must hold aero/coefficient/{name}, got none")
+    toml = (FOLDER / "aircraft.toml").read_text(encoding="utf-8")
+    toml = toml[: toml.index("[[elastic.mode]]")] + elastic_toml()
+    return {FOLDER / "eolo.xml": xml, FOLDER / "aircraft.toml": toml}
+
+
+if __name__ == "__main__":
+    _, _, found = modes()
+    print("frequencies of the assumed-mode model, Hz")
+    for symmetric, word in ((True, "symmetric"), (False, "asymmetric")):
+        print(f"  {word}: {', '.join(f'{f:.1f}' for f in found[symmetric].f_hz[:6])}")
+    print("\n".join(f"{name} = {value}" for name, value in rigid().items()))
+    print(elastic_toml())
+    if "--write" in sys.argv[1:]:
+        for path, text in amended_files().items():
+            path.write_text(text, encoding="utf-8")
