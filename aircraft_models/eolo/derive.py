@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 
 from testbench.aircraft.strip_loads import StripModel
@@ -61,6 +62,7 @@ MODEL = StripModel(
     aileron=(1.2, 1.9, 0.4),
 )
 BODY = {"CY_beta": -0.15, "Cn_beta": -0.010}  # estimated: the fuselage
+STATIONS = np.linspace(0.0, 0.5 * b, 17)
 MOTIONS = {True: ("zero", "alpha", "q", "de"), False: ("beta", "p", "r", "da", "dr")}
 # Number, symmetric, index among the modes of its symmetry, name, ground-test frequency and damping, and what a unit of
 # the coordinate is: wing-tip deflection of one chord cbar, tip twist of 1 rad, or tail roll of 1 rad.
@@ -95,7 +97,8 @@ def modes() -> tuple[list[Shape], list[float], dict[bool, Modes]]:
     shapes, masses = [], []
     for symmetric, i, _, _, _, unit in GROUND_TEST:
         shape, m = found[symmetric].shapes[i], found[symmetric].masses[i]
-        size = {"tip": shape.bend[-1] / cbar, "twist": shape.twist[-1], "roll": shape.tail_roll}[unit]
+        tip = {"tip": at_stations(shape.bend)[-1] / cbar, "twist": at_stations(shape.twist)[-1]}
+        size = tip.get(unit, shape.tail_roll)
         shapes.append(Shape(*(getattr(shape, n) / size for n in MOTION_FIELDS), symmetric=symmetric))
         masses.append(float(m / size**2))
     return shapes, masses, found
@@ -137,8 +140,19 @@ def elastic_toml() -> str:
         head = f'[[elastic.mode]]\nname = "{name}"\nf_hz = {f_hz}\nzeta = {zeta}\nmass_kg_m2 = {masses[i]:.5g}\n'
         head += f'symmetry = "{"symmetric" if symmetric else "asymmetric"}"\n'
         rows = (f"{key} = {{ {', '.join(f'{k} = {v:.5g}' for k, v in t.items())} }}\n" for key, t in tables.items())
-        blocks.append(head + "".join(rows))
-    return "\n".join(blocks)
+        form = ", ".join(
+            f"{name} = [{', '.join(f'{v:.5g}' for v in at_stations(values))}]"
+            for name, values in (("bend_m", shape.bend), ("twist_rad", shape.twist), ("curvature_1_m", shape.curvature))
+        )
+        blocks.append(head + "".join(rows) + f"shape = {{ {form} }}\n")
+    stations = ", ".join(f"{y:g}" for y in STATIONS)
+    return f"[elastic]\nstations_m = [{stations}]\n\n" + "\n".join(blocks)
+
+
+def at_stations(values: np.ndarray) -> np.ndarray:
+    """Return a quantity of the strips at the stations along the wing, by a cubic spline."""
+    spline = CubicSpline(WING.y, values)
+    return np.where(np.abs(spline(STATIONS)) < 1e-12, 0.0, spline(STATIONS))
 
 
 def amended_files() -> dict[Path, str]:
@@ -150,7 +164,7 @@ def amended_files() -> dict[Path, str]:
         if count != 1:
             raise SystemExit(f"eolo.xml must hold aero/coefficient/{name}, got none")
     toml = (FOLDER / "aircraft.toml").read_text(encoding="utf-8")
-    toml = toml[: toml.index("[[elastic.mode]]")] + elastic_toml()
+    toml = re.split(r"^\[elastic\]$|^\[\[elastic", toml, maxsplit=1, flags=re.MULTILINE)[0] + elastic_toml()
     return {FOLDER / "eolo.xml": xml, FOLDER / "aircraft.toml": toml}
 
 

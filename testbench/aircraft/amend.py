@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from testbench.aircraft.elastic import ElasticMode, ElasticModel
 from testbench.errors import ModelError
@@ -94,4 +94,6 @@ class Amendment:
         """Return the elastic model with the modes of this amendment behind its own."""
         if not self.modes:
             return elastic
-        return ElasticModel((*(elastic.modes if elastic else ()), *self.modes), S_m2, cbar_m)
+        if elastic is None:
+            return ElasticModel(self.modes, S_m2, cbar_m)
+        return replace(elastic, modes=(*elastic.modes, *self.modes))

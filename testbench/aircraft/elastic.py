@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.linalg import block_diag, expm
@@ -52,6 +52,22 @@ COEFFICIENTS: dict[str, tuple[str, str | None]] = {
 
 
 @dataclass(frozen=True)
+class WingShape:
+    """A mode shape at the stations of its model, per unit of eta, on the right wing.
+
+    Attributes:
+        bend_m: displacement of the elastic axis, up.
+        twist_rad: nose up.
+        curvature_1_m: second derivative of ``bend_m`` along the span; strain is minus this times the height above the
+            neutral axis.
+    """
+
+    bend_m: tuple[float, ...]
+    twist_rad: tuple[float, ...]
+    curvature_1_m: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class ElasticMode:
     """One in-vacuo mode and its aerodynamic coupling; all coefficients without unit, per unit of eta, rad or rate."""
 
@@ -65,6 +81,7 @@ class ElasticMode:
     force_etadot: Mapping[int, float] = field(default_factory=dict)
     effect_eta: Mapping[str, float] = field(default_factory=dict)
     effect_etadot: Mapping[str, float] = field(default_factory=dict)
+    shape: WingShape | None = None
 
     @property
     def omega_rad_s(self) -> float:
@@ -74,19 +91,23 @@ class ElasticMode:
 
 @dataclass(frozen=True)
 class ElasticModel:
-    """The modes of an aircraft, numbered from 1 in this order everywhere, and its reference area and chord."""
+    """The modes of an aircraft, numbered from 1 in this order everywhere, and its reference area and chord.
+
+    ``stations_m`` are the distances y from the centre line, along the right wing, at which mode shapes are given.
+    """
 
     modes: tuple[ElasticMode, ...]
     S_m2: float
     cbar_m: float
+    stations_m: tuple[float, ...] = ()
 
     def __len__(self) -> int:
         return len(self.modes)
 
     def uncoupled(self) -> ElasticModel:
         """Return the same modes without any aerodynamic coupling: they ring at their in-vacuo frequency and damping."""
-        bare = tuple(ElasticMode(m.name, m.f_hz, m.zeta, m.mass_kg_m2, m.symmetry) for m in self.modes)
-        return ElasticModel(bare, self.S_m2, self.cbar_m)
+        bare = (ElasticMode(m.name, m.f_hz, m.zeta, m.mass_kg_m2, m.symmetry, shape=m.shape) for m in self.modes)
+        return replace(self, modes=tuple(bare))
 
     def matrices(self, qbar_Pa: float, V_m_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return (K, D, G) of eta'' = -K eta - D eta' + G C_rigid at one condition.

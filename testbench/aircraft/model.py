@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from testbench.aircraft.amend import Amendment
-from testbench.aircraft.elastic import ElasticMode, ElasticModel, add_modes
+from testbench.aircraft.elastic import ElasticMode, ElasticModel, WingShape, add_modes
 from testbench.constants import DEG_RAD, FT_M, LBF_N, SLUG_KG
 from testbench.errors import ModelError, ScenarioError, nearest
 from testbench.paths import AIRCRAFT_MODELS, aircraft_names
@@ -144,6 +144,12 @@ class _Controls(Strict):
     full_deflection_deg: Positive | None = None
 
 
+class _Shape(Strict):
+    bend_m: Annotated[tuple[float, ...], Field(strict=False)]
+    twist_rad: Annotated[tuple[float, ...], Field(strict=False)]
+    curvature_1_m: Annotated[tuple[float, ...], Field(strict=False)]
+
+
 class _Mode(Strict):
     name: str
     f_hz: Positive
@@ -155,9 +161,11 @@ class _Mode(Strict):
     force_etadot: dict[str, float] = {}
     effect_eta: dict[Literal["CL", "CD", "CY", "Cl", "Cm", "Cn"], float] = {}
     effect_etadot: dict[Literal["CL", "CD", "CY", "Cl", "Cm", "Cn"], float] = {}
+    shape: _Shape | None = None
 
 
 class _Elastic(Strict):
+    stations_m: Annotated[tuple[float, ...], Field(strict=False)] = ()
     mode: Annotated[tuple[_Mode, ...], Field(strict=False)]
 
 
@@ -221,6 +229,12 @@ def load_aircraft(name: str, wings: str = "flexible", folder: Path | None = None
         channel, factor = (key.removesuffix("_deg"), DEG_RAD) if key.endswith("_deg") else (key, 1.0)
         limits[channel.removesuffix("_m_s").removesuffix("_m")] = (low * factor, high * factor)
     modes = tuple(_mode(m) for m in described.elastic.mode) if described.elastic else ()
+    stations = described.elastic.stations_m if described.elastic else ()
+    for i, m in enumerate(modes):
+        if m.shape and {len(m.shape.bend_m), len(m.shape.twist_rad), len(m.shape.curvature_1_m)} != {len(stations)}:
+            raise ScenarioError(
+                [f"{path}, elastic.mode[{i}].shape: each list must have one entry per station, that is {len(stations)}"]
+            )
     aircraft = Aircraft(
         name=name,
         title=described.title,
@@ -233,7 +247,7 @@ def load_aircraft(name: str, wings: str = "flexible", folder: Path | None = None
         design_h_m=described.design_h_m,
         xml=xml,
         engine_files={p.name: p.read_text(encoding="utf-8") for p in sorted((folder / "Engines").glob("*.xml"))},
-        elastic=ElasticModel(modes, geometry.S_m2, geometry.cbar_m) if modes else None,
+        elastic=ElasticModel(modes, geometry.S_m2, geometry.cbar_m, stations) if modes else None,
     )
     return aircraft.with_rigid_wings() if wings == "rigid" else aircraft
 
@@ -250,6 +264,7 @@ def _mode(m: _Mode) -> ElasticMode:
         {int(j): c for j, c in m.force_etadot.items()},
         dict(m.effect_eta.items()),
         dict(m.effect_etadot.items()),
+        WingShape(m.shape.bend_m, m.shape.twist_rad, m.shape.curvature_1_m) if m.shape else None,
     )
 
 

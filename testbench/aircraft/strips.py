@@ -100,6 +100,7 @@ class Tail:
 _MOTIONS = (
     "bend",
     "twist",
+    "curvature",
     "tail_up",
     "tail_pitch",
     "tail_side",
@@ -136,6 +137,7 @@ class Shape:
     Attributes:
         bend: (n,) displacement of the elastic axis of the right wing, m, up.
         twist: (n,) rad, nose up.
+        curvature: (n,) second derivative of ``bend`` along the span, 1/m: strain per distance from the neutral axis.
         tail_up, tail_pitch, tail_side, tail_roll, tail_yaw: of the tail, m (up, right) and rad.
         body_up, body_pitch, body_roll: of the fuselage, m and rad.
         symmetric: the left wing does the same; else the opposite.
@@ -143,6 +145,7 @@ class Shape:
 
     bend: FloatArray
     twist: FloatArray
+    curvature: FloatArray = field(default_factory=lambda: np.zeros(STRIPS))
     tail_up: float = 0.0
     tail_pitch: float = 0.0
     tail_side: float = 0.0
@@ -198,12 +201,12 @@ def symmetric_modes(wing: Wing, tail: Tail, stiffness: Stiffness, mass_kg: float
     the mass and the pitch inertia that wing and tail leave over, at the place that keeps the centre of gravity.
     """
     bends, twists = _wing_shapes(wing)
-    zero, one = np.zeros(STRIPS), np.ones(STRIPS)
+    zero, one, L = np.zeros(STRIPS), np.ones(STRIPS), 0.5 * wing.span_m
     X_axis = wing.quarter_chord_m - (wing.elastic_axis - 0.25) * wing.chord
     shapes = [
         Shape(one, zero, tail_up=1.0, body_up=1.0),
         Shape(X_axis, one, tail_up=-tail.arm_m, tail_pitch=1.0, body_pitch=1.0),
-        *(Shape(f, zero) for f, _ in bends),
+        *(Shape(f, zero, curvature / L**2) for f, curvature in bends),
         *(Shape(zero, f) for f, _ in twists),
         Shape(zero, zero, tail_up=1.0, tail_pitch=-1.5 / tail.arm_m),
     ]
@@ -232,10 +235,10 @@ def asymmetric_modes(wing: Wing, tail: Tail, stiffness: Stiffness, Ixx: float) -
     yaw of the fuselage are left out: it is an order heavier than the tail.
     """
     bends, twists = _wing_shapes(wing)
-    zero = np.zeros(STRIPS)
+    zero, L = np.zeros(STRIPS), 0.5 * wing.span_m
     shapes = [
         Shape(-wing.y, zero, tail_roll=1.0, body_roll=1.0, symmetric=False),
-        *(Shape(f, zero, symmetric=False) for f, _ in bends),
+        *(Shape(f, zero, curvature / L**2, symmetric=False) for f, curvature in bends),
         *(Shape(zero, f, symmetric=False) for f, _ in twists),
         Shape(zero, zero, tail_roll=1.0, symmetric=False),
         Shape(zero, zero, tail_side=1.0, tail_yaw=-1.5 / tail.arm_m, symmetric=False),

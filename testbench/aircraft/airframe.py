@@ -1,0 +1,72 @@
+"""Motion and strain of any wing station, out of rigid motion and modal states of a record."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from testbench.aircraft.elastic import ElasticModel
+from testbench.errors import ModelError
+from testbench.record import FlightRecord, FloatArray
+
+
+def wing_acceleration(record: FlightRecord, elastic: ElasticModel | None, y_m: float, x_m: float = 0.0) -> FloatArray:
+    """Return the specific force along body z, (n,) in m/s2, that an accelerometer on the wing reads.
+
+        az_P = az_CG + y pdot - x qdot + r (p x + q y) - sum_i (+-) (bend_i(y) + x twist_i(y)) eta_i''
+
+    the modal displacement being positive up and z down; the sign is that of the left wing for asymmetric modes. The
+    wing is taken to lie in the plane z = 0, and ``x_m`` counts from the centre of gravity as well as from the elastic
+    axis, which lie within some centimetres of each other on EOLO.
+
+    Args:
+        record: with az, p, q, r, pdot, qdot and, for a flexible aircraft, etaddot of every mode.
+        elastic: the modes, or None for rigid wings.
+        y_m: station, positive on the right wing.
+        x_m: distance ahead of the elastic axis.
+
+    Raises:
+        ModelError: the station lies beyond the last one of the mode shapes, or a mode has no shape.
+        ChannelError: the record lacks a channel.
+    """
+    p, q, r, pdot, qdot = (record[name] for name in ("p", "q", "r", "pdot", "qdot"))
+    rigid = record["az"] + y_m * pdot - x_m * qdot + r * (p * x_m + q * y_m)
+    if elastic is None:
+        return np.asarray(rigid)
+    weights = mode_at(elastic, "bend_m", y_m) + x_m * mode_at(elastic, "twist_rad", y_m)
+    accelerations = record.columns(f"etaddot_{i}" for i in range(1, len(elastic) + 1))
+    return np.asarray(rigid - accelerations @ weights)
+
+
+def wing_strain(record: FlightRecord, elastic: ElasticModel, y_m: float, height_m: float) -> FloatArray:
+    """Return the bending strain (n,) of the skin ``height_m`` above the neutral axis at ``y_m``: -height w''(y).
+
+    Strain in flight counts from the unloaded wing; the modes carry the load beyond that of free fall, so that level
+    flight shows as a steady compression of the upper skin.
+
+    Raises:
+        ModelError: as :func:`wing_acceleration`.
+        ChannelError: the record lacks eta of a mode.
+    """
+    curvature = record.columns(f"eta_{i}" for i in range(1, len(elastic) + 1)) @ mode_at(elastic, "curvature_1_m", y_m)
+    return np.asarray(-height_m * curvature)
+
+
+def mode_at(elastic: ElasticModel, quantity: str, y_m: float) -> FloatArray:
+    """Return a quantity of WingShape at ``y_m``, one value per mode (k,), by cubic interpolation between stations.
+
+    Raises:
+        ModelError: the station lies beyond the last one, or a mode has no shape.
+    """
+    from scipy.interpolate import CubicSpline
+
+    stations = np.array(elastic.stations_m)
+    if not stations.size or abs(y_m) > stations[-1] + 1e-9:
+        reach = f"0 to {stations[-1]:g} m" if stations.size else "none"
+        raise ModelError(f"a wing station must lie within those of the mode shapes ({reach}), got y = {y_m:g} m")
+    out = []
+    for mode in elastic.modes:
+        if mode.shape is None:
+            raise ModelError(f"every mode must have a shape along the wing, got none for '{mode.name}'")
+        value = float(CubicSpline(stations, getattr(mode.shape, quantity))(abs(y_m)))
+        out.append(value if mode.symmetry == "symmetric" or y_m >= 0.0 else -value)
+    return np.array(out)
