@@ -32,6 +32,7 @@ simulation lacks.
     testbench check my_scenario.toml      # every fault of a file at once, without flying
     testbench identify my_records.toml    # the same line for recorded flights
     testbench gap flexible_wings          # find, name and add what the simulation lacks
+    testbench aircraft eolo               # trims, modes over speed, derivatives of an aircraft
 
 Exit status: 0 done, 2 bad input, 3 the computation cannot be carried out (no trim, flight aborted, not identifiable).
 """,
@@ -53,6 +54,13 @@ class Kind(str, Enum):
     estimators = "estimators"
     scenarios = "scenarios"
     effects = "effects"
+
+
+class Wings(str, Enum):
+    """Whether elastic modes move."""
+
+    flexible = "flexible"
+    rigid = "rigid"
 
 
 @app.command()
@@ -119,6 +127,36 @@ def gap(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: Seed
         say("write report")
         write_gap(result, folder)
     print_gap(result, _console(), folder)
+
+
+@app.command()
+def aircraft(
+    name: Annotated[str, typer.Argument(help="Aircraft; see `testbench list aircraft`.", show_default=False)],
+    wings: Annotated[Wings, typer.Option(help="Let the elastic modes move, or hold them.")] = Wings.flexible,
+    out: OutOption = Path("results"),
+    export: Annotated[
+        Path | None, typer.Option(help="Write the model for its design condition here as plain JSBSim XML.")
+    ] = None,
+) -> None:
+    """Trim an aircraft over its speed range and show its modes, frequency responses and derivatives.
+
+    Example: `testbench aircraft eolo --export root/aircraft` also writes a model that stock JSBSim loads from `root`.
+    """
+    from testbench.aircraft import load_aircraft
+    from testbench.evaluation.envelope import survey
+    from testbench.report.aircraft import export_aircraft, folder_name, print_aircraft, write_aircraft
+
+    loaded = load_aircraft(name, wings.value)
+    folder = out / folder_name(loaded, name)
+    with _stages() as say:
+        say("trim and linearise over speed")
+        found = survey(loaded, name)
+        say("write report")
+        write_aircraft(found, folder)
+        exported = export_aircraft(found, export) if export is not None else []
+    print_aircraft(found, _console(), folder)
+    if exported:
+        print(f"Model: {exported[0]}")
 
 
 @app.command()

@@ -22,11 +22,13 @@ from testbench.evaluation.bode import zero_order_hold
 from testbench.evaluation.excitation import ModeExcitation, excitation
 from testbench.evaluation.modes import longitudinal_modes
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
+from testbench.flight.air import Air, Gust, turbulence_rms
 from testbench.flight.preflight import check, log_rate
 from testbench.inputs import build
 from testbench.inputs.signal import energy_spectrum
 from testbench.record import FlightRecord, FloatArray
 from testbench.scenario import (
+    AirSpec,
     Estimator,
     Identification,
     Preparation,
@@ -167,13 +169,13 @@ def run(
     suites = tuple(_suite(scenario, name) for name in scenario.suites)
     say(f"trim {aircraft.name}")
     with located(where, "condition"):
-        trimmed = trim(aircraft, _condition(scenario), scenario.simulation.rate_hz)
+        trimmed = trim(aircraft, _condition(scenario), scenario.simulation.rate_hz, _air(scenario, seed))
     flights = []
     for i, spec in enumerate(scenario.manoeuvre):
         say(f"fly {spec.name}")
         with located(where, f"manoeuvre[{i}]"):
             manoeuvre = Manoeuvre(spec.name, build(spec.input, spec.duration_s, trimmed.rate_hz), spec.settle_s)
-            truth = _fly(aircraft, trimmed, manoeuvre, log_rate(scenario, suites), keep)
+            truth = _fly(aircraft, trimmed, manoeuvre, log_rate(scenario, suites), keep, _air(scenario, seed + i))
         measured = {}
         for suite in suites:
             measured[suite.name] = suite.measure(truth, seed + i)
@@ -260,13 +262,29 @@ def _condition(scenario: Scenario) -> FlightCondition:
     return FlightCondition(c.V_m_s, c.h_m, c.gamma_deg * DEG_RAD)
 
 
+def _air(scenario: Scenario, seed: int) -> Air | None:
+    """Return the air of the scenario, or None where it is still."""
+    spec = scenario.air
+    if spec == AirSpec():
+        return None
+    height = scenario.condition.h_m if spec.height_m is None else spec.height_m
+    rms = turbulence_rms(spec.turbulence_rms_m_s, height) if spec.turbulence_rms_m_s else (0.0, 0.0, 0.0)
+    gust = Gust(**spec.gust.model_dump()) if spec.gust else None
+    return Air(spec.wind_north_m_s, spec.wind_east_m_s, spec.wind_down_m_s, rms, spec.height_m, gust, seed)
+
+
 def _fly(
-    aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre, log_rate_hz: float, keep: Keep
+    aircraft: Aircraft,
+    trimmed: TrimmedFlight,
+    manoeuvre: Manoeuvre,
+    log_rate_hz: float,
+    keep: Keep,
+    air: Air | None,
 ) -> FlightRecord:
     from testbench.errors import FlightAborted
 
     try:
-        truth = fly(aircraft, trimmed, manoeuvre, log_rate_hz)
+        truth = fly(aircraft, trimmed, manoeuvre, log_rate_hz, air=air)
     except FlightAborted as error:
         if error.record is not None and len(error.record):
             keep(f"{manoeuvre.name}_aborted", error.record)

@@ -13,12 +13,13 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
-from testbench.constants import DEG_RAD, PERCENT
+from testbench.constants import DEG_RAD, FT_M, PERCENT
 from testbench.errors import RecordError, ScenarioError, nearest
 from testbench.paths import aircraft_names, suite_names
 
 Control = Literal["de", "da", "dr", "thr"]
 Positive = Annotated[float, Field(gt=0.0)]
+LOWEST_M = 10.0 * FT_M  # MIL-F-8785C gives the scale lengths of turbulence from 10 ft above ground
 NonNegative = Annotated[float, Field(ge=0.0)]
 Model = TypeVar("Model", bound="Strict")
 
@@ -51,6 +52,37 @@ class Condition(Strict):
     V_m_s: Positive
     h_m: float
     gamma_deg: float = 0.0
+
+
+class GustSpec(Strict):
+    """One 1-cosine gust from ``start_s`` on the clock of the inputs; positive air moves north, east or down."""
+
+    axis: Literal["north", "east", "down"]
+    amplitude_m_s: float
+    start_s: NonNegative = 0.0
+    duration_s: Positive | None = None
+    length_m: Positive | None = None
+
+    @model_validator(mode="after")
+    def _one_size(self) -> GustSpec:
+        if (self.duration_s is None) == (self.length_m is None):
+            raise ValueError("a gust takes either duration_s or length_m (the distance flown through it), and not both")
+        return self
+
+
+class AirSpec(Strict):
+    """The air that is flown through, still if nothing is given; the heading at trim is north.
+
+    ``turbulence_rms_m_s`` is that of the vertical component; the others follow from ``height_m`` above ground, as do
+    the scale lengths. The altitude of the condition is taken for it if it is not given.
+    """
+
+    wind_north_m_s: float = 0.0
+    wind_east_m_s: float = 0.0
+    wind_down_m_s: float = 0.0
+    turbulence_rms_m_s: NonNegative = 0.0
+    height_m: Annotated[float, Field(ge=LOWEST_M)] | None = None
+    gust: GustSpec | None = None
 
 
 class Simulation(Strict):
@@ -221,6 +253,7 @@ class Scenario(Strict):
     wings: Literal["flexible", "rigid"] = "flexible"
     seed: Annotated[int, Field(ge=0)] = 0
     condition: Condition
+    air: AirSpec = AirSpec()
     simulation: Simulation = Simulation()
     manoeuvre: Annotated[tuple[Manoeuvre, ...], Field(min_length=1, strict=False)]
     suites: Annotated[tuple[SuiteName, ...], Field(min_length=1, strict=False)]
@@ -238,6 +271,11 @@ class Scenario(Strict):
         names = [m.name for m in self.manoeuvre]
         if len(set(names)) != len(names):
             raise ValueError(f"manoeuvre names must differ, got {', '.join(names)}")
+        if self.air.turbulence_rms_m_s > 0.0 and self.air.height_m is None and self.condition.h_m < LOWEST_M:
+            raise ValueError(
+                f"condition.h_m >= {LOWEST_M:g} (10 ft) must hold in turbulence, got {self.condition.h_m:g}; give the "
+                "height above ground as air.height_m"
+            )
         return self
 
     @property

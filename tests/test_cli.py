@@ -196,3 +196,16 @@ zeros = [0]
 def test_usage_errors_are_usage_errors():
     assert command("list", "aeroplanes").returncode == 2
     assert command("fly").returncode == 2
+
+
+def test_an_aircraft_is_surveyed_reported_and_exported(tmp_path):
+    done = command("aircraft", "taurus", "--out", tmp_path / "out", "--export", tmp_path / "root")
+    assert done.returncode == 0, done.stderr
+    for word in ("trims from", "short period", "Dutch roll", "report.html", "taurus.xml"):
+        assert word in done.stdout
+    assert (tmp_path / "out" / "aircraft_taurus" / "report.html").stat().st_size > 10_000
+    assert (tmp_path / "root" / "taurus" / "taurus.xml").is_file()
+    assert list((tmp_path / "root" / "taurus" / "Engines").glob("*.xml"))
+    assert_fails(command("aircraft", "tauris", "-o", tmp_path), 2, "did you mean 'taurus'")
+    assert command("aircraft", "taurus", "--wings", "floppy").returncode == 2
+    assert "aircraft" in command("--help").stdout

@@ -1,16 +1,21 @@
-"""Poles of the true linear model by the names of the field: short period, phugoid, and the elastic modes."""
+"""Poles of the true linear model by the names of the field, at one condition and followed from one to the next."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import eig
+from scipy.optimize import linear_sum_assignment
 
 from testbench.errors import ModelError
 from testbench.flight.linearise import LinearModel
+from testbench.record import FloatArray
 
 _RIGID = ("u", "w", "q", "theta")
+_LATERAL = ("v", "p", "r", "phi")
 
 
 def longitudinal_modes(model: LinearModel, elastic_names: Mapping[int, str]) -> dict[str, complex]:
@@ -60,3 +65,115 @@ def frequency_and_damping(pole: complex) -> tuple[float, float]:
     """Return natural frequency |s| in rad/s and damping ratio -Re(s)/|s| of a pole."""
     wn = abs(pole)
     return wn, -pole.real / wn if wn else 1.0
+
+
+# --- all motions by name, followed over speed -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Eigenvalues and eigenvectors of one motion.
+
+    Attributes:
+        states: (n,) names.
+        poles: (n,) eigenvalues, rad/s; both of a conjugate pair.
+        right, left: (n, n) eigenvectors in columns; the left ones scaled to left^H right = 1.
+    """
+
+    states: tuple[str, ...]
+    poles: NDArray[np.complex128]
+    right: NDArray[np.complex128]
+    left: NDArray[np.complex128]
+
+    @property
+    def participation(self) -> FloatArray:
+        """(n, n) share of each state (row) in each eigenvalue (column); columns add up to 1."""
+        share = np.abs(self.left.conj() * self.right)
+        return np.asarray(share / share.sum(axis=0), np.float64)
+
+
+Owners = Mapping[str, tuple[int, ...]]
+"""Mode -> the numbers of its eigenvalues in a spectrum: two for a pair or the two real roots that it split into."""
+
+
+def spectrum(model: LinearModel, motion: str, elastic: Mapping[int, str]) -> Spectrum:
+    """Return the spectrum of the "longitudinal" motion or of the "lateral-directional" one, with its elastic modes.
+
+    States: u, w, q, theta, or v, p, r, phi, and eta, etadot of the modes numbered in ``elastic``; what couples the two
+    motions, and the change of the atmosphere with height, is left out.
+    """
+    rigid = _RIGID if motion == "longitudinal" else _LATERAL
+    states = (*rigid, *(f"eta_{i}" for i in elastic), *(f"etadot_{i}" for i in elastic))
+    poles, left, right = eig(model.subsystem(states).A, left=True, right=True)
+    product = np.sum(left.conj() * right, axis=0)
+    scale = np.where(np.abs(product) > 1e-12, product, 1e-12)  # zero where two eigenvalues meet in one eigenvector
+    return Spectrum(states, np.asarray(poles, np.complex128), right, left / scale.conj())
+
+
+def name_modes(found: Spectrum, elastic: Mapping[int, str]) -> dict[str, tuple[int, ...]]:
+    """Return which eigenvalues are which mode, from participation alone.
+
+    An elastic mode owns the two eigenvalues that its eta and etadot take part in most, all modes taken together. Of the
+    four that remain, the longitudinal ones are named as in :func:`longitudinal_modes`; the lateral-directional ones are
+    the Dutch roll (the pair, or the two roots with least roll and bank), and, of the others, the roll mode (faster) and
+    the spiral mode (slower), which may have joined into one pair.
+
+    Raises:
+        ModelError: there are not two eigenvalues for each elastic mode and four for the rigid motion.
+    """
+    n = found.poles.size
+    if n != 4 + 2 * len(elastic):
+        raise ModelError(f"a motion must have 4 + 2 x {len(elastic)} eigenvalues, got {n}")
+    share = found.participation
+    named: dict[str, list[int]] = {name: [] for name in elastic.values()}
+    if elastic:
+        rows = [[found.states.index(f"{kind}_{i}") for kind in ("eta", "etadot")] for i in elastic for _ in range(2)]
+        slots, columns = linear_sum_assignment(-np.array([share[r].sum(axis=0) for r in rows]))
+        for slot, k in zip(slots, columns, strict=True):
+            list(named.values())[slot // 2].append(int(k))
+    taken = {k for owned in named.values() for k in owned}
+    rest = sorted((k for k in range(n) if k not in taken), key=lambda k: abs(found.poles[k]))
+    rigid = _lateral_owners(found, rest) if "phi" in found.states else _longitudinal_owners(found, rest)
+    return {**rigid, **{name: tuple(owned) for name, owned in named.items()}}
+
+
+def _longitudinal_owners(found: Spectrum, rest: Sequence[int]) -> dict[str, tuple[int, ...]]:
+    """Return the owners of four eigenvalues sorted by magnitude: the slow two, and the fast two."""
+    pairs = [k for k in rest if abs(found.poles[k].imag) > 1e-9]
+    if len(pairs) == 2:  # the pair may lie between the two real roots
+        real = [k for k in rest if k not in pairs]
+        slow, fast = (pairs, real) if abs(found.poles[pairs[0]]) < abs(found.poles[real[0]]) else (real, pairs)
+        return {"phugoid": tuple(slow), "short period": tuple(fast)}
+    return {"phugoid": tuple(rest[:2]), "short period": tuple(rest[2:])}
+
+
+def _lateral_owners(found: Spectrum, rest: Sequence[int]) -> dict[str, tuple[int, ...]]:
+    pairs = [k for k in rest if abs(found.poles[k].imag) > 1e-9]
+    if len(pairs) == 2:
+        dutch = pairs
+    else:  # no pair, or roll and spiral have joined as well
+        rolling = found.participation[[found.states.index("p"), found.states.index("phi")]].sum(axis=0)
+        dutch = sorted(sorted(rest, key=lambda k: (round(float(rolling[k]), 9), k))[:2])
+    others = [k for k in rest if k not in dutch]
+    return {"Dutch roll": tuple(dutch), "roll": (others[1],), "spiral": (others[0],)}
+
+
+def follow(before: Spectrum, owners: Owners, after: Spectrum) -> dict[str, tuple[int, ...]]:
+    """Return which eigenvalues of a neighbouring condition continue the modes of this one.
+
+    The eigenvalues are assigned one to one at least total cost 1 - S + 2 |s' - s| / (|s'| + |s|). The similarity
+    S = |l^H r'| |l'^H r| of left and right eigenvectors is 1 for the same mode and 0 for another one of the same
+    system, whatever the units of the states. So names keep to the motion where frequencies cross, and a pair that
+    splits into two real roots keeps its name.
+    """
+    likeness = np.abs(before.left.conj().T @ after.right) * np.abs(after.left.conj().T @ before.right).T
+    s, t = before.poles[:, None], after.poles[None, :]
+    away = 2.0 * np.abs(t - s) / np.maximum(np.abs(t) + np.abs(s), 1e-9)
+    _, successor = linear_sum_assignment(1.0 - np.minimum(likeness, 1.0) + away)
+    return {name: tuple(int(successor[k]) for k in owned) for name, owned in owners.items()}
+
+
+def poles_of(found: Spectrum, owned: Sequence[int]) -> tuple[complex, ...]:
+    """Return the poles of a mode: one (imaginary part not negative) for a pair or a single root, else two."""
+    upper = sorted((complex(found.poles[k].real, abs(found.poles[k].imag)) for k in owned), key=abs)
+    return (upper[0],) if len(upper) == 2 and abs(upper[0] - upper[1]) <= 1e-9 * abs(upper[1]) else tuple(upper)

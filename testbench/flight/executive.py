@@ -9,20 +9,24 @@ from __future__ import annotations
 
 import tempfile
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import jsbsim
+import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.channels import CHANNELS, CONTROLS, channel, modal_channels
 from testbench.constants import FT_M
 from testbench.errors import ModelError
 from testbench.flight.condition import FlightCondition
+from testbench.record import FloatArray
 
 ADAMS_BASHFORTH_2 = 3  # JSBSim's number for it; its default, Euler for the rates, costs 3 % at 8 Hz
+_GUSTS = tuple(f"atmosphere/gust-{axis}-fps" for axis in ("north", "east", "down"))
 _INTEGRATORS = ("rate/rotational", "rate/translational", "position/rotational", "position/translational")
 
 
@@ -92,6 +96,8 @@ class Executive:
         self.factors = [self._factor(name) for name in self.channels]
         self.channel_nodes = [self.node(str(channel(name).jsbsim_property)) for name in self.channels]
         self.command_nodes = {n: self.node(aircraft.controls[n].command) for n in CONTROLS if n in aircraft.controls}
+        self.gust_nodes = [self.node(name) for name in _GUSTS]
+        self._wind = np.zeros(3)
 
     def _refuse_unknown_properties(self, read: frozenset[str]) -> None:
         """Raise ModelError if a function reads a property that nothing defines.
@@ -144,8 +150,23 @@ class Executive:
         for name, value in values.items():
             self.command_nodes[name].set_double_value(value / self.aircraft.controls[name].full)
 
+    def set_wind(self, wind_m_s: Sequence[float]) -> None:
+        """Set the velocity of the air (north, east, down, m/s) that ``place`` and ``evaluate`` reckon with.
+
+        JSBSim's own wind would not do: ``run_ic`` puts it back to a speed and direction among the initial conditions,
+        which know no vertical wind. Its gust stays as it is set and adds to the wind, which is left at zero.
+        """
+        self._wind = np.array(wind_m_s, float)
+        for node, value in zip(self.gust_nodes, self._wind, strict=True):
+            node.set_double_value(value / FT_M)
+
     def place(self, h_m: float, theta: float, phi: float, uvw_m_s: Any, pqr: Any = (0.0, 0.0, 0.0)) -> None:
-        """Set the initial conditions (attitude before velocity: JSBSim keeps body velocities only in that order)."""
+        """Set the initial conditions: ``uvw_m_s`` is the airspeed in body axes; heading north.
+
+        Attitude before velocity: JSBSim keeps body velocities, which are those over the ground, only in that order.
+        """
+        if self._wind.any():
+            uvw_m_s = np.asarray(uvw_m_s, float) + _body_from_earth(theta, phi) @ self._wind
         self.set("ic/h-sl-ft", h_m / FT_M)
         self.set("ic/psi-true-rad", 0.0)
         self.set("ic/theta-rad", theta)
@@ -169,6 +190,13 @@ class Executive:
         """Return every channel of the current state, SI."""
         values = (node.get_double_value() * f for node, f in zip(self.channel_nodes, self.factors, strict=True))
         return dict(zip(self.channels, values, strict=True))
+
+
+def _body_from_earth(theta: float, phi: float) -> FloatArray:
+    """Return the matrix (3, 3) that takes north, east, down to body axes, heading north (Etkin 1972, section 4.4)."""
+    s, c = np.sin(theta), np.cos(theta)
+    sp, cp = np.sin(phi), np.cos(phi)
+    return np.array([[c, 0.0, -s], [sp * s, cp, sp * c], [cp * s, -sp, cp * c]])
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.constants import DEG_RAD
+from testbench.constants import DEG_RAD, FT_M
 from testbench.errors import FlightAborted, LimitError
+from testbench.flight.air import Air
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import Executive
-from testbench.flight.trim import place_at_trim
+from testbench.flight.trim import place_at_trim, steady_wind
 from testbench.inputs.signal import InputSignal
 from testbench.record import FlightRecord, FloatArray
 
@@ -82,8 +83,12 @@ def fly(
     manoeuvre: Manoeuvre,
     log_rate_hz: float,
     channels: Sequence[str] | None = None,
+    air: Air | None = None,
 ) -> FlightRecord:
     """Fly ``manoeuvre`` from ``trimmed`` and return the truth, logged every 1/``log_rate_hz`` s from t = 0.
+
+    The servos take commands as running linearly from frame to frame: a step of the held signal is flown as a ramp over
+    the frame before it (2 ms at 500 Hz), half a frame early in the mean.
 
     Args:
         aircraft: the aircraft that was trimmed.
@@ -91,9 +96,11 @@ def fly(
         manoeuvre: the inputs; the signal must be sampled at the simulation rate.
         log_rate_hz: must divide the simulation rate.
         channels: what is logged; every channel of the simulator if not given.
+        air: turbulence and gust; its steady wind must be the one that was trimmed in. If not given, the air keeps the
+            steady wind of the trim, which is none unless ``trim`` was given one.
 
     Raises:
-        LimitError: a rate or a command breaks its law.
+        LimitError: a rate, a command or the air breaks its law.
         FlightAborted: the flight left the aircraft's limits or ceased to be finite; the error carries the record.
     """
     rate = trimmed.rate_hz
@@ -103,18 +110,19 @@ def fly(
         )
     step = stride(rate, log_rate_hz)
     u = commands(aircraft, trimmed, manoeuvre)
+    wind = None if air is None else _moving_air(air, trimmed, u.shape[0], manoeuvre.settle_s)
     fdm = Executive(aircraft, rate, trimmed.condition)
     place_at_trim(fdm, trimmed)
 
     names = tuple(channels) if channels is not None else fdm.channels
     at_trim = np.array([trimmed.controls[n] for n in manoeuvre.signal.channels])
-    data, reason = _run(fdm, manoeuvre.signal.channels, at_trim, u, step, names)
+    data, reason = _run(fdm, manoeuvre.signal.channels, at_trim, u, step, names, wind)
     record = FlightRecord(
         t_s=np.arange(len(data)) / log_rate_hz,
         channels=names,
         data=data,
         kind="truth",
-        provenance=_provenance(aircraft, trimmed, manoeuvre),
+        provenance=_provenance(aircraft, trimmed, manoeuvre, air),
         outcome="aborted" if reason else "completed",
         reason=reason,
     )
@@ -130,10 +138,37 @@ def fly(
     return record
 
 
+def _moving_air(air: Air, trimmed: TrimmedFlight, n: int, settle_s: float) -> FloatArray | None:
+    """Return the velocity of the air (n, 3), m/s, at every frame, or None if it is the trim's all the time.
+
+    Raises:
+        LimitError: the flight was trimmed in another steady wind.
+    """
+    was = steady_wind(trimmed)
+    if not np.allclose(air.wind_m_s, was, rtol=0.0, atol=1e-9):
+        raise LimitError(
+            f"the steady wind must be the one of the trim, got {_triple(air.wind_m_s)} m/s north, east, down after a "
+            f"trim in {_triple(was)}; call trim(..., air=air)"
+        )
+    return None if air.is_steady else air.velocities(n, trimmed.rate_hz, trimmed.condition, settle_s)
+
+
+def _triple(values: Sequence[float]) -> str:
+    return ", ".join(f"{v:g}" for v in values)
+
+
 def _run(
-    fdm: Executive, controls: Sequence[str], at_trim: FloatArray, u: FloatArray, step: int, names: Sequence[str]
+    fdm: Executive,
+    controls: Sequence[str],
+    at_trim: FloatArray,
+    u: FloatArray,
+    step: int,
+    names: Sequence[str],
+    wind: FloatArray | None,
 ) -> tuple[FloatArray, str]:
     """Run JSBSim with the commands ``u`` (frames + 1, controls), and log the channels ``names`` every ``step`` frames.
+
+    ``wind`` is the velocity of the air (frames + 1, 3) north, east, down, m/s, or None if it does not change.
 
     Returns:
         The rows logged, SI, and why the flight ended before its time, or "". The row outside the limits is left out:
@@ -150,6 +185,10 @@ def _run(
     columns = [column.tolist() for column in (u / scale).T]
     changed = np.any(np.diff(np.vstack([at_trim, at_trim, u[1:]]), axis=0) != 0.0, axis=1).tolist()
     writers = [fdm.command_nodes[n].set_double_value for n in controls]
+    if wind is not None:  # written like the commands: nothing is added to the loop of a flight in steady air
+        columns += [column.tolist() for column in (wind / FT_M).T]
+        writers += [node.set_double_value for node in fdm.gust_nodes]
+        changed = [True] * len(changed)
     run = fdm.fdm.run
     for row in range(1, rows):
         for frame in range((row - 1) * step + 1, row * step + 1):
@@ -187,9 +226,11 @@ def _reason(name: str, factor: float, low: float, high: float, value: float) -> 
     return f"{low * scale:g} <= {name} <= {high * scale:g}{unit} must hold, got {got:.3g}{unit}"
 
 
-def _provenance(aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre) -> dict[str, Any]:
+def _provenance(
+    aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre, air: Air | None = None
+) -> dict[str, Any]:
     c = trimmed.condition
-    return {
+    out = {
         "aircraft": aircraft.name,
         "amendments": [a.name for a in aircraft.amendments],
         "V_m_s": c.V_m_s,
@@ -200,3 +241,4 @@ def _provenance(aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre
         "simulation_rate_hz": trimmed.rate_hz,
         "jsbsim": version("jsbsim"),
     }
+    return out if air is None else out | {"air": air.as_provenance()}

@@ -7,6 +7,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.constants import DEG_RAD, FT_M
 from testbench.errors import TrimError
+from testbench.flight.air import AXES, Air
 from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.executive import Executive
 from testbench.record import FloatArray
@@ -21,11 +22,17 @@ _ACCELERATIONS = (
     ("accelerations/qdot-rad_sec2", 1.0),
     ("accelerations/rdot-rad_sec2", 1.0),
 )
+_THROTTLE_STARTS = (0.3, 0.8)  # a propeller that gives no thrust at the first has no effect there to start from
 TOLERANCE = 1e-9  # m/s2 and rad/s2 left over; well above the rounding of JSBSim's forces
 
 
-def trim(aircraft: Aircraft, condition: FlightCondition, rate_hz: float | None = None) -> TrimmedFlight:
+def trim(
+    aircraft: Aircraft, condition: FlightCondition, rate_hz: float | None = None, air: Air | None = None
+) -> TrimmedFlight:
     """Trim in steady straight flight without sideslip.
+
+    Turbulence and gusts of ``air`` are left out. Airspeed, flight-path angle and heading are those within its steady
+    wind, which changes the equilibrium only by way of the Earth's rotation (1.5e-3 m/s2 for 10 m/s).
 
     Newton's method on the six accelerations over alpha, phi, elevator, aileron, rudder and throttle, elastic modes in
     static equilibrium at every step. JSBSim's own trim stops at 1e-5 m/s2, which drifts visibly in a minute's record.
@@ -35,7 +42,29 @@ def trim(aircraft: Aircraft, condition: FlightCondition, rate_hz: float | None =
     """
     rate = rate_hz or aircraft.rate_hz
     fdm = Executive(aircraft, rate, condition)
-    x = np.array([0.05, 0.0, 0.0, 0.0, 0.0, 0.3])
+    if air is not None:
+        fdm.set_wind(air.wind_m_s)
+    solvable = False
+    for throttle in _THROTTLE_STARTS:
+        x, solvable = _newton(fdm, condition, throttle)
+        if solvable:
+            break
+    if not solvable:
+        _check_limits(aircraft, condition, x)
+        raise TrimError(
+            f"trim of {aircraft.name} at {condition} needs controls that can balance it, but on the way there they "
+            "lose their effect; the condition is outside the flight envelope"
+        )
+    residual = _accelerations(fdm, condition, x, to_rest=True)
+    _check(aircraft, condition, x, residual)
+    controls = {n: float(v) for n, v in zip(_UNKNOWNS, x, strict=True) if n in aircraft.controls}
+    alpha, phi = float(x[0]), float(x[1])
+    return TrimmedFlight(condition, rate, alpha, _theta(condition, alpha), phi, controls, residual, fdm.read())
+
+
+def _newton(fdm: Executive, condition: FlightCondition, throttle: float) -> tuple[FloatArray, bool]:
+    """Return the unknowns reached from ``throttle`` and whether every step on the way could be solved for."""
+    x = np.array([0.05, 0.0, 0.0, 0.0, 0.0, throttle])
     residual = _accelerations(fdm, condition, x)
     for _ in range(25):
         if np.max(np.abs(residual)) < TOLERANCE:
@@ -44,29 +73,32 @@ def trim(aircraft: Aircraft, condition: FlightCondition, rate_hz: float | None =
         for j, step in enumerate(_STEPS):
             d = np.zeros(6)
             d[j] = step
-            jacobian[:, j] = (_accelerations(fdm, condition, x + d) - _accelerations(fdm, condition, x - d)) / (
-                2 * step
-            )
+            up, down = (_accelerations(fdm, condition, x + sign * d) for sign in (1.0, -1.0))
+            jacobian[:, j] = (up - down) / (2.0 * step)
         if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian) > 1e12:
-            raise TrimError(
-                f"trim of {aircraft.name} at {condition} needs controls that can balance it, but on the way there they "
-                "lose their effect; the condition is outside the flight envelope"
-            )
+            return x, False
         x = x - np.clip(np.linalg.solve(jacobian, residual), -0.3, 0.3)
         residual = _accelerations(fdm, condition, x)
-    residual = _accelerations(fdm, condition, x, to_rest=True)
-    _check(aircraft, condition, x, residual)
-    controls = {n: float(v) for n, v in zip(_UNKNOWNS, x, strict=True) if n in aircraft.controls}
-    alpha, phi = float(x[0]), float(x[1])
-    return TrimmedFlight(condition, rate, alpha, _theta(condition, alpha), phi, controls, residual, fdm.read())
+    return x, True
 
 
 def _theta(condition: FlightCondition, alpha: float) -> float:
     return alpha + condition.gamma_rad
 
 
+def steady_wind(trimmed: TrimmedFlight) -> tuple[float, float, float]:
+    """Return the velocity of the air (north, east, down, m/s) that a flight was trimmed in.
+
+    Rounded to 1e-9 m/s: JSBSim's initial conditions leave a wind of 1e-13 m/s, the rounding of airspeed and speed over
+    the ground, and make it anew wherever the trim is placed.
+    """
+    north, east, down = (round(trimmed.state[f"wind_{axis}"], 9) + 0.0 for axis in AXES)
+    return north, east, down
+
+
 def place_at_trim(fdm: Executive, trimmed: TrimmedFlight) -> None:
-    """Put a fresh executive into the trimmed state, at rest in time."""
+    """Put a fresh executive into the trimmed state, steady wind included, at rest in time."""
+    fdm.set_wind(steady_wind(trimmed))
     x = np.array([trimmed.alpha, trimmed.phi, *(trimmed.controls[n] for n in _UNKNOWNS[2:])])
     _accelerations(fdm, trimmed.condition, x, to_rest=True)
 
@@ -88,6 +120,12 @@ def _check(aircraft: Aircraft, condition: FlightCondition, x: FloatArray, residu
             f"trim must leave less than {TOLERANCE:g} m/s2 and rad/s2, but {where} keeps "
             f"{np.max(np.abs(residual)):.3g}; the condition is probably outside the flight envelope"
         )
+    _check_limits(aircraft, condition, x)
+
+
+def _check_limits(aircraft: Aircraft, condition: FlightCondition, x: FloatArray) -> None:
+    """Raise TrimError if alpha or a control lies outside its range; a surface at its stop has lost its effect there."""
+    where = f"{aircraft.name} at {condition}"
     low, high = aircraft.limits.get("alpha", (-np.inf, np.inf))
     if not low <= x[0] <= high:
         raise TrimError(

@@ -33,7 +33,7 @@ def test_tip_deflection_of_one_chord_is_one_unit_of_a_bending_mode(eolo):
 
 
 def test_curvature_is_the_second_derivative_of_the_shape(eolo):
-    """By differences of the interpolated first bending; the error of the interpolation is 1 % of the root's curvature."""
+    """By differences of the interpolated first bending, which err by 1 % of the curvature at the root."""
     h, root = 0.05, mode_at(eolo.elastic, "curvature_1_m", 0.0)[0]
     for y in (0.3, 0.7, 1.1, 1.5):
         bend = [mode_at(eolo.elastic, "bend_m", y + k * h)[0] for k in (-1, 0, 1)]

@@ -1,4 +1,4 @@
-"""What every packaged sensor suite must do, and what the four of the papers promise of each other."""
+"""What every packaged sensor suite must do, and what those of the papers promise of each other."""
 
 from __future__ import annotations
 
@@ -63,23 +63,24 @@ def test_figures_are_those_of_an_instrument(name: str) -> None:
         assert exact == (sensor.noise_std + sensor.quantum == 0.0), "nothing else is perfect"
 
 
-def test_channels_of_the_four_suites() -> None:
+def test_channels_of_the_suites() -> None:
     assert load_suite("eolo_no_alpha").channels == ("V", "q", "theta", "de")
     assert load_suite("eolo_alpha").channels == ("V", "alpha", "q", "theta", "de")
     assert load_suite("eolo_gap").channels == ("V", "alpha", "q", "theta", "az", "de_cmd", "thr_cmd")
+    assert load_suite("b1_no_alpha").channels == ("V", "q", "theta", "de")
+    assert load_suite("b1_alpha").channels == ("V", "alpha", "q", "theta", "de")
     assert load_suite("taurus_8hz").channels == ("theta", "q", "u", "h", "de_cmd")
-    assert [load_suite(n).rate_hz for n in ("eolo_no_alpha", "eolo_alpha", "eolo_gap", "taurus_8hz")] == [
-        100,
-        100,
-        100,
-        8,
-    ]
+    rates = {n: load_suite(n).rate_hz for n in suite_names()}
+    assert [rates[n] for n in ("eolo_no_alpha", "eolo_alpha", "eolo_gap")] == [100, 100, 100]
+    assert [rates[n] for n in ("b1_no_alpha", "b1_alpha", "taurus_8hz")] == [25, 25, 8]
 
 
-@pytest.mark.parametrize("other", ["eolo_alpha", "eolo_gap"])
-def test_common_sensors_of_the_eolo_suites_record_the_same_bytes(other: str) -> None:
-    truth = flight(100.0)
-    one, two = load_suite("eolo_no_alpha"), load_suite(other)
+@pytest.mark.parametrize(
+    ("base", "other"), [("eolo_no_alpha", "eolo_alpha"), ("eolo_no_alpha", "eolo_gap"), ("b1_no_alpha", "b1_alpha")]
+)
+def test_common_sensors_of_the_suites_of_one_aircraft_record_the_same_bytes(base: str, other: str) -> None:
+    one, two = load_suite(base), load_suite(other)
+    truth = flight(one.rate_hz)
     common = [n for n in one.channels if n in two.channels]
     assert {"V", "q", "theta"} <= set(common)
     a, b = one.measure(truth, 3), two.measure(truth, 3)

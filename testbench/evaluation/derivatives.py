@@ -1,0 +1,134 @@
+"""Dimensional stability and control derivatives, read off a linear model at trim."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from testbench.flight import LinearModel, TrimmedFlight
+from testbench.record import FloatArray
+
+_NOISE = 1e-8  # what is left of a zero after the differences of JSBSim's forces
+
+
+@dataclass(frozen=True)
+class Derivative:
+    """One dimensional derivative.
+
+    Attributes:
+        name: e.g. "M_alpha".
+        unit: SI.
+        meaning: in words.
+        held: with the elastic modes held at their trimmed deflection.
+        static: with the elastic modes following in static equilibrium; None without modes.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    held: float
+    static: float | None
+
+
+_MOMENTS = {"L": ("p", "roll"), "M": ("q", "pitch"), "N": ("r", "yaw")}
+_FORCES = {"X": "forward", "Y": "side", "Z": "downward"}
+_VARIABLES = {
+    "V": ("m/s", "airspeed"),
+    "alpha": ("", "angle of attack"),
+    "q": ("1/s", "pitch rate"),
+    "de": ("", "elevator"),
+    "thr": ("", "throttle, 0 to 1"),
+    "beta": ("", "sideslip"),
+    "p": ("1/s", "roll rate"),
+    "r": ("1/s", "yaw rate"),
+    "da": ("", "aileron"),
+    "dr": ("", "rudder"),
+}
+_PER = {"": ("m/s²", "1/s²"), "m/s": ("1/s", "1/(m s)"), "1/s": ("m/s", "1/s")}  # units of accelerations per unit
+
+
+def dimensional_derivatives(model: LinearModel, trimmed: TrimmedFlight) -> list[Derivative]:
+    """Return accelerations per unit of motion and control, from a linear model at trim.
+
+    Forces are per mass, along the stability axes of the trim (x along the flight, y right, z down), without gravity and
+    without the accelerations of the turning frame; moments are angular accelerations about body axes, products of
+    inertia included (the primed derivatives of the field). Angles in rad; alpha changes at constant speed.
+    """
+    V, a = trimmed.condition.V_m_s, trimmed.alpha
+    modal = [k for k, s in enumerate(model.states) if s.startswith("eta")]
+    held, static = _derivative_values(model, V, a), None
+    if modal:
+        static = _derivative_values(_residualised(model, modal), V, a)
+    out = []
+    for name, value in held.items():
+        axis, variable = name.replace("/V", "").split("_")
+        per, word = _VARIABLES[variable]
+        if axis in _MOMENTS:
+            unit, meaning = _PER[per][1], f"{_MOMENTS[axis][1]} acceleration due to {word}"
+        else:
+            unit, meaning = _PER[per][0], f"{_FORCES[axis]} acceleration due to {word}"
+        if name.endswith("/V"):
+            unit, meaning = "1/s", f"{meaning}, per airspeed"
+        out.append(Derivative(name, unit, meaning, value, None if static is None else static[name]))
+    return out
+
+
+def _derivative_values(model: LinearModel, V: float, alpha: float) -> dict[str, float]:
+    row = {s: k for k, s in enumerate(model.states)}
+    c, s = math.cos(alpha), math.sin(alpha)
+
+    def column(variable: str) -> FloatArray:
+        """Return the state derivatives per unit of ``variable``."""
+        if variable in model.inputs:
+            return np.asarray(model.B[:, model.inputs.index(variable)])
+        along = {"V": {"u": c, "w": s}, "alpha": {"u": -V * s, "w": V * c}, "beta": {"v": V}}
+        return np.asarray(sum(g * model.A[:, row[x]] for x, g in along.get(variable, {variable: 1.0}).items()))
+
+    def force(axis: str, variable: str) -> float:
+        """Return the specific force along a stability axis, without V x rate of the turning frame."""
+        f = column(variable)
+        if axis == "Y":
+            return float(f[row["v"]] - {"r": -V * c, "p": V * s}.get(variable, 0.0))
+        u, w = f[row["u"]] + V * s * (variable == "q"), f[row["w"]] - V * c * (variable == "q")
+        return float(c * u + s * w if axis == "X" else c * w - s * u)
+
+    surfaces = [n for n in ("de", "thr") if n in model.inputs], [n for n in ("da", "dr") if n in model.inputs]
+    out: dict[str, float] = {}
+    for axis in "XZM":
+        for variable in ("V", "alpha", "q", *surfaces[0]):
+            value = float(column(variable)[row["q"]]) if axis == "M" else force(axis, variable)
+            out[f"{axis}_{variable}"] = _clean(value)
+            if (axis, variable) == ("Z", "alpha"):
+                out["Z_alpha/V"] = value / V
+    for axis in "YLN":
+        for variable in ("beta", "p", "r", *surfaces[1]):
+            moment = axis in _MOMENTS
+            value = float(column(variable)[row[_MOMENTS[axis][0]]]) if moment else force(axis, variable)
+            out[f"{axis}_{variable}"] = _clean(value)
+            if (axis, variable) == ("Y", "beta"):
+                out["Y_beta/V"] = value / V
+    return out
+
+
+def _clean(value: float) -> float:
+    return 0.0 if abs(value) < _NOISE else value
+
+
+def _residualised(model: LinearModel, modal: Sequence[int]) -> LinearModel:
+    """Return the model with the states ``modal`` in static equilibrium: their rates set to zero and solved for."""
+    keep = [k for k in range(len(model.states)) if k not in modal]
+    solve = np.linalg.solve(model.A[np.ix_(modal, modal)], np.hstack([model.A[np.ix_(modal, keep)], model.B[modal]]))
+    A, B = solve[:, : len(keep)], solve[:, len(keep) :]
+    link = model.A[np.ix_(keep, modal)]
+    return LinearModel(
+        model.A[np.ix_(keep, keep)] - link @ A,
+        model.B[keep] - link @ B,
+        model.C[:, keep] - model.C[:, modal] @ A,
+        model.D - model.C[:, modal] @ B,
+        tuple(model.states[k] for k in keep),
+        model.inputs,
+        model.outputs,
+    )

@@ -1,0 +1,1 @@
+"""Independent references that the package is tested against."""
