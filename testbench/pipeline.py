@@ -141,7 +141,7 @@ class RunResult:
         out = alpha_findings(self.cases)
         if self.truth is not None:
             identification = next(f for f in self.flights if f.use != "validation")
-            out += sampling_findings(self.cases, self.truth.modes, identification)
+            out += sampling_findings(self.cases, self.truth.modes, identification, self.source.preparation.lowpass_hz)
             out += [e.sentence for e in self.truth.excitation]
         for case in self.cases:
             out += [f"{case.label}: {advice}" for advice in case.model.advice]

@@ -65,21 +65,43 @@ def _pole(match: Any) -> str:
     return f"wn {wn:.2f} rad/s, zeta {zeta:.2f} (true {true_wn:.2f}, {true_zeta:.2f})"
 
 
-def sampling_findings(cases: Sequence[Any], modes: Mapping[str, complex], flight: Any) -> list[str]:
-    """Say whether poles fitted output by output scatter about the input's spectral peak instead of a true mode."""
-    fitted = {o: p for c in cases if c.estimator.method == "transfer_function" for o, p in c.model.poles().items()}
-    if not fitted or "short period" not in modes:
+def sampling_findings(
+    cases: Sequence[Any], modes: Mapping[str, complex], flight: Any, lowpass_hz: float | None
+) -> list[str]:
+    """Say whether poles fitted output by output belong to a true mode, or to the input, the filter or the sampling.
+
+    Args:
+        cases: pipeline.Case objects; only those of transfer functions count.
+        modes: true poles by name.
+        flight: pipeline.Flight that the models were identified from.
+        lowpass_hz: edge of the noise filter, if any.
+    """
+    case = next((c for c in cases if c.estimator.method == "transfer_function"), None)
+    if case is None or "short period" not in modes:
         return []
     record: FlightRecord = next(iter(flight.measured.values()))
-    control = next(c for c in cases if c.estimator.method == "transfer_function").model.inputs[0]
+    control = case.model.inputs[0]
     nyquist = np.pi / record.dt_s
     omega = np.linspace(0.05, nyquist, 2000)
     u = record[control] - record[control][0]
     peak = omega[int(np.argmax(energy_spectrum(u, record.dt_s, omega)))]
-    fast = {o: max((abs(p) for p in poles if p.imag > 1e-9), default=float("nan")) for o, poles in fitted.items()}
+    true = abs(modes["short period"])
+    fast = {
+        o: max((abs(p) for p in poles if p.imag > 1e-9), default=float("nan"))
+        for o, poles in case.model.poles().items()
+    }
     text = ", ".join(f"{o} {w:.1f}" for o, w in fast.items())
-    return [
-        f"fastest oscillatory pole fitted to each output, rad/s: {text}; "
-        f"true short period {abs(modes['short period']):.1f}, "
-        f"peak of the input's spectrum {peak:.1f}, sampling limit {nyquist:.1f}"
+    edge = f", edge of the noise filter {2.0 * np.pi * lowpass_hz:.1f}" if lowpass_hz else ""
+    out = [
+        f"fastest oscillatory pole fitted to each output, rad/s: {text}; true short period {true:.1f}, peak of the "
+        f"input's spectrum {peak:.1f}{edge}, sampling limit {nyquist:.1f}"
     ]
+    fit = case.evaluation.validation.fit_percent
+    slow = abs(modes.get("phugoid", 0.0))
+    low = [o for o, w in fast.items() if 1.5 * slow < w < 0.5 * true]
+    if low:
+        out.append(
+            f"the poles of {', '.join(low)} are not the short period but sit where the input and the filter leave "
+            f"energy, although the fits on validation data reach {np.max(fit):.0f} %: a good fit is no proof of a mode"
+        )
+    return out
