@@ -81,6 +81,17 @@ def test_prediction_errors_stand_above_the_noise_floor_and_not_far(results):
         assert np.all(scores.mrse_percent[alpha] < 1.5 * scores.noise_percent[alpha])
 
 
+def test_the_numbers_of_the_readme_are_those_of_the_scenarios(results):
+    text = " ".join((SCENARIOS.parent / "README.md").read_text(encoding="utf-8").split())
+    for case in results("eolo_alpha").cases:
+        pole = next(m for m in case.evaluation.poles if m.name == "short period").found
+        assert f"{abs(pole):.2f} rad/s, {-pole.real / abs(pole):.2f}" in text, case.label
+    for finding in results("b1_alpha").findings[:2]:
+        start = finding.index("adding alpha")
+        figures = [word for word in finding[start : finding.index(";")].split() if "." in word]
+        assert all(f"{figure} %" in text for figure in figures), finding
+
+
 def test_common_sensors_have_the_same_noise_in_both_suites(results):
     flight = results("eolo_alpha").flights[0]
     for channel in ("V", "q", "theta", "de"):

@@ -35,8 +35,9 @@ def alpha_findings(cases: Sequence[Any]) -> list[str]:
             np.mean([c.evaluation.validation.mrse_percent[c.model.outputs.index(o)] for o in common])
             for c in (without, with_alpha)
         )
-        word = "lowers" if after < before - 0.05 else "raises" if after > before + 0.05 else "leaves"
-        change = f"at {after:.1f} %" if word == "leaves" else f"from {before:.1f} % to {after:.1f} %"
+        shown = f"{before:.1f} %", f"{after:.1f} %"
+        word = "leaves" if shown[0] == shown[1] else "lowers" if after < before else "raises"
+        change = f"at {shown[1]}" if word == "leaves" else f"from {shown[0]} to {shown[1]}"
         new = {(m.name, m.outputs): m for m in with_alpha.evaluation.poles}
         pole = [
             f"; its short period is {_pole(m)} without alpha, {_pole(n)} with alpha"
