@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from testbench.paths import SCENARIOS, aircraft_names, find_scenario, suite_names
-from testbench.scenario import read_toml
+from testbench.schema import read_toml
 
 
 def check_file(path: Path) -> str:

@@ -27,17 +27,8 @@ from testbench.flight.preflight import check, log_rate
 from testbench.inputs import build
 from testbench.inputs.signal import energy_spectrum
 from testbench.record import FlightRecord, FloatArray
-from testbench.scenario import (
-    AirSpec,
-    Estimator,
-    Identification,
-    Preparation,
-    Scenario,
-    attach_file,
-    estimator_name,
-    parse,
-    read_toml,
-)
+from testbench.scenario import AirSpec, Estimator, Identification, Preparation, Scenario, attach_file, estimator_name
+from testbench.schema import parse, read_toml
 from testbench.sensors import SensorSuite, load_suite
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ import pytest
 from testbench.errors import RecordError, ScenarioError
 from testbench.paths import SCENARIOS
 from testbench.pipeline import load_scenario
-from testbench.scenario import read_toml
+from testbench.schema import read_toml
 
 GOOD = (SCENARIOS / "eolo_alpha.toml").read_text(encoding="utf-8")
 

@@ -14,7 +14,7 @@ def wing_acceleration(record: FlightRecord, elastic: ElasticModel | None, y_m: f
 
         az_P = az_CG + y pdot - x qdot + r (p x + q y) - sum_i (+-) (bend_i(y) + x twist_i(y)) eta_i''
 
-    the modal displacement being positive up and z down; the sign is that of the left wing for asymmetric modes. The
+    the modal displacement being positive up and z down; on the left wing asymmetric modes count with a minus. The
     wing is taken to lie in the plane z = 0, and ``x_m`` counts from the centre of gravity as well as from the elastic
     axis, which lie within some centimetres of each other on EOLO.
 

@@ -16,7 +16,7 @@ from testbench.aircraft.elastic import ElasticMode, ElasticModel, WingShape, add
 from testbench.constants import DEG_RAD, FT_M, LBF_N, SLUG_KG
 from testbench.errors import ModelError, ScenarioError, nearest
 from testbench.paths import AIRCRAFT_MODELS, aircraft_names
-from testbench.scenario import Positive, Strict, parse, read_toml
+from testbench.schema import Positive, Strict, parse, read_toml
 
 _LENGTH_M = {"M": 1.0, "FT": FT_M, "IN": FT_M / 12.0}
 _AREA_M2 = {"M2": 1.0, "FT2": FT_M**2}

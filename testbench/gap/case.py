@@ -18,16 +18,8 @@ from testbench.gap.hidden import Hidden, measure_hidden
 from testbench.gap.workflow import GapFinding, find_gap
 from testbench.paths import find_scenario
 from testbench.record import FlightRecord, load_record
-from testbench.scenario import (
-    AircraftName,
-    Condition,
-    Manoeuvre,
-    Simulation,
-    Strict,
-    SuiteName,
-    parse,
-    read_toml,
-)
+from testbench.scenario import AircraftName, Condition, Manoeuvre, Simulation, SuiteName
+from testbench.schema import Strict, parse, read_toml
 from testbench.sensors import load_suite
 
 Keep = Callable[[str, FlightRecord], None]

@@ -18,7 +18,7 @@ from testbench.inputs import build
 from testbench.inputs.signal import InputSignal
 from testbench.record import FlightRecord
 from testbench.scenario import Manoeuvre as ManoeuvreSpec
-from testbench.scenario import Positive, Strict
+from testbench.schema import Positive, Strict
 from testbench.sensors import SensorSuite
 
 

@@ -17,7 +17,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr, model_
 from testbench.channels import channel, unit_factor
 from testbench.errors import ChannelError, RecordError, ScenarioError, nearest
 from testbench.paths import find_scenario
-from testbench.scenario import Identification, NonNegative, Positive, Preparation, Strict, parse, read_toml
+from testbench.scenario import Identification, Preparation
+from testbench.schema import NonNegative, Positive, Strict, parse, read_toml
 
 ENVIRONMENT = "TESTBENCH_FLIGHT_DATA"
 Format = Literal["csv", "text", "mat", "parquet", "netcdf"]

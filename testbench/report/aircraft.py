@@ -49,6 +49,7 @@ def write_aircraft(survey: Survey, folder: Path | str) -> list[Path]:
         survey=survey,
         aircraft=survey.envelope.aircraft,
         answer=aircraft_answer(survey),
+        shapes_missing=shapes_missing(survey),
         tables=tables,
         pictures=pictures,
         versions=[("flight-testbench", __version__), *((n, version(n)) for n in ("numpy", "scipy", "jsbsim"))],
@@ -112,6 +113,20 @@ def _rigid_instability(survey: Survey, name: str) -> str:
         f"at {speeds[0]:.3g} m/s" if len(speeds) == 1 else f"between {speeds[0]:.3g} and {speeds[-1]:.3g} m/s"
     )  # fmt: skip
     return f"the {name} is unstable {where}, doubling in {number(math.log(2.0) / max(growth))} s at worst"
+
+
+def shapes_missing(survey: Survey) -> str:
+    """Return which mode shapes cannot be drawn, and why, as a sentence; empty if all are drawn."""
+    from testbench.report.aircraft_figures import shaped_modes
+
+    envelope = survey.envelope
+    if not envelope.elastic:
+        return "No mode shapes are drawn: this aircraft has no elastic modes."
+    shaped = shaped_modes(envelope)
+    if not shaped:
+        return "No mode shapes are drawn: the elastic modes of this aircraft are given without shapes along the wing."
+    without = [name for name, i in envelope.elastic.items() if i not in shaped]
+    return f"Given without a shape along the wing, hence not drawn: {'; '.join(without)}." if without else ""
 
 
 # --- tables -----------------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""The figures on an aircraft: trim, damping and frequency of modes over speed, responses to the elevator."""
+"""The figures on an aircraft: trim, modes over speed, mode shapes along the wing, responses to the elevator."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from testbench.aircraft.elastic import ElasticMode
     from testbench.evaluation.envelope import Envelope, Survey
     from testbench.record import FloatArray
 
@@ -37,8 +38,10 @@ _RESPONSES = ("V", "q", "alpha", "theta")
 
 
 def aircraft_plates(survey: Survey) -> list[Plate]:
-    """Return the figures of a survey: trim, modes of both motions over speed, frequency responses."""
+    """Return the figures of a survey: trim, modes of both motions over speed, mode shapes, frequency responses."""
     out = [_trim_plate(survey), _mode_plate(survey, "longitudinal"), _mode_plate(survey, "lateral-directional")]
+    if shaped_modes(survey.envelope):
+        out.append(_shape_plate(survey))
     if survey.responses and "de" in survey.envelope.aircraft.controls:
         out.append(_response_plate(survey))
     return out
@@ -222,6 +225,86 @@ def _mark_onsets(pair: Sequence[Axes], envelope: Envelope, lines: Sequence[_Line
         )  # fmt: skip
     if not unstable:
         damping.set_title(f"onset: none up to {envelope.speeds[-1]:g} m/s", loc="right", fontsize=8, color=QUIET, pad=4)
+
+
+# --- mode shapes ------------------------------------------------------------------------------------------------------
+
+
+def shaped_modes(envelope: Envelope) -> dict[int, ElasticMode]:
+    """Return the flown elastic modes whose shape along the wing is known, by number."""
+    flown = envelope.aircraft.flown_modes()
+    if flown is None:
+        return {}
+    return {i: flown.modes[i - 1] for i in envelope.elastic.values() if flown.modes[i - 1].shape is not None}
+
+
+def _shape_plate(survey: Survey) -> Plate:
+    flown = survey.envelope.aircraft.flown_modes()
+    assert flown is not None
+    modes = shaped_modes(survey.envelope)
+    y, deg_m = np.array(flown.stations_m), 1.0 / (flown.cbar_m * DEG_RAD)
+    span = np.concatenate([-y[::-1], y])
+    looks: list[dict[str, Any]] = [{"color": COLOURS[k], "linestyle": DASHES[k], "linewidth": 1.4} for k in (0, 1)]
+
+    def make(wide: bool) -> Figure:
+        """Draw one panel per mode: displacement on its left axis, twist on its right one."""
+        from matplotlib.lines import Line2D
+        from matplotlib.ticker import MaxNLocator
+
+        texts = ("displacement, m per unit of η (left axis)", "twist, deg per unit of η (right axis)")
+        handles = [Line2D([], [], label=text, **look) for text, look in zip(texts, looks, strict=True)]
+        columns = min(2, len(modes)) if wide else 1
+        rows = -(-len(modes) // columns)
+        top = legend_in(texts, wide) + 0.32
+        figure = new_figure(wide, top + 1.25 * rows + 0.45 * (rows - 1) + 0.5)
+        panels = grid(figure, top, [1.25] * rows, [1.0] * columns, gap_in=0.45, between_in=1.3, right_in=0.66).ravel()
+        for k, (axes, (i, mode)) in enumerate(zip(panels, modes.items(), strict=False)):
+            bend, twist = _both_wings(mode)
+            right = axes.twinx()
+            axes.axhline(0.0, color="#9aa1a9", linewidth=0.7)
+            axes.plot(span, bend, **looks[0])
+            right.plot(span, twist / DEG_RAD, **looks[1])
+            reach = 1.1 * max(float(np.abs(bend).max()), float(np.abs(twist).max()) * flown.cbar_m) or 1.0
+            axes.set_ylim(-reach, reach)
+            right.set_ylim(-reach * deg_m, reach * deg_m)
+            axes.set_xlim(-y[-1], y[-1])
+            for one, look, text in ((axes, looks[0], "m per η"), (right, looks[1], "deg per η")):
+                one.yaxis.set_major_locator(MaxNLocator(nbins=5, steps=[1, 2, 5, 10], symmetric=True))
+                one.tick_params(axis="y", colors=look["color"])
+                one.set_ylabel(text, color=look["color"])
+            right.grid(False)
+            last = k >= len(modes) - columns
+            label(axes, "y, m (left wing negative)" if last else "")
+            width = float(axes.get_position().width * figure.get_size_inches()[0])
+            right.yaxis.set_label_coords(1.0 + 0.45 / width, 0.5)
+            axes.set_title(_shape_title(i, mode, most=int(17.0 * (width + 0.6))), fontsize=8.0, pad=4.0)
+        for axes in panels[len(modes) :]:
+            axes.remove()
+        legend(figure, handles)
+        return figure
+
+    caption = (
+        "Displacement of the elastic axis, positive up, and twist, positive nose up, along both wings for one unit of "
+        "each mode's coordinate, in vacuo; titles give the frequency in vacuo. Symmetric modes move both wings alike, "
+        "asymmetric ones oppositely. Panels differ in scale; in each, equal height on both axes is equal displacement "
+        f"at one mean chord ({flown.cbar_m:.3g} m) ahead of the elastic axis."
+    )
+    return Plate("mode_shapes", "Shapes of the elastic modes along the wing", caption, make)
+
+
+def _both_wings(mode: ElasticMode) -> tuple[FloatArray, FloatArray]:
+    """Return displacement, m, and twist, rad, per unit of eta from the left tip to the right one."""
+    assert mode.shape is not None
+    sign = 1.0 if mode.symmetry == "symmetric" else -1.0
+    bend, twist = np.array(mode.shape.bend_m), np.array(mode.shape.twist_rad)
+    return np.concatenate([sign * bend[::-1], bend]), np.concatenate([sign * twist[::-1], twist])
+
+
+def _shape_title(i: int, mode: ElasticMode, most: int) -> str:
+    """Return number, frequency and name in at most so many letters; the frequency stands first, as names are cut."""
+    name = mode.name.replace("asymmetric", "asym.").replace("symmetric", "sym.").replace(" and ", " + ")
+    text = f"{symbol(f'eta_{i}')}, {mode.f_hz:.3g} Hz: {name}"
+    return text if len(text) <= most else text[: most - 1].rstrip() + "…"
 
 
 # --- frequency responses ----------------------------------------------------------------------------------------------

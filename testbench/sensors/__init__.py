@@ -13,7 +13,7 @@ from pydantic import Field
 from testbench.channels import channel, unit_factor
 from testbench.errors import ChannelError, ScenarioError, nearest
 from testbench.paths import SUITES, suite_names
-from testbench.scenario import NonNegative, Positive, Strict, parse, read_toml
+from testbench.schema import NonNegative, Positive, Strict, parse, read_toml
 from testbench.sensors.sensor import Sensor, SensorSuite, suite_faults
 
 __all__ = ["Sensor", "SensorSuite", "load_suite", "noise_std", "suite_table", "suite_toml"]

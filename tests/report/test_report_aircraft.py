@@ -6,6 +6,7 @@ import csv
 import json
 import re
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -21,6 +22,7 @@ from testbench.report.aircraft import (
     export_aircraft,
     folder_name,
     print_aircraft,
+    shapes_missing,
     write_aircraft,
 )
 from testbench.report.aircraft_figures import aircraft_plates
@@ -48,7 +50,7 @@ def test_every_file_is_there_and_the_page_comes_last(written):
     names = {str(p.relative_to(folder)) for p in paths}
     for stem in ("trim", "modes", "elastic_modes", "derivatives", "coefficients", "modes_over_speed"):
         assert {f"tables/{stem}.csv", f"tables/{stem}.json"} <= names
-    for stem in ("trim", "modes_longitudinal", "modes_lateral_directional", "bode_de"):
+    for stem in ("trim", "modes_longitudinal", "modes_lateral_directional", "mode_shapes", "bode_de"):
         assert (folder / "figures" / f"{stem}.png").read_bytes().startswith(b"\x89PNG")
     assert all(p.stat().st_size > 100 for p in paths)
     assert not list(folder.rglob("*.part"))
@@ -89,6 +91,44 @@ def test_figures_are_the_same_bytes_each_time_and_have_a_narrow_form(rigid):
         drawing = plate.draw()
         assert drawing == plate.draw()
         assert plate.draw(wide=False, png=False).svg != drawing.svg
+
+
+def _shape_plates(found):
+    return [plate for plate in aircraft_plates(found) if plate.name == "mode_shapes"]
+
+
+def test_mode_shapes_are_drawn_over_both_wings_the_same_each_time(flexible):
+    (plate,) = _shape_plates(flexible)
+    drawing = plate.draw()
+    assert drawing == plate.draw()
+    assert plate.draw(wide=False, png=False).svg != drawing.svg
+    assert shapes_missing(flexible) == ""
+    elastic = flexible.envelope.aircraft.elastic
+    axes = plate.make(True).axes
+    left, right = axes[: len(axes) // 2], axes[len(axes) // 2 :]
+    assert len(left) == len(right) == len(elastic)
+    count = len(elastic.stations_m)
+    for bending, twisting, mode in zip(left, right, elastic.modes, strict=True):
+        sign = 1.0 if mode.symmetry == "symmetric" else -1.0
+        assert f"{mode.f_hz:g} Hz" in bending.get_title()
+        for panel, wanted in ((bending, mode.shape.bend_m), (twisting, np.degrees(mode.shape.twist_rad))):
+            y, drawn = panel.lines[-1].get_data()
+            np.testing.assert_allclose(y[count:], elastic.stations_m)
+            np.testing.assert_allclose(drawn[count:], wanted)
+            np.testing.assert_allclose(y, -y[::-1])
+            np.testing.assert_allclose(drawn, sign * drawn[::-1])
+
+
+def test_without_mode_shapes_the_page_says_so_and_draws_none(rigid, tmp_path):
+    aircraft = load_aircraft("b1")
+    V = aircraft.design_V_m_s
+    b1 = Survey("b1", fly_envelope(aircraft, [V]), SpeedRange(V, V, 0.1), (V,), (V,), ())
+    assert not _shape_plates(rigid)
+    assert not _shape_plates(b1)
+    assert "without shapes" in shapes_missing(b1)
+    page = write_aircraft(rigid, tmp_path)[-1].read_text(encoding="utf-8")
+    assert "no elastic modes" in shapes_missing(rigid)
+    assert shapes_missing(rigid) in page
 
 
 def test_a_rigid_aircraft_has_no_elastic_table(rigid, tmp_path):
