@@ -4,33 +4,63 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from testbench.errors import RecordError, ScenarioError, nearest
 from testbench.paths import SCENARIOS, aircraft_names, find_scenario, suite_names
 from testbench.schema import read_toml
 
+COMMANDS = {"scenario": "run", "gap scenario": "gap", "description of recorded flights": "identify"}
+FOLDERS = {"run": "", "gap": "gap", "identify": "records"}
+
+
+def find(path: Path, command: str) -> Path:
+    """Return the file that ``path`` means to ``command``: a file, or a packaged one with or without its folder.
+
+    Raises:
+        RecordError: there is no such file; the message has the nearest packaged name.
+        ScenarioError: it is a file for another command.
+    """
+    file = find_scenario(path)
+    if not file.is_file():
+        file = find_scenario(Path(FOLDERS[command]) / path)
+    if not file.is_file():
+        names = [p.stem for p in (SCENARIOS / FOLDERS[command]).glob("*.toml")]
+        raise RecordError(f"a scenario must be a file or a packaged one, got '{path}'{nearest(path.stem, names)}")
+    kind = kind_of(file)
+    if COMMANDS[kind] != command:
+        raise ScenarioError([f"{file} is a {kind}: use testbench {COMMANDS[kind]}"])
+    return file
+
+
+def kind_of(file: Path) -> str:
+    """Return which of COMMANDS a file is, told by its keys."""
+    content = read_toml(file)
+    if "hidden" in content or "measured" in content:
+        return "gap scenario"
+    return "description of recorded flights" if "record" in content or "channel" in content else "scenario"
+
 
 def check_file(path: Path) -> str:
-    """Check a scenario, a description of records or a gap scenario, told apart by their keys; return which it is.
+    """Check a scenario, a description of records or a gap scenario; return which it is.
 
     Raises:
         ScenarioError: every fault of the file.
         RecordError: the file cannot be read.
     """
     file = find_scenario(path)
-    content = read_toml(file)
-    if "hidden" in content or "measured" in content:
+    kind = kind_of(file)
+    if kind == "gap scenario":
         from testbench.gap.case import load_gap
 
         load_gap(file)
-        return "gap scenario"
-    if "record" in content or "channel" in content:
+    elif kind == "scenario":
+        from testbench.pipeline import load_scenario
+
+        load_scenario(file)
+    else:
         from testbench.logs import load_description
 
         load_description(file)
-        return "description of recorded flights"
-    from testbench.pipeline import load_scenario
-
-    load_scenario(file)
-    return "scenario"
+    return kind
 
 
 def describe(kind: str) -> list[tuple[str, ...]]:

@@ -69,11 +69,12 @@ def run(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: Seed
 
     Example: `testbench run eolo_alpha` answers what an angle-of-attack vane buys.
     """
+    from testbench.checks import find
     from testbench.pipeline import load_scenario
     from testbench.pipeline import run as run_pipeline
     from testbench.report import print_result, record_keeper, write_results
 
-    loaded = load_scenario(scenario)
+    loaded = load_scenario(find(scenario, "run"))
     folder = out / loaded.name
     with _stages() as say:
         result = run_pipeline(loaded, seed, record_keeper(folder), say)
@@ -95,12 +96,12 @@ def identify(
     The description says which file, which column is which channel in which unit, and which time segments to use;
     CSV, text, MAT, Parquet and NetCDF are read. Example: `testbench identify records/attas_short_period`.
     """
+    from testbench.checks import find
     from testbench.logs import load_description
-    from testbench.paths import find_scenario
     from testbench.pipeline import identify as identify_records
     from testbench.report import print_result, record_keeper, write_results
 
-    loaded = load_description(find_scenario(description))
+    loaded = load_description(find(description, "identify"))
     folder = out / loaded.name
     with _stages() as say:
         result = identify_records(loaded, data, record_keeper(folder), say)
@@ -115,12 +116,12 @@ def gap(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: Seed
 
     Example: `testbench gap flexible_wings`: the model holds the wings rigid, the measured aircraft does not.
     """
+    from testbench.checks import find
     from testbench.gap.case import run_gap
-    from testbench.paths import find_scenario
     from testbench.report import record_keeper
     from testbench.report.gap import print_gap, write_gap
 
-    file = find_scenario(scenario) if scenario.suffix or scenario.exists() else find_scenario(Path("gap") / scenario)
+    file = find(scenario, "gap")
     folder = out / f"gap_{file.stem}"
     with _stages() as say:
         result = run_gap(file, seed, record_keeper(folder), say)

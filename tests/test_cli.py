@@ -138,6 +138,21 @@ def test_a_file_that_does_not_exist(verb, tmp_path):
     assert_fails(command(verb, tmp_path / "nowhere.toml"), 2, "nowhere.toml")
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("run", "gap/flexible_wings"), "is a gap scenario: use testbench gap"),
+        (("gap", "eolo_alpha"), "is a scenario: use testbench run"),
+        (("gap", "slow_servos"), "did you mean 'slow_servo'?"),
+        (("identify", "records/../eolo_alpha"), "is a scenario: use testbench run"),
+        (("run", "eolo_alfa"), "did you mean 'eolo_alpha'?"),
+        (("aircraft", "eollo"), "did you mean 'eolo'?"),
+    ],
+)
+def test_the_wrong_command_or_name_says_which_is_right(arguments, message):
+    assert_fails(command(*arguments), 2, message)
+
+
 def test_a_folder_that_cannot_be_written(tmp_path):
     blocker = tmp_path / "file"
     blocker.write_text("in the way", encoding="utf-8")
