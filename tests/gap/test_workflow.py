@@ -175,13 +175,17 @@ def test_the_amended_model_flies_in_stock_jsbsim_and_the_amended_suite_is_read_b
 
 @pytest.mark.slow
 def test_thirty_flights_without_an_effect_give_no_name():
-    """At a false-alarm probability of 1e-3 per case, one name or more among 30 has a probability of 3 %; seeds fixed.
+    """False alarms among 30 null cases, seeds fixed.
 
-    The best gain of each case over four effects, three of one parameter, must look like chi-square: its median lies
-    between 0.3 and 4 (the median of the largest of three chi-square variables of one degree of freedom is 1.6).
+    A name has a false-alarm probability of 1e-3 per case: one or more in 30 has a probability of 3 %. Left-over energy
+    beyond noise ("unexplained") has 1e-3 too, by a test of its own; two or more in 30 have a probability of 4e-4 (there
+    is one, at seed 1210, whose chi-square stands 3.2 deviations high). The best gain must look like the largest
+    of a few chi-square variables: its median lies between 0.3 and 4.
     """
     namings = [run_gap(SCENARIOS / "gap" / "nothing.toml", seed=seed).finding.naming for seed in range(1000, 1300, 10)]
-    assert [n.outcome for n in namings] == ["no gap"] * 30
+    outcomes = [n.outcome for n in namings]
+    assert {"named", "set"}.isdisjoint(outcomes)
+    assert outcomes.count("unexplained") <= 1
     assert 0.3 < np.median([n.ranking[0].gain for n in namings]) < 4.0
 
 
