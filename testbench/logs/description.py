@@ -261,19 +261,19 @@ def _broken_laws(description: RecordDescription) -> Iterator[str]:
 def find_data_folder(description: RecordDescription, given: Path | str | None = None) -> Path:
     """Return the folder that the files of ``description`` lie in.
 
-    It is ``given`` (the option ``--data``), else the environment variable TESTBENCH_FLIGHT_DATA, else the description's
-    ``folder``, taken relative to the description file.
+    It is ``given`` (the option ``--data``), else the description's ``folder``, taken relative to the description file,
+    if it holds the first record, else the environment variable TESTBENCH_FLIGHT_DATA: the variable finds records that
+    do not lie where a packaged description expects them, and leaves everybody's own descriptions alone.
 
     Raises:
         RecordError: the folder does not exist; the message says where it was looked for and how to set it.
     """
+    base = description.file.parent if description.file else Path()
+    folder, origin = (base / description.folder).resolve(), f"folder = '{description.folder}'"
     if given is not None:
         folder, origin = Path(given), "--data"
-    elif os.environ.get(ENVIRONMENT):
+    elif os.environ.get(ENVIRONMENT) and not (folder / description.record[0].file).is_file():
         folder, origin = Path(os.environ[ENVIRONMENT]), f"the environment variable {ENVIRONMENT}"
-    else:
-        base = description.file.parent if description.file else Path()
-        folder, origin = (base / description.folder).resolve(), f"folder = '{description.folder}'"
     if not folder.is_dir():
         files = ", ".join(dict.fromkeys(record.file for record in description.record))
         raise RecordError(
