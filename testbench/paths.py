@@ -22,11 +22,6 @@ def aircraft_names() -> list[str]:
     return sorted(p.parent.name for p in AIRCRAFT_MODELS.glob("*/aircraft.toml"))
 
 
-def scenario_names() -> list[str]:
-    """Return the names of the packaged scenarios, sorted."""
-    return sorted(p.stem for p in SCENARIOS.glob("*.toml"))
-
-
 def suite_names() -> list[str]:
     """Return the names of the packaged sensor suites, sorted."""
     return sorted(p.stem for p in SUITES.glob("*.toml"))

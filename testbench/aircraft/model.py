@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -132,11 +131,6 @@ class Aircraft:
                 if len(values) == 1:
                     return float(values[0].text or "nan")
         raise ModelError(f"{self.name} must have a coefficient '{name}' with one value, got none")
-
-    def diff(self, other: Aircraft, qbar_Pa: float) -> str:
-        """Return a unified diff of the two written models (this one is the old one)."""
-        old, new = (a.model_xml(a.rate_hz, qbar_Pa, a.design_V_m_s).splitlines() for a in (self, other))
-        return "\n".join(difflib.unified_diff(old, new, self.name, other.name, lineterm="", n=2)) + "\n"
 
 
 class _Controls(Strict):

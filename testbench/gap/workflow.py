@@ -122,10 +122,11 @@ def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:
 
 def _shrink(believed: Believed, amended: Believed, name: str, record: FlightRecord) -> Shrink:
     measured = record.columns(believed.outputs)
-    predictions = []
+    predictions, energy, maps = [], [], []
     for model in (believed, amended):
         y = model.predict(record)
+        residuals = model.in_noise_units(record, measured - y)
         predictions.append(y + (measured - y).mean(axis=0))
-    maps = (_map(believed, name, record), _map(amended, name, record))
-    energy = [(model.residuals(record) ** 2).mean(axis=0) for model in (believed, amended)]
-    return Shrink(name, record, predictions[0], predictions[1], energy[0], energy[1], *maps)
+        energy.append((residuals**2).mean(axis=0))
+        maps.append(locate(name, residuals, model.outputs, record.dt_s))
+    return Shrink(name, record, predictions[0], predictions[1], energy[0], energy[1], maps[0], maps[1])

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from testbench.constants import DEG_RAD, PERCENT
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.evaluation.modes import frequency_and_damping
-from testbench.report.labels import file_stem, number, shown_unit, symbol
+from testbench.report.labels import number, shown_unit, symbol
 from testbench.report.tables import Column, Table, Value
-from testbench.report.write import PAGE, write_file
+from testbench.report.write import PAGE, write_file, write_plates, write_tables
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -31,19 +31,13 @@ def write_aircraft(survey: Survey, folder: Path | str) -> list[Path]:
 
     from testbench import __version__
     from testbench.report.aircraft_figures import aircraft_plates
-    from testbench.report.html import picture, render
+    from testbench.report.html import render
 
     folder = Path(folder)
-    out: list[Path] = []
     tables = aircraft_tables(survey)
-    for table in (*tables, modes_over_speed(survey)):
-        out.append(write_file(folder / "tables" / f"{file_stem(table.name)}.csv", table.to_csv()))
-        out.append(write_file(folder / "tables" / f"{file_stem(table.name)}.json", table.to_json()))
-    pictures = []
-    for plate in aircraft_plates(survey):
-        drawing = plate.draw()
-        out.append(write_file(folder / "figures" / f"{file_stem(plate.name)}.png", drawing.png))
-        pictures.append(picture(plate, drawing.svg))
+    out = write_tables([*tables, modes_over_speed(survey)], folder)
+    paths, pictures = write_plates(aircraft_plates(survey), folder)
+    out += paths
     page = render(
         "aircraft.html.j2",
         survey=survey,

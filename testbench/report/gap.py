@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from testbench.gap.name import FALSE_ALARM
 from testbench.report.labels import file_stem, symbol
 from testbench.report.tables import Column, Table
-from testbench.report.write import PAGE, write_file
+from testbench.report.write import PAGE, write_file, write_plates, write_tables
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -23,19 +23,13 @@ def write_gap(result: GapResult, folder: Path | str) -> list[Path]:
         RecordError: the folder cannot be written to.
     """
     from testbench.report.gap_figures import gap_plates
-    from testbench.report.html import picture, render
+    from testbench.report.html import render
 
     folder = Path(folder)
     tables = gap_tables(result)
-    out: list[Path] = []
-    for table in tables:
-        out.append(write_file(folder / "tables" / f"{table.name}.csv", table.to_csv()))
-        out.append(write_file(folder / "tables" / f"{table.name}.json", table.to_json()))
-    pictures = []
-    for plate in gap_plates(result):
-        drawing = plate.draw()
-        out.append(write_file(folder / "figures" / f"{file_stem(plate.name)}.png", drawing.png))
-        pictures.append(picture(plate, drawing.svg))
+    out = write_tables(tables, folder)
+    paths, pictures = write_plates(gap_plates(result), folder)
+    out += paths
     amended = write_amended(result, folder / "amended")
     out += amended
     page = render(

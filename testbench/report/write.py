@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,9 @@ from testbench.report.labels import file_stem, unique
 if TYPE_CHECKING:
     from testbench.pipeline import Keep, RunResult
     from testbench.record import FlightRecord
+    from testbench.report.html import Picture
+    from testbench.report.plot import Plate
+    from testbench.report.tables import Table
 
 PAGE = "report.html"
 
@@ -26,22 +30,16 @@ def write_results(result: RunResult, folder: Path | str) -> list[Path]:
     """
     from testbench.report.figures import plates
     from testbench.report.flown_tables import flown_tables
-    from testbench.report.html import picture, report_page
+    from testbench.report.html import report_page
     from testbench.report.tables import result_tables
 
     folder = Path(folder)
     out: list[Path] = []
-    for table in (*flown_tables(result), *result_tables(result)):
-        stem = file_stem(table.name)
-        out.append(write_file(folder / "tables" / f"{stem}.csv", table.to_csv()))
-        out.append(write_file(folder / "tables" / f"{stem}.json", table.to_json()))
+    out += write_tables([*flown_tables(result), *result_tables(result)], folder)
     for stem, case in zip(unique([file_stem(c.label) for c in result.cases]), result.cases, strict=True):
         out.append(write_file(folder / "models" / f"{file_stem(stem)}.json", _json_text(case.model.to_dict())))
-    pictures = []
-    for plate in plates(result):
-        drawing = plate.draw()
-        out.append(write_file(folder / "figures" / f"{file_stem(plate.name)}.png", drawing.png))
-        pictures.append(picture(plate, drawing.svg))
+    paths, pictures = write_plates(plates(result), folder)
+    out += paths
     out.append(write_file(folder / PAGE, report_page(result, pictures)))
     return out
 
@@ -55,6 +53,28 @@ def record_keeper(folder: Path | str) -> Keep:
         record.save(records / f"{file_stem(name)}.nc")
 
     return keep
+
+
+def write_tables(tables: Iterable[Table], folder: Path) -> list[Path]:
+    """Write each table as folder/tables/NAME.csv and NAME.json; return the paths."""
+    out = []
+    for table in tables:
+        stem = file_stem(table.name)
+        out.append(write_file(folder / "tables" / f"{stem}.csv", table.to_csv()))
+        out.append(write_file(folder / "tables" / f"{stem}.json", table.to_json()))
+    return out
+
+
+def write_plates(plates: Iterable[Plate], folder: Path) -> tuple[list[Path], list[Picture]]:
+    """Draw each plate once, write folder/figures/NAME.png; return the paths and the pictures for a page."""
+    from testbench.report.html import picture
+
+    paths, pictures = [], []
+    for plate in plates:
+        drawing = plate.draw()
+        paths.append(write_file(folder / "figures" / f"{file_stem(plate.name)}.png", drawing.png))
+        pictures.append(picture(plate, drawing.svg))
+    return paths, pictures
 
 
 def write_file(path: Path, content: str | bytes) -> Path:
