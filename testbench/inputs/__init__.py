@@ -9,7 +9,7 @@ import numpy as np
 
 from testbench.channels import CONTROLS
 from testbench.errors import ScenarioError
-from testbench.inputs import multistep, sweep
+from testbench.inputs import binary, multisine, multistep, sweep
 from testbench.inputs.signal import InputSignal, band_share, energy_spectrum, frequency_below, total_energy
 from testbench.record import FloatArray
 from testbench.scenario import Input
@@ -28,9 +28,14 @@ FAMILIES: dict[str, tuple[Callable[[Any, float, float], FloatArray], str]] = {
     "step": (multistep.step, "one step that lasts until the end of the manoeuvre"),
     "pulse": (multistep.pulse, "one rectangular pulse"),
     "doublet": (multistep.doublet, "one or several doublets: up for half a period, down for the other half"),
-    "3211": (multistep.multistep_3211, "the 3-2-1-1: steps of alternating sign that last 3, 2, 1 and 1 units"),
+    "3211": (multistep.standard_multistep, "the 3-2-1-1: steps of alternating sign that last 3, 2, 1 and 1 units"),
+    "211": (multistep.standard_multistep, "the 2-1-1: steps of alternating sign that last 2, 1 and 1 units"),
+    "123": (multistep.standard_multistep, "the 1-2-3: steps of alternating sign that last 1, 2 and 3 units"),
     "multistep": (multistep.multistep, "any sequence of signed steps"),
     "sweep": (sweep.sweep, "a sine of rising frequency, linear or exponential in time"),
+    "multisine": (multisine.multisine, "harmonics with phases for the least peak; orthogonal ones on several controls"),
+    "prbs": (binary.prbs, "a pseudo-random binary sequence of maximal length"),
+    "gbn": (binary.binary_noise, "generalised binary noise: the sign changes with a given probability per step"),
 }
 """Signal name in a scenario -> (function of the scenario's entry, duration in s and rate in Hz; what it is)."""
 

@@ -12,12 +12,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from testbench.errors import ScenarioError
+from testbench.inputs.pilot import by_hand
 from testbench.record import FloatArray
-from testbench.scenario import Doublet, Multistep, Multistep3211, Pulse, Step
+from testbench.scenario import Doublet, Multistep, Pulse, StandardMultistep, Step
 
 _TIE = 1e-9  # samples; edges computed to lie halfway round alike in spite of the last digit
-PATTERN_3211 = (3.0, -2.0, 1.0, -1.0)
-"""The 3-2-1-1 in units of its step; the sign is the direction."""
+PATTERNS = {"3211": (3.0, -2.0, 1.0, -1.0), "211": (2.0, -1.0, 1.0), "123": (1.0, -2.0, 3.0)}
+"""The standard multisteps in units of their step; the sign is the direction."""
 
 
 def sample_count(duration_s: float, rate_hz: float) -> int:
@@ -38,7 +39,7 @@ def step(spec: Step, duration_s: float, rate_hz: float) -> FloatArray:
                 f"for a step, got {spec.start_s:g} s; start it earlier or raise duration_s"
             ]
         )
-    return sample_intervals([(spec.start_s, duration_s, spec.amplitude)], duration_s, rate_hz)
+    return _flown(spec, [(spec.start_s, duration_s, spec.amplitude)], duration_s, rate_hz)
 
 
 def pulse(spec: Pulse, duration_s: float, rate_hz: float) -> FloatArray:
@@ -47,7 +48,7 @@ def pulse(spec: Pulse, duration_s: float, rate_hz: float) -> FloatArray:
     Raises:
         ScenarioError: the pulse is shorter than one sample or ends after the manoeuvre.
     """
-    return sample_intervals([(spec.start_s, spec.start_s + spec.width_s, spec.amplitude)], duration_s, rate_hz)
+    return _flown(spec, [(spec.start_s, spec.start_s + spec.width_s, spec.amplitude)], duration_s, rate_hz)
 
 
 def doublet(spec: Doublet, duration_s: float, rate_hz: float) -> FloatArray:
@@ -74,16 +75,16 @@ def doublet(spec: Doublet, duration_s: float, rate_hz: float) -> FloatArray:
         begin = spec.start_s + k * spacing
         intervals.append((begin, begin + half, spec.amplitude))
         intervals.append((begin + half, begin + spec.period_s, -spec.amplitude))
-    return sample_intervals(intervals, duration_s, rate_hz)
+    return _flown(spec, intervals, duration_s, rate_hz)
 
 
-def multistep_3211(spec: Multistep3211, duration_s: float, rate_hz: float) -> FloatArray:
-    """Return the 3-2-1-1: +A for 3 steps, -A for 2, +A for 1 and -A for 1 of ``step_s`` each; (n,).
+def standard_multistep(spec: StandardMultistep, duration_s: float, rate_hz: float) -> FloatArray:
+    """Return a 3-2-1-1, 2-1-1 or 1-2-3: steps of alternating sign, so many ``step_s`` each; (n,).
 
     Raises:
         ScenarioError: a step is shorter than one sample or the last one ends after the manoeuvre.
     """
-    return _pattern(PATTERN_3211, spec, duration_s, rate_hz)
+    return _pattern(PATTERNS[spec.signal], spec, duration_s, rate_hz)
 
 
 def multistep(spec: Multistep, duration_s: float, rate_hz: float) -> FloatArray:
@@ -93,6 +94,18 @@ def multistep(spec: Multistep, duration_s: float, rate_hz: float) -> FloatArray:
         ScenarioError: a step is shorter than one sample or the last one ends after the manoeuvre.
     """
     return _pattern(spec.pattern, spec, duration_s, rate_hz)
+
+
+def _flown(
+    spec: Step | Pulse | Doublet | StandardMultistep | Multistep,
+    intervals: Sequence[tuple[float, float, float]],
+    duration_s: float,
+    rate_hz: float,
+) -> FloatArray:
+    if spec.pilot is None:
+        return sample_intervals(intervals, duration_s, rate_hz)
+    sample_intervals(intervals, duration_s, rate_hz)  # the laws of exact steps hold for a pilot's, too
+    return by_hand(spec.pilot, intervals, sample_count(duration_s, rate_hz), rate_hz)
 
 
 def sample_intervals(intervals: Sequence[tuple[float, float, float]], duration_s: float, rate_hz: float) -> FloatArray:
@@ -127,11 +140,11 @@ def end_fault(end_s: float, duration_s: float) -> str:
 
 
 def _pattern(
-    pattern: Sequence[float], spec: Multistep3211 | Multistep, duration_s: float, rate_hz: float
+    pattern: Sequence[float], spec: StandardMultistep | Multistep, duration_s: float, rate_hz: float
 ) -> FloatArray:
     edges = spec.start_s + spec.step_s * np.concatenate([[0.0], np.cumsum(np.abs(pattern))])
     levels = spec.amplitude * np.sign(pattern)
-    return sample_intervals(list(zip(edges[:-1], edges[1:], levels, strict=True)), duration_s, rate_hz)
+    return _flown(spec, list(zip(edges[:-1], edges[1:], levels, strict=True)), duration_s, rate_hz)
 
 
 def _sample(time_s: float, rate_hz: float) -> int:

@@ -66,7 +66,7 @@ def swept_sine(
     return u
 
 
-def sweep(spec: Sweep, duration_s: float, rate_hz: float, fade_s: float = 0.0) -> FloatArray:
+def sweep(spec: Sweep, duration_s: float, rate_hz: float) -> FloatArray:
     """Return the sweep of a scenario, sampled at k / rate and held; (n,), unit of the amplitude in SI.
 
     The law f_end <= rate / 10 keeps the held sine faithful: at the end of the sweep its fundamental has lost no more
@@ -89,7 +89,7 @@ def sweep(spec: Sweep, duration_s: float, rate_hz: float, fade_s: float = 0.0) -
     # A sweep that starts and ends on samples must not gain one to the last digit of k / rate - start.
     tau = np.round((np.arange(sample_count(duration_s, rate_hz)) - spec.start_s * rate_hz), 9) / rate_hz
     try:
-        unit = swept_sine(tau, spec.f_start_hz, spec.f_end_hz, spec.sweep_s, spec.spacing, fade_s)
+        unit = swept_sine(tau, spec.f_start_hz, spec.f_end_hz, spec.sweep_s, spec.spacing, spec.fade_s)
     except ScenarioError as error:
         faults.extend(error.faults)
     if faults:

@@ -33,20 +33,36 @@ class _Input(Strict):
         return (self.amplitude_deg or 0.0) * DEG_RAD
 
 
-class Step(_Input):
+class Pilot(Strict):
+    """How a pilot flies a step: it takes ``rise_s``, its time scatters by ``jitter_s``, and none is shorter than this.
+
+    ``jitter_s`` is the standard deviation of every edge but the first; the scatter is the same for the same ``seed``.
+    """
+
+    rise_s: NonNegative = 0.0
+    jitter_s: NonNegative = 0.0
+    shortest_s: NonNegative = 0.0
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class _Stepped(_Input):
+    pilot: Pilot | None = None
+
+
+class Step(_Stepped):
     """A step that lasts until the end of the manoeuvre."""
 
     signal: Literal["step"]
 
 
-class Pulse(_Input):
+class Pulse(_Stepped):
     """One rectangular pulse."""
 
     signal: Literal["pulse"]
     width_s: Positive
 
 
-class Doublet(_Input):
+class Doublet(_Stepped):
     """One or several doublets: up for half a period, down for the other half, ``repeats`` times every ``spacing_s``."""
 
     signal: Literal["doublet"]
@@ -55,14 +71,14 @@ class Doublet(_Input):
     spacing_s: Positive | None = None
 
 
-class Multistep3211(_Input):
-    """The 3-2-1-1: steps of alternating sign lasting 3, 2, 1 and 1 times ``step_s``."""
+class StandardMultistep(_Stepped):
+    """Steps of alternating sign lasting, in units of ``step_s``, what the name says: 3-2-1-1, 2-1-1 or 1-2-3."""
 
-    signal: Literal["3211"]
+    signal: Literal["3211", "211", "123"]
     step_s: Positive
 
 
-class Multistep(_Input):
+class Multistep(_Stepped):
     """Any multistep: ``pattern`` gives signed durations in units of ``step_s``; 0 is not allowed."""
 
     signal: Literal["multistep"]
@@ -86,6 +102,56 @@ class Sweep(_Input):
     f_end_hz: Positive
     sweep_s: Positive
     spacing: Literal["linear", "exponential"] = "exponential"
+    fade_s: NonNegative = 0.0
 
 
-Input = Annotated[Step | Pulse | Doublet | Multistep3211 | Multistep | Sweep, Field(discriminator="signal")]
+class Multisine(_Input):
+    """A sum of sines at harmonics of ``1 / period_s``, phases chosen for the least peak; ``amplitude`` is the peak.
+
+    Harmonics from ``f_min_hz`` to ``f_max_hz``, every ``stride``-th from number ``first`` on: multisines with one
+    period and stride and different ``first`` are orthogonal, so that several controls can move at once.
+    """
+
+    signal: Literal["multisine"]
+    f_min_hz: Positive
+    f_max_hz: Positive
+    period_s: Positive
+    periods: Annotated[int, Field(ge=1)] = 1
+    stride: Annotated[int, Field(ge=1)] = 1
+    first: Annotated[int, Field(ge=0)] = 0
+    powers: Annotated[tuple[NonNegative, ...], Field(strict=False)] = ()
+
+    @model_validator(mode="after")
+    def _first_below_stride(self) -> Multisine:
+        if self.first >= self.stride:
+            raise ValueError(f"first < stride = {self.stride} must hold for a multisine, got {self.first}")
+        return self
+
+
+class Prbs(_Input):
+    """A pseudo-random binary sequence of plus or minus the amplitude, clocked every ``step_s``.
+
+    It repeats after 2^bits - 1 steps, the most that a shift register of so many bits can do.
+    """
+
+    signal: Literal["prbs"]
+    step_s: Positive
+    prbs_s: Positive
+    bits: Annotated[int, Field(ge=2, le=16)] = 10
+    seed: Annotated[int, Field(ge=0)] = 1
+
+
+class BinaryNoise(_Input):
+    """Generalised binary noise: each ``step_s`` the sign changes with probability ``switching``."""
+
+    signal: Literal["gbn"]
+    step_s: Positive
+    gbn_s: Positive
+    switching: Annotated[float, Field(gt=0.0, le=1.0)] = 0.5
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+Input = Annotated[
+    Step | Pulse | Doublet | StandardMultistep | Multistep | Sweep | Multisine | Prbs | BinaryNoise,
+    Field(discriminator="signal"),
+]

@@ -11,7 +11,18 @@ from testbench.constants import DEG_RAD
 from testbench.errors import ScenarioError
 from testbench.inputs import FAMILIES, band_share, build, total_energy
 from testbench.inputs.signal import energy_spectrum
-from testbench.scenario import Doublet, Input, Multistep, Multistep3211, Pulse, Step, Sweep
+from testbench.scenario import (
+    BinaryNoise,
+    Doublet,
+    Input,
+    Multisine,
+    Multistep,
+    Prbs,
+    Pulse,
+    StandardMultistep,
+    Step,
+    Sweep,
+)
 
 A_DEG = 2.0
 COMMON = {"control": "de", "amplitude_deg": A_DEG, "start_s": 1.0}
@@ -19,18 +30,35 @@ EXAMPLES = {
     "step": Step(signal="step", **COMMON),
     "pulse": Pulse(signal="pulse", width_s=0.8, **COMMON),
     "doublet": Doublet(signal="doublet", period_s=1.4, repeats=2, **COMMON),
-    "3211": Multistep3211(signal="3211", step_s=0.5, **COMMON),
+    "3211": StandardMultistep(signal="3211", step_s=0.5, **COMMON),
     "multistep": Multistep(signal="multistep", step_s=0.5, pattern=(2, -1, 1), **COMMON),
+    "211": StandardMultistep(signal="211", step_s=0.5, **COMMON),
+    "123": StandardMultistep(signal="123", step_s=0.5, **COMMON),
     "sweep": Sweep(signal="sweep", f_start_hz=0.2, f_end_hz=4.0, sweep_s=8.0, **COMMON),
+    "multisine": Multisine(signal="multisine", f_min_hz=0.25, f_max_hz=3.0, period_s=4.0, periods=2, **COMMON),
+    "prbs": Prbs(signal="prbs", step_s=0.2, prbs_s=8.0, **COMMON),
+    "gbn": BinaryNoise(signal="gbn", step_s=0.2, gbn_s=8.0, **COMMON),
 }
-# energy in units of A^2 s of the exact signals: the lengths of their steps; of the sweep about half its length
-ENERGY = {"step": 9.0, "pulse": 0.8, "doublet": 2.8, "3211": 3.5, "multistep": 2.0, "sweep": 4.0}
+# energy in units of A^2 s of the exact signals: the lengths of their steps; of sines about half their length
+ENERGY = {
+    "step": 9.0,
+    "pulse": 0.8,
+    "doublet": 2.8,
+    "3211": 3.5,
+    "211": 2.0,
+    "123": 3.0,
+    "multistep": 2.0,
+    "sweep": 4.0,
+    "multisine": 4.0,
+    "prbs": 8.0,
+    "gbn": 8.0,
+}
 DURATION_S, RATE_HZ = 10.0, 100.0
 
 
 def test_the_table_holds_exactly_the_signals_of_the_scenario_schema() -> None:
     union = get_args(get_args(Input)[0])
-    signals = {get_args(part.model_fields["signal"].annotation)[0] for part in union}
+    signals = {name for part in union for name in get_args(part.model_fields["signal"].annotation)}
     assert set(FAMILIES) == signals == set(EXAMPLES)
     assert all(description for _, description in FAMILIES.values())
 
@@ -44,7 +72,7 @@ def test_family(name: str) -> None:
     np.testing.assert_allclose(made.t_s, np.arange(u.size) / RATE_HZ, rtol=1e-15)
     assert not u[:100].any(), "zero deviation before start_s"
     assert (u[-1] == 0.0) == (name != "step"), "back at zero at the end, but for the step"
-    # stepped signals reach their amplitude exactly; a sampled sine comes within 1 - cos(pi / 25), 0.8 %, of it
+    # all but the sweep reach their amplitude exactly; a sampled sine comes within 1 - cos(pi / 25), 0.8 %, of it
     peak = np.abs(u).max() / (A_DEG * DEG_RAD)
     assert peak == pytest.approx(1.0, rel=8e-3 if name == "sweep" else 1e-15)
     assert peak <= 1.0
@@ -54,8 +82,9 @@ def test_family(name: str) -> None:
 def test_family_keeps_parseval(name: str) -> None:
     made = build([EXAMPLES[name]], DURATION_S, RATE_HZ)
     energy = total_energy(made.u, made.dt_s)[0] / (A_DEG * DEG_RAD) ** 2
-    # the sweep's energy is T / 2 but for the end of sin(2 phi), within a quarter of its slowest period
-    assert energy == pytest.approx(ENERGY[name], rel=0.1 if name == "sweep" else 1e-9)
+    # the sweep's energy is T / 2 but for the end of sin(2 phi), within a quarter of its slowest period; the
+    # multisine's is T / 2 if its relative peak factor is 1, and its square enters
+    assert energy == pytest.approx(ENERGY[name], rel=0.1 if name in ("sweep", "multisine") else 1e-9)
     assert band_share(made.u, made.dt_s, 0.0, np.inf)[0] == pytest.approx(1.0, abs=1e-9)
     # the spectrum is band-limited to 2 T in lag: sampled every pi / T, its sum is its integral. Beyond W only the mean
     # sum J^2 / w^2 matters

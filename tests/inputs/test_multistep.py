@@ -8,7 +8,7 @@ import pytest
 from testbench.constants import DEG_RAD, PERCENT
 from testbench.errors import ScenarioError
 from testbench.inputs import build
-from testbench.scenario import Doublet, Multistep, Multistep3211, Pulse, Step
+from testbench.scenario import Doublet, Multistep, Pulse, StandardMultistep, Step
 
 DE = {"control": "de", "amplitude_deg": 2.0}
 
@@ -52,13 +52,13 @@ def test_doublets_may_not_overlap() -> None:
 
 
 def test_3211() -> None:
-    spec = Multistep3211(signal="3211", start_s=1.0, step_s=0.8, **DE)
+    spec = StandardMultistep(signal="3211", start_s=1.0, step_s=0.8, **DE)
     assert levels(spec) == [(0.0, 100), (1.0, 240), (-1.0, 160), (1.0, 80), (-1.0, 80), (0.0, 1340)]
 
 
 def test_multistep_with_the_3211_pattern_is_the_3211() -> None:
     pattern = Multistep(signal="multistep", start_s=1.0, step_s=0.37, pattern=(3, -2, 1, -1), **DE)
-    assert levels(pattern) == levels(Multistep3211(signal="3211", start_s=1.0, step_s=0.37, **DE))
+    assert levels(pattern) == levels(StandardMultistep(signal="3211", start_s=1.0, step_s=0.37, **DE))
 
 
 def test_multistep_takes_fractions_and_repeated_signs() -> None:
@@ -96,7 +96,7 @@ def test_a_step_of_one_sample_is_the_shortest() -> None:
     [
         Pulse(signal="pulse", start_s=9.0, width_s=2.0, **DE),
         Doublet(signal="doublet", start_s=1.0, period_s=2.0, repeats=3, **DE),
-        Multistep3211(signal="3211", start_s=4.0, step_s=1.0, **DE),
+        StandardMultistep(signal="3211", start_s=4.0, step_s=1.0, **DE),
         Multistep(signal="multistep", start_s=0.0, step_s=1.0, pattern=(11.0,), **DE),
     ],
 )
