@@ -1,0 +1,1 @@
+"""Design: which input tells what is wanted, seen through these sensors and inside these limits."""
