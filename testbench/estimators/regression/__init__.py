@@ -1,0 +1,41 @@
+"""Equation error: linear regression of aerodynamic forces and moments, and of motion, on measured signals."""
+
+from testbench.estimators.regression.coefficients import regression_data
+from testbench.estimators.regression.data import MassProperties, Recipe, RegressionData, polynomial_terms
+from testbench.estimators.regression.equation_error import equation_error
+from testbench.estimators.regression.frequency import frequency_equation_error
+from testbench.estimators.regression.linear import LinearModel, linear_model
+from testbench.estimators.regression.recursive import RecursiveResult, recursive_frequency, recursive_least_squares
+from testbench.estimators.regression.result import RegressionResult
+from testbench.estimators.regression.smoothing import (
+    Smoothed,
+    fourier_smooth,
+    local_polynomial,
+    noise_level,
+    smooth_record,
+)
+from testbench.estimators.regression.stepwise import StructureSearch, orthogonal_functions, stepwise
+
+__all__ = [
+    "LinearModel",
+    "MassProperties",
+    "Recipe",
+    "RecursiveResult",
+    "RegressionData",
+    "RegressionResult",
+    "Smoothed",
+    "StructureSearch",
+    "equation_error",
+    "fourier_smooth",
+    "frequency_equation_error",
+    "linear_model",
+    "local_polynomial",
+    "noise_level",
+    "orthogonal_functions",
+    "polynomial_terms",
+    "recursive_frequency",
+    "recursive_least_squares",
+    "regression_data",
+    "smooth_record",
+    "stepwise",
+]

@@ -1,0 +1,203 @@
+"""Smoothing and differentiation of sampled signals: global Fourier smoothing and local polynomials.
+
+Global Fourier smoothing removes the straight line between the ends, so that the odd extension of the rest is continuous
+with its slope and its sine series falls off as k^-3, while noise stays level; a Wiener filter tells the two apart
+(E. A. Morelli, "Estimating Noise Characteristics from Flight Test Data Using Optimal Fourier Smoothing", Journal of
+Aircraft 32(4), 1995; V. Klein, E. A. Morelli, Aircraft System Identification, ch. 11).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from testbench.errors import EstimationError
+from testbench.record import FlightRecord, FloatArray
+
+_NOISE_BAND = 0.6  # noise is read above this share of the Nyquist frequency
+_LEAST = 16  # samples below which there is no such band to speak of
+_TRIALS = 200  # cut-offs tried
+_MEDIAN_TO_STD = 0.6744897501960817  # median of |x| of a standard normal x
+
+
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """One smoothed signal.
+
+    Attributes:
+        values: (n,) smoothed samples.
+        derivative: (n,) their time derivative, per s.
+        noise_std: standard deviation of the noise, estimated from the data, in units of the signal.
+        cutoff_hz: frequency where the filter weight is one half.
+    """
+
+    values: FloatArray
+    derivative: FloatArray
+    noise_std: float
+    cutoff_hz: float
+
+
+def fourier_smooth(y: FloatArray, dt_s: float, *, cutoff_hz: float | None = None) -> Smoothed:
+    """Smooth and differentiate a signal by a sine series and a Wiener filter.
+
+    y(t) = line(t) + sum_k phi_k b_k sin(k pi t / T), phi_k = 1 / (1 + (k / k_c)^6): the Wiener filter of a signal
+    whose |b_k| falls as k^-3 and equals the noise at k_c. The line joins the end values of cubics fitted to either end,
+    because single samples at the ends would bring their noise into the whole record. k_c minimises Stein's unbiased
+    estimate of the mean square error of the values, sum (1 - phi)^2 b^2 + 2 sigma^2 phi, with sigma^2 the mean square
+    of b_k above 60 % of the Nyquist frequency.
+
+    Noise that was filtered before it was logged is not level up there: then sigma is too small and little is
+    smoothed; give ``cutoff_hz``. Sharp corners (steps of a control) are rounded; do not smooth controls.
+
+    Args:
+        y: (n,) samples, n >= 16.
+        dt_s: sample time, s.
+        cutoff_hz: k_c as a frequency; chosen from the data if not given.
+
+    Raises:
+        EstimationError: fewer than 16 samples, or a cut-off outside (0, Nyquist frequency].
+    """
+    from scipy.fft import dct, dst, idst
+
+    y = _signal(y, _LEAST)
+    n = y.size
+    nyquist_hz = 0.5 / dt_s
+    if cutoff_hz is not None and not 0.0 < cutoff_hz <= nyquist_hz:
+        raise EstimationError(f"0 < cutoff_hz <= Nyquist frequency = {nyquist_hz:g} Hz must hold, got {cutoff_hz:g}")
+    first, last = _end_values(y)
+    share = np.arange(n) / (n - 1)
+    line = first + share * (last - first)
+    b = dst(y[1:-1] - line[1:-1], type=1, norm="ortho")
+    k = np.arange(1, n - 1)
+    noise = float(np.sqrt(np.mean(b[k > _NOISE_BAND * (n - 1)] ** 2)))
+    corner = _choose_corner(b, k, noise) if cutoff_hz is None else 2.0 * cutoff_hz * dt_s * (n - 1)
+    kept = b / (1.0 + (k / corner) ** 6)
+    values = line.copy()
+    values[1:-1] += idst(kept, type=1, norm="ortho")
+    # d/dt of sqrt(2/(n-1)) b_k sin(k pi i / (n-1)); the unscaled DCT-I counts inner terms twice
+    slopes = np.zeros(n)
+    slopes[1:-1] = 0.5 * np.sqrt(2.0 / (n - 1)) * kept * k * np.pi / ((n - 1) * dt_s)
+    derivative = (last - first) / ((n - 1) * dt_s) + dct(slopes, type=1)
+    return Smoothed(values, derivative, noise, corner / (2.0 * dt_s * (n - 1)))
+
+
+def local_polynomial(
+    y: FloatArray, dt_s: float, *, half_width: int = 2, degree: int = 2, derivative: int = 1
+) -> FloatArray:
+    """Return the ``derivative``-th derivative (n,) of the polynomial fitted by least squares around every sample.
+
+    Windows of 2 half_width + 1 samples; the first and last half_width samples take the first and last whole window.
+    With white noise of standard deviation s and degree 1 or 2, the first derivative of the middle sample has the
+    standard deviation s sqrt(3 / (w (w + 1) (2 w + 1))) / dt, w the half width (A. Savitzky, M. J. E. Golay,
+    Analytical Chemistry 36, 1964).
+
+    Raises:
+        EstimationError: degree < derivative, a window not longer than the degree, or a record shorter than a window.
+    """
+    width = 2 * half_width + 1
+    if not 0 <= derivative <= degree < width:
+        raise EstimationError(
+            f"0 <= derivative <= degree < 2 half_width + 1 must hold, got derivative = {derivative}, "
+            f"degree = {degree}, half_width = {half_width}"
+        )
+    y = _signal(y, width)
+    x = np.arange(-half_width, half_width + 1) / max(half_width, 1)
+    fit = np.linalg.pinv(np.vander(x, degree + 1, increasing=True))  # samples -> coefficients
+    order = np.arange(derivative, degree + 1)
+    factor = np.array([np.prod(np.arange(i - derivative + 1, i + 1)) for i in order], dtype=float)
+    powers = x[:, None] ** (order - derivative) * factor  # (width, coefficients): derivative at every sample
+    weights = powers @ fit[derivative:]
+    scale = (max(half_width, 1) * dt_s) ** derivative
+    out = np.empty(y.size)
+    out[half_width : y.size - half_width] = np.correlate(y, weights[half_width], "valid")
+    out[:half_width] = weights[:half_width] @ y[:width]
+    out[y.size - half_width :] = weights[half_width + 1 :] @ y[-width:]
+    return out / scale
+
+
+def noise_level(y: FloatArray) -> float:
+    """Return the standard deviation of white noise on a smooth signal, from the median of |third differences|.
+
+    Third differences of white noise have the variance 20 s^2; a smooth signal leaves nothing in them, and the median
+    ignores the few that a step leaves (P. Hall et al., Biometrika 77, 1990, for difference-based estimates).
+
+    Raises:
+        EstimationError: fewer than 16 samples.
+    """
+    y = _signal(y, _LEAST)
+    return float(np.median(np.abs(np.diff(y, 3))) / (_MEDIAN_TO_STD * np.sqrt(20.0)))
+
+
+def bridge(t_s: FloatArray, y: FloatArray, valid: NDArray[np.bool_], name: str) -> FloatArray:
+    """Return the samples (n,) with invalid ones interpolated linearly; beyond the ends the nearest valid is held.
+
+    Raises:
+        EstimationError: no valid sample.
+    """
+    if not valid.any():
+        raise EstimationError(f"channel '{name}' must hold at least one valid sample, got none; leave it out")
+    return np.asarray(np.interp(t_s, t_s[valid], y[valid])) if not valid.all() else np.asarray(y)
+
+
+def smooth_record(record: FlightRecord, channels: tuple[str, ...], *, cutoff_hz: float | None = None) -> FlightRecord:
+    """Return the record with ``channels`` smoothed by :func:`fourier_smooth`, gaps bridged and still marked.
+
+    The provenance holds under "smoothed" the cut-off in Hz and the noise of each channel.
+
+    Raises:
+        EstimationError: a channel without valid samples, or against the laws of :func:`fourier_smooth`.
+        ChannelError: the record lacks a channel.
+        RecordError: the record is not uniformly sampled.
+    """
+    columns, done = {}, {}
+    for name in channels:
+        valid = record.valid[:, record.channels.index(name)] if name in record else np.ones(len(record), bool)
+        out = fourier_smooth(bridge(record.t_s, record[name], valid, name), record.dt_s, cutoff_hz=cutoff_hz)
+        columns[name] = out.values
+        done[name] = {"cutoff_hz": out.cutoff_hz, "noise_std": out.noise_std}
+    smooth = record.with_columns(columns)
+    return replace(smooth, provenance={**record.provenance, "smoothed": done})
+
+
+def _signal(y: FloatArray, least: int) -> FloatArray:
+    y = np.asarray(y, np.float64)
+    if y.ndim != 1 or y.size < least or not np.all(np.isfinite(y)):
+        raise EstimationError(
+            f"smoothing needs a signal of at least {least} finite samples, got shape {y.shape}; give a longer record"
+        )
+    return y
+
+
+def _end_values(y: FloatArray) -> tuple[float, float]:
+    """Return the values at the ends of cubics fitted to the first and last samples, as many as noise asks for.
+
+    The window is the longest of 5, 7, 10, 14 ... samples whose fit leaves no more than noise would.
+    """
+    noise = noise_level(y)
+    out = []
+    for part in (y, y[::-1]):
+        value, width = float(part[0]), 5
+        while width <= y.size // 2:
+            x = np.arange(width) / (width - 1)
+            basis = np.vander(x, 4, increasing=True)
+            c = np.linalg.lstsq(basis, part[:width], rcond=None)[0]
+            rest = part[:width] - basis @ c
+            if np.sum(rest**2) > noise**2 * (width - 4 + 2.0 * np.sqrt(2.0 * (width - 4))):
+                break
+            value = float(c[0])
+            width = int(1.4 * width) + 1
+        out.append(value)
+    return out[0], out[1]
+
+
+def _choose_corner(b: FloatArray, k: NDArray[np.intp], noise: float) -> float:
+    """Return the corner index with the least unbiased risk, among logarithmically spaced ones."""
+    corners = np.geomspace(1.0, float(k[-1]), _TRIALS)
+    power = b**2
+    risk = [
+        float(np.sum((1.0 - phi) ** 2 * power + 2.0 * noise**2 * phi))
+        for phi in (1.0 / (1.0 + (k / corner) ** 6) for corner in corners)
+    ]
+    return float(corners[int(np.argmin(risk))])
