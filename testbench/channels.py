@@ -80,6 +80,11 @@ _MODAL = {
     "etaddot": ("η̈", "1/s2", "acceleration of elastic mode"),
 }
 _MODAL_NAME = re.compile(r"(eta|etadot|etaddot)_(\d+)")
+_STATION = {
+    "az_wing": ("az,w", "m/s2", "specific force along body z at wing station"),
+    "strain_wing": ("ε", "1", "bending strain of the upper skin at wing station"),
+}
+_STATION_NAME = re.compile(r"(az_wing|strain_wing)_(\d+)")
 
 CONTROLS = ("de", "da", "dr", "thr")
 """The control channels, in the order used throughout."""
@@ -99,13 +104,21 @@ UNITS: dict[str, dict[str, float]] = {
 
 
 def channel(name: str) -> Channel:
-    """Return the channel called ``name``; modal channels are ``eta_1``, ``etadot_1``, ``etaddot_1`` and so on.
+    """Return the channel called ``name``.
+
+    Modal channels are ``eta_1``, ``etadot_1``, ``etaddot_1`` and so on; those of the wing stations that an aircraft
+    lists are ``az_wing_1``, ``strain_wing_1`` and so on.
 
     Raises:
         ChannelError: the name is not in the table.
     """
     if name in CHANNELS:
         return CHANNELS[name]
+    station = _STATION_NAME.fullmatch(name)
+    if station is not None:
+        kind, number = station.groups()
+        symbol, unit, description = _STATION[kind]
+        return Channel(name, f"{symbol}{number}", unit, f"{description} {number}")
     match = _MODAL_NAME.fullmatch(name)
     if match is None:
         raise ChannelError(f"a channel must be in the channel table, got '{name}'{nearest(name, CHANNELS)}")
@@ -117,6 +130,12 @@ def channel(name: str) -> Channel:
 def modal_channels(count: int) -> tuple[str, ...]:
     """Return the names of the displacement, velocity and acceleration channels of ``count`` elastic modes."""
     return tuple(f"{kind}_{i}" for kind in _MODAL for i in range(1, count + 1))
+
+
+def station_channels(count: int, flexible: bool) -> tuple[str, ...]:
+    """Return the names of the channels of ``count`` wing stations; rigid wings show no strain."""
+    kinds = ("az_wing", "strain_wing") if flexible else ("az_wing",)
+    return tuple(f"{kind}_{i}" for kind in kinds for i in range(1, count + 1))
 
 
 def unit_factor(name: str, unit: str) -> float:

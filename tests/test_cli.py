@@ -127,7 +127,7 @@ def test_trim_that_does_not_exist(tmp_path):
 
 
 def test_an_input_that_makes_the_aircraft_leave_its_envelope_keeps_the_record(tmp_path):
-    file = altered(tmp_path, "eolo_alpha", "amplitude_deg = 3.0", "amplitude_deg = 20.0")
+    file = altered(tmp_path, "eolo_alpha", "amplitude_deg = 5.0", "amplitude_deg = 20.0")
     done = command("run", file, "-o", tmp_path / "out")
     assert_fails(done, 3, "left its limits at t =", "changed.toml, manoeuvre[0]")
     assert [p.name for p in (tmp_path / "out").rglob("*.nc")] == ["3-2-1-1_aborted.nc"]

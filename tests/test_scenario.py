@@ -35,14 +35,14 @@ def faults(tmp_path: Path, text: str) -> list[str]:
          r"suites\[1\]: must name a sensor suite or a .toml file, got 'eolo_alfa'; did you mean 'eolo_alpha'\?"),
         ('signal = "3211"', 'signal = "3212"',
          r"manoeuvre\[0\].input\[0\]: unknown signal '3212'; did you mean '3211'\?"),
-        ("amplitude_deg = 3.0\nstep_s", "amplitude_rad = 2.0\nstep_s", r"unknown key 'amplitude_rad'"),
-        ("amplitude_deg = 3.0\nstep_s", "amplitude_deg = 40.0\nstep_s",
+        ("amplitude_deg = 5.0\nstep_s", "amplitude_rad = 2.0\nstep_s", r"unknown key 'amplitude_rad'"),
+        ("amplitude_deg = 5.0\nstep_s", "amplitude_deg = 40.0\nstep_s",
          r"manoeuvre\[0\].input\[0\].amplitude_deg: amplitude_deg <= 25 must hold for control 'de' of eolo, got 40"),
         ('method = "dsr_e"', 'method = "dsr"',
          r"identification.estimators\[0\]: unknown method 'dsr'; did you mean 'dsr_e'\?"),
         ("[condition]", "[simulation]\nlog_rate_hz = 60.0\n[condition]", r"must divide"),
         ('inputs = ["de"]', 'inputs = ["dee"]', r"'dee'"),
-        ("duration_s = 25.0", "duration_s = 2.0", r"must"),
+        ("duration_s = 25.0", "duration_s = 1.0", r"must"),
     ],
 )  # fmt: skip
 def test_every_fault_has_its_message(tmp_path, old, new, message):
@@ -55,8 +55,8 @@ def test_every_fault_has_its_message(tmp_path, old, new, message):
 def test_all_faults_come_at_once_schema_and_physics_together(tmp_path):
     text = (
         GOOD.replace("seed = 1", "sede = 1")
-        .replace("amplitude_deg = 3.0", "amplitude_deg = 40.0")
-        .replace("amplitude_deg = 2.0", "amplitude_deg = 40.0")
+        .replace("amplitude_deg = 5.0", "amplitude_deg = 40.0")
+        .replace("amplitude_deg = 1.0", "amplitude_deg = 40.0")
     )
     text = text.replace("[condition]", "[simulation]\nrate_hz = 450.0\n[condition]")
     found = faults(tmp_path, text)

@@ -33,23 +33,23 @@ WING = Wing(
     centre_of_mass=0.42,  # estimated: skin and trailing edge behind the spar
     gyration=0.27,  # estimated: a uniform plate has 0.29
     lift_slope=5.65,  # computed: Helmbold's formula for AR = 18.91
-    quarter_chord_m=0.010,  # chosen: with this tail, a static margin of 17 % of the chord
+    quarter_chord_m=0.022,  # chosen: with this tail, a static margin of 2.6 % of the chord (SOURCES.md says why)
 )
 TAIL = Tail(
     arm_m=1.05,
     mass_kg=0.35,
-    area_m2=0.095,
-    lift_slope=3.8,
+    area_m2=0.060,  # chosen with the static margin: Cm_q = -10.6
+    lift_slope=3.3,
     downwash=0.35,
     elevator=0.55,
     fin_area_m2=0.060,
     fin_slope=2.8,
     fin_height_m=0.08,
     rudder=0.5,
-    span_m=0.65,
+    span_m=0.50,
     roll_inertia_kg_m2=0.006,
     mass_height_m=0.036,
-)  # all estimated: a glider's tail
+)  # all estimated: a small tail on a glider's boom
 BOOM_UP, BOOM_SIDE, BOOM_ROLL, POWER = 3e4, 1500.0, 16.0, 1.5  # estimated; boom torsion near 7.7 Hz
 MODEL = StripModel(
     WING,

@@ -2,11 +2,72 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
 import numpy as np
 
 from testbench.aircraft.elastic import ElasticModel
+from testbench.channels import modal_channels, station_channels
 from testbench.errors import ModelError
 from testbench.record import FlightRecord, FloatArray
+
+RIGID_SOURCES = ("az", "p", "q", "r", "pdot", "qdot", "rdot")
+
+
+@dataclass(frozen=True)
+class WingStation:
+    """A place on the wing where instruments may sit.
+
+    Attributes:
+        y_m: station, positive on the right wing.
+        x_m: distance ahead of the elastic axis.
+        height_m: of the upper skin above the neutral axis, for strain gauges.
+    """
+
+    y_m: float
+    x_m: float
+    height_m: float
+
+
+def station_sources(elastic: ElasticModel | None) -> tuple[str, ...]:
+    """Return the channels that those of the wing stations are computed from."""
+    return (*RIGID_SOURCES, *modal_channels(len(elastic) if elastic else 0))
+
+
+def with_stations(record: FlightRecord, stations: Sequence[WingStation], elastic: ElasticModel | None) -> FlightRecord:
+    """Return the record with acceleration and, on flexible wings, strain of every wing station.
+
+    Raises:
+        ModelError: a station lies beyond the last one of the mode shapes, or a mode has no shape.
+        ChannelError: the record lacks a channel of :func:`station_sources`.
+    """
+    columns = [wing_acceleration(record, elastic, s.y_m, s.x_m) for s in stations]
+    if elastic is not None:
+        columns += [wing_strain(record, elastic, s.y_m, s.height_m) for s in stations]
+    names = station_channels(len(stations), elastic is not None)
+    data = np.column_stack([record.data, *columns])
+    valid = np.ones(data.shape, bool)
+    return replace(record, channels=(*record.channels, *names), data=data, valid=valid)
+
+
+def station_rows(
+    stations: Sequence[WingStation], elastic: ElasticModel | None
+) -> tuple[tuple[str, ...], tuple[dict[str, float], ...]]:
+    """Return the names of the station channels and, for small motion about steady flight, their weights on channels."""
+    rows: list[dict[str, float]] = []
+    count = len(elastic) if elastic else 0
+    for s in stations:
+        row = {"az": 1.0, "pdot": s.y_m, "qdot": -s.x_m}
+        if elastic is not None:
+            weights = mode_at(elastic, "bend_m", s.y_m) + s.x_m * mode_at(elastic, "twist_rad", s.y_m)
+            row |= {f"etaddot_{i + 1}": -float(weights[i]) for i in range(count)}
+        rows.append(row)
+    if elastic is not None:
+        for s in stations:
+            curvature = mode_at(elastic, "curvature_1_m", s.y_m)
+            rows.append({f"eta_{i + 1}": -s.height_m * float(curvature[i]) for i in range(count)})
+    return station_channels(len(stations), elastic is not None), tuple(rows)
 
 
 def wing_acceleration(record: FlightRecord, elastic: ElasticModel | None, y_m: float, x_m: float = 0.0) -> FloatArray:

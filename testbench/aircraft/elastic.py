@@ -8,12 +8,18 @@ Equations of motion of mode i (M. R. Waszak, D. K. Schmidt, "Flight dynamics of 
 
 and each mode adds ``effect`` to the force and moment coefficients of the aircraft.
 
-Inside JSBSim the states step by the exact first-order hold x+ = Ad x + B0 u + B1 u+ of the coupled equations at the
+Inside JSBSim the states step by the exact first-order hold x+ = Ad x + B0 v + B1 v+ of the coupled equations at the
 dynamic pressure that the model was generated for; what another dynamic pressure changes in the aerodynamic stiffness
-and damping enters as an input, extrapolated by one frame. The functions stand directly under ``<aerodynamics>``, where
-alpha, rates, qbar and deflections are already those of the new frame, and before the axis functions, so that the lift
-of a frame uses the deflection of that frame. While time stands still (trim, initial conditions) the modes take their
-static deflection, or hold what was set in ``modal/eta-i`` and ``modal/etadot-i`` when ``modal/static-ic`` is 0.
+and damping enters as an input, extrapolated by one frame. A force that swings at w runs in an arc and not along the
+chord between two frames, and a hold of the chord loses (w dt)^2 / 12 of it, 1.2 % at 30 Hz and 500 frames per second.
+Therefore the hold takes the force u less a twelfth of its second difference, v+ = u+ - (u+ - 2 u + u-) / 12 and
+v = u - (u+ - 2 u + u-) / 12, which has the mean of the parabola through the last three frames (the Adams-Moulton rule
+of third order, E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equations I, section III.1).
+
+The functions stand directly under ``<aerodynamics>``, where alpha, rates, qbar and deflections are already those of the
+new frame, and before the axis functions, so that the lift of a frame uses the deflection of that frame. While time
+stands still (trim, initial conditions) the modes take their static deflection, or hold what was set in ``modal/eta-i``
+and ``modal/etadot-i`` when ``modal/static-ic`` is 0.
 """
 
 from __future__ import annotations
@@ -173,7 +179,7 @@ def _product(*factors: ET.Element | float | str) -> ET.Element:
 
 
 def _sum(terms: Sequence[ET.Element]) -> ET.Element:
-    return _element("sum", *terms) if len(terms) > 1 else _element("sum", *terms, _value(0.0)) if terms else _value(0.0)
+    return _element("sum", *terms) if len(terms) > 1 else terms[0] if terms else _value(0.0)
 
 
 def _weighted(weights: FloatArray, names: Sequence[str]) -> list[ET.Element]:
@@ -198,7 +204,7 @@ def add_modes(tree: ET.Element, elastic: ElasticModel, dt_s: float, qbar_Pa: flo
     numbers = range(1, len(elastic) + 1)
     declared = {"modal/static-ic": "1.0", "modal/dt-s": repr(float(dt_s))}
     for i in numbers:
-        for name in ("eta", "etadot", "extra", "extra-previous", "input-previous"):
+        for name in ("eta", "etadot", "extra", "extra-previous", "input-previous", "input-before"):
             declared[f"modal/{name}-{i}"] = "0.0"
     system = _element("system", name="elastic modes")
     system.extend(_element("property", text=name, value=value) for name, value in declared.items())
@@ -212,6 +218,7 @@ def add_modes(tree: ET.Element, elastic: ElasticModel, dt_s: float, qbar_Pa: flo
                                                _product(-1.0, f"modal/extra-previous-{i}")))
         for i in numbers
     ]  # fmt: skip
+    functions += [f for i in numbers for f in _held(i)]
     for block in elastic.blocks():
         functions += _block_step(K[np.ix_(block, block)], D[np.ix_(block, block)], [i + 1 for i in block], dt_s)
     for i in numbers:  # commits come after all new values, so that every row used the old states
@@ -225,6 +232,8 @@ def add_modes(tree: ET.Element, elastic: ElasticModel, dt_s: float, qbar_Pa: flo
         )
     functions += [_extra_force(elastic, i, qbar_Pa, V_m_s) for i in numbers]
     for i in numbers:
+        older = _sum([_property(f"modal/input-previous-{i}")])
+        functions.append(_function(f"modal/commit-before-{i}", older, f"modal/input-before-{i}"))
         both = _sum([_property(f"modal/force-{i}"), _property(f"modal/extra-{i}")])
         functions.append(_function(f"modal/commit-input-{i}", both, f"modal/input-previous-{i}"))
         functions.append(_acceleration(elastic, K, D, i))
@@ -240,6 +249,14 @@ def _rigid_force(elastic: ElasticModel, i: int) -> ET.Element:
     return _function(f"modal/force-{i}", _element("product", _property("aero/qbar-psf"), _value(gain), _sum(terms)))
 
 
+def _held(i: int) -> list[ET.Element]:
+    """Return the functions of the force that the hold takes at the end and at the beginning of a frame."""
+    now, previous, before = f"modal/input-{i}", f"modal/input-previous-{i}", f"modal/input-before-{i}"
+    weighted = _weighted(np.array([11.0, 2.0, -1.0]) / 12.0, [now, previous, before])
+    begin = _element("difference", _sum([_property(f"modal/held-{i}"), _property(previous)]), _property(now))
+    return [_function(f"modal/held-{i}", _sum(weighted)), _function(f"modal/held-previous-{i}", begin)]
+
+
 def _block_step(K: FloatArray, D: FloatArray, numbers: list[int], dt_s: float) -> list[ET.Element]:
     """Return the functions that step one block of coupled modes, without committing the new values."""
     n = len(numbers)
@@ -248,12 +265,12 @@ def _block_step(K: FloatArray, D: FloatArray, numbers: list[int], dt_s: float) -
     Ad, B0, B1 = first_order_hold(A, B, dt_s)
     static = np.vstack([np.linalg.inv(K), np.zeros((n, n))])
     states = [f"modal/eta-{i}" for i in numbers] + [f"modal/etadot-{i}" for i in numbers]
-    old = [f"modal/input-previous-{i}" for i in numbers]
-    new = [f"modal/input-{i}" for i in numbers]
+    old, new = [f"modal/held-previous-{i}" for i in numbers], [f"modal/held-{i}" for i in numbers]
+    at_rest = [f"modal/input-{i}" for i in numbers]
     out = []
     for row, state in enumerate(states):
         step = _sum(_weighted(Ad[row], states) + _weighted(B0[row], old) + _weighted(B1[row], new))
-        rest = _element("ifthen", _property("modal/static-ic"), _sum(_weighted(static[row], new)), _property(state))
+        rest = _element("ifthen", _property("modal/static-ic"), _sum(_weighted(static[row], at_rest)), _property(state))
         moving = _element("gt", _property("simulation/dt"), _value(0.0))
         out.append(_function(state.replace("modal/", "modal/new-"), _element("ifthen", moving, step, rest)))
     return out

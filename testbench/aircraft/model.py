@@ -10,12 +10,14 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from testbench.aircraft.airframe import WingStation
 from testbench.aircraft.amend import Amendment
 from testbench.aircraft.elastic import ElasticMode, ElasticModel, WingShape, add_modes
+from testbench.aircraft.outline import Outline
 from testbench.constants import DEG_RAD, FT_M, LBF_N, SLUG_KG
 from testbench.errors import ModelError, ScenarioError, nearest
 from testbench.paths import AIRCRAFT_MODELS, aircraft_names
-from testbench.schema import Positive, Strict, parse, read_toml
+from testbench.schema import NonNegative, Positive, Strict, parse, read_toml
 
 _LENGTH_M = {"M": 1.0, "FT": FT_M, "IN": FT_M / 12.0}
 _AREA_M2 = {"M2": 1.0, "FT2": FT_M**2}
@@ -73,6 +75,8 @@ class Aircraft:
         engine_files: file name -> XML text of Engines/.
         elastic: modes, or None for rigid wings.
         amendments: changes applied to ``xml``, in order.
+        outline: what it looks like, for drawings only, or None if nobody has said.
+        wing_stations: places on the wing where instruments may sit.
     """
 
     name: str
@@ -88,6 +92,8 @@ class Aircraft:
     engine_files: Mapping[str, str] = field(default_factory=dict)
     elastic: ElasticModel | None = None
     amendments: tuple[Amendment, ...] = ()
+    outline: Outline | None = None
+    wing_stations: tuple[WingStation, ...] = ()
 
     def with_rigid_wings(self) -> Aircraft:
         """Return the aircraft with its modes frozen at zero deflection."""
@@ -118,6 +124,11 @@ class Aircraft:
         for amendment in self.amendments:
             elastic = amendment.modes_added(elastic, self.geometry.S_m2, self.geometry.cbar_m)
         return elastic
+
+    def flown_stations(self) -> tuple[WingStation, ...]:
+        """Return the wing stations; none if a mode that is flown has no shape, so that their motion is not known."""
+        elastic = self.flown_modes()
+        return self.wing_stations if elastic is None or all(m.shape for m in elastic.modes) else ()
 
     def coefficient(self, name: str) -> float:
         """Return the number of ``aero/coefficient/NAME`` in the XML, e.g. "CL_alpha".
@@ -163,6 +174,12 @@ class _Elastic(Strict):
     mode: Annotated[tuple[_Mode, ...], Field(strict=False)]
 
 
+class _WingStation(Strict):
+    y_m: float
+    x_m: float = 0.0
+    height_m: NonNegative
+
+
 class _SimulationFile(Strict):
     rate_hz: Positive
 
@@ -176,6 +193,8 @@ class _AircraftFile(Strict):
     controls: dict[Literal["de", "da", "dr", "thr"], _Controls]
     limits: dict[str, Annotated[tuple[float, float], Field(strict=False)]]
     elastic: _Elastic | None = None
+    drawing: Outline | None = None
+    wing_station: Annotated[tuple[_WingStation, ...], Field(strict=False)] = ()
 
 
 def load_aircraft(name: str, wings: str = "flexible", folder: Path | None = None) -> Aircraft:
@@ -242,6 +261,8 @@ def load_aircraft(name: str, wings: str = "flexible", folder: Path | None = None
         xml=xml,
         engine_files={p.name: p.read_text(encoding="utf-8") for p in sorted((folder / "Engines").glob("*.xml"))},
         elastic=ElasticModel(modes, geometry.S_m2, geometry.cbar_m, stations) if modes else None,
+        outline=described.drawing,
+        wing_stations=tuple(WingStation(s.y_m, s.x_m, s.height_m) for s in described.wing_station),
     )
     return aircraft.with_rigid_wings() if wings == "rigid" else aircraft
 

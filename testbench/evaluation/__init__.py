@@ -208,12 +208,20 @@ def _pole_verdict(match: PoleMatch) -> str:
     if match.found is None or match.wn_error_percent is None or match.zeta_error is None:
         if match.found is not None:
             return f"{match.name}{where}: found at {abs(match.found):.3g} rad/s, true pole at the origin"
-        return f"{match.name}{where}: not found; no pole of the model lies near {abs(match.true):.3g} rad/s"
+        near = f"{match.true.real:.3g} 1/s" if _real(match.true) else f"{abs(match.true):.3g} rad/s"
+        return f"{match.name}{where}: not found; no pole of the model lies near {near}"
     close = abs(match.wn_error_percent) <= CLOSE_WN_PERCENT and abs(match.zeta_error) <= CLOSE_ZETA
+    word = "found" if close else "found, but off"
+    if _real(match.true) and _real(match.found):
+        return f"{match.name}{where}: {word}; {match.found.real:.3g} 1/s ({match.wn_error_percent:+.2g} %)"
     return (
-        f"{match.name}{where}: {'found' if close else 'found, but off'}; wn {abs(match.found):.3g} rad/s "
+        f"{match.name}{where}: {word}; wn {abs(match.found):.3g} rad/s "
         f"({match.wn_error_percent:+.2g} %), zeta off by {match.zeta_error:+.2g}"
     )
+
+
+def _real(pole: complex) -> bool:
+    return pole.imag == 0.0 and pole.real != 0.0
 
 
 def _bode_verdict(outputs: Sequence[str], bode: BodeError, omega: FloatArray) -> str:

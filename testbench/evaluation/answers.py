@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.evaluation.modes import frequency_and_damping
+from testbench.evaluation.modes import frequency_and_damping, frequency_of, roots_of
 from testbench.inputs.signal import energy_spectrum
 from testbench.scenario import estimator_name
 
@@ -39,10 +39,11 @@ def alpha_findings(cases: Sequence[Any]) -> list[str]:
         word = "leaves" if shown[0] == shown[1] else "lowers" if after < before else "raises"
         change = f"at {shown[1]}" if word == "leaves" else f"from {shown[0]} to {shown[1]}"
         new = {(m.name, m.outputs): m for m in with_alpha.evaluation.poles}
+        wanted = roots_of({m.name: m.true for m in without.evaluation.poles}, "short period")
         pole = [
-            f"; its short period is {_pole(m)} without alpha, {_pole(n)} with alpha"
+            f"; {_called(m.name)} is {_both(m.found, n.found)} (true {_pole(m.true)})"
             for m, n in ((m, _same_mode(m, new)) for m in without.evaluation.poles)
-            if m.name == "short period" and n is not None
+            if m.name in wanted and n is not None
         ]
         out.append(
             f"{name}: adding alpha {word} the mean validation MRSE over {', '.join(common)} {change}{''.join(pole)}"
@@ -58,12 +59,25 @@ def _same_mode(match: Any, others: Mapping[tuple[str, str], Any]) -> Any:
     return joint[0] if joint else None
 
 
-def _pole(match: Any) -> str:
-    if match.found is None:
+def _called(mode: str) -> str:
+    """Return "its short period", or "the slow root of its short period"."""
+    name, _, root = mode.partition(", ")
+    return f"the {root} of its {name}" if root else f"its {name}"
+
+
+def _both(without: complex | None, with_alpha: complex | None) -> str:
+    if without is None and with_alpha is None:
+        return "not found, with or without alpha"
+    return f"{_pole(without)} without alpha, {_pole(with_alpha)} with alpha"
+
+
+def _pole(pole: complex | None) -> str:
+    if pole is None:
         return "not found"
-    wn, zeta = frequency_and_damping(match.found)
-    true_wn, true_zeta = frequency_and_damping(match.true)
-    return f"wn {wn:.2f} rad/s, zeta {zeta:.2f} (true {true_wn:.2f}, {true_zeta:.2f})"
+    if pole.imag == 0.0:
+        return f"{pole.real:.2f} 1/s"
+    wn, zeta = frequency_and_damping(pole)
+    return f"wn {wn:.2f} rad/s, zeta {zeta:.2f}"
 
 
 def sampling_findings(
@@ -78,7 +92,8 @@ def sampling_findings(
         lowpass_hz: edge of the noise filter, if any.
     """
     case = next((c for c in cases if c.estimator.method == "transfer_function"), None)
-    if case is None or "short period" not in modes:
+    true = frequency_of(modes, "short period")
+    if case is None or true is None:
         return []
     record: FlightRecord = next(iter(flight.measured.values()))
     control = case.model.inputs[0]
@@ -86,7 +101,6 @@ def sampling_findings(
     omega = np.linspace(0.05, nyquist, 2000)
     u = record[control] - record[control][0]
     peak = omega[int(np.argmax(energy_spectrum(u, record.dt_s, omega)))]
-    true = abs(modes["short period"])
     fast = {
         o: max((abs(p) for p in poles if p.imag > 1e-9), default=float("nan"))
         for o, poles in case.model.poles().items()
@@ -98,7 +112,7 @@ def sampling_findings(
         f"input's spectrum {peak:.1f}{edge}, sampling limit {nyquist:.1f}"
     ]
     fit = case.evaluation.validation.fit_percent
-    slow = abs(modes.get("phugoid", 0.0))
+    slow = frequency_of(modes, "phugoid") or 0.0
     low = [o for o, w in fast.items() if 1.5 * slow < w < 0.5 * true]
     if low:
         out.append(

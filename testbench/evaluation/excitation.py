@@ -11,6 +11,7 @@ from testbench.flight.linearise import LinearModel
 from testbench.inputs.signal import energy_spectrum, total_energy
 from testbench.record import FloatArray
 
+REAL = 1e-9  # rad/s of imaginary part that a real root may have by rounding
 EXCITED_DB = 10.0  # a mode counts as excited when its response stands 10 dB above the noise in its own band
 
 
@@ -21,7 +22,8 @@ class ModeExcitation:
     Attributes:
         mode: name.
         pole: rad/s.
-        band_rad_s: half-power band of the mode, wn (1 - zeta) to wn (1 + zeta), or the resolution of the record.
+        band_rad_s: half-power band of the mode, wn (1 - zeta) to wn (1 + zeta), or the resolution of the record; of a
+            real root s, up to |s|.
         input_share: share of the input's energy inside that band.
         snr_db: sensor -> energy of the mode's response in that band over the noise energy there, dB.
     """
@@ -47,8 +49,10 @@ class ModeExcitation:
         """The verdict in words."""
         wn, sensor = abs(self.pole), self.best_sensor
         verdict = "excited" if self.excited else "NOT excited"
+        real = abs(self.pole.imag) <= REAL
+        where = f"real, {self.pole.real:.2f} 1/s" if real else f"{wn:.2f} rad/s, {wn / (2 * np.pi):.2f} Hz"
         return (
-            f"{self.mode} ({wn:.2f} rad/s, {wn / (2 * np.pi):.2f} Hz): {verdict}; "
+            f"{self.mode} ({where}): {verdict}; "
             f"{100 * self.input_share:.2g} % of the input's energy lies in its band, "
             f"{self.snr_db[sensor]:+.0f} dB against the noise of {sensor}"
         )
@@ -90,13 +94,13 @@ def excitation(
         wn = abs(pole)
         # A record of T s resolves no band narrower than 2 pi / T, and sees no mode ring for longer than T.
         half = np.clip(max(abs(pole.real), np.pi / duration_s), 0.0, 0.95 * wn)
-        low, high = wn - half, wn + half
+        low, high = wn - half, wn + half if abs(pole.imag) > REAL else wn
         s = complex(-max(abs(pole.real), 1.0 / duration_s), poles[k].imag)
         omega = np.linspace(low, high, 201)
         U = _spectrum(u, dt_s, omega)
         residue = np.outer(model.C[rows] @ V[:, k], W[k] @ model.B[:, columns])
         H = residue[None] / (1j * omega[:, None, None] - s)
-        if abs(poles[k].imag) > 1e-9:
+        if abs(poles[k].imag) > REAL:
             H = H + residue.conj()[None] / (1j * omega[:, None, None] - s.conjugate())
         Y = np.einsum("kpm,km->kp", H, U)
         signal = np.trapezoid(np.abs(Y) ** 2, omega, axis=0) / np.pi

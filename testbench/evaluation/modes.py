@@ -28,7 +28,8 @@ def longitudinal_modes(model: LinearModel, elastic_names: Mapping[int, str]) -> 
 
     An elastic mode is the pair whose eigenvector takes part most in eta and etadot of that mode (participation factors
     of Perez-Arriaga, Verghese and Schweppe, IEEE Trans. PAS-101(9), 1982). Of what remains the slow pair is the
-    phugoid, the fast one the short period; a mode that has split into two real roots is listed root by root.
+    phugoid, the fast one the short period; a mode that has split into two real roots is listed root by root, as in
+    "short period, slow root" and "short period, fast root".
     """
     states = [*_RIGID, *(f"eta_{i}" for i in elastic_names), *(f"etadot_{i}" for i in elastic_names)]
     A = model.subsystem(states).A
@@ -59,6 +60,19 @@ def _rigid_names(poles: Sequence[complex]) -> dict[str, complex]:
         names = ("phugoid, slow root", "phugoid, fast root", "short period, slow root", "short period, fast root")
         return dict(zip(names, real, strict=True))
     raise ModelError(f"the longitudinal motion must have four rigid poles, got {len(pairs)} pairs and {len(real)} real")
+
+
+def roots_of(modes: Mapping[str, complex], mode: str) -> dict[str, complex]:
+    """Return name -> pole of a mode among ``modes``: itself, or the two real roots that it has split into."""
+    return {name: s for name, s in modes.items() if name == mode or name.startswith(f"{mode}, ")}
+
+
+def frequency_of(modes: Mapping[str, complex], mode: str) -> float | None:
+    """Return the natural frequency of a mode, rad/s: |s|, or sqrt(s1 s2) of two real roots; None if it is not there."""
+    roots = list(roots_of(modes, mode).values())
+    if not roots:
+        return None
+    return abs(roots[0]) if len(roots) == 1 else float(np.sqrt(abs(roots[0] * roots[1])))
 
 
 def frequency_and_damping(pole: complex) -> tuple[float, float]:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.aircraft import Aircraft
+from testbench.aircraft.airframe import station_rows
 from testbench.channels import CONTROLS
 from testbench.constants import FT_M
 from testbench.errors import ChannelError, nearest
@@ -95,13 +96,13 @@ def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
 
     States: body velocities, rates, phi, theta, h, and eta and etadot of every mode. Inputs: the deflections de, da, dr
     and thr, and the commands de_cmd, da_cmd, dr_cmd, which pass through the servo lags first (three further states).
-    Outputs: every channel of the simulator.
+    Outputs: every channel of the simulator, and those of the wing stations.
     """
     fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
     modes = range(1, fdm.mode_count + 1)
     states = [*_RIGID, *(f"eta_{i}" for i in modes), *(f"etadot_{i}" for i in modes)]
     inputs = [n for n in CONTROLS if n in aircraft.controls]
-    x0 = {n: trimmed.state[n] for n in states} | {n: 0.0 for n in states if n in {"p", "q", "r"}}
+    x0 = {n: trimmed.state[n] for n in states}
     if modes:
         fdm.set("modal/static-ic", 0.0)
     at = {**x0, **trimmed.controls}
@@ -116,7 +117,10 @@ def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
     C = np.column_stack([jacobian[s][n:] for s in states])
     D = np.column_stack([jacobian[u][n:] for u in inputs])
     servos = {u: fdm.get(f"fcs/{_SERVOS[u]}-lag-rad_sec") for u in inputs if u in _SERVOS}
-    return _with_servos(LinearModel(A, B, C, D, tuple(states), tuple(inputs), fdm.channels), servos)
+    names, rows = station_rows(aircraft.flown_stations(), aircraft.flown_modes())
+    weights = np.array([[row.get(c, 0.0) for c in fdm.channels] for row in rows]).reshape(len(rows), len(fdm.channels))
+    C, D = np.vstack([C, weights @ C]), np.vstack([D, weights @ D])
+    return _with_servos(LinearModel(A, B, C, D, tuple(states), tuple(inputs), (*fdm.channels, *names)), servos)
 
 
 def _step(name: str) -> float:

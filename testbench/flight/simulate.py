@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.aircraft.airframe import station_sources, with_stations
+from testbench.channels import station_channels
 from testbench.constants import DEG_RAD, FT_M
 from testbench.errors import FlightAborted, LimitError
 from testbench.flight.air import Air
@@ -95,7 +97,7 @@ def fly(
         trimmed: where the flight starts; gives the simulation rate.
         manoeuvre: the inputs; the signal must be sampled at the simulation rate.
         log_rate_hz: must divide the simulation rate.
-        channels: what is logged; every channel of the simulator if not given.
+        channels: what is logged; every channel of the simulator and of the wing stations if not given.
         air: turbulence and gust; its steady wind must be the one that was trimmed in. If not given, the air keeps the
             steady wind of the trim, which is none unless ``trim`` was given one.
 
@@ -114,7 +116,7 @@ def fly(
     fdm = Executive(aircraft, rate, trimmed.condition)
     place_at_trim(fdm, trimmed)
 
-    names = tuple(channels) if channels is not None else fdm.channels
+    names, wanted = _logged(aircraft, fdm, channels)
     at_trim = np.array([trimmed.controls[n] for n in manoeuvre.signal.channels])
     data, reason = _run(fdm, manoeuvre.signal.channels, at_trim, u, step, names, wind)
     record = FlightRecord(
@@ -126,6 +128,10 @@ def fly(
         outcome="aborted" if reason else "completed",
         reason=reason,
     )
+    if aircraft.flown_stations() and (wanted is None or set(wanted) != set(names)):
+        record = with_stations(record, aircraft.flown_stations(), aircraft.flown_modes())
+    if wanted is not None:
+        record = record.select(wanted)
     if reason:
         time_s = len(data) / log_rate_hz
         raise FlightAborted(
@@ -136,6 +142,18 @@ def fly(
             record,
         )
     return record
+
+
+def _logged(
+    aircraft: Aircraft, fdm: Executive, channels: Sequence[str] | None
+) -> tuple[tuple[str, ...], tuple[str, ...] | None]:
+    """Return the channels of the simulator to log, and those wanted of the record (None: all, wing stations too)."""
+    if channels is None:
+        return fdm.channels, None
+    elastic = aircraft.flown_modes()
+    of_stations = set(station_channels(len(aircraft.flown_stations()), elastic is not None))
+    sources = station_sources(elastic) if of_stations & set(channels) else ()
+    return tuple(dict.fromkeys([*(c for c in channels if c not in of_stations), *sources])), tuple(channels)
 
 
 def _moving_air(air: Air, trimmed: TrimmedFlight, n: int, settle_s: float) -> FloatArray | None:

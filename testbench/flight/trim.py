@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from testbench.aircraft import Aircraft
@@ -9,7 +11,7 @@ from testbench.constants import DEG_RAD, FT_M
 from testbench.errors import TrimError
 from testbench.flight.air import AXES, Air
 from testbench.flight.condition import FlightCondition, TrimmedFlight
-from testbench.flight.executive import Executive
+from testbench.flight.executive import Executive, body_from_earth
 from testbench.record import FloatArray
 
 _UNKNOWNS = ("alpha", "phi", "de", "da", "dr", "thr")
@@ -23,6 +25,8 @@ _ACCELERATIONS = (
     ("accelerations/rdot-rad_sec2", 1.0),
 )
 _THROTTLE_STARTS = (0.3, 0.8)  # a propeller that gives no thrust at the first has no effect there to start from
+# Radii of curvature (m) of the WGS 84 ellipsoid at the equator, where flights start: along the meridian and across it.
+_RADIUS_NORTH, _RADIUS_EAST = 6335439.0, 6378137.0
 TOLERANCE = 1e-9  # m/s2 and rad/s2 left over; well above the rounding of JSBSim's forces
 
 
@@ -35,7 +39,9 @@ def trim(
     wind, which changes the equilibrium only by way of the Earth's rotation (1.5e-3 m/s2 for 10 m/s).
 
     Newton's method on the six accelerations over alpha, phi, elevator, aileron, rudder and throttle, elastic modes in
-    static equilibrium at every step. JSBSim's own trim stops at 1e-5 m/s2, which drifts visibly in a minute's record.
+    static equilibrium at every step. The rates are those of the horizon, see :func:`horizon_rates`: with none, the nose
+    would rise against it and start a phugoid (0.12 m/s in a minute at 200 m/s). JSBSim's own trim stops at 1e-5 m/s2,
+    which drifts visibly in a minute's record.
 
     Raises:
         TrimError: there is no equilibrium within the limits of the controls and the flight envelope.
@@ -96,6 +102,30 @@ def steady_wind(trimmed: TrimmedFlight) -> tuple[float, float, float]:
     return north, east, down
 
 
+def horizon_rates(
+    h_m: float, theta: float, phi: float, uvw_m_s: FloatArray, wind_m_s: Sequence[float] | FloatArray = (0.0, 0.0, 0.0)
+) -> FloatArray:
+    """Return p, q, r (rad/s, relative to the Earth) that keep the attitude to the horizon while the flight goes on.
+
+    Heading north over the equator, with v the velocity over the ground (B. L. Stevens, F. L. Lewis, Aircraft Control
+    and Simulation, 2nd ed., chapter 1, terrestrial navigation):
+
+        (p, q, r) = C(phi, theta) (v_east / (R_east + h), -v_north / (R_north + h), 0)
+
+    so that straight and level flight has q = -V / (R + h), -2.5e-6 rad/s at 16 m/s.
+
+    Args:
+        h_m: height above sea level.
+        theta: rad.
+        phi: rad.
+        uvw_m_s: (3,) airspeed in body axes.
+        wind_m_s: north, east, down.
+    """
+    C = body_from_earth(theta, phi)
+    north, east, _ = C.T @ uvw_m_s + np.asarray(wind_m_s, float)
+    return np.asarray(C @ np.array([east / (_RADIUS_EAST + h_m), -north / (_RADIUS_NORTH + h_m), 0.0]))
+
+
 def place_at_trim(fdm: Executive, trimmed: TrimmedFlight) -> None:
     """Put a fresh executive into the trimmed state, steady wind included, at rest in time."""
     fdm.set_wind(steady_wind(trimmed))
@@ -108,7 +138,8 @@ def _accelerations(fdm: Executive, condition: FlightCondition, x: FloatArray, to
     V = condition.V_m_s
     # The wings are all but level, so that theta = alpha + gamma holds the flight path to phi^2.
     fdm.command(dict(zip(_UNKNOWNS[2:], map(float, x[2:]), strict=True)))
-    fdm.place(condition.h_m, _theta(condition, alpha), phi, (V * np.cos(alpha), 0.0, V * np.sin(alpha)))
+    theta, uvw = _theta(condition, alpha), np.array([V * np.cos(alpha), 0.0, V * np.sin(alpha)])
+    fdm.place(condition.h_m, theta, phi, uvw, horizon_rates(condition.h_m, theta, phi, uvw, fdm.wind_m_s))
     fdm.evaluate(to_rest)
     return np.array([fdm.get(name) * factor for name, factor in _ACCELERATIONS])
 

@@ -1,4 +1,4 @@
-"""The figures on an aircraft: trim, modes over speed, mode shapes along the wing, responses to the elevator."""
+"""The figures on an aircraft: three views, trim, modes over speed, mode shapes along the wing, responses to de."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from testbench.report.plot import (
     log_axis,
     new_figure,
 )
+from testbench.report.three_view import three_view_plates
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,8 +39,9 @@ _RESPONSES = ("V", "q", "alpha", "theta")
 
 
 def aircraft_plates(survey: Survey) -> list[Plate]:
-    """Return the figures of a survey: trim, modes of both motions over speed, mode shapes, frequency responses."""
-    out = [_trim_plate(survey), _mode_plate(survey, "longitudinal"), _mode_plate(survey, "lateral-directional")]
+    """Return the figures of a survey: three views, trim, modes over speed, mode shapes, frequency responses."""
+    out = three_view_plates(survey)
+    out += [_trim_plate(survey), _mode_plate(survey, "longitudinal"), _mode_plate(survey, "lateral-directional")]
     if shaped_modes(survey.envelope):
         out.append(_shape_plate(survey))
     if survey.responses and "de" in survey.envelope.aircraft.controls:

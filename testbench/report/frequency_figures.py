@@ -160,7 +160,8 @@ def _draw_marks(axes: Axes, result: RunResult, marks: Sequence[tuple[float, str,
             lines.append((wn, f"{name} {number(wn)} rad/s", "-", colour))
             if name not in elastic:
                 zeta = min(abs(pole.real) / wn, 0.95)
-                axes.axvspan(wn * (1.0 - zeta), wn * (1.0 + zeta), color=COLOURS[2], alpha=0.13, linewidth=0)
+                top = wn * (1.0 + zeta) if abs(pole.imag) > 1e-9 else wn  # a real root is a lag: its band ends at |s|
+                axes.axvspan(wn * (1.0 - zeta), top, color=COLOURS[2], alpha=0.13, linewidth=0)
     lines.sort()
     width, size, per_line = (26, 7.4, 0.019) if wide else (26, 6.4, 0.043)
     texts = [textwrap.wrap(text, width) for _, text, _, _ in lines]

@@ -100,11 +100,18 @@ def _draw_poles(axes: Axes, reach: float, found: _Found, true: Mapping[str, comp
     for name, pole in true.items():
         if abs(pole) <= reach:
             axes.plot(pole.real, pole.imag, "+", color=INK, markersize=11, markeredgewidth=1.6)
-            _name(axes, name, pole, [p for p in inside if p != pole])
+            if abs(pole) > 0.03 * reach:  # named in the map of what lies near the origin
+                _name(axes, name, pole, [p for p in inside if p != pole])
 
 
 def _name(axes: Axes, name: str, pole: complex, others: Sequence[complex]) -> None:
-    """Write the name of a mode beside its pole, on the side where it covers fewest other poles."""
+    """Write the name of a mode beside its pole, on the side where it covers fewest other poles; upright on the axis."""
+    if abs(pole.imag) < 1e-9:  # real roots lie side by side
+        axes.annotate(
+            name, (pole.real, 0.0), (0, 9), textcoords="offset points", fontsize=8.5, rotation=90,
+            ha="center", va="bottom",
+        )  # fmt: skip
+        return
     figure = axes.get_figure(root=True)
     assert figure is not None
     box, size = axes.get_position(), figure.bbox_inches.size

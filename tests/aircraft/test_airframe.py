@@ -2,11 +2,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lsim
 
 from testbench.aircraft import load_aircraft
 from testbench.aircraft.airframe import mode_at, wing_acceleration, wing_strain
 from testbench.errors import ModelError
-from testbench.flight import FlightCondition, Manoeuvre, fly, trim
+from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, trim
 from testbench.inputs.signal import InputSignal
 
 
@@ -30,6 +31,40 @@ def test_tip_deflection_of_one_chord_is_one_unit_of_a_bending_mode(eolo):
     tip = mode_at(eolo.elastic, "bend_m", 2.0)
     for i in (0, 2, 6, 7):
         assert tip[i] == pytest.approx(eolo.geometry.cbar_m, rel=1e-4)  # the file carries five digits
+
+
+def test_a_flight_records_what_its_wing_stations_feel(eolo, flight):
+    for i, s in enumerate(eolo.wing_stations, 1):
+        expected = wing_acceleration(flight, eolo.elastic, s.y_m, s.x_m)
+        np.testing.assert_array_equal(flight[f"az_wing_{i}"], expected)
+        np.testing.assert_array_equal(flight[f"strain_wing_{i}"], wing_strain(flight, eolo.elastic, s.y_m, s.height_m))
+
+
+def test_only_the_stations_asked_for_are_recorded(eolo, eolo_trim):
+    signal = InputSignal(np.arange(100) / 500.0, np.full((100, 1), 0.01), ("de",))
+    manoeuvre = Manoeuvre("short", signal, settle_s=0.0)
+    some = fly(eolo, eolo_trim, manoeuvre, 100.0, channels=("q", "az_wing_2"))
+    assert some.channels == ("q", "az_wing_2")
+    np.testing.assert_array_equal(some["az_wing_2"], fly(eolo, eolo_trim, manoeuvre, 100.0)["az_wing_2"])
+    rigid = eolo.with_rigid_wings()
+    flown = fly(rigid, trim(rigid, FlightCondition(16.0, 547.0)), manoeuvre, 100.0)
+    assert "az_wing_11" in flown
+    assert "strain_wing_1" not in flown
+
+
+def test_the_linear_model_moves_the_stations_as_the_flight_does(eolo, eolo_trim):
+    n, dt = 1000, 1.0 / 500.0
+    u = np.zeros((n, 1))
+    u[:100], u[100:200] = 0.005, -0.005
+    flown = fly(eolo, eolo_trim, Manoeuvre("kick", InputSignal(np.arange(n) * dt, u, ("de",)), 0.0), 500.0)
+    linear = linearise(eolo, eolo_trim)
+    for name in ("az_wing_1", "az_wing_9", "strain_wing_6"):
+        row, column = linear.outputs.index(name), linear.inputs.index("de_cmd")
+        system = (linear.A, linear.B[:, [column]], linear.C[[row]], linear.D[row, column][None, None])
+        y = lsim(system, u[:, 0], np.arange(n) * dt)[1]
+        moved = flown[name][:n] - flown[name][0]
+        # a doublet of 0.3 deg: what is left is the lag of a held command and the aircraft's nonlinearity
+        np.testing.assert_allclose(y, moved, atol=0.02 * np.abs(moved).max())
 
 
 def test_curvature_is_the_second_derivative_of_the_shape(eolo):

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from testbench.aircraft import load_aircraft
-from testbench.aircraft.elastic import first_order_hold
+from testbench.aircraft.elastic import _held, first_order_hold
 
 # GVT of the EOLO paper, Table 2: frequency in Hz, damping in percent.
 TABLE_2 = [(4.6, 1.6), (7.7, 2.1), (10.6, 2.2), (11.6, 1.2), (15.0, 1.7), (19.1, 3.2), (21.2, 3.8), (30.4, 2.4)]
@@ -45,6 +45,37 @@ def test_first_order_hold_is_exact_for_inputs_linear_between_samples():
 
         reference = solve_ivp(rate, t[k : k + 2], reference, method="DOP853", rtol=1e-12, atol=1e-14).y[:, -1]
     assert x == pytest.approx(reference, rel=1e-9, abs=1e-13)
+
+
+def test_the_force_that_the_hold_takes_keeps_the_mean_of_a_parabola():
+    """A parabola through three frames, held as the model's functions hold it; a hold of the chord misses by 1 / 12."""
+    held, begin = (f.find(".//sum") for f in _held(1))
+    names = [f"modal/input-{suffix}1" for suffix in ("", "previous-", "before-")]
+    u = dict(zip(names, (1.0, 0.0, 1.0), strict=True))  # t^2 at t = 1, 0, -1: mean over [0, 1] is 1/3
+    terms = {p.findtext("property"): float(p.findtext("value")) for p in held.findall("product")}
+    assert sorted(terms) == sorted(names)
+    end_value = sum(w * u[n] for n, w in terms.items())
+    assert [p.text for p in begin.findall("property")] == ["modal/held-1", names[1]]
+    begin_value = end_value + u[names[1]] - u[names[0]]
+    assert 0.5 * (end_value + begin_value) == pytest.approx(1.0 / 3.0)
+    assert sum(terms.values()) == pytest.approx(1.0)  # a steady force stays what it is
+
+
+def test_a_sinusoidal_force_on_a_mode_keeps_its_size_to_a_tenth_of_a_percent():
+    """Each mode alone, driven at its own frequency at 500 frames per second; the chord alone costs 1.2 % at 30 Hz.
+
+    The parabola's error, (w dt)^3 / 24 of the third difference, is one of phase.
+    """
+    dt = 0.002
+    for w in 2 * np.pi * np.array([f for f, _ in TABLE_2]):
+        A, B = np.array([[0.0, 1.0], [-(w**2), -0.06 * w]]), np.array([[0.0], [1.0]])
+        Ad, B0, B1 = first_order_hold(A, B, dt)
+        z = np.exp(1j * w * dt)
+        bend = (z - 2.0 + 1.0 / z) / 12.0
+        found = np.linalg.solve(z * np.eye(2) - Ad, B0 * (1.0 - bend) + B1 * (z - bend))[0, 0]
+        exact = 1.0 / (1j * 0.06 * w**2)
+        assert abs(found) == pytest.approx(abs(exact), rel=1e-3)
+        assert abs(found / exact - 1.0) < (w * dt) ** 3 / 20.0
 
 
 def test_matrices_without_coupling_are_those_of_the_structure(eolo):

@@ -21,6 +21,7 @@ from testbench.aircraft.strips import (
     symmetric_modes,
 )
 from testbench.errors import TrimError
+from testbench.evaluation.modes import longitudinal_modes
 from testbench.flight import FlightCondition, linearise, trim
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -156,6 +157,20 @@ def test_eolo_begins_to_vibrate_near_20_m_s():
 
     assert all(least_damping(V) > 0.0 for V in (12.0, 14.0, 16.0, 18.0, 19.5))
     assert least_damping(21.5) < 0.0
+
+
+def test_eolo_has_the_poles_of_the_identified_model():
+    """Printed A of the EOLO paper at 100 Hz: 0.004 +- 0.465j and -4.34 1/s; its speed is not stated (SOURCES.md)."""
+    eolo = load_aircraft("eolo")
+    condition = FlightCondition(18.0, 547.0)
+    named = {i: m.name for i, m in enumerate(eolo.elastic.modes, 1) if m.symmetry == "symmetric"}
+    flexible = longitudinal_modes(linearise(eolo, trim(eolo, condition)), named)
+    assert abs(flexible["phugoid"]) == pytest.approx(0.465, rel=0.03)
+    assert abs(flexible["phugoid"].real) < 0.02
+    stiff = eolo.with_rigid_wings()
+    rigid = longitudinal_modes(linearise(stiff, trim(stiff, condition)), {})
+    assert rigid["short period, fast root"] == pytest.approx(-4.34, rel=0.1)
+    assert abs(rigid["phugoid"]) == pytest.approx(0.465, rel=0.2)
 
 
 def test_eolo_trims_from_11_to_25_m_s():

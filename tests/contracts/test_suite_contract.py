@@ -5,20 +5,21 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from testbench.channels import CHANNELS
+from testbench.channels import CHANNELS, station_channels
 from testbench.paths import suite_names
 from testbench.record import FlightRecord
 from testbench.sensors import load_suite
 
 SECONDS = 20.0
+NAMES = (*CHANNELS, *station_channels(11, flexible=True))
 MARKS = ("estimate", "from memory", "data sheet", "exact by construction")
 
 
 def flight(rate_hz: float) -> FlightRecord:
-    """Return a smooth truth with every channel of the table, logged at three times ``rate_hz``."""
+    """Return a smooth truth with all channels, those of eleven wing stations too, logged at three times ``rate_hz``."""
     t = np.arange(round(3.0 * rate_hz * SECONDS) + 1) / (3.0 * rate_hz)
-    data = np.column_stack([1.0 + 0.1 * np.sin(t * (0.5 + 0.05 * i) + i) for i in range(len(CHANNELS))])
-    return FlightRecord(t, tuple(CHANNELS), data, "truth", provenance={"aircraft": "synthetic"})
+    data = np.column_stack([1.0 + 0.1 * np.sin(t * (0.5 + 0.05 * i) + i) for i in range(len(NAMES))])
+    return FlightRecord(t, NAMES, data, "truth", provenance={"aircraft": "synthetic"})
 
 
 @pytest.mark.parametrize("name", suite_names())

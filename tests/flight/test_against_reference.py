@@ -4,7 +4,8 @@ Three differences between the two are known, and each is shown here to explain w
 
 - the reference's flat Earth under air of one density; ``ROUND`` puts density, curvature and rotation back;
 - JSBSim's slug ft2 of 1.35594 kg m2 where 1.35582 is right: inertias 9.0e-5 too small, poles up to 1e-4 off;
-- the time step: AB2, and thrust that takes the airspeed of the frame before.
+- the time step: Adams-Bashforth of third order, modal forces held as parabolas over a frame, and thrust that takes the
+  airspeed of the frame before.
 """
 
 from __future__ import annotations
@@ -142,6 +143,10 @@ def inputs(case: str, rate_hz: float) -> dict[str, FloatArray]:
     if case == "sweep":
         t = np.arange(round(FLOWN_S * rate_hz)) / rate_hz
         return {"de": 0.3 * DEG_RAD * swept_sine(t, 0.3, 32.0, 7.0, "linear", 0.1)}
+    if case == "lateral 3-2-1-1":
+        return {"da": multistep(rate_hz)}
+    if case == "lateral sweep":
+        return {"da": inputs("sweep", rate_hz)["de"]}
     return {"da": doublet(rate_hz, 0.0, 0.4, 1.0), "dr": doublet(rate_hz, 2.0, 0.6, 2.0)}
 
 
@@ -174,16 +179,17 @@ def nrmse(found: dict[str, FloatArray], expected: dict[str, FloatArray], names: 
     return out
 
 
-@pytest.mark.parametrize("case", ["3-2-1-1", "sweep", "lateral"])
+@pytest.mark.parametrize("case", ["3-2-1-1", "sweep", "lateral doublets", "lateral 3-2-1-1", "lateral sweep"])
 def test_time_histories_agree_within_half_a_percent_in_their_plane(case, eolo):
-    """At 1000 Hz, against the flat Earth under air of one density.
+    """At the default rate, against the flat Earth under air of one density.
 
-    Measured at most 0.21 % (theta, 3-2-1-1: density), 0.45 % (h, sweep: density and curvature) and 0.28 % (etadot_8,
-    lateral: AB2). At the default 500 Hz the sweep leaves 0.85 % in etadot_7 and the doublets 1.1 % in etadot_8, by AB2.
+    Measured at most 0.25 % (h, 3-2-1-1: density), 0.32 % (u, sweep: density) and, by the time step, 0.31 % (etadot_8 at
+    30 Hz, aileron sweep). Modal forces held along the chord would leave 0.77 %, and integrators of second order 0.67 %.
     """
-    rate, V = 1000.0, 16.0
+    rate, V = eolo.rate_hz, 16.0
     u = inputs(case, rate)
-    names = of_plane(eolo, LATERAL, "asymmetric") if case == "lateral" else of_plane(eolo, LONGITUDINAL, "symmetric")
+    lateral = "lateral" in case
+    names = of_plane(eolo, LATERAL, "asymmetric") if lateral else of_plane(eolo, LONGITUDINAL, "symmetric")
     names = [n for n in names if n not in ("de", "da", "dr") or n in u]
     error = nrmse(flown(eolo, V, rate, u), predicted(reference("eolo"), V, rate, u), names)
     assert max(error.values()) < 5e-3, error
@@ -191,8 +197,8 @@ def test_time_histories_agree_within_half_a_percent_in_their_plane(case, eolo):
 
 def test_lateral_flight_agrees_in_all_states_over_a_round_earth(eolo):
     """The doublets move u, w, q, h so little that a flat Earth under air of one density misses h by 11 %."""
-    rate, V = 1000.0, 16.0
-    u = inputs("lateral", rate)
+    rate, V = eolo.rate_hz, 16.0
+    u = inputs("lateral doublets", rate)
     names = [n for n in reference("eolo").states if n != "de"]
     error = nrmse(flown(eolo, V, rate, u), predicted(reference("eolo", *ROUND), V, rate, u), names)
     assert max(error.values()) < 5e-3, error
@@ -211,11 +217,11 @@ def test_the_rotation_of_the_earth_moves_the_lateral_states_as_it_should(eolo):
 # --- time step ------------------------------------------------------------------------------------------------------
 
 
-def test_errors_fall_with_the_square_of_the_time_step(eolo):
-    """AB2 is of second order: 250, 500, 1000 Hz against the reference with all that is known put back.
+def test_errors_fall_with_the_square_of_the_time_step_or_faster(eolo):
+    """250, 500, 1000 Hz against the reference with all that is known put back: second order at the corners of commands.
 
-    Measured 0.57, 0.144, 0.036 % (etadot_7). A state whose error is below 2e-4 may fall slower: thrust that takes the
-    airspeed of the frame before is of first order (0.007 % of u at 500 Hz), and density is 1.2e-5 off at every rate.
+    Measured 0.213, 0.057, 0.015 % (etadot_5). A state whose error is below 2e-4 may fall slower: thrust that takes the
+    airspeed of the frame before is of first order (0.009 % of u at 500 Hz), and density is 1.2e-5 off at every rate.
     """
     V = 16.0
     names = of_plane(eolo, LONGITUDINAL[:-1], "symmetric")
@@ -228,8 +234,7 @@ def test_errors_fall_with_the_square_of_the_time_step(eolo):
     for coarse, fine in pairwise(errors):
         assert np.all(fine < np.maximum(coarse / 3.0, 2e-4)), (names, coarse, fine)
     worst = [float(np.max(e)) for e in errors]
-    order = np.log2(np.array(worst[:-1]) / np.array(worst[1:]))
-    assert order == pytest.approx(2.0, abs=0.3), worst
+    assert np.all(np.log2(np.array(worst[:-1]) / np.array(worst[1:])) > 1.7), worst
 
 
 def ramped(rate_hz: float, factor: int) -> dict[str, FloatArray]:
@@ -240,8 +245,8 @@ def ramped(rate_hz: float, factor: int) -> dict[str, FloatArray]:
 
 
 @pytest.mark.parametrize("name", ["eolo", "taurus"])
-def test_halving_the_default_time_step_changes_no_state_by_a_fifth_of_a_percent(name, request):
-    """The same input on both grids; measured 0.11 % (eolo, etadot_7, 500 Hz) and 0.06 % (taurus, q, 240 Hz)."""
+def test_halving_the_default_time_step_changes_no_state_by_a_tenth_of_a_percent(name, request):
+    """The same input on both grids; measured 0.04 % (eolo, etadot_5, 500 Hz) and 0.05 % (taurus, u, 240 Hz)."""
     aircraft, V = request.getfixturevalue(name), {"eolo": 16.0, "taurus": 12.0}[name]
     rate = aircraft.rate_hz
     names = of_plane(aircraft, LONGITUDINAL, "symmetric")
@@ -249,7 +254,7 @@ def test_halving_the_default_time_step_changes_no_state_by_a_fifth_of_a_percent(
     fine = flown(aircraft, V, 2.0 * rate, ramped(rate, 2), 0.0)
     frames = min(coarse["u"].size, fine["u"][::2].size)
     error = nrmse({n: coarse[n][:frames] for n in names}, {n: fine[n][: 2 * frames : 2] for n in names}, names)
-    assert max(error.values()) < 2e-3, error
+    assert max(error.values()) < 1e-3, error
 
 
 def test_a_step_becomes_a_ramp_of_one_frame_which_outweighs_the_time_step(eolo):
@@ -269,16 +274,15 @@ def test_a_step_becomes_a_ramp_of_one_frame_which_outweighs_the_time_step(eolo):
 
 @pytest.mark.slow
 def test_the_sweep_converges_too(eolo):
-    """0.3 to 32 Hz at 500, 1000 and 2000 Hz: errors of the modal rates fall by four; measured 0.85, 0.21, 0.05 %."""
+    """0.3 to 32 Hz at 500 and 1000 Hz: the error of the fastest modal rate falls by eight; measured 0.153, 0.019 %."""
     V, names = 16.0, of_plane(eolo, LONGITUDINAL, "symmetric")
     truth = with_jsbsim_inertia(reference("eolo", *ROUND))
     worst = []
-    for rate in (500.0, 1000.0, 2000.0):
+    for rate in (500.0, 1000.0):
         u = inputs("sweep", rate)
         worst.append(max(nrmse(flown(eolo, V, rate, u), predicted(truth, V, rate, u), names).values()))
-    assert worst[1] < 5e-3
-    assert np.log2(worst[0] / worst[1]) == pytest.approx(2.0, abs=0.3), worst
-    assert np.log2(worst[1] / worst[2]) == pytest.approx(2.0, abs=0.3), worst
+    assert worst[0] < 2.5e-3
+    assert np.log2(worst[0] / worst[1]) == pytest.approx(3.0, abs=0.4), worst
 
 
 # --- static flexibility ---------------------------------------------------------------------------------------------

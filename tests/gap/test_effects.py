@@ -38,7 +38,7 @@ def test_an_amended_aircraft_trims_and_differs_and_the_believed_one_is_untouched
 
 def test_a_bending_mode_appears_among_the_poles(believed):
     aircraft, suite = believed
-    values = {"f_hz": 9.0, "mass_ratio": 0.3, "twist_rad": 0.0}
+    values = {"f_hz": 9.0, "mass_ratio": 0.3, "twist_rad": 0.0, "lever": 0.0}
     amended, _ = EFFECTS["wing_bending"].amend(aircraft, suite, values)
     poles = linearise(amended, trim(amended, CONDITION)).poles()
     assert np.min(np.abs(np.abs(poles) - 2 * np.pi * 9.0)) < 0.05 * 2 * np.pi * 9.0

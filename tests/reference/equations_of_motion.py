@@ -200,9 +200,11 @@ class Reference:
     def trim(self, V_m_s: float) -> tuple[FloatArray, float]:
         """Return the state (n,) and the throttle of steady, straight, level flight; residual below 1e-11 SI."""
         n = self.modes
+        pitch_rate = -V_m_s / _RADIUS_NORTH if "curvature" in self.beyond else 0.0  # that of the horizon, heading north
 
         def state(z: FloatArray) -> FloatArray:
             x = np.zeros(13 + 2 * n)
+            x[4] = pitch_rate
             x[[0, 2, 7, 9, 10]] = V_m_s * math.cos(z[0]), V_m_s * math.sin(z[0]), z[0], self.height, z[1]
             x[13 : 13 + n] = z[3:]
             return x

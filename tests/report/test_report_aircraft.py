@@ -50,7 +50,7 @@ def test_every_file_is_there_and_the_page_comes_last(written):
     names = {str(p.relative_to(folder)) for p in paths}
     for stem in ("trim", "modes", "elastic_modes", "derivatives", "coefficients", "modes_over_speed"):
         assert {f"tables/{stem}.csv", f"tables/{stem}.json"} <= names
-    for stem in ("trim", "modes_longitudinal", "modes_lateral_directional", "mode_shapes", "bode_de"):
+    for stem in ("three_view", "trim", "modes_longitudinal", "modes_lateral_directional", "mode_shapes", "bode_de"):
         assert (folder / "figures" / f"{stem}.png").read_bytes().startswith(b"\x89PNG")
     assert all(p.stat().st_size > 100 for p in paths)
     assert not list(folder.rglob("*.part"))

@@ -20,6 +20,7 @@ _STRUCTURAL_DAMPING = 0.02
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Mapping[str, float]) -> tuple[Aircraft, SensorSuite]:
     """Add one bending mode as a modal state with quasi-steady strip aerodynamics."""
     slope = aircraft.coefficient("CL_alpha")
+    twisted, plunging = slope * values["twist_rad"], -2.0 * slope * _SHAPE_1
     number = len(aircraft.elastic) + 1 if aircraft.elastic else 1
     mode = ElasticMode(
         name="wing bending found by the gap",
@@ -30,8 +31,8 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Mapping[str, float]) -
         force={"zero": aircraft.coefficient("CL0") * _SHAPE_1, "alpha": slope * _SHAPE_1},
         force_eta={number: slope * values["twist_rad"] * _SHAPE_1},
         force_etadot={number: -2.0 * slope * _SHAPE_2},
-        effect_eta={"CL": slope * values["twist_rad"]},
-        effect_etadot={"CL": -2.0 * slope * _SHAPE_1},
+        effect_eta={"CL": twisted, "Cm": twisted * values["lever"]},
+        effect_etadot={"CL": plunging, "Cm": plunging * values["lever"]},
     )
     text = f"symmetric wing bending mode at {values['f_hz']:.3g} Hz, generalised mass {mode.mass_kg_m2:.3g} kg m2"
     return aircraft.amended(Amendment("wing_bending", text, modes=(mode,))), suite
@@ -50,6 +51,9 @@ EFFECT = Effect(
         # a wing of a third of the aircraft's mass, of which the first bending of a uniform cantilever moves a quarter.
         Parameter("mass_ratio", "1", 0.01, 0.5, (0.083,), prior=(0.083, 0.3)),
         Parameter("twist_rad", "rad", -0.5, 0.5, (0.03,)),
+        # Chords by which the wing's lift acts ahead of the centre of gravity: with a small static margin the moment of
+        # the lift that bending adds matters as much as the lift.
+        Parameter("lever", "1", -0.3, 0.3, (0.05,)),
     ),
     amend=amend,
     separated_by="looks like unsteady lift below the mode; a sweep through the mode and an accelerometer show it",
