@@ -7,95 +7,25 @@ tried, and the candidate that predicts the validation records best is kept.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from testbench.errors import EstimationError
+from testbench.estimators.discrete_transfer import TransferFunctionModel, discrete_poles, simulate_one
 from testbench.estimators.hankel import triangle, window_starts, windows
-from testbench.estimators.model import ComplexArray, IdentifiedModel, check_records, continuous_poles
-from testbench.estimators.state_space import check_sample_time, description, free_run, unit_circle
+from testbench.estimators.model import ComplexArray, check_records, continuous_poles
+from testbench.estimators.residuals import ljung_box
+from testbench.estimators.transfer_advice import question_poles, spectral_peak
 from testbench.record import FlightRecord, FloatArray
 
-_NEAR_PEAK = 0.3  # a pole within this share of the input's spectral peak may be the input's
-_PART_OF_NYQUIST = 0.5  # a pole above this share of the Nyquist frequency is hardly sampled
+__all__ = ["TransferFunctionModel", "estimate"]
+
 _DEFICIENT = 1e-10  # condition of the scaled regression beyond which it counts as rank deficient
 _SILENT = 1e-6  # equation error below this share of an output is rounding: no doubt about its poles
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class TransferFunctionModel(IdentifiedModel):
-    """y[k] = - a1 y[k-1] ... - an y[k-n] + b1 u[k-1] + ... + bn u[k-n], for each output by itself.
-
-    Attributes:
-        numerators: (p, n) coefficients b1 ... bn; those after the zeros that were asked for are zero.
-        denominators: (p, n + 1) coefficients 1, a1 ... an.
-    """
-
-    numerators: FloatArray
-    denominators: FloatArray
-
-    def __post_init__(self) -> None:
-        p, n = len(self.outputs), np.shape(self.denominators)[-1] - 1
-        for name, shape in (("numerators", (p, n)), ("denominators", (p, n + 1))):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            if array.shape != shape or not np.all(np.isfinite(array)):
-                raise EstimationError(f"{name} must be finite and of shape {shape}, got shape {array.shape}")
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
-
-    def simulate(self, record: FlightRecord) -> FloatArray:
-        """Return the free-run outputs (N, p); the initial conditions of each output fit its valid samples best.
-
-        Raises:
-            ChannelError: the record lacks an input or output of the model.
-            RecordError: its sample time differs from the model's by more than 1 %.
-        """
-        check_sample_time(record, self.dt_s)
-        u, part = record.columns(self.inputs), record.select(self.outputs)
-        columns = [
-            _simulate(b, a, u, part.data[:, [i]], part.valid[:, [i]])
-            for i, (b, a) in enumerate(zip(self.numerators, self.denominators, strict=True))
-        ]
-        return np.hstack(columns)
-
-    def poles(self) -> dict[str, ComplexArray]:
-        """Return the continuous-time poles ln(z)/dt in rad/s of each output's transfer function."""
-        return {
-            name: continuous_poles(np.roots(a).astype(np.complex128), self.dt_s)[0]
-            for name, a in zip(self.outputs, self.denominators, strict=True)
-        }
-
-    def frequency_response(self, omega_rad_s: FloatArray) -> ComplexArray:
-        """Return B(z) / A(z) at z = exp(j w dt), shape (k, p, 1).
-
-        Raises:
-            EstimationError: a frequency lies above the Nyquist frequency pi/dt, or on a pole of the model.
-        """
-        z = unit_circle(omega_rad_s, self.dt_s)
-        below = np.stack([np.polyval(a, z) for a in self.denominators], axis=1)
-        if np.any(below == 0.0):
-            raise EstimationError("the frequency response is infinite at a pole; choose frequencies off the poles")
-        above = np.stack([np.polyval(b, z) for b in self.numerators], axis=1)
-        return np.asarray((above / below)[:, :, None], dtype=np.complex128)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return names, sample time, coefficients by output, settings, status and advice as JSON values."""
-        return {
-            **description(self),
-            "numerators": dict(zip(self.outputs, self.numerators.tolist(), strict=True)),
-            "denominators": dict(zip(self.outputs, self.denominators.tolist(), strict=True)),
-        }
-
-    def to_control(self) -> Any:
-        """Return the model as ``control.TransferFunction`` (p outputs, one input) with signal names."""
-        import control
-
-        above = [[b.tolist()] for b in self.numerators]
-        below = [[a.tolist()] for a in self.denominators]
-        return control.tf(above, below, self.dt_s, inputs=list(self.inputs), outputs=list(self.outputs))
+_TIE = 1e-7  # per cent; fits closer than this differ by rounding
+_WHITE = 0.01  # Ljung-Box probability below which equation errors count as coloured
 
 
 class _Fit(NamedTuple):
@@ -103,7 +33,9 @@ class _Fit(NamedTuple):
 
     b: FloatArray
     a: FloatArray
-    errors: FloatArray
+    delay: int
+    covariance: FloatArray
+    white: float  # Ljung-Box probability of the equation errors
     condition: float
     equation_error: float
     rows: int
@@ -115,16 +47,18 @@ def estimate(
     inputs: Sequence[str],
     outputs: Sequence[str],
     *,
-    poles: int,
+    poles: int | Sequence[int],
     zeros: Sequence[int],
+    delay_samples: Sequence[int] = (0,),
     validation: Sequence[FlightRecord] = (),
 ) -> TransferFunctionModel:
     """Fit one transfer function per output by linear least squares on the equation error (ARX) and choose its zeros.
 
-    For n poles and nz zeros, y[k] = - a1 y[k-1] ... - an y[k-n] + b1 u[k-1] + ... + b_(nz+1) u[k-nz-1]: a numerator of
-    nz + 1 coefficients after one sample of delay. These are nz zeros of the discrete transfer function off the origin,
-    and n - 1 - nz at z = 0. The number of zeros in the continuous sense has no exact discrete analogue: sampling a
-    system with n poles gives n - 1 discrete zeros as a rule, whatever its continuous ones.
+    For n poles, nz zeros and d samples of delay, y[k] = - a1 y[k-1] ... - an y[k-n] + b1 u[k-1-d] + ... +
+    b_(nz+1) u[k-nz-1-d]: a numerator of nz + 1 coefficients after one sample of delay and d more. These are nz zeros
+    of the discrete transfer function off the origin, and n - 1 - nz at z = 0. The number of zeros in the continuous
+    sense has no exact discrete analogue: sampling a system with n poles gives n - 1 discrete zeros as a rule, whatever
+    its continuous ones.
 
     The regression uses measured past values, so that every record brings its own initial conditions. Noise on these
     past values biases the coefficients: a noisy ARX puts poles too far from the unit circle (too much damping, too
@@ -135,13 +69,16 @@ def estimate(
         records: measured records with one sample time; deviations from trim (see ``prepare``).
         inputs: the one input channel.
         outputs: (p,) output channels.
-        poles: n >= 1 of each transfer function.
-        zeros: candidates nz, each 0 <= nz < n.
+        poles: n >= 1 of each transfer function, or candidates.
+        zeros: candidates nz, each 0 <= nz < n; of several numbers of poles each takes those below it.
+        delay_samples: candidates d >= 0.
         validation: measured records that choose among the candidates, by 100 (1 - ||y - y_free|| / ||y - mean(y)||).
 
     Returns:
-        The model. Its diagnostics hold, by output, ``zeros`` (chosen), ``fit_percent`` (candidate -> fit),
-        ``standard_errors`` (of a1 ... an, then of b1 ..., for white equation errors; free of bias they are not),
+        The model. Its diagnostics hold, by output, ``zeros``, ``poles``, ``delay_samples`` (chosen), ``fit_percent``
+        (number of zeros -> best fit), ``standard_errors`` and ``covariance`` (of a1 ... an, then of b1 ...): the usual
+        ones where the Ljung-Box test lets the equation errors pass as white at 1 % (``white_probability``), else those
+        of W. K. Newey and K. D. West (Econometrica 55(3), 1987), which tell the scatter; a bias they do not tell,
         ``condition`` of the scaled regression, ``equation_error_percent``, ``rows`` of the regression,
         ``poles_without_continuous_counterpart`` (discrete z), and ``input_peak_rad_s``.
 
@@ -150,73 +87,103 @@ def estimate(
             those of :func:`check_records`.
         ChannelError: a record lacks a channel.
     """
-    _check_settings(inputs, poles, zeros)
+    candidates = _candidates(inputs, poles, zeros, delay_samples)
     check_records(records, inputs, outputs)
     check_records([*records, *validation], inputs, outputs)
     judges = list(validation) or list(records)
     chosen, fits, table = {}, {}, {}
     for name in outputs:
-        chosen[name], fits[name], table[name] = _choose_zeros(records, judges, inputs[0], name, poles, zeros)
+        chosen[name], fits[name], table[name] = _choose(records, judges, inputs[0], name, candidates)
     dt = records[0].dt_s
-    peak = _spectral_peak(records, inputs[0], dt)
-    discrete = {name: continuous_poles(np.roots(fit.a).astype(np.complex128), dt)[1] for name, fit in fits.items()}
-    advice = _advice(fits, discrete, peak, dt, inputs[0], judged=bool(validation))
+    discrete = {name: continuous_poles(discrete_poles(fit.a), dt)[1] for name, fit in fits.items()}
+    advice = _advice(fits, discrete, records, inputs, judged=bool(validation))
+    order = max(n for n, _, _ in candidates)
     return TransferFunctionModel(
         method="transfer_function",
         inputs=tuple(inputs),
         outputs=tuple(outputs),
         dt_s=dt,
-        settings={"poles": poles, "zeros": list(zeros)},
+        settings={
+            "poles": poles if isinstance(poles, int) else list(poles),
+            "zeros": list(zeros),
+            "delay_samples": list(delay_samples),
+        },
         diagnostics={
-            "zeros": chosen,
+            "zeros": {name: nz for name, (_, nz, _) in chosen.items()},
+            "poles": {name: n for name, (n, _, _) in chosen.items()},
+            "delay_samples": {name: d for name, (_, _, d) in chosen.items()},
             "fit_percent": table,
             **_regressions(fits),
             "poles_without_continuous_counterpart": discrete,
-            "input_peak_rad_s": peak,
+            "input_peak_rad_s": spectral_peak(records, inputs[0]),
         },
         status="warning" if advice else "good",
         advice=advice,
-        numerators=np.array([fit.b for fit in fits.values()]),
-        denominators=np.array([fit.a for fit in fits.values()]),
+        numerators=np.array([np.pad(fit.b, (0, order - fit.b.size)) for fit in fits.values()]),
+        denominators=np.array([np.pad(fit.a, (0, order + 1 - fit.a.size)) for fit in fits.values()]),
+        delays=tuple(fit.delay for fit in fits.values()),
     )
 
 
-def _check_settings(inputs: Sequence[str], poles: int, zeros: Sequence[int]) -> None:
+def _candidates(
+    inputs: Sequence[str], poles: int | Sequence[int], zeros: Sequence[int], delay_samples: Sequence[int]
+) -> list[tuple[int, int, int]]:
+    """Return the candidates (poles, zeros, delay), the smallest first."""
     if len(inputs) != 1:
         raise EstimationError(
             f"a transfer function has one input, got {len(inputs)} ({', '.join(inputs)}); "
             "name one, or use dsr_e for several inputs"
         )
-    if poles < 1 or not zeros or not all(0 <= nz < poles for nz in zeros):
+    several = not isinstance(poles, int)
+    orders = list(poles) if not isinstance(poles, int) else [poles]
+    out = sorted({(n, nz, d) for n in orders for nz in zeros for d in delay_samples if 0 <= nz < n})
+    if not out or min(orders) < 1 or min(zeros) < 0 or (not several and max(zeros) >= orders[0]):
         raise EstimationError(
             f"poles >= 1 and 0 <= zeros < poles must hold, got poles = {poles}, zeros = {list(zeros)}"
         )
+    if not all(d >= 0 and d == int(d) for d in delay_samples):
+        raise EstimationError(f"delay_samples must be whole numbers >= 0, got {list(delay_samples)}")
+    return out
 
 
-def _choose_zeros(
+def _choose(
     records: Sequence[FlightRecord],
     judges: Sequence[FlightRecord],
     given: str,
     output: str,
-    n: int,
-    zeros: Sequence[int],
-) -> tuple[int, _Fit, dict[int, float]]:
-    """Return the number of zeros that predicts ``judges`` best (the lowest of equals), its fit, and every fit in %."""
-    trials = {nz: _regress(records, given, output, n, nz) for nz in sorted(set(zeros))}
-    percent = {nz: _fit_percent(trial, judges, given, output) for nz, trial in trials.items()}
-    best = max(percent, key=lambda nz: percent[nz])
-    return best, trials[best], percent
+    candidates: list[tuple[int, int, int]],
+) -> tuple[tuple[int, int, int], _Fit, dict[int, float]]:
+    """Return the candidate that predicts ``judges`` best (the smallest of equals), its fit, best fit in % by zeros."""
+    trials = {c: _regress(records, given, output, *c) for c in candidates}
+    percent = {c: _fit_percent(trial, judges, given, output) for c, trial in trials.items()}
+    highest = max(percent.values())
+    best = next(c for c in candidates if percent[c] >= highest - _TIE)
+    table: dict[int, float] = {}
+    for (_, nz, _), value in percent.items():
+        table[nz] = max(value, table.get(nz, -np.inf))
+    return best, trials[best], table
 
 
-def _regress(records: Sequence[FlightRecord], given: str, output: str, n: int, nz: int) -> _Fit:
-    """Return the least-squares fit for one output and one number of zeros, from the rows that :func:`_rows` picks."""
+def _late(record: FlightRecord, given: str, output: str, delay: int) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return (input ``delay`` samples earlier, output) as (N - delay, 2), and which of them were taken."""
+    pair = record.select([given, output])
+    z, valid = pair.data, pair.valid
+    cut = len(z) - delay
+    late = np.column_stack([z[:cut, 0], z[delay:, 1]])
+    return late, np.column_stack([valid[:cut, 0], valid[delay:, 1]])
+
+
+def _regress(records: Sequence[FlightRecord], given: str, output: str, n: int, nz: int, delay: int) -> _Fit:
+    """Return the least-squares fit for one output and one candidate, from the rows that :func:`_rows` picks."""
     R = np.zeros((0, n + nz + 2))
     unknowns = n + nz + 1
-    places, taken = _rows(records, given, output, n, 2 * unknowns)
+    pairs = [_late(record, given, output, delay) for record in records]
+    bridged = all("prepared" in r.provenance for r in records)
+    places, taken = _rows([valid for _, valid in pairs], bridged, output, n, 2 * unknowns)
     count = sum(starts.size for starts in places)
     pick = np.r_[2 * np.arange(n - 1, -1, -1) + 1, 2 * np.arange(n - 1, n - nz - 2, -1), 2 * n + 1]
-    for record, starts in zip(records, places, strict=True):
-        for _, rows in windows(record.columns([given, output]), starts, n + 1):
+    for (z, _), starts in zip(pairs, places, strict=True):
+        for _, rows in windows(z, starts, n + 1):
             R = triangle(R, rows[:, pick])
     size = np.sqrt(np.sum(R**2, axis=0))
     if size[-1] == 0.0 or not np.all(size[:-1] > 0.0):
@@ -228,16 +195,54 @@ def _regress(records: Sequence[FlightRecord], given: str, output: str, n: int, n
     inverse = (Vt[keep].T / s[keep]) / size[:-1, None]
     theta = inverse @ (U[:, keep].T @ R[:unknowns, -1])
     rest = float(np.linalg.norm(R[:, -1] - R[:, :-1] @ theta))
-    errors = rest / np.sqrt(count - unknowns) * np.sqrt(np.sum(inverse**2, axis=1))
+    covariance, white = _covariance(pairs, places, n, pick, theta, inverse)
     b = np.concatenate([theta[n:], np.zeros(n - 1 - nz)])
     a = np.concatenate([[1.0], -theta[:n]])
-    return _Fit(b, a, errors, float(s[0] / s[-1]) if s[-1] > 0.0 else np.inf, rest / float(size[-1]), count, taken)
+    condition = float(s[0] / s[-1]) if s[-1] > 0.0 else np.inf
+    return _Fit(b, a, delay, covariance, white, condition, rest / float(size[-1]), count, taken)
+
+
+def _covariance(
+    pairs: list[tuple[FloatArray, NDArray[np.bool_]]],
+    places: list[NDArray[np.intp]],
+    n: int,
+    pick: NDArray[np.intp],
+    theta: FloatArray,
+    inverse: FloatArray,
+) -> tuple[FloatArray, float]:
+    """Return the covariance of theta with ``inverse`` inverse' = (P'P)^-1, and how likely its errors are white.
+
+    Coloured errors e go with the past outputs among the regressors, so that it is the products of both whose sum over
+    lags counts: (P'P)^-1 [sum_l w_l sum_k (P_k e_k)(P_(k+l) e_(k+l))'] (P'P)^-1 with w_l falling to zero (Newey, West).
+    """
+    errors, scores = [], []
+    for (z, _), starts in zip(pairs, places, strict=True):
+        for _, rows in windows(z, starts, n + 1):
+            P = rows[:, pick[:-1]]
+            errors.append(rows[:, pick[-1]] - P @ theta)
+            scores.append((P * errors[-1][:, None]) @ inverse)
+    count = sum(e.size for e in errors)
+    free = count - theta.size
+    longest = max(errors, key=len)
+    white = ljung_box(longest, max(1, min(20, longest.size // 5))) if longest.size >= 10 else 1.0
+    plain = inverse @ inverse.T * (sum(float(e @ e) for e in errors) / free)
+    if white >= _WHITE:
+        return plain, white
+    lags = int(np.ceil(1.5 * longest.size ** (1.0 / 3.0))) + n
+    S = np.zeros((inverse.shape[1],) * 2)
+    for g in scores:
+        for lag in range(min(lags, len(g) - 1) + 1):
+            cross = (1.0 - lag / (lags + 1.0)) * (g[: len(g) - lag].T @ g[lag:])
+            S += cross if lag == 0 else cross + cross.T
+    return inverse @ S @ inverse.T * (count / free), white
 
 
 def _regressions(fits: Mapping[str, _Fit]) -> dict[str, Any]:
     """Return what the regressions tell of themselves, by output."""
     return {
-        "standard_errors": {name: fit.errors for name, fit in fits.items()},
+        "standard_errors": {name: np.sqrt(np.diag(fit.covariance)) for name, fit in fits.items()},
+        "covariance": {name: fit.covariance for name, fit in fits.items()},
+        "white_probability": {name: fit.white for name, fit in fits.items()},
         "condition": {name: fit.condition for name, fit in fits.items()},
         "equation_error_percent": {name: 100.0 * fit.equation_error for name, fit in fits.items()},
         "rows": {name: fit.rows for name, fit in fits.items()},
@@ -245,35 +250,25 @@ def _regressions(fits: Mapping[str, _Fit]) -> dict[str, Any]:
 
 
 def _rows(
-    records: Sequence[FlightRecord], given: str, output: str, n: int, least: int
+    masks: list[NDArray[np.bool_]], bridged: bool, output: str, n: int, least: int
 ) -> tuple[list[NDArray[np.intp]], float]:
     """Return where the rows of the regression begin in each record, and the share of the output that was sampled.
 
     Rows free of invalid samples are used. A sensor slower than the log leaves none: then, and only on records whose
     gaps ``prepare`` has bridged, all rows serve, and the share that was really sampled is returned (else 1).
     """
-    masks = [record.select([given, output]).valid for record in records]
     # y[k] and its past, but of u the past only
     clean = [np.intersect1d(window_starts(v[:, 1], n + 1), window_starts(v[:, 0], n)) for v in masks]
     count = sum(starts.size for starts in clean)
     if count >= least:
         return clean, 1.0
     every = [window_starts(np.ones(len(v), bool), n + 1) for v in masks]
-    if sum(starts.size for starts in every) >= least and all("prepared" in r.provenance for r in records):
+    if sum(starts.size for starts in every) >= least and bridged:
         return every, float(np.mean(np.concatenate(masks)[:, 1]))
     raise EstimationError(
         f"least squares of output '{output}' needs at least twice as many samples as its {least // 2} coefficients, "
         f"got {count} rows free of invalid samples; give more data or fewer poles, or bridge the gaps with prepare"
     )
-
-
-def _simulate(b: FloatArray, a: FloatArray, u: FloatArray, y: FloatArray, valid: Any) -> FloatArray:
-    """Return the free run (N, 1) of one transfer function, in observer form: x[k+1] = A x + B u, y = x_1."""
-    n = b.size
-    A = np.zeros((n, n))
-    A[:, 0] = -a[1:]
-    A[:-1, 1:] = np.eye(n - 1)
-    return free_run(A, b[:, None], np.eye(1, n), np.zeros((1, 1)), u, y, valid)
 
 
 def _fit_percent(fit: _Fit, records: Sequence[FlightRecord], given: str, output: str) -> float:
@@ -283,22 +278,20 @@ def _fit_percent(fit: _Fit, records: Sequence[FlightRecord], given: str, output:
         pair = record.select([given, output])
         y, valid = pair.data[:, [1]], pair.valid[:, [1]]
         if valid.any():
-            error += float(np.sum((y - _simulate(fit.b, fit.a, pair.data[:, [0]], y, valid))[valid] ** 2))
+            error += float(np.sum((y - simulate_one(fit.b, fit.a, fit.delay, pair.data[:, [0]], y, valid))[valid] ** 2))
             size += float(np.sum((y[valid] - y[valid].mean()) ** 2))
     if size == 0.0:
         raise EstimationError(f"output '{output}' must move in the validation records to choose among numbers of zeros")
     return 100.0 * (1.0 - float(np.sqrt(error / size)))
 
 
-def _spectral_peak(records: Sequence[FlightRecord], given: str, dt_s: float) -> float:
-    """Return where, in rad/s, the input's energy density (mean removed, all records summed) is largest."""
-    size = 8 * max(len(r) for r in records)
-    density = np.sum([np.abs(np.fft.rfft(r[given] - r[given].mean(), size)) ** 2 for r in records], axis=0)
-    return float(2.0 * np.pi * np.fft.rfftfreq(size, dt_s)[int(np.argmax(density))])
-
-
 def _advice(
-    fits: dict[str, _Fit], discrete: dict[str, ComplexArray], peak: float, dt_s: float, given: str, *, judged: bool
+    fits: dict[str, _Fit],
+    discrete: dict[str, ComplexArray],
+    records: Sequence[FlightRecord],
+    inputs: Sequence[str],
+    *,
+    judged: bool,
 ) -> tuple[str, ...]:
     """Return what is doubtful and what to do about it, in sentences."""
     out = []
@@ -307,7 +300,6 @@ def _advice(
             "the number of zeros was chosen on the records it was fitted to, which favours more zeros; "
             "give validation records"
         )
-    nyquist = np.pi / dt_s
     for name, fit in fits.items():
         if fit.taken < 1.0:
             out.append(
@@ -328,19 +320,13 @@ def _advice(
             )
         if fit.equation_error < _SILENT:
             continue
-        poles = continuous_poles(np.roots(fit.a).astype(np.complex128), dt_s)[0]
-        omega = np.unique(np.round(np.abs(poles), 12))
-        near = [w for w in omega if abs(w - peak) <= _NEAR_PEAK * peak]
-        fast = [w for w in omega if w > _PART_OF_NYQUIST * nyquist]
-        if near:
+        if fit.white < _WHITE:
             out.append(
-                f"{name}: poles at {', '.join(f'{w:.2f}' for w in near)} rad/s lie within {100 * _NEAR_PEAK:.0f} % "
-                f"of the peak of the spectrum of {given} ({peak:.2f} rad/s): the data, not the input, should decide; "
-                "check with an input of another spectrum"
+                f"{name}: the equation errors are coloured (Ljung-Box probability {fit.white:.1e}), as noise on the "
+                "output makes them: its coefficients are biased, which their standard errors do not tell; low-pass and "
+                "decimate, or use an output-error method"
             )
-        if fast:
-            out.append(
-                f"{name}: poles at {', '.join(f'{w:.2f}' for w in fast)} rad/s lie above half the Nyquist frequency "
-                f"({nyquist:.2f} rad/s): such poles come from noise and hold; log faster or use fewer poles"
-            )
+        poles = continuous_poles(discrete_poles(fit.a), records[0].dt_s)[0]
+        omega = np.asarray(np.unique(np.round(np.abs(poles), 12)), np.float64)
+        out += question_poles(name, omega, np.full(omega.size, np.inf), records, inputs)
     return tuple(out)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -183,11 +184,11 @@ def mode_table(survey: Survey) -> Table:
     envelope = survey.envelope
     rows: list[tuple[Value, ...]] = []
     for name, motion in envelope.motion.items():
-        for pole in envelope.poles[envelope.design][name]:
+        for root, pole in _roots(name, envelope.poles[envelope.design][name]):
             wn, zeta = frequency_and_damping(pole)
             real = pole.real
             half = math.log(2.0) / -real if real else None
-            rows.append((name, motion, real, pole.imag, wn / (2.0 * math.pi), zeta, half))
+            rows.append((root, motion, real, pole.imag, wn / (2.0 * math.pi), zeta, half))
     caption = (
         "Poles of the linearised aircraft, longitudinal and lateral-directional motion apart, servo lags left out. T½: "
         "time to half amplitude; negative: to double amplitude."
@@ -197,15 +198,23 @@ def mode_table(survey: Survey) -> Table:
     return Table("modes", title, caption, columns, tuple(rows))
 
 
+def _roots(mode: str, poles: Sequence[complex]) -> list[tuple[str, complex]]:
+    """Return the poles of a mode with names: its own, or those of the two real roots that it has split into."""
+    if len(poles) == 1:
+        return [(mode, poles[0])]
+    slow, fast = sorted(poles, key=abs)
+    return [(f"{mode}, slow root", slow), (f"{mode}, fast root", fast)]
+
+
 def modes_over_speed(survey: Survey) -> Table:
     """Return the poles of all modes at all speeds, one per row."""
     envelope = survey.envelope
     rows: list[tuple[Value, ...]] = []
     for V, found in zip(envelope.speeds, envelope.poles, strict=True):
         for name, motion in envelope.motion.items():
-            for pole in found[name]:
+            for root, pole in _roots(name, found[name]):
                 wn, zeta = frequency_and_damping(pole)
-                rows.append((V, name, motion, pole.real, pole.imag, wn / (2.0 * math.pi), zeta))
+                rows.append((V, root, motion, pole.real, pole.imag, wn / (2.0 * math.pi), zeta))
     columns = (Column("V", "V", "m/s"), Column("mode", "mode"), Column("motion", "motion"), *_MODE_COLUMNS)
     return Table("modes_over_speed", "Modes over speed", "Each mode at each speed.", columns, tuple(rows))
 

@@ -1,0 +1,107 @@
+"""Records with the errors of their instruments taken out, and records rebuilt from rates and accelerations."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from testbench.estimators.compatibility.fit import Stretch, stretch
+from testbench.estimators.parametric.kinematics import ACCELEROMETERS, KinematicStructure
+from testbench.estimators.parametric.response import respond
+from testbench.record import FlightRecord, FloatArray
+
+if TYPE_CHECKING:
+    from testbench.estimators.data_compatibility import DataCompatibility
+
+
+def correct(record: FlightRecord, result: DataCompatibility) -> FlightRecord:
+    """Return a record with the significant errors taken out, still of kind "measured".
+
+    Of y(t) = scale x(t - delay) + bias, lagged by tau, what is returned is
+
+        x(t) = (y(t + delay) + tau ydot(t + delay) - bias) / scale,
+
+    with accelerations moved to the CG where the result knows positions. Samples
+    that a delay leaves without a source at an end of the record are held and marked not valid. A lag is inverted with
+    the derivative over one time constant, to first order: noise grows. Wind is no error of an instrument: nothing is
+    taken out for it. ``provenance`` holds what was done under "corrected".
+
+    Args:
+        record: measured by the same instruments; the result's own or another one. Channels it lacks are left out.
+        result: what :func:`estimate` found.
+
+    Raises:
+        ChannelError: accelerations are to be moved, and the record lacks the rates for it.
+        RecordError: the record is not sampled uniformly.
+    """
+    values, structure = result.values, result.structure
+    columns: dict[str, FloatArray] = {}
+    valid = record.valid.copy()
+    if structure.positions_m:
+        columns.update(_at_cg(record, structure, values))
+    for name in dict.fromkeys(n.rpartition("_")[0] for n in values):
+        if name not in record or name in columns:
+            continue
+        y = record[name].copy()
+        i = record.channels.index(name)
+        delay, lag = values.get(f"{name}_delay", 0.0), values.get(f"{name}_lag", 0.0)
+        if lag > 0.0:
+            reach = max(1, round(0.5 * lag / record.dt_s))
+            before, after = np.maximum(np.arange(y.size) - reach, 0), np.minimum(np.arange(y.size) + reach, y.size - 1)
+            y = y + lag * (y[after] - y[before]) / ((after - before) * record.dt_s)
+        if delay:
+            t = record.t_s - record.t_s[0]
+            y = np.interp(t + delay, t, y)
+            source = np.clip(np.rint((t + delay) / record.dt_s).astype(int), 0, y.size - 1)
+            valid[:, i] = valid[source, i] & (t + delay >= 0.0) & (t + delay <= t[-1] + 1e-9)
+        columns[name] = (y - values.get(f"{name}_bias", 0.0)) / values.get(f"{name}_scale", 1.0)
+    if not columns:
+        return record
+    out = replace(record.with_columns(columns), valid=valid)
+    done = {"errors": dict(values), "accelerations_at_cg": bool(structure.positions_m)}
+    return replace(out, provenance={**record.provenance, "corrected": done})
+
+
+def _at_cg(record: FlightRecord, structure: KinematicStructure, values: Mapping[str, float]) -> dict[str, FloatArray]:
+    u = stretch(record, structure).u
+    true = structure.at_cg(u, parameters(structure, values))
+    return {n: true[:, structure.inputs.index(n)] for n in ACCELEROMETERS if n in structure.inputs}
+
+
+def parameters(structure: KinematicStructure, values: Mapping[str, float]) -> FloatArray:
+    """Return the parameter vector (k,) of errors by name; none where not named."""
+    out = structure.values.copy()
+    for i, name in enumerate(structure.parameter_names):
+        out[i] = values.get(name, out[i])
+    return out
+
+
+def rebuild(
+    record: FlightRecord, s: Stretch, structure: KinematicStructure, values: Mapping[str, float], x0: FloatArray
+) -> FlightRecord:
+    """Return the record with inputs corrected and outputs as the kinematics rebuild them, of kind "measured" still.
+
+    Args:
+        record: as measured.
+        s: the same, as the search saw it.
+        structure: the kinematics.
+        values: errors by name.
+        x0: initial state (n,).
+    """
+    driving = {f"{n}_{kind}" for n in structure.inputs for kind in ("bias", "scale")}
+    driving |= {"wind_north", "wind_east", "wind_down"}
+    p = parameters(structure, {n: v for n, v in values.items() if n in driving})
+    held = np.zeros(len(structure.inputs), bool)
+    y = respond(structure, p, (), s.u, record.dt_s, held, x0).y
+    true = structure.at_cg(s.u, p)
+    columns = {n: true[:, i] for i, n in enumerate(structure.inputs) if n in record}
+    columns |= {n: y[:, i] for i, n in enumerate(structure.outputs)}
+    if "psi" in columns:
+        columns["psi"] = np.mod(columns["psi"], 2.0 * np.pi)
+    out = record.with_columns(columns)
+    rebuilt = np.array([n in structure.outputs for n in out.channels])
+    note = {"kinematics": structure.motion, "errors": dict(values), "outputs": list(structure.outputs)}
+    return replace(out, valid=out.valid | rebuilt, provenance={**record.provenance, "reconstructed": note})

@@ -1,0 +1,375 @@
+"""Low-order equivalent models with delay, fitted to frequency responses; one denominator for several outputs if wanted.
+
+M. B. Tischler and R. K. Remple, "Aircraft and Rotorcraft System Identification", 2nd ed., AIAA 2012, chapter 11 (cost
+and weights of NAVFIT); MIL-STD-1797, low-order equivalent systems; C. K. Sanathanan and J. Koerner, IEEE
+Transactions on Automatic Control 8(1), 1963 (starts). Numbers of the first two from memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from testbench.errors import EstimationError, nearest
+from testbench.estimators.continuous import ContinuousTransferModel
+from testbench.estimators.frequency.response import FrequencyResponse
+from testbench.estimators.model import ComplexArray
+from testbench.estimators.state_variable import Hold, holds
+from testbench.record import FloatArray
+
+Weighting = Literal["loes", "likelihood"]
+_DB = 20.0 / np.log(10.0)
+_DEGREE = 180.0 / np.pi
+_PHASE = 0.01745  # a degree of phase weighs as 0.13 dB of gain
+_POOR = 100.0  # mean cost above which a low-order equivalent is not acceptable (Tischler and Remple, section 11.2)
+_DELAYS = 13  # starts of each delay, up to a whole turn at the highest frequency
+_FLOOR = 1e-2  # random errors below this share of the median count as that: no value outweighs all others
+
+
+class _Problem(NamedTuple):
+    """The values of some outputs: s (k,), H (k, p, m), the hold (k, m), weights and random errors (k, p, m)."""
+
+    s: ComplexArray
+    H: ComplexArray
+    held: ComplexArray
+    weight: FloatArray
+    error: FloatArray
+    n: int
+    zeros: tuple[int, ...]
+    delay: bool
+    weighting: Weighting
+    crowding: float  # values within one resolution: they count as one
+
+
+def fit_equivalent(
+    response: FrequencyResponse,
+    *,
+    poles: int,
+    zeros: int | Mapping[str, int],
+    delay: bool = True,
+    common: bool = True,
+    weighting: Weighting = "loes",
+    band_rad_s: tuple[float, float] | None = None,
+    hold: Mapping[str, str] | str | None = None,
+) -> ContinuousTransferModel:
+    """Fit H_ij(jw) = B_ij(jw)/A(jw) exp(-jw tau_ij) to a frequency response.
+
+    "loes" minimises, over n_w frequencies of each pair of output and input,
+
+        J = 20/n_w sum W [ (gain mismatch, dB)^2 + 0.01745 (phase mismatch, deg)^2 ],    W = [1.58 (1 - exp(-g^2))]^2
+
+    with the partial coherence g^2; "likelihood" minimises sum |H - model|^2 / E|dH|^2 with the random error of the
+    response. Starts come from iterated linear least squares (Sanathanan and Koerner) over a grid of delays.
+
+    Args:
+        response: what is fitted.
+        poles: n >= 1 of each denominator.
+        zeros: number of zeros, 0 <= nz <= n, for all outputs or by output.
+        delay: True to fit one delay >= 0 for each pair of output and input; False for none.
+        common: True for one denominator for all outputs; False for one each.
+        weighting: "loes" or "likelihood".
+        band_rad_s: frequencies used; all if not given.
+        hold: how the inputs run between their samples (see ``srivc``). For "zoh" the model carries the hold, whose half
+            sample of delay would end in tau otherwise.
+
+    Returns:
+        The model. Covariance: the random errors of the response, carried through the weighted fit; values closer
+        than the response's resolution count as one; where the misfit exceeds what the random errors explain, the
+        covariance is raised by it. Diagnostics, by denominator: ``cost`` (mean J over the pairs, whichever weighting),
+        ``misfit_ratio`` (misfit over what the random error explains), ``condition``.
+
+    Raises:
+        EstimationError: settings against the laws above, fewer values than unknowns, or no start converges.
+    """
+    inputs, outputs = response.inputs, response.outputs
+    table = _zeros(zeros, outputs, poles)
+    if weighting not in ("loes", "likelihood"):
+        raise EstimationError(f"weighting must be 'loes' or 'likelihood', got '{weighting}'")
+    words = holds(inputs, hold)
+    part = response if band_rad_s is None else response.between(*band_rad_s)
+    groups = [list(range(len(outputs)))] if common else [[i] for i in range(len(outputs))]
+    shared = common and len(outputs) > 1
+    fits = [_solve(_problem(part, g, table, poles, delay, weighting, words)) for g in groups]
+    names, values, blocks, advice = [], [], [], []
+    p, m = len(outputs), len(inputs)
+    numerators, denominators, delays = np.zeros((p, m, poles + 1)), np.zeros((p, poles + 1)), np.zeros((p, m))
+    notes: dict[str, Any] = {"cost": {}, "misfit_ratio": {}, "condition": {}}
+    for group, (a, b, tau, covariance, note) in zip(groups, fits, strict=True):
+        members = [outputs[i] for i in group]
+        name = ", ".join(members)
+        names += [f"a{k}" if shared else f"{name}: a{k}" for k in range(1, poles + 1)]
+        names += [f"{o}/{u}: b{k}" for o in members for u in inputs for k in range(table[o], -1, -1)]
+        values += [*a[1:], *(v for i, o in enumerate(members) for v in b[i, :, poles - table[o] :].ravel())]
+        if delay:
+            names += [f"{o}/{u}: delay_s" for o in members for u in inputs]
+            values += list(tau.ravel())
+        denominators[group], numerators[group], delays[group] = a, b, tau
+        blocks.append(covariance)
+        for key, value in note.items():
+            notes[key][name] = value
+        advice += _advice(name, note, a, part)
+    covariance = np.zeros((len(names), len(names)))
+    at = 0
+    for block in blocks:
+        covariance[at : at + len(block), at : at + len(block)] = block
+        at += len(block)
+    return ContinuousTransferModel(
+        method="equivalent",
+        inputs=inputs,
+        outputs=outputs,
+        dt_s=response.dt_s,
+        settings={
+            "poles": poles,
+            "zeros": table,
+            "delay": delay,
+            "common": common,
+            "weighting": weighting,
+            "band_rad_s": [float(part.omega_rad_s[0]), float(part.omega_rad_s[-1])],
+        },
+        diagnostics=notes,
+        status="warning" if advice else "good",
+        advice=tuple(advice),
+        numerators=numerators,
+        denominators=denominators,
+        delays_s=delays,
+        hold=words,
+        parameter_names=tuple(names),
+        parameters=np.array(values),
+        covariance=covariance,
+    )
+
+
+def _zeros(zeros: int | Mapping[str, int], outputs: tuple[str, ...], poles: int) -> dict[str, int]:
+    table = dict.fromkeys(outputs, zeros) if isinstance(zeros, int) else dict(zeros)
+    for name in table:
+        if name not in outputs:
+            raise EstimationError(f"zeros must name outputs of the response, got '{name}'{nearest(name, outputs)}")
+    if set(table) != set(outputs) or poles < 1 or not all(0 <= z <= poles for z in table.values()):
+        raise EstimationError(
+            f"poles >= 1 and 0 <= zeros <= poles for every output must hold, got poles = {poles}, zeros = {table}"
+        )
+    return {name: table[name] for name in outputs}
+
+
+def _problem(
+    part: FrequencyResponse,
+    group: list[int],
+    zeros: Mapping[str, int],
+    n: int,
+    delay: bool,
+    weighting: Weighting,
+    words: tuple[Hold, ...],
+) -> _Problem:
+    s = np.asarray(1j * part.omega_rad_s, np.complex128)
+    half = 0.5 * part.omega_rad_s * part.dt_s
+    held = np.ones((s.size, len(words)), np.complex128)
+    for j, word in enumerate(words):
+        if word == "zoh":
+            held[:, j] = np.sinc(half / np.pi) * np.exp(-1j * half)
+    H, error = part.H[:, group], part.random_error[:, group]
+    nzs = tuple(zeros[part.outputs[i]] for i in group)
+    unknowns = n + sum(len(words) * (nz + 1 + delay) for nz in nzs)
+    if 2 * H.size < unknowns + 1:
+        raise EstimationError(
+            f"a fit of {unknowns} unknowns needs at least {(unknowns + 1) // 2 + 1} complex values, got {H.size}; "
+            "widen the band or lower the order"
+        )
+    if np.any(H == 0.0):
+        raise EstimationError("a response of exactly zero has no phase to fit; leave that output or band out")
+    if weighting == "loes":
+        weight = 1.58 * (1.0 - np.exp(-part.partial_coherence[:, group])) * np.sqrt(20.0 / s.size)
+    else:
+        middle = float(np.median(error))
+        weight = 1.0 / np.maximum(error, _FLOOR * middle) if middle > 0.0 else np.ones(error.shape)
+    spacing = np.gradient(part.omega_rad_s) if s.size > 1 else part.resolution_rad_s
+    crowding = max(1.0, float(np.mean(part.resolution_rad_s / spacing)))
+    return _Problem(s, H, held, weight, error, n, nzs, delay, weighting, crowding)
+
+
+def _unpack(problem: _Problem, x: FloatArray, w0: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return a (n + 1,), b (p, m, n + 1) and tau (p, m) from unknowns in units of w0."""
+    n, (_, p, m) = problem.n, problem.H.shape
+    scale = w0 ** np.arange(n + 1.0)
+    a = np.concatenate([[1.0], x[:n]]) * scale
+    b, at = np.zeros((p, m, n + 1)), n
+    for i, nz in enumerate(problem.zeros):
+        b[i, :, n - nz :] = x[at : at + m * (nz + 1)].reshape(m, nz + 1)
+        at += m * (nz + 1)
+    tau = x[at:].reshape(p, m) / w0 if problem.delay else np.zeros((p, m))
+    return a, b * scale, tau
+
+
+def _model(problem: _Problem, x: FloatArray, w0: float) -> ComplexArray:
+    a, b, tau = _unpack(problem, x, w0)
+    s = problem.s
+    powers = s[:, None] ** np.arange(problem.n, -1.0, -1.0)
+    above = np.einsum("kn,pmn->kpm", powers, b)
+    below = powers @ a
+    return np.asarray(
+        above / below[:, None, None] * np.exp(-s[:, None, None] * tau) * problem.held[:, None, :], np.complex128
+    )
+
+
+def _residuals(problem: _Problem, G: ComplexArray, weighting: Weighting | None = None) -> FloatArray:
+    """Return the two weighted residuals of every value, (2, k, p, m)."""
+    if (weighting or problem.weighting) == "likelihood":
+        miss = problem.weight * (G - problem.H) / np.abs(problem.H)
+        return np.stack([miss.real, miss.imag])
+    with np.errstate(divide="ignore"):
+        gain = _DB * np.log(np.maximum(np.abs(G / problem.H), 1e-12))
+    phase = _DEGREE * np.angle(G / problem.H)
+    return problem.weight * np.stack([gain, np.sqrt(_PHASE) * phase])
+
+
+def _start(problem: _Problem, w0: float, tau: FloatArray) -> tuple[FloatArray, float]:
+    """Return unknowns from iterated linear least squares for given delays (p, m), and their cost."""
+    n, s = problem.n, problem.s / w0
+    k, m = len(s), problem.H.shape[2]
+    H = problem.H / problem.held[:, None, :] * np.exp(problem.s[:, None, None] * tau)
+    powers = s[:, None] ** np.arange(n, -1.0, -1.0)
+    weight = problem.weight / np.abs(problem.H)
+    below = np.ones(k, np.complex128) * np.abs(1.0 + s) ** n
+    best, lowest = np.zeros(0), np.inf
+    width = n + m * sum(nz + 1 for nz in problem.zeros)
+    for _ in range(8):
+        rows, right = [], []
+        at = n
+        for i, nz in enumerate(problem.zeros):
+            for j in range(m):
+                factor = (weight[:, i, j] / np.abs(below))[:, None]
+                block = np.zeros((k, width), np.complex128)
+                block[:, :n] = -factor * H[:, i, j, None] * powers[:, 1:]
+                block[:, at : at + nz + 1] = factor * powers[:, n - nz :]
+                rows.append(block)
+                right.append(factor[:, 0] * H[:, i, j] * powers[:, 0])
+                at += nz + 1
+        M, r = np.vstack(rows), np.concatenate(right)
+        M, r = np.vstack([M.real, M.imag]), np.concatenate([r.real, r.imag])
+        size = np.sqrt(np.sum(M**2, axis=0))
+        size = np.where(size > 0.0, size, 1.0)
+        x = np.linalg.lstsq(M / size, r, rcond=1e-13)[0] / size
+        below = powers @ np.concatenate([[1.0], x[:n]])
+        if not np.all(np.abs(below) > 0.0):
+            break
+        full = np.concatenate([x, tau.ravel() * w0]) if problem.delay else x
+        cost = float(np.sum(_residuals(problem, _model(problem, full, w0)) ** 2))
+        if cost < lowest:
+            best, lowest = full, cost
+    return best, lowest
+
+
+def _search(problem: _Problem, w0: float) -> list[FloatArray]:
+    """Return the starts: equal delays over the grid, then each delay by itself from the best of them."""
+    _, p, m = problem.H.shape
+    grid = np.linspace(0.0, 2.0 * np.pi / np.abs(problem.s[-1]), _DELAYS) if problem.delay else np.zeros(1)
+    trials = sorted(((*_start(problem, w0, np.full((p, m), t)), t) for t in grid), key=lambda c: c[1])
+    trials = [trial for trial in trials if np.isfinite(trial[1])]
+    if not trials:
+        raise EstimationError("no start of the fit is finite; lower the order or leave out values near zero")
+    starts = [trial[0] for trial in trials[:3]]
+    if problem.delay and p * m > 1:
+        tau, lowest = np.full((p, m), trials[0][2]), trials[0][1]
+        for i, j in np.ndindex(p, m):
+            for t in grid:
+                other = tau.copy()
+                other[i, j] = t
+                x, cost = _start(problem, w0, other)
+                if cost < lowest:
+                    tau, lowest = other, cost
+                    starts[0] = x
+    return starts
+
+
+def _solve(problem: _Problem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, dict[str, float]]:
+    """Return a, b, tau, the covariance of the unknowns in SI units, and notes."""
+    w = np.abs(problem.s)
+    w0 = float(np.exp(np.mean(np.log(w))))
+    pairs = problem.H.shape[1] * problem.H.shape[2]
+    best: Any = None
+    for x0 in _search(problem, w0):
+        low = np.full(x0.size, -np.inf)
+        if problem.delay:
+            low[-pairs:] = 0.0
+        found = least_squares(
+            lambda x: _residuals(problem, _model(problem, x, w0)).ravel(),
+            x0,
+            jac="3-point",
+            bounds=(low, np.inf),
+            x_scale="jac",
+            xtol=1e-14,
+            ftol=1e-14,
+            gtol=1e-14,
+            max_nfev=300,
+        )
+        if best is None or found.cost < best.cost:
+            best = found
+    a, b, tau = _unpack(problem, best.x, w0)
+    covariance, notes = _errors(problem, best.x, np.asarray(best.jac), w0)
+    return a, b, tau, covariance, notes
+
+
+def _errors(problem: _Problem, x: FloatArray, J: FloatArray, w0: float) -> tuple[FloatArray, dict[str, float]]:
+    """Return the covariance of the unknowns in SI units, and what the misfit says."""
+    G = _model(problem, x, w0)
+    r = _residuals(problem, G)
+    if problem.weighting == "likelihood":
+        spread = np.stack([problem.weight * problem.error] * 2)
+    else:
+        spread = (
+            problem.weight * problem.error * np.stack([np.full(G.shape, _DB), np.full(G.shape, _DEGREE * _PHASE**0.5)])
+        )
+    size = np.sqrt(np.sum(J**2, axis=0))
+    size = np.where(size > 0.0, size, 1.0)
+    P = np.linalg.pinv(J / size, rcond=1e-12)
+    s = np.linalg.svd(J / size, compute_uv=False)
+    expected = float(np.sum(spread**2)) * (1.0 - x.size / r.size)
+    ratio = float(np.sum(r**2)) / expected if expected > 0.0 else (np.inf if np.sum(r**2) > 1e-16 * r.size else 1.0)
+    covariance = (P * spread.ravel() ** 2) @ P.T / np.outer(size, size)
+    if np.isinf(ratio):
+        covariance = P @ P.T / np.outer(size, size) * float(np.sum(r**2)) / max(r.size - x.size, 1)
+    elif ratio > 1.0:
+        covariance = covariance * ratio
+    covariance = covariance * problem.crowding
+    units = [w0 ** np.arange(1.0, problem.n + 1.0)]
+    m = problem.H.shape[2]
+    units += [np.tile(w0 ** np.arange(problem.n - nz, problem.n + 1.0), m) for nz in problem.zeros]
+    if problem.delay:
+        units.append(np.full(m * len(problem.zeros), 1.0 / w0))
+    unit = np.concatenate(units)
+    loes = problem._replace(
+        weight=problem.weight if problem.weighting == "loes" else np.full(G.shape, np.sqrt(20.0 / len(G)))
+    )
+    cost = float(np.sum(_residuals(loes, G, "loes") ** 2)) / (G.shape[1] * m)
+    notes = {"cost": cost, "misfit_ratio": ratio, "condition": float(s[0] / s[-1]) if s[-1] > 0.0 else np.inf}
+    return covariance * np.outer(unit, unit), notes
+
+
+def _advice(name: str, note: Mapping[str, float], a: FloatArray, part: FrequencyResponse) -> list[str]:
+    out = []
+    low, high = float(part.omega_rad_s[0]), float(part.omega_rad_s[-1])
+    if note["cost"] > _POOR:
+        out.append(
+            f"{name}: the mean cost {note['cost']:.0f} exceeds {_POOR:.0f}: no equivalent of this order; raise it, "
+            "narrow the band, or allow a delay"
+        )
+    elif 4.0 < note["misfit_ratio"] < np.inf:
+        out.append(
+            f"{name}: the misfit is {note['misfit_ratio']:.1f} times what the random error explains (standard errors "
+            "were raised by it): the structure lacks something that the data show"
+        )
+    if note["condition"] > 1e7:
+        out.append(
+            f"{name}: the unknowns cannot be told apart (condition {note['condition']:.1e}): use fewer poles, zeros or "
+            "delays"
+        )
+    sizes = np.abs(np.roots(a))
+    outside = sizes[(sizes < low) | (sizes > high)]
+    if outside.size and note["misfit_ratio"] != 1.0:
+        out.append(
+            f"{name}: poles at {', '.join(f'{w:.2f}' for w in outside)} rad/s lie outside the fitted band {low:.2f} to "
+            f"{high:.2f} rad/s: the fit extrapolates; widen the band or fix the order lower"
+        )
+    return out

@@ -1,0 +1,94 @@
+"""How accurate estimates are: information, correction for coloured residuals, and what the data do not decide."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from testbench.errors import EstimationError
+from testbench.estimators.parametric.advice import null_directions
+from testbench.estimators.residuals import coloured_information, corrected_covariance, ljung_box
+from testbench.record import FloatArray
+
+WHITENESS_LAGS = 20
+_ROUNDING = 1e-9  # residuals below this share of an output's size say nothing about noise
+
+
+class Accuracy(NamedTuple):
+    """Covariances (k, k) for residuals taken as white and corrected for their colour; condition of the scaled J."""
+
+    plain: FloatArray
+    corrected: FloatArray
+    condition: float
+
+
+def accuracy(
+    residuals: Sequence[FloatArray],
+    jacobians: Sequence[FloatArray],
+    R: FloatArray,
+    prior_weight: FloatArray,
+    moving: NDArray[np.bool_],
+    names: Sequence[str],
+) -> Accuracy:
+    """Return the covariances of unknowns whose residuals have covariance R.
+
+    Args:
+        residuals: per record (N, p); zero where not valid.
+        jacobians: per record (N, p, k), derivatives of the residuals; zero where not valid.
+        R: (p, p) covariance of the residuals.
+        prior_weight: (k,) one over the standard deviation believed beforehand, 0 without.
+        moving: (k,) False for unknowns on a bound, which get zero variance.
+        names: (k,) names of the unknowns.
+
+    Raises:
+        EstimationError: no output feels an unknown or a combination of them; they are named.
+    """
+    k = moving.size
+    whiten = np.linalg.inv(np.linalg.cholesky(R))
+    believed = prior_weight > 0.0
+    J = np.vstack([*[(whiten @ j).reshape(-1, k) for j in jacobians], np.diag(prior_weight)[believed]])[:, moving]
+    size = np.sqrt(np.sum(J**2, axis=0))
+    lost = null_directions(J, size, [name for name, m in zip(names, moving, strict=True) if m])
+    if lost:
+        raise EstimationError(
+            f"these data do not tell {lost} apart, or not at all: not identifiable; fix or leave out some of them, or "
+            "fly an input that moves them"
+        )
+    scaled = np.linalg.qr(J / size, mode="r")
+    inverse = np.linalg.inv(scaled) / size[:, None]
+    plain = np.zeros((k, k))
+    plain[np.ix_(moving, moving)] = inverse @ inverse.T
+    score = coloured_information([np.linalg.inv(R) @ j for j in jacobians], residuals)
+    return Accuracy(plain, corrected_covariance(plain, score + np.diag(prior_weight**2)), float(np.linalg.cond(scaled)))
+
+
+def correlations(covariance: FloatArray) -> FloatArray:
+    """Return the correlation matrix; rows of zero variance are zero."""
+    std = np.sqrt(np.diag(covariance))
+    inverse = np.divide(1.0, std, out=np.zeros_like(std), where=std > 0.0)
+    return np.asarray(covariance * np.outer(inverse, inverse))
+
+
+def whiteness(
+    residuals: Sequence[FloatArray], valid: Sequence[NDArray[np.bool_]], size: FloatArray, R: FloatArray
+) -> FloatArray:
+    """Return per output the probability that white residuals are as correlated as the worst record's; 1 for rounding.
+
+    Args:
+        residuals: per record (N, p).
+        valid: per record (N, p), which of them count.
+        size: (p,) standard deviation of the outputs.
+        R: (p, p) covariance of the residuals.
+    """
+    out = np.ones(size.size)
+    for o in np.flatnonzero(np.sqrt(np.diag(R)) > _ROUNDING * size):
+        tests = []
+        for v, good in zip(residuals, valid, strict=True):
+            counting = v[good[:, o], o]
+            if counting.size >= 8:
+                tests.append(ljung_box(counting, min(WHITENESS_LAGS, counting.size // 4)))
+        out[o] = min(1.0, min(tests, default=1.0) * len(tests))  # Bonferroni: the worst of several records
+    return out

@@ -1,0 +1,63 @@
+"""What is doubtful about parameter estimates, and what to do about it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from testbench.record import FloatArray
+
+_LOST = 1e-7  # smallest over largest singular value of the scaled sensitivities below which nothing is decided
+_NAMED = 0.3  # share of a null direction that makes a parameter worth naming
+_TOGETHER = 0.98  # correlation beyond which two estimates stand for one another
+_VAGUE = 0.5  # standard error relative to the value
+_COLOURED = 1e-3  # false-alarm probability of the whiteness test
+
+
+def null_directions(J: FloatArray, size: FloatArray, names: Sequence[str]) -> str:
+    """Return in words the unknowns that the sensitivities J (N, k) do not decide; empty if all are decided."""
+    dead = [name for name, s in zip(names, size, strict=True) if not s > 0.0]
+    if dead:
+        return ", ".join(dead)
+    _, sigma, Vt = np.linalg.svd(np.linalg.qr(J / size, mode="r"))
+    lost = Vt[sigma <= _LOST * sigma[0]]
+    return ", ".join(name for name, column in zip(names, lost.T, strict=True) if np.any(np.abs(column) > _NAMED))
+
+
+def advice_in_words(model: Any) -> Any:
+    """Return the ParametricModel with one sentence per doubt that its diagnostics give rise to, and its status."""
+    found, out = model.diagnostics, []
+    names = [p.name for p in model.structure.parameters if p.free]
+    free = model.structure.free
+    values, errors = model.params[free], np.sqrt(np.diag(model.covariance))[free]
+    if not found["converged"]:
+        out.append("the search did not settle: other start values, fewer free parameters or more iterations are needed")
+    if found["at_bound"]:
+        out.append(
+            f"{', '.join(found['at_bound'])} ended on a bound: the value is the bound's, not the data's, and has no "
+            "standard error; widen the bound or ask why the data want to leave it"
+        )
+    vague = [
+        f"{n} {v:.3g} +- {e:.2g}"
+        for n, v, e in zip(names, values, errors, strict=True)
+        if e > _VAGUE * abs(v) and e > 0.0
+    ]
+    if vague:
+        out.append(f"these data say little about {', '.join(vague)}: fix them at a believed value, or excite them more")
+    correlation = np.abs(np.triu(found["correlation"], 1))
+    pairs = [f"{names[i]} and {names[j]} ({correlation[i, j]:.3f})" for i, j in np.argwhere(correlation > _TOGETHER)]
+    if pairs:
+        out.append(
+            f"these estimates stand for one another: {', '.join(pairs)}; fix one of each pair, or excite both apart"
+        )
+    coloured = [o for o, p in zip(model.outputs, found["whiteness_p"], strict=True) if p < _COLOURED]
+    if coloured:
+        factor = float(np.max(found["error_inflation"]))
+        out.append(
+            f"the residuals of {', '.join(coloured)} are not white (turbulence, filtered noise or something missing in "
+            f"the model): standard errors are corrected for it, by up to a factor {factor:.2g}"
+        )
+    return replace(model, status="warning" if out else "good", advice=tuple(out))

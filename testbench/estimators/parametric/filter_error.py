@@ -1,0 +1,324 @@
+"""Filter error: maximum likelihood estimates where turbulence shakes the aircraft and noise the measurements.
+
+    dx/dt = f(x, u, params) + F w,    y[i] = h(x[i], u[i], params) + G e[i],    w, e white with unit intensity
+
+A Kalman filter with its settled gain predicts each sample from those before. Minimised is, over the parameters, F, the
+initial states and the offsets of every record,
+
+    J = 1/2 sum_i v[i]' R^-1 v[i] + N/2 ln |R|,    v = innovations, R diagonal,
+
+by Gauss-Newton steps for a given R in turns with R = sum v v' / N (R. E. Maine and K. W. Iliff, NASA TP 1690, 1981;
+R. V. Jategaonkar, Flight Vehicle System Identification, 2nd ed., 2015, chapter 5). F is diagonal and searched as
+logarithms; after each change of R it is rescaled as there, so that the gain stays about what it was.
+
+Published gains are P C' R^-1 with F F' bounded so that G G' = R - C P C' stays positive. Here the gain is that of the
+filter whose measurement noise has the variances R, P C' (C P C' + R)^-1: the same family on another scale of F, in
+which the eigenvalues of K C are below 1 for every F, and no constraint is needed. Since a common factor of F F' and
+G G' leaves the gain alone, F and G are reported with the factor that makes C P C' + G G' agree with R on average.
+Estimating all of G as well is the full likelihood, but smoothed or differentiated channels (a pitch acceleration made
+from the pitch rate) then draw it to the senseless maximum of a channel without noise.
+
+Derivatives are exact, also those of the gain (see ``kalman.gain``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from testbench.errors import EstimationError
+from testbench.estimators.model import check_records
+from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
+from testbench.estimators.parametric.advice import advice_in_words
+from testbench.estimators.parametric.gauss_newton import Minimum
+from testbench.estimators.parametric.kalman.innovations import Rows, innovations
+from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood, Part
+from testbench.estimators.parametric.kalman.search import minimise
+from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, stretch
+from testbench.estimators.parametric.model import ParametricModel, named
+from testbench.estimators.parametric.output_error import held_inputs
+from testbench.estimators.parametric.response import delayed
+from testbench.estimators.parametric.structure import ModelStructure
+from testbench.estimators.state_space import check_sample_time
+from testbench.record import FlightRecord, FloatArray
+
+_SETTLED = 3e-3  # relative change of the innovations' variances between two rounds that ends them
+_ROUNDS = 60
+_BELIEVED = 0.99  # eigenvalue of K C beyond which a measurement replaces the prediction
+_FOLLOWING = 4  # steps per round until R has settled
+_START = 0.1  # innovations to start from, relative to the outputs' size
+
+
+class _Found(NamedTuple):
+    """Where the search ended."""
+
+    minimum: Minimum
+    parts: list[Part]
+    R: FloatArray
+    rounds: int
+    settled: bool
+
+
+def estimate(
+    records: Sequence[FlightRecord],
+    structure: ModelStructure,
+    *,
+    process_noise: Sequence[str] | None = None,
+    fixed_process_noise: Mapping[str, float] | None = None,
+    initial_states: Initial = "free",
+    output_biases: Sequence[str] = (),
+    output_trends: Sequence[str] = (),
+    input_biases: Sequence[str] = (),
+    delays_s: Mapping[str, float] | None = None,
+    held: Sequence[str] | None = None,
+    max_iterations: int = 50,
+    substeps: int = 1,
+) -> ParametricModel:
+    """Estimate the free parameters of a structure, and the noise, from records flown in turbulence.
+
+    Args:
+        records: measured records with one sample time; of different lengths if need be.
+        structure: the equations; its parameters say what is free, bounded or believed beforehand.
+        process_noise: states whose process noise is estimated; None: all that ``fixed_process_noise`` does not name.
+        fixed_process_noise: state -> known process noise, unit of the state per square root of a second.
+        initial_states: "free" estimates one per record; "record" takes the first sample of the channels of that name,
+            "zero" takes trim.
+        output_biases: outputs with a constant of their own in every record.
+        output_trends: outputs with a line of their own in every record.
+        input_biases: inputs with a constant error of their own in every record.
+        delays_s: known delay per input, s.
+        held: inputs that are held between samples; None takes those called ``*_cmd``. The others run linearly.
+        max_iterations: Gauss-Newton steps per round.
+        substeps: Runge-Kutta steps per sample of a nonlinear structure.
+
+    Returns:
+        The model; its ``noise_covariance`` is that of the innovations. Diagnostics as of output error, and
+        ``process_noise`` by state: value and its standard error, unit of the state per square root of a second;
+        ``process_noise_absent``: states whose process noise cannot be told from none;
+        ``measurement_noise`` by output, standard deviation; ``gain`` (n, p) per record;
+        ``kc_eigenvalue``: the largest of K C, at most 1; 1 says that some channel is believed without reserve.
+
+    Raises:
+        EstimationError: nothing is free, fewer samples than unknowns, an unknown that no output feels (it is named), a
+            state name that is none, or start values at which the filter diverges.
+        ChannelError: a record lacks a channel.
+    """
+    check_records(records, structure.inputs, structure.outputs)
+    if not structure.free.any():
+        raise EstimationError(f"structure '{structure.name}' has no free parameter; free some, or simulate it instead")
+    noisy, fixed = _process_noise(structure, process_noise, fixed_process_noise)
+    delays = named(delays_s, structure.inputs, "a delay")
+    named(dict.fromkeys(input_biases, 0.0), structure.inputs, "an input bias")
+    for name in (*output_biases, *output_trends):
+        if name not in structure.outputs:
+            raise EstimationError(
+                f"an output bias or trend belongs to an output ({', '.join(structure.outputs)}), got '{name}'"
+            )
+    constant, sloped = tuple(output_biases), tuple(output_trends)
+    stretches = [stretch(r, structure, delays, initial_states, constant, sloped) for r in records]
+    layout = Layout(
+        np.flatnonzero(structure.free),
+        initial_states == "free",
+        tuple(structure.inputs.index(name) for name in input_biases),
+        len(structure.states),
+        len(constant) + len(sloped),
+    )
+    hold = held_inputs(structure.inputs, held)
+    base = Likelihood(structure, stretches, layout, records[0].dt_s, hold, substeps=substeps)
+    likelihood = FilterLikelihood(base, noisy, fixed)
+    found = _search(likelihood, max_iterations)
+    diagnostics, white, corrected = _diagnose(likelihood, found)
+    params = base.parameters(found.minimum.point, structure.values)
+    model = ParametricModel(
+        method="filter_error",
+        inputs=structure.inputs,
+        outputs=structure.outputs,
+        dt_s=records[0].dt_s,
+        settings={
+            "structure": structure.name,
+            "process_noise": [structure.states[i] for i in noisy],
+            "fixed_process_noise": dict(fixed_process_noise or {}),
+            "initial_states": initial_states,
+            "output_biases": list(constant),
+            "output_trends": list(sloped),
+            "input_biases": list(input_biases),
+        },
+        diagnostics=diagnostics,
+        structure=structure,
+        params=params,
+        covariance=_embedded(corrected, layout, params.size),
+        covariance_plain=_embedded(white, layout, params.size),
+        noise_covariance=np.diag(diagnostics["residual_std"] ** 2),
+        held=tuple(hold.tolist()),
+        delays_s=tuple(delays.tolist()),
+        biased=constant,
+        trended=sloped,
+        biased_inputs=tuple(input_biases),
+        operating_point=(
+            np.mean([x for x, _ in likelihood.points], axis=0),
+            np.mean([u for _, u in likelihood.points], axis=0),
+        ),
+        substeps=substeps,
+    )
+    return _with_filter_advice(advice_in_words(model))
+
+
+def _with_filter_advice(model: ParametricModel) -> ParametricModel:
+    """Return the model with what its filter makes doubtful."""
+    found, out = model.diagnostics, []
+    if found["kc_eigenvalue"] > _BELIEVED:
+        out.append(
+            "the filter follows some channel nearly without reserve (largest eigenvalue of K C "
+            f"{found['kc_eigenvalue']:.4f}): it may be smoothed, or computed from others; try "
+            "without it"
+        )
+    if found["process_noise"] and len(found["process_noise_absent"]) == len(found["process_noise"]):
+        out.append("no process noise can be told from none: output error says the same with fewer unknowns")
+    if not out:
+        return model
+    return replace(model, status="warning", advice=(*model.advice, *out))
+
+
+def predict(model: ParametricModel, record: FlightRecord) -> tuple[FloatArray, FloatArray]:
+    """Return the one-step predictions (N, p) of a filter-error model over a record, and its innovations (N, p).
+
+    The gain is that of the first record that the model was estimated from; the filter starts from the record's own
+    first samples where states are channels, else from the operating point. Innovations of invalid samples are zero.
+
+    Raises:
+        EstimationError: the model was not estimated by filter error, or the filter diverges.
+        ChannelError: the record lacks an input or output of the model.
+        RecordError: its sample time differs from the model's by more than 1 %.
+    """
+    if "gain" not in model.diagnostics:
+        raise EstimationError(f"one-step prediction needs a filter gain, which method '{model.method}' does not give")
+    check_sample_time(record, model.dt_s)
+    part = record.select(model.outputs)
+    u = delayed(record.columns(model.inputs), record.dt_s, np.array(model.delays_s))
+    states = model.structure.states
+    x0 = np.array([record[s][0] if s in record else model.operating_point[0][i] for i, s in enumerate(states)])
+    rows = Rows(model.params[None], x0[None], np.zeros((1, u.shape[1])), model.diagnostics["gain"][0][None])
+    run = innovations(
+        model.structure, rows, u, part.data[:, None], part.valid, record.dt_s, np.array(model.held), model.substeps
+    )
+    v = run.v[:, 0].real
+    if not np.all(np.isfinite(v)):
+        raise EstimationError("the filter diverges over this record; it is outside the range that the model holds in")
+    outputs = model.structure.output(run.x[:, 0].real, u, np.tile(model.params, (len(u), 1)))
+    return outputs, v
+
+
+def _process_noise(
+    structure: ModelStructure, chosen: Sequence[str] | None, fixed: Mapping[str, float] | None
+) -> tuple[list[int], FloatArray]:
+    """Return the indices of the states with unknown process noise, and (n,) the known one of the others."""
+    known = dict(fixed or {})
+    for name in (*(chosen or ()), *known):
+        if name not in structure.states:
+            raise EstimationError(f"process noise belongs to a state ({', '.join(structure.states)}), got '{name}'")
+    for name, value in known.items():
+        if not value >= 0.0 or not np.isfinite(value):
+            raise EstimationError(f"process noise >= 0 must hold, got {value:g} for '{name}'")
+    names = [s for s in structure.states if s not in known] if chosen is None else list(chosen)
+    both = sorted(set(names) & set(known))
+    if both:
+        raise EstimationError(f"process noise of {', '.join(both)} is both estimated and fixed; choose one")
+    return [i for i, s in enumerate(structure.states) if s in names], np.array(
+        [known.get(s, 0.0) for s in structure.states]
+    )
+
+
+def _search(likelihood: FilterLikelihood, max_iterations: int) -> _Found:
+    """Search by Gauss-Newton steps for a given R in turns with a new R, F and point of linearisation."""
+    base = likelihood.base
+    low, high = likelihood.bounds()
+    point = likelihood.start(base.structure.values)
+    R = (_START * base.size) ** 2
+    total = float(base.counts.sum())
+    settled, rounds, change = False, 0, np.zeros(R.size)
+    while True:
+        rounds += 1
+        # The rounds only have to follow R; the last one ends at 1/1000 of an error.
+        tolerance, most = (1e-6, max_iterations) if settled else (1e-2, _FOLLOWING)
+        minimum = minimise(likelihood.problem(R), point, low, high, tolerance=tolerance / total, max_iterations=most)
+        point = minimum.point
+        parts = likelihood.evaluate(point, R)
+        if settled or rounds == _ROUNDS:
+            return _Found(minimum, parts, R, rounds, settled)
+        new = np.diag(base.noise([part.v for part in parts]))
+        settled = bool(np.max(np.abs(new - R) / R) < _SETTLED)
+        change, previous = np.log(new / R), change
+        along = float(change @ previous) / max(float(previous @ previous), 1e-300)
+        if rounds % 3 == 0 and not settled and 0.0 < along < 0.9 and np.max(np.abs(change)) < 0.5:
+            new = new * np.exp(along / (1.0 - along) * change)  # the rounds converge linearly: go to where they lead
+            change = np.zeros(R.size)
+        likelihood.points = [
+            (part.x.mean(axis=0), s.u.mean(axis=0)) for part, s in zip(parts, base.stretches, strict=True)
+        ]
+        if not settled:
+            point = np.clip(_rescaled(likelihood, point, R, new), low, high)
+        R = new
+
+
+def _rescaled(likelihood: FilterLikelihood, point: FloatArray, R: FloatArray, new: FloatArray) -> FloatArray:
+    """Return the search point with F F' changed as R is where the states show: Jategaonkar 2015, section 5.3."""
+    base, out = likelihood.base, point.copy()
+    params = base.parameters(point, base.structure.values)[None].astype(complex)
+    C = likelihood.linearised(params, 0)[1][0].real[:, likelihood.noisy]
+    before, after = (np.sum(C**2 / variance[:, None], axis=0) for variance in (R, new))
+    seen = before > 0.0
+    common = np.full(seen.size, np.exp(np.mean(np.log(new / R))))
+    out[base.unknowns :] += 0.5 * np.log(np.divide(before, after, out=common, where=seen))
+    return out
+
+
+def _diagnose(likelihood: FilterLikelihood, found: _Found) -> tuple[dict[str, Any], FloatArray, FloatArray]:
+    """Return diagnostics, and the plain and the corrected covariance of the free parameters (f, f)."""
+    base, layout, parts, point = likelihood.base, likelihood.base.layout, found.parts, found.minimum.point
+    f, total, states = layout.chosen.size, int(base.counts.sum()), base.structure.states
+    residuals = [part.v for part in parts]
+    R = found.R * total / (total - likelihood.unknowns)  # unknowns take degrees of freedom from the innovations
+    names, moving = likelihood.names(), ~found.minimum.at_bound
+    jacobians = [part.dv for part in parts]
+    a = accuracy(residuals, jacobians, np.diag(R), likelihood.prior_weight, moving, names)
+    white, corrected = a.plain[:f, :f], a.corrected[:f, :f]
+    deviation = np.sqrt(np.diag(white))
+    share = np.mean([1.0 / np.mean(np.diag(part.gain.S) / found.R) for part in parts])
+    F, F_std = np.sqrt(share) * likelihood.process_noise(point), np.sqrt(np.diag(a.corrected))[base.unknowns :]
+    absent = (np.sqrt(np.diag(a.plain))[base.unknowns :] > 1.0) | ~moving[base.unknowns :]
+    params = base.parameters(point, base.structure.values)[None].astype(complex)
+    products = [part.gain.K @ likelihood.linearised(params, i)[1][0].real for i, part in enumerate(parts)]
+    nuisances = [layout.split(point, i) for i in range(len(parts))]
+    diagnostics = {
+        "cost": base.negative_log(found.minimum.cost, np.diag(found.R)),
+        "rounds": found.rounds,
+        "iterations": found.minimum.iterations,
+        "converged": found.minimum.converged and found.settled,
+        "at_bound": [n for n, b in zip(names[:f], found.minimum.at_bound[:f], strict=True) if b],
+        "condition": a.condition,
+        "residual_std": np.sqrt(R),
+        "whiteness_p": whiteness(residuals, [s.valid for s in base.stretches], base.size, np.diag(R)),
+        "correlation": correlations(white),
+        "error_inflation": np.divide(np.sqrt(np.diag(corrected)), deviation, out=np.ones(f), where=deviation > 0.0),
+        "initial_states": [
+            x if layout.free_states else s.x0 for (x, _, _), s in zip(nuisances, base.stretches, strict=True)
+        ],
+        "offsets": [o for _, o, _ in nuisances],
+        "input_biases": [b for _, _, b in nuisances],
+        "process_noise": {states[i]: (float(F[i]), float(F[i] * F_std[j])) for j, i in enumerate(likelihood.noisy)},
+        "process_noise_absent": [states[i] for i, no in zip(likelihood.noisy, absent, strict=True) if no],
+        "measurement_noise": dict(zip(base.structure.outputs, np.sqrt(share * R).tolist(), strict=True)),
+        "gain": [part.gain.K for part in parts],
+        "kc_eigenvalue": max(float(np.max(np.linalg.eigvals(product).real)) for product in products),
+    }
+    return diagnostics, white, corrected
+
+
+def _embedded(covariance: FloatArray, layout: Layout, k: int) -> FloatArray:
+    """Return the (k, k) covariance of all parameters, fixed ones zero."""
+    out = np.zeros((k, k))
+    out[np.ix_(layout.chosen, layout.chosen)] = covariance
+    return out

@@ -1,0 +1,107 @@
+"""Extended Kalman filter for states and parameters; its Jacobians are exact (complex step through the whole sample).
+
+A. H. Jazwinski, Stochastic Processes and Filtering Theory, 1970; R. V. Jategaonkar, Flight Vehicle System
+Identification, 2nd ed., 2015, chapter 7.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from testbench.estimators.parametric.kalman.augmented import Correction, Gaussian, Plant, Prediction, estimate_by
+from testbench.estimators.parametric.model import ParametricModel
+from testbench.estimators.parametric.structure import STEP, ModelStructure
+from testbench.record import FlightRecord, FloatArray
+
+
+class ExtendedKalmanFilter:
+    """First-order filter: means through the equations, covariances through their derivatives at the mean."""
+
+    def predict(self, plant: Plant, state: Gaussian, u: FloatArray, du: FloatArray) -> Prediction:
+        """Return P' = J (P + Q/2) J' + Q/2 around the mean one sample later, J its derivative by the mean."""
+        s = state.mean.size
+        stepped = plant.step(_directions(state.mean), u, du)
+        J, half = stepped[:s].imag.T / STEP, np.diag(0.5 * plant.Q)
+        cross = state.covariance @ J.T
+        P = J @ (state.covariance + half) @ J.T + half
+        return Prediction(Gaussian(stepped[s].real, 0.5 * (P + P.T)), cross)
+
+    def correct(
+        self, plant: Plant, state: Gaussian, u: FloatArray, y: FloatArray, valid: NDArray[np.bool_]
+    ) -> Correction:
+        """Return the corrected state, its covariance in Joseph's form, which rounding cannot make negative."""
+        s = state.mean.size
+        out = plant.output(_directions(state.mean), u)[:, valid]
+        H, R = out[:s].imag.T / STEP, np.diag(plant.R[valid])
+        v = y[valid] - out[s].real
+        S = H @ state.covariance @ H.T + R
+        K = np.linalg.solve(S, H @ state.covariance).T
+        rest = np.eye(s) - K @ H
+        P = rest @ state.covariance @ rest.T + K @ R @ K.T
+        return Correction(Gaussian(state.mean + K @ v, 0.5 * (P + P.T)), v, S)
+
+
+def _directions(mean: FloatArray) -> NDArray[np.complex128]:
+    """Return (s + 1, s): the mean with a complex step along each axis, then the mean."""
+    z = np.tile(mean.astype(complex), (mean.size + 1, 1))
+    z[range(mean.size), range(mean.size)] += 1j * STEP
+    return z
+
+
+def estimate(
+    records: Sequence[FlightRecord],
+    structure: ModelStructure,
+    *,
+    measurement_noise: Mapping[str, float] | None = None,
+    process_noise: Mapping[str, float] | None = None,
+    parameter_drift: Mapping[str, float] | None = None,
+    initial_std: Mapping[str, float] | None = None,
+    delays_s: Mapping[str, float] | None = None,
+    held: Sequence[str] | None = None,
+    substeps: int = 1,
+    smooth: bool = False,
+) -> ParametricModel:
+    """Estimate states and free parameters along the records by an extended Kalman filter.
+
+    Args:
+        records: measured records with one sample time. The filter runs through one after the other: parameters carry
+            over, states start anew.
+        structure: the equations. Bounds of its parameters are not enforced: an estimate beyond them is said.
+        measurement_noise: output -> standard deviation; those not named from third differences of the record.
+        process_noise: state -> process noise, unit of the state per square root of a second; 0 where not named.
+        parameter_drift: free parameter -> random walk, unit per square root of a second; constant where not named.
+        initial_std: state or free parameter -> standard deviation of what is believed at the start. Not named: the
+            prior of the parameter; else wide enough to move the outputs by as much as they move.
+        delays_s: known delay per input, s.
+        held: inputs that are held between samples; None takes those called ``*_cmd``. The others run linearly.
+        substeps: Runge-Kutta steps per sample.
+        smooth: also estimate along each record from all of it (Rauch, Tung and Striebel).
+
+    Returns:
+        The model with the last estimates, the covariances the filter's own (not corrected for coloured innovations).
+        Diagnostics: ``tracks`` (:class:`~.augmented.Track` per record: estimates over time), ``initial_std`` (f,),
+        ``residual_std`` (p,) of the innovations, ``normalised_innovations`` (p,) mean square over expected,
+        ``whiteness_p`` (p,), ``correlation`` (f, f).
+
+    Raises:
+        EstimationError: a name is none of the structure's, no initial deviation can be told, or the filter diverges.
+        ChannelError: a record lacks a channel.
+    """
+    return estimate_by(
+        ExtendedKalmanFilter(),
+        "ekf",
+        records,
+        structure,
+        measurement_noise=measurement_noise,
+        process_noise=process_noise,
+        parameter_drift=parameter_drift,
+        initial_std=initial_std,
+        delays_s=delays_s,
+        held=held,
+        substeps=substeps,
+        smooth=smooth,
+        settings={},
+    )

@@ -1,0 +1,82 @@
+"""Bounded least squares with damping that follows how far the linear model can be believed.
+
+Innovations feel the parameters through the filter as well as directly, and with coloured ones second derivatives count:
+undamped Gauss-Newton steps then overshoot to the other side of the valley again and again.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from testbench.errors import EstimationError
+from testbench.estimators.parametric.gauss_newton import Minimum, Problem
+from testbench.record import FloatArray
+
+_POOR, _FINE = 0.25, 0.75  # real over predicted fall of the cost
+_ROUNDING = 1e-11  # of the cost
+
+
+def minimise(
+    problem: Problem, start: FloatArray, low: FloatArray, high: FloatArray, *, tolerance: float, max_iterations: int
+) -> Minimum:
+    """Minimise r'r over low <= point <= high by Levenberg-Marquardt steps.
+
+    The damping, in units of the squared column lengths of the Jacobian, rises after a step that gave less than a
+    quarter of the fall that the linear model predicts, and falls after one that gave more than three quarters of it
+    (J. J. More, 1978).
+
+    Args:
+        problem: point -> residuals and their Jacobian.
+        start: where to start from.
+        low: bounds below; a parameter on its bound stays while the gradient points outwards.
+        high: bounds above.
+        tolerance: it ends when a full step would lower the cost by less than this share of it.
+        max_iterations: most steps that are taken.
+
+    Raises:
+        EstimationError: the start itself gives residuals that are not finite.
+    """
+    point = np.clip(start, low, high)
+    r, J = problem(point)
+    if not np.all(np.isfinite(r)) or not np.all(np.isfinite(J)):
+        raise EstimationError("the model diverges from its start values; start from others, or from equation error")
+    cost, damping, converged, iterations = float(r @ r), 1e-4, False, 0
+    held = np.zeros(point.size, bool)
+    while iterations < max_iterations:
+        iterations += 1
+        gradient = J.T @ r
+        held = ((point <= low) & (gradient > 0.0)) | ((point >= high) & (gradient < 0.0))
+        moving = np.flatnonzero(~held)
+        # The triangle of [J r] holds Q'r in its last column: Q itself, as large as J, is not needed.
+        triangle = np.asarray(np.linalg.qr(np.column_stack([J[:, moving], r]), mode="r"))
+        R, target = triangle[: moving.size, :-1], triangle[: moving.size, -1]
+        size = np.sqrt(np.sum(R**2, axis=0))
+        size = np.where(size > 0.0, size, 1.0)
+        promised = float(target @ target)  # what a full linear step would remove
+        if promised <= tolerance * cost or not moving.size:
+            converged = True
+            break
+        accepted = False
+        while damping < 1e12:
+            stacked = np.vstack([R, np.sqrt(damping) * np.diag(size)])
+            step = np.linalg.lstsq(stacked, -np.concatenate([target, np.zeros(moving.size)]), rcond=None)[0]
+            trial = point.copy()
+            trial[moving] = np.clip(point[moving] + step, low[moving], high[moving])
+            moved = target + R @ (trial[moving] - point[moving])
+            predicted = promised - float(moved @ moved)
+            if predicted <= 0.0 or (damping > 1e-4 and predicted < _ROUNDING * cost):
+                break
+            r_new, J_new = problem(trial)
+            new = float(r_new @ r_new) if np.all(np.isfinite(r_new)) and np.all(np.isfinite(J_new)) else np.inf
+            gain = (cost - new) / predicted
+            if gain < _POOR:
+                damping = max(4.0 * damping, 1e-3) if gain > 0.0 else max(10.0 * damping, 1e-3)
+            elif gain > _FINE:
+                damping = max(damping / 10.0, 1e-12)
+            if new < cost:
+                point, r, J, cost, accepted = trial, r_new, J_new, new, True
+                break
+        if not accepted:  # no descent left within rounding
+            converged = promised <= 1e-6 * cost
+            break
+    return Minimum(point, cost, np.asarray(np.linalg.qr(J, mode="r")), iterations, converged, held)

@@ -1,0 +1,247 @@
+"""The output-error cost of a set of records as a function of parameters, initial states, offsets and input biases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from testbench.errors import EstimationError
+from testbench.estimators.parametric.gauss_newton import Problem
+from testbench.estimators.parametric.model import output_offsets
+from testbench.estimators.parametric.response import delayed, responses
+from testbench.estimators.parametric.structure import ModelStructure
+from testbench.record import FlightRecord, FloatArray
+
+Initial = Literal["free", "record", "zero"]
+_EXACT = 1e-12  # residuals below this share of an output's size are rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """One record as the search sees it: inputs (N, m), outputs (N, p), which of them count, offsets (N, p, b)."""
+
+    u: FloatArray
+    y: FloatArray
+    valid: NDArray[np.bool_]
+    offsets: FloatArray
+    x0: FloatArray
+
+
+class Layout(NamedTuple):
+    """Which entries of the search point are what: f parameters first, then the nuisances of every record."""
+
+    chosen: NDArray[np.intp]
+    free_states: bool
+    biased_inputs: tuple[int, ...]
+    states: int
+    offsets: int
+
+    @property
+    def initial(self) -> int:
+        """Number of initial states that are estimated per record."""
+        return self.states if self.free_states else 0
+
+    @property
+    def per_record(self) -> int:
+        """Number of nuisances of one record."""
+        return self.initial + self.offsets + len(self.biased_inputs)
+
+    def nuisances(self, record: int) -> slice:
+        """Return where those of a record are."""
+        start = self.chosen.size + record * self.per_record
+        return slice(start, start + self.per_record)
+
+    def split(self, point: FloatArray, record: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return initial state, output offsets and input biases of a record; the first is empty unless estimated."""
+        initial, offsets, biases = np.split(point[self.nuisances(record)], [self.initial, self.initial + self.offsets])
+        return initial, offsets, biases
+
+
+def stretch(
+    record: FlightRecord,
+    structure: ModelStructure,
+    delays_s: FloatArray,
+    initial: Initial,
+    biased: tuple[str, ...],
+    trended: tuple[str, ...],
+) -> Stretch:
+    """Return the record as the search sees it, initial states where channels say them.
+
+    Raises:
+        EstimationError: ``initial`` is "record" and a state is no channel of it.
+        ChannelError: the record lacks a channel.
+    """
+    part = record.select(structure.outputs)
+    u = delayed(record.columns(structure.inputs), record.dt_s, delays_s)
+    offsets = output_offsets(structure.outputs, biased, trended, record.t_s - record.t_s[0])
+    x0 = np.zeros(len(structure.states))
+    for i, state in enumerate(structure.states):
+        if initial == "record" and state not in record:
+            raise EstimationError(
+                f"initial_states = 'record' needs every state as a channel, but the record lacks '{state}'; "
+                "choose 'free'"
+            )
+        if initial != "zero" and state in record:
+            x0[i] = record[state][0]
+    return Stretch(u, part.data, np.asarray(part.valid), offsets, x0)
+
+
+class Likelihood:
+    """Residuals, sensitivities and noise covariance of a structure over records.
+
+    Args:
+        structure: the equations.
+        stretches: the records.
+        layout: what is searched for.
+        dt_s: sample time, s.
+        held: (m,) inputs that are held between samples.
+        substeps: Runge-Kutta steps per sample of a nonlinear structure.
+        full: noise covariance with its off-diagonal elements.
+
+    Raises:
+        EstimationError: fewer valid samples than unknowns, an output that never moves, or outputs sampled at different
+            times with a full covariance.
+    """
+
+    def __init__(
+        self,
+        structure: ModelStructure,
+        stretches: Sequence[Stretch],
+        layout: Layout,
+        dt_s: float,
+        held: NDArray[np.bool_],
+        *,
+        substeps: int = 1,
+        full: bool = False,
+    ) -> None:
+        self.structure, self.stretches, self.layout = structure, stretches, layout
+        self.dt_s, self.held, self.substeps, self.full = dt_s, held, substeps, full
+        self._last: tuple[bytes, list[tuple[FloatArray, FloatArray]]] | None = None
+        self.unknowns = layout.chosen.size + len(stretches) * layout.per_record
+        valid = np.vstack([s.valid for s in stretches])
+        if full and np.any(valid != valid[:, :1]):
+            raise EstimationError("a full noise covariance needs all outputs at the same samples; use 'diagonal'")
+        self.counts = valid.sum(axis=0)
+        if np.any(self.counts < 2) or valid.sum() <= self.unknowns:
+            raise EstimationError(
+                f"an estimate of {self.unknowns} unknowns needs more valid samples than that in all, and at least 2 of "
+                f"every output; got {int(valid.sum())}; give more data or free less"
+            )
+        y = np.vstack([s.y for s in stretches])
+        mean = np.sum(np.where(valid, y, 0.0), axis=0) / self.counts
+        self.size = np.sqrt(np.sum(np.where(valid, y - mean, 0.0) ** 2, axis=0) / self.counts)
+        if np.any(self.size == 0.0):
+            name = structure.outputs[int(np.argmin(self.size))]
+            raise EstimationError(f"output '{name}' never moves in these records; leave it out")
+        prior = [p.prior_std for p in structure.parameters if p.free]
+        self.prior_weight = np.array([0.0 if s is None else 1.0 / s for s in prior])
+
+    def start(self, values: FloatArray) -> FloatArray:
+        """Return the search point of parameters (k,): initial states as the records say, no offsets and biases."""
+        layout = self.layout
+        rest = np.zeros(layout.per_record - layout.initial)
+        nuisances = [np.concatenate([s.x0[: layout.initial], rest]) for s in self.stretches]
+        return np.concatenate([values[layout.chosen], *nuisances])
+
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Return the bounds of the search point: those of the parameters, none for the rest."""
+        low, high = self.structure.bounds
+        free = np.full(self.unknowns - self.layout.chosen.size, np.inf)
+        return np.concatenate([low[self.layout.chosen], -free]), np.concatenate([high[self.layout.chosen], free])
+
+    def parameters(self, point: FloatArray, params: FloatArray) -> FloatArray:
+        """Return ``params`` (k,) with the free ones taken from the search point."""
+        out = params.copy()
+        out[self.layout.chosen] = point[: self.layout.chosen.size]
+        return out
+
+    def evaluate(self, point: FloatArray, params: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        """Return per record the residuals (N, p), zero where not valid, and their Jacobian (N, p, unknowns).
+
+        The last result is kept: a search asks for the same point again when the weights change.
+        """
+        key = point.tobytes() + params.tobytes()
+        if self._last is None or self._last[0] != key:
+            self._last = key, self._evaluate(point, params)
+        return self._last[1]
+
+    def _evaluate(self, point: FloatArray, params: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
+        layout, f = self.layout, self.layout.chosen.size
+        inputs, starts, offsets = [], [], []
+        for i, s in enumerate(self.stretches):
+            initial, offset, bias = layout.split(point, i)
+            u = s.u
+            if bias.size:
+                u = u.copy()
+                u[:, list(layout.biased_inputs)] += bias
+            inputs.append(u)
+            starts.append(initial if layout.free_states else s.x0)
+            offsets.append(offset)
+        found = responses(
+            self.structure,
+            self.parameters(point, params),
+            layout.chosen.tolist(),
+            inputs,
+            self.dt_s,
+            self.held,
+            starts,
+            layout.biased_inputs,
+            self.substeps,
+        )
+        out = []
+        for i, (s, r) in enumerate(zip(self.stretches, found, strict=True)):
+            residual = np.where(s.valid, s.y - r.y - s.offsets @ offsets[i], 0.0)
+            J = np.zeros((*s.y.shape, self.unknowns))
+            J[:, :, :f] = -r.dparams
+            J[:, :, layout.nuisances(i)] = -np.concatenate([r.dx0[:, :, : layout.initial], s.offsets, r.dbias], axis=2)
+            J[~s.valid] = 0.0
+            out.append((residual, J))
+        return out
+
+    def problem(self, params: FloatArray, R: FloatArray) -> Problem:
+        """Return residuals and Jacobian, weighted by the noise covariance R (p, p), priors last, as a function."""
+        whiten = np.linalg.inv(np.linalg.cholesky(R))
+        prior = np.zeros((self.layout.chosen.size, self.unknowns))
+        np.fill_diagonal(prior, self.prior_weight)
+        centre = self.structure.values[self.layout.chosen]
+        believed = self.prior_weight > 0.0
+
+        def weighted(point: FloatArray) -> tuple[FloatArray, FloatArray]:
+            with np.errstate(all="ignore"):  # a trial point may diverge: the search sees that and steps back
+                parts = self.evaluate(point, params)
+                r = [(v @ whiten.T).ravel() for v, _ in parts]
+                J = [(whiten @ j).reshape(-1, self.unknowns) for _, j in parts]
+            r.append((self.prior_weight * (point[: centre.size] - centre))[believed])
+            J.append(prior[believed])
+            return np.concatenate(r), np.vstack(J)
+
+        return weighted
+
+    def noise(self, residuals: Sequence[FloatArray]) -> FloatArray:
+        """Return the noise covariance (p, p) of residuals, floored at rounding."""
+        v = np.vstack(residuals)
+        R = v.T @ v / np.sqrt(np.outer(self.counts, self.counts))
+        if not self.full:
+            R = np.diag(np.diag(R))
+        return np.asarray(R + np.diag((_EXACT * self.size) ** 2))
+
+    def negative_log(self, cost: float, R: FloatArray) -> float:
+        """Return the negative logarithm of the likelihood without constants, ``cost`` = sum v' R^-1 v."""
+        if self.full:
+            return 0.5 * cost + 0.5 * float(self.counts[0] * np.linalg.slogdet(R)[1])
+        return 0.5 * cost + 0.5 * float(self.counts @ np.log(np.diag(R)))
+
+    def names(self) -> list[str]:
+        """Return a name for every unknown, for messages."""
+        structure, layout = self.structure, self.layout
+        out = [structure.parameter_names[i] for i in layout.chosen]
+        for i in range(len(self.stretches)):
+            of = f" of record {i + 1}" if len(self.stretches) > 1 else ""
+            out += [f"initial {s}{of}" for s in structure.states] if layout.free_states else []
+            out += [f"output offset {j + 1}{of}" for j in range(layout.offsets)]
+            out += [f"bias of {structure.inputs[j]}{of}" for j in layout.biased_inputs]
+        return out

@@ -1,0 +1,292 @@
+"""Responses of a structure to sampled inputs, and their exact sensitivities to parameters, initial state and biases."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from testbench.estimators.parametric.structure import STEP, AnyArray, LinearStructure, Matrices, ModelStructure
+from testbench.estimators.state_space import Trajectories
+from testbench.record import FloatArray
+
+_SWEEPS = 12  # Newton sweeps over a whole trajectory before it is run sample by sample
+_TRAJECTORY = 1e-13  # defect of a trajectory relative to its size
+_OVERFLOW = 300.0  # logarithm of the growth over a record beyond which a response counts as diverged
+_RUNAWAY = 1e6  # growth of a state in one sample beyond which a response counts as diverged
+
+
+class Response(NamedTuple):
+    """Outputs y (N, p) and states x (N, n) of one stretch, and sensitivities of y.
+
+    ``dparams`` (N, p, f) by the f chosen parameters, ``dx0`` (N, p, n) by the initial state and ``dbias`` (N, p, b) by
+    constants added to the chosen inputs. A response that diverges holds numbers that are not finite.
+    """
+
+    y: FloatArray
+    x: FloatArray
+    dparams: FloatArray
+    dx0: FloatArray
+    dbias: FloatArray
+
+
+class Discrete(NamedTuple):
+    """x[k+1] = A x[k] + G u[k] + H (u[k+1] - u[k]) + g, exact for inputs held or linear between samples."""
+
+    A: NDArray[Any]
+    G: NDArray[Any]
+    H: NDArray[Any]
+    g: NDArray[Any]
+
+
+def discretise(s: Matrices, dt_s: float, held: NDArray[np.bool_]) -> Discrete:
+    """Return the exact discrete form; leading axes of the matrices are kept.
+
+    The exponential of [[A, B, bx, 0], [0, 0, 0, I], 0] dt holds the responses to a step and to a ramp of one sample
+    (C. F. Van Loan, IEEE Trans. Automatic Control 23, 1978).
+
+    Args:
+        s: continuous matrices, real or complex.
+        dt_s: sample time, s.
+        held: (m,) True for inputs held from sample to sample; the others run linearly.
+    """
+    n, m = s.A.shape[-1], s.B.shape[-1]
+    M = np.zeros((*s.A.shape[:-2], n + 2 * m + 1, n + 2 * m + 1), s.A.dtype)
+    M[..., :n, :n], M[..., :n, n : n + m], M[..., :n, n + m] = s.A, s.B, s.bx
+    M *= dt_s
+    M[..., n : n + m, n + m + 1 :] = np.eye(m)
+    E = expm(M)[..., :n, :]
+    return Discrete(E[..., :n], E[..., n : n + m], np.where(held, 0.0, E[..., n + m + 1 :]), E[..., n + m])
+
+
+def respond(
+    structure: ModelStructure,
+    params: FloatArray,
+    chosen: Sequence[int],
+    u: FloatArray,
+    dt_s: float,
+    held: NDArray[np.bool_],
+    x0: FloatArray,
+    biased: Sequence[int] = (),
+    substeps: int = 1,
+) -> Response:
+    """Return the response to ``u`` (N, m) from ``x0`` (n,) and its sensitivities; see :func:`responses`."""
+    return responses(structure, params, chosen, [u], dt_s, held, [x0], biased, substeps)[0]
+
+
+def responses(
+    structure: ModelStructure,
+    params: FloatArray,
+    chosen: Sequence[int],
+    inputs: Sequence[FloatArray],
+    dt_s: float,
+    held: NDArray[np.bool_],
+    starts: Sequence[FloatArray],
+    biased: Sequence[int] = (),
+    substeps: int = 1,
+) -> list[Response]:
+    """Return the responses to several inputs, each (N, m), from as many initial states, each (n,).
+
+    Linear structures are solved exactly: sensitivities obey the same recursion, driven by the derivatives of its
+    matrices. Nonlinear ones run by the classical Runge-Kutta method, their sensitivities by its exact derivative.
+
+    Args:
+        structure: the equations.
+        params: (k,) parameter vector.
+        chosen: indices of the f parameters whose sensitivities are wanted.
+        inputs: at the samples, of different lengths if need be.
+        dt_s: sample time, s.
+        held: (m,) inputs that are held between samples.
+        starts: initial states.
+        biased: indices of the inputs whose bias sensitivities are wanted.
+        substeps: Runge-Kutta steps per sample, for nonlinear structures.
+    """
+    pairs = list(zip(inputs, starts, strict=True))
+    with np.errstate(all="ignore"):  # a trial step may diverge; whoever asked sees that the result is not finite
+        if not isinstance(structure, LinearStructure):
+            return [
+                _nonlinear(structure, params, list(chosen), u, dt_s, held, x0, list(biased), substeps)
+                for u, x0 in pairs
+            ]
+        sizes = len(structure.states), len(structure.outputs), len(chosen), len(biased)
+        z = np.tile(params.astype(complex), (len(chosen) + 1, 1))
+        z[np.arange(len(chosen)), list(chosen)] += 1j * STEP
+        s = structure.matrices(z)  # the last row is the nominal point
+        if not all(np.all(np.isfinite(part)) for part in s):
+            return [_diverged(len(u), *sizes) for u in inputs]
+        d = discretise(s, dt_s, held)
+        if not np.all(np.isfinite(d.A)) or np.abs(d.A[-1].real).max() > _RUNAWAY:
+            return [_diverged(len(u), *sizes) for u in inputs]
+        growth = np.log(max(np.abs(np.linalg.eigvals(d.A[-1].real)).max(), 1.0))
+        return [
+            _diverged(len(u), *sizes) if growth * len(u) > _OVERFLOW else _linear(s, d, u, x0, list(biased))
+            for u, x0 in pairs
+        ]
+
+
+def _linear(s: Matrices, d: Discrete, u: FloatArray, x0: FloatArray, biased: list[int]) -> Response:
+    """Return the response of matrices whose leading axis holds a complex step for each parameter, then none."""
+    N, (p, n), f = len(u), s.C.shape[-2:], len(d.A) - 1
+    A, G, H, g = (part[-1].real for part in d)
+    dA, dG, dH, dg = (part[:-1].imag / STEP for part in d)
+    du = np.diff(u, axis=0, append=u[-1:])
+    paths = Trajectories(A, N)
+    free = paths.free()
+    free = free @ np.linalg.inv(free[0])
+
+    def path(forcing: FloatArray) -> FloatArray:
+        out = paths.forced(forcing)
+        if np.any(out[0]):  # modes that run backwards in time do not start from zero
+            out = out - (free.reshape(-1, n) @ out[0]).reshape(out.shape)
+        return np.asarray(out)
+
+    x = path((u @ G.T + du @ H.T + g)[:, :, None])[:, :, 0] + free @ x0
+    C, D = s.C[-1].real, s.D[-1].real
+    y = x @ C.T + u @ D.T + s.by[-1].real
+    rows = np.concatenate([x, u, du, np.ones((N, 1))], axis=1)  # what the derivatives of the matrices multiply
+    force = np.empty((N, n, f + len(biased)))
+    by_parameter = np.concatenate([dA, dG, dH, dg[:, :, None]], axis=2).reshape(f * n, rows.shape[1])
+    force[:, :, :f] = (rows @ by_parameter.T).reshape(N, f, n).transpose(0, 2, 1)
+    force[:, :, f:] = G[:, biased]
+    sensitivities = np.matmul(C, path(force)) if force.shape[2] else np.zeros((N, p, 0))
+    if not f:
+        return Response(y, x, sensitivities[:, :, :0], np.matmul(C, free), sensitivities + D[:, biased])
+    dC, dD, dby = (part[:-1].imag / STEP for part in (s.C, s.D, s.by))
+    sensitivities[:, :, f:] += D[:, biased]
+    if np.any(dC) or np.any(dD) or np.any(dby):
+        direct = np.concatenate([dC, dD, np.zeros_like(dD), dby[:, :, None]], axis=2)
+        sensitivities[:, :, :f] += (rows @ direct.reshape(f * p, -1).T).reshape(N, f, p).transpose(0, 2, 1)
+    return Response(y, x, sensitivities[:, :, :f], np.matmul(C, free), sensitivities[:, :, f:])
+
+
+def _diverged(N: int, n: int, p: int, f: int, b: int) -> Response:
+    shapes = ((N, p), (N, n), (N, p, f), (N, p, n), (N, p, b))
+    return Response(*(np.full(shape, np.inf) for shape in shapes))
+
+
+def runge_kutta(
+    structure: ModelStructure, x: AnyArray, u: AnyArray, du: AnyArray, params: AnyArray, dt_s: float, substeps: int = 1
+) -> AnyArray:
+    """Return the state one sample later by the classical Runge-Kutta method.
+
+    Args:
+        structure: the equations.
+        x: states (..., n).
+        u: inputs (..., m) at the start of the sample.
+        du: their change over the sample, (..., m); zero for inputs that are held.
+        params: (..., k).
+        dt_s: sample time, s.
+        substeps: equal steps per sample.
+    """
+    h, du = dt_s / substeps, du / substeps
+    for i in range(substeps):
+        start = u + i * du
+        middle, end = start + 0.5 * du, start + du
+        k1 = structure.derivative(x, start, params)
+        k2 = structure.derivative(x + 0.5 * h * k1, middle, params)
+        k3 = structure.derivative(x + 0.5 * h * k2, middle, params)
+        k4 = structure.derivative(x + h * k3, end, params)
+        x = x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
+    return x
+
+
+def _nonlinear(
+    structure: ModelStructure,
+    params: FloatArray,
+    chosen: list[int],
+    u: FloatArray,
+    dt_s: float,
+    held: NDArray[np.bool_],
+    x0: FloatArray,
+    biased: list[int],
+    substeps: int,
+) -> Response:
+    N, n, p, f, b = len(u), len(structure.states), len(structure.outputs), len(chosen), len(biased)
+    du = np.where(held, 0.0, np.diff(u, axis=0, append=u[-1:]))
+    x, transition = _trajectory(structure, params, u, du, dt_s, x0, substeps)
+    if not np.all(np.isfinite(x)):
+        return _diverged(N, n, p, f, b)
+    P = np.tile(params.astype(complex), (f + b, 1))
+    P[np.arange(f), chosen] += 1j * STEP
+    shift = np.zeros((f + b, u.shape[1]), complex)
+    shift[f + np.arange(b), biased] += 1j * STEP
+    shape = (N, f + b)
+    P_all, u_all = np.broadcast_to(P, (*shape, params.size)), u[:, None, :] + shift
+    x_all, du_all = np.broadcast_to(x[:, None, :], (*shape, n)), np.broadcast_to(du[:, None, :], u_all.shape)
+    force = runge_kutta(structure, x_all, u_all, du_all, P_all, dt_s, substeps).imag / STEP  # (N, f + b, n)
+    S = np.zeros((N, n, n + f + b))  # sensitivities of the states: by the initial state first
+    S[0, :, :n] = np.eye(n)
+    force = np.concatenate([np.zeros((N, n, n)), force.transpose(0, 2, 1)], axis=2)
+    for k in range(N - 1):
+        np.matmul(transition[k], S[k], out=S[k + 1])
+        S[k + 1] += force[k]
+    direct = structure.output(x_all, u_all, P_all).imag.transpose(0, 2, 1) / STEP
+    y, hx = _output(structure, params, u, x)
+    d = np.matmul(hx, S)
+    return Response(y, x, d[:, :, n : n + f] + direct[:, :, :f], d[:, :, :n], d[:, :, n + f :] + direct[:, :, f:])
+
+
+def _output(
+    structure: ModelStructure, params: FloatArray, u: FloatArray, x: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the outputs (N, p) and their derivatives by the state (N, p, n)."""
+    N, n = x.shape
+    shape = (N, n, u.shape[1])
+    z = x[:, None, :] + 1j * STEP * np.eye(n)
+    h = structure.output(z, np.broadcast_to(u[:, None, :], shape), np.broadcast_to(params, (N, n, params.size)))
+    return h[:, 0].real, h.imag.transpose(0, 2, 1) / STEP
+
+
+def _trajectory(
+    structure: ModelStructure,
+    params: FloatArray,
+    u: FloatArray,
+    du: FloatArray,
+    dt_s: float,
+    x0: FloatArray,
+    substeps: int,
+) -> tuple[FloatArray, FloatArray]:
+    """Return states (N, n) and the derivatives (N, n, n) of each by the one before.
+
+    Newton's method on all samples at once: every sweep takes one Runge-Kutta step from every sample side by side and
+    carries the defects x[k+1] - F(x[k]) through the linearised recursion (multiple shooting with one sample per
+    interval). Trajectories that it does not settle run sample by sample.
+    """
+    N, n = len(u), x0.size
+    steps = 1j * STEP * np.eye(n)
+    wide_u, wide_du = (np.broadcast_to(part[:, None, :], (N, n, u.shape[1])) for part in (u, du))
+    wide_p = np.broadcast_to(params, (N, n, params.size))
+
+    def forward(x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        out = runge_kutta(structure, x[:, None, :] + steps, wide_u, wide_du, wide_p, dt_s, substeps)
+        return out[:, 0].real, out.imag.transpose(0, 2, 1) / STEP
+
+    x = np.tile(x0, (N, 1))
+    for _ in range(_SWEEPS):
+        ahead, transition = forward(x)
+        if not np.all(np.isfinite(transition)):
+            break
+        defect = ahead[:-1] - x[1:]
+        if np.all(np.abs(defect) <= _TRAJECTORY * np.max(np.abs(x), axis=0)):
+            return x, transition
+        correction = np.zeros((N, n))
+        for k in range(N - 1):
+            correction[k + 1] = transition[k] @ correction[k] + defect[k]
+        x = x + correction
+    x = np.tile(x0, (N, 1))
+    for k in range(N - 1):
+        x[k + 1] = runge_kutta(structure, x[k], u[k], du[k], params, dt_s, substeps)
+        if not np.all(np.isfinite(x[k + 1])):
+            return np.full((N, n), np.inf), np.zeros((N, n, n))
+    return x, forward(x)[1]
+
+
+def delayed(u: FloatArray, dt_s: float, delays_s: FloatArray) -> FloatArray:
+    """Return the inputs (N, m) as they were ``delays_s`` (m,) earlier, linear between samples, before: held."""
+    if not np.any(delays_s):
+        return u
+    t = dt_s * np.arange(len(u))
+    return np.column_stack([np.interp(t - delay, t, u[:, j]) for j, delay in enumerate(delays_s)])

@@ -1,0 +1,214 @@
+"""ModelStructure: which equations, which parameters; what output error, filter error and the Kalman filters work on.
+
+    dx/dt = f(x, u, params),    y = h(x, u, params)
+
+Structures write f and h (a linear one: its matrices) in numpy operations that hold for complex numbers and for any
+leading axes. Derivatives then come out exact to rounding by the complex step, df/dz = Im f(z + i h) / h with h = 1e-30
+(Squire and Trapp, SIAM Review 40, 1998), for all directions at once.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from testbench.channels import channel
+from testbench.errors import EstimationError, nearest
+from testbench.record import FloatArray
+
+STEP = 1e-30
+"""Complex step: far below rounding, so that the derivative has no truncation error, and nothing is subtracted."""
+
+AnyArray = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter of a structure.
+
+    Args:
+        name: its symbol, e.g. ``Cm_alpha`` or ``M_q``.
+        value: where estimation starts, or the value itself if it is not free; SI units.
+        free: estimated, or held at ``value``.
+        low, high: bounds that the estimate must keep.
+        prior_std: standard deviation of what is believed beforehand about ``value``; None: nothing is believed.
+
+    Raises:
+        EstimationError: ``low <= value <= high`` or ``prior_std > 0`` does not hold.
+    """
+
+    name: str
+    value: float
+    free: bool = True
+    low: float = -np.inf
+    high: float = np.inf
+    prior_std: float | None = None
+
+    def __post_init__(self) -> None:
+        if not self.low <= self.value <= self.high or not np.isfinite(self.value):
+            raise EstimationError(
+                f"low <= value <= high must hold for parameter '{self.name}', got value {self.value:g} and bounds "
+                f"{self.low:g} to {self.high:g}"
+            )
+        if self.prior_std is not None and not self.prior_std > 0.0:
+            raise EstimationError(f"prior_std > 0 must hold for parameter '{self.name}', got {self.prior_std:g}")
+
+
+class Jacobians(NamedTuple):
+    """Derivatives of f and h by state, input and parameters; each of shape (rows, columns)."""
+
+    fx: FloatArray
+    fu: FloatArray
+    fp: FloatArray
+    hx: FloatArray
+    hu: FloatArray
+    hp: FloatArray
+
+
+class Matrices(NamedTuple):
+    """dx/dt = A x + B u + bx, y = C x + D u + by, with the leading axes of the parameters that they were made from."""
+
+    A: AnyArray
+    B: AnyArray
+    C: AnyArray
+    D: AnyArray
+    bx: AnyArray
+    by: AnyArray
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ModelStructure(ABC):
+    """Equations with named states, inputs, outputs and parameters.
+
+    Attributes:
+        name: what tables call it.
+        states: (n,) names of the states; those that are channels may take their initial value from a record.
+        inputs: (m,) input channels.
+        outputs: (p,) output channels.
+        parameters: (k,) in the order of every parameter vector.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    parameters: tuple[Parameter, ...]
+
+    def __post_init__(self) -> None:
+        for name in (*self.inputs, *self.outputs):
+            channel(name)
+        names = self.parameter_names
+        if len(set(names)) != len(names):
+            raise EstimationError(f"parameter names must differ, got {', '.join(names)}")
+
+    @abstractmethod
+    def derivative(self, x: AnyArray, u: AnyArray, params: AnyArray) -> AnyArray:
+        """Return dx/dt, shape (..., n), of states (..., n), inputs (..., m) and parameters (..., k)."""
+
+    @abstractmethod
+    def output(self, x: AnyArray, u: AnyArray, params: AnyArray) -> AnyArray:
+        """Return y, shape (..., p), of states (..., n), inputs (..., m) and parameters (..., k)."""
+
+    @property
+    def parameter_names(self) -> tuple[str, ...]:
+        """(k,) names of all parameters."""
+        return tuple(p.name for p in self.parameters)
+
+    @property
+    def values(self) -> FloatArray:
+        """(k,) start values (free) and values (fixed)."""
+        return np.array([p.value for p in self.parameters])
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """(k,) which parameters are estimated."""
+        return np.array([p.free for p in self.parameters], bool)
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds, (k,) each."""
+        return np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
+
+    @property
+    def must_move(self) -> tuple[str, ...]:
+        """Inputs without whose motion parameters cannot be told; others may stay constant."""
+        return self.inputs
+
+    def with_parameters(
+        self,
+        values: Mapping[str, float] | None = None,
+        *,
+        fixed: Iterable[str] = (),
+        free: Iterable[str] | None = None,
+        bounds: Mapping[str, tuple[float, float]] | None = None,
+        prior_std: Mapping[str, float] | None = None,
+    ) -> Any:
+        """Return the structure with other start values, bounds or priors, and other parameters free.
+
+        Args:
+            values: name -> start value, or value of a fixed parameter.
+            fixed: names that are held.
+            free: the only names that are estimated; None leaves the others as they are.
+            bounds: name -> (low, high).
+            prior_std: name -> standard deviation of the prior around the start value.
+
+        Raises:
+            EstimationError: a name is none of the structure's parameters, or a value breaks its bounds.
+        """
+        values, bounds, prior_std = dict(values or {}), dict(bounds or {}), dict(prior_std or {})
+        fixed, wanted = set(fixed), None if free is None else set(free)
+        for name in {*values, *bounds, *prior_std, *fixed, *(wanted or ())}:
+            if name not in self.parameter_names:
+                raise EstimationError(
+                    f"a parameter of structure '{self.name}' must be one of {', '.join(self.parameter_names)}, got "
+                    f"'{name}'{nearest(name, self.parameter_names)}"
+                )
+        out = []
+        for p in self.parameters:
+            low, high = bounds.get(p.name, (p.low, p.high))
+            estimated = (p.free if wanted is None else p.name in wanted) and p.name not in fixed
+            std = prior_std.get(p.name, p.prior_std)
+            out.append(Parameter(p.name, values.get(p.name, p.value), estimated, low, high, std))
+        return replace(self, parameters=tuple(out))
+
+    def unpack(self, params: AnyArray) -> dict[str, AnyArray]:
+        """Return name -> value with the leading axes of ``params`` (..., k), for readable equations."""
+        return {name: params[..., i] for i, name in enumerate(self.parameter_names)}
+
+    def jacobians(self, x: FloatArray, u: FloatArray, params: FloatArray) -> Jacobians:
+        """Return the derivatives of f and h at one point, x (n,), u (m,), params (k,), by the complex step."""
+        parts = [np.asarray(part, float) for part in (x, u, params)]
+        z = np.concatenate(parts).astype(complex) + 1j * STEP * np.eye(sum(part.size for part in parts))
+        n, m = parts[0].size, parts[1].size
+        at = (z[:, :n], z[:, n : n + m], z[:, n + m :])
+        f, h = self.derivative(*at).imag.T / STEP, self.output(*at).imag.T / STEP
+        return Jacobians(f[:, :n], f[:, n : n + m], f[:, n + m :], h[:, :n], h[:, n : n + m], h[:, n + m :])
+
+    def linearise(self, x: FloatArray, u: FloatArray, params: FloatArray) -> Matrices:
+        """Return the linear model of deviations from the point x (n,), u (m,); bx and by are zero."""
+        j = self.jacobians(x, u, params)
+        return Matrices(j.fx, j.fu, j.hx, j.hu, np.zeros(len(self.states)), np.zeros(len(self.outputs)))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LinearStructure(ModelStructure):
+    """A structure that is linear in states and inputs."""
+
+    @abstractmethod
+    def matrices(self, params: AnyArray) -> Matrices:
+        """Return the matrices of parameters (..., k); analytic in them."""
+
+    def derivative(self, x: AnyArray, u: AnyArray, params: AnyArray) -> AnyArray:
+        """Return A x + B u + bx."""
+        s = self.matrices(params)
+        return np.einsum("...ij,...j->...i", s.A, x) + np.einsum("...ij,...j->...i", s.B, u) + s.bx
+
+    def output(self, x: AnyArray, u: AnyArray, params: AnyArray) -> AnyArray:
+        """Return C x + D u + by."""
+        s = self.matrices(params)
+        return np.einsum("...ij,...j->...i", s.C, x) + np.einsum("...ij,...j->...i", s.D, u) + s.by

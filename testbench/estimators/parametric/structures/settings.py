@@ -1,0 +1,74 @@
+"""What the factories of structures share: checks of their settings, and start values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+
+from testbench.constants import G0_M_S2
+from testbench.errors import EstimationError, nearest
+from testbench.estimators.parametric.structure import ModelStructure, Parameter
+
+S = TypeVar("S", bound=ModelStructure)
+
+
+@dataclass(frozen=True)
+class Trim:
+    """The steady straight flight that a linear structure describes deviations from.
+
+    Args:
+        V: true airspeed, m/s.
+        alpha: angle of attack, rad.
+        theta: pitch angle, rad.
+        g: acceleration of gravity, m/s2.
+
+    Raises:
+        EstimationError: V > 0 does not hold, or a value is not finite.
+    """
+
+    V: float
+    alpha: float = 0.0
+    theta: float = 0.0
+    g: float = G0_M_S2
+
+    def __post_init__(self) -> None:
+        if not np.all(np.isfinite([self.V, self.alpha, self.theta, self.g])) or not self.V > 0.0:
+            raise EstimationError(f"a trim must be finite numbers with V > 0, got {self}")
+
+
+def check_outputs(structure: str, outputs: Sequence[str], possible: Sequence[str]) -> None:
+    """Check that the outputs are some of the ``possible`` ones, each once.
+
+    Raises:
+        EstimationError: none, one twice, or one that the structure cannot give.
+    """
+    if not outputs or len(set(outputs)) != len(outputs):
+        raise EstimationError(
+            f"structure '{structure}' needs outputs that differ, got {', '.join(outputs) or 'none'}; choose from "
+            f"{', '.join(possible)}"
+        )
+    for name in outputs:
+        if name not in possible:
+            raise EstimationError(
+                f"an output of structure '{structure}' must be one of {', '.join(possible)}, got '{name}'"
+                f"{nearest(name, possible)}"
+            )
+
+
+def finished(structure: S, start: Mapping[str, float] | None) -> S:
+    """Return the structure with the start values that were named."""
+    if not start:
+        return structure
+    out: S = structure.with_parameters(start)
+    return out
+
+
+def derivatives(
+    symbol: str, variables: Sequence[str], guess: Mapping[str, float], fixed: Sequence[str]
+) -> list[Parameter]:
+    """Return the parameters symbol_0, symbol_v, ... with start values from ``guess``, 0 where it has none."""
+    names = [f"{symbol}_{v.removesuffix('_cmd')}" for v in ("0", *variables)]
+    return [Parameter(name, guess.get(name, 0.0), free=name not in fixed) for name in names]

@@ -1,0 +1,372 @@
+"""Prediction error: a state-space model whose one-step predictions fit best, started from a subspace estimate.
+
+    x[k+1] = A x[k] + B u[k] + K e[k],    y[k] = C x[k] + D u[k] + o + e[k]
+
+Minimised is sum e' S^-1 e + N ln |S| over all matrices, and an initial state x[0] and constants o per record, by
+Gauss-Newton steps for a given S in turns with S = sum e e' / N (L. Ljung, System Identification, 2nd ed., 1999, section
+7.2 and chapter 10). All entries are free; of them only the directions that a change of the states' basis does not
+produce are searched: data-driven local coordinates, T. McKelvey, A. Helmersson and T. Ribarits, Automatica 40, 2004.
+What is reported with errors (poles, frequency response) does not depend on the basis.
+
+Outputs that were not measured correct nothing: e = 0 there. With ``disturbances`` off, K = 0: output error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from testbench.errors import EstimationError
+from testbench.estimators.model import check_records, continuous_poles
+from testbench.estimators.parametric.accuracy import whiteness
+from testbench.estimators.parametric.gauss_newton import Minimum, Problem
+from testbench.estimators.parametric.kalman.gain import steady_covariance
+from testbench.estimators.parametric.kalman.search import minimise
+from testbench.estimators.predictor import Layout, Matrices, errors, orbit
+from testbench.estimators.residuals import coloured_information, corrected_covariance
+from testbench.estimators.state_accuracy import pole_accuracy
+from testbench.estimators.state_space import Series, StateSpaceModel, check_sample_time
+from testbench.record import FlightRecord, FloatArray
+
+_SETTLED = 1e-3  # relative change of the innovations' covariance between two rounds that ends them
+_ROUNDS = 40
+_EXACT = 1e-12  # innovations below this share of an output's size are rounding
+_FREE_OF_NOISE = 1e-7  # start innovations below this share say nothing of a disturbance: K is not identifiable
+_LOST = 1e-8  # smallest over largest singular value of the scaled Jacobian below which a direction is undecided
+_COLOURED = 1e-3  # false-alarm probability of the whiteness test
+
+
+@dataclass(frozen=True, eq=False)
+class _Data:
+    """Records divided by the channels' root mean square, (m,) and (p,)."""
+
+    series: list[Series]
+    size_u: FloatArray
+    size_y: FloatArray
+
+
+class _Found(NamedTuple):
+    """Where the search ended: matrices in scaled units, nuisances (records, n + offsets), and the chart around it."""
+
+    matrices: Matrices
+    nuisances: FloatArray
+    basis: FloatArray
+    minimum: Minimum
+    S: FloatArray
+    rounds: int
+    settled: bool
+
+
+def estimate(
+    records: Sequence[FlightRecord],
+    start: StateSpaceModel,
+    *,
+    disturbances: bool = True,
+    direct_feedthrough: bool | None = None,
+    offsets: bool = False,
+    max_iterations: int = 20,
+) -> StateSpaceModel:
+    """Refine a state-space model by prediction errors.
+
+    Args:
+        records: measured records of deviations from trim with one sample time; of different lengths if need be.
+        start: where to start from, e.g. the estimate of a subspace method; gives inputs, outputs and order.
+        disturbances: estimate K; without, K = 0 and the free run is fitted (output error).
+        direct_feedthrough: estimate D; None: if the start has one.
+        offsets: a constant of its own for every output and record; the model does not hold them.
+        max_iterations: Gauss-Newton steps per round.
+
+    Returns:
+        The model. Diagnostics: ``prediction_error_percent`` (p,) and ``prediction_error_percent_start`` (p,), root mean
+        square of e over that of y; ``innovation_covariance`` (p, p); ``cost`` (log likelihood without constants);
+        ``rounds``, ``iterations``, ``converged``; ``disturbances`` and why not; ``parameters`` (free directions),
+        ``covariance`` of the entries of A, B, C, D row by row, in that order (singular: ``state_accuracy`` turns it
+        into errors of poles and frequency response), corrected for innovations that are not white;
+        ``pole_accuracy``; ``pole_std``: standard deviation of each pole's distance from its estimate, rad/s;
+        ``whiteness_p`` (p,), ``offsets`` and ``poles_without_continuous_counterpart``.
+
+    Raises:
+        EstimationError: fewer samples than unknowns, or a start that diverges over the records.
+        ChannelError: a record lacks a channel.
+        RecordError: the records' sample time is not the start's.
+    """
+    check_records(records, start.inputs, start.outputs)
+    for record in records:
+        check_sample_time(record, start.dt_s)
+    data = _scaled(records, start)
+    through = bool(np.any(start.D)) if direct_feedthrough is None else direct_feedthrough
+    first, nuisances, e = _first(data, start, through, disturbances, offsets)
+    quiet = all(np.sqrt(np.mean(part**2)) < _FREE_OF_NOISE for part in e)
+    if disturbances and quiet:
+        first = first._replace(K=np.zeros_like(first.K))
+    n, m, p = start.order, len(start.inputs), len(start.outputs)
+    layout = Layout(n, m, p, through, disturbances and not quiet, offsets)
+    unknowns = layout.size - n * n + len(records) * layout.nuisances
+    counts = np.sum([s.valid.sum(axis=0) for s in data.series], axis=0)
+    if counts.sum() <= unknowns:
+        raise EstimationError(
+            f"a model of order {n} has {unknowns} unknowns with the initial states, got {int(counts.sum())} valid "
+            "output samples; give more data or lower the order"
+        )
+    found = _search(data, layout, first, nuisances, e, counts, max_iterations)
+    model = StateSpaceModel(
+        method="prediction_error",
+        inputs=start.inputs,
+        outputs=start.outputs,
+        dt_s=start.dt_s,
+        settings={
+            "disturbances": disturbances,
+            "direct_feedthrough": through,
+            "offsets": offsets,
+            "order": n,
+            "start": start.method,
+        },
+        **_si(found.matrices, data),
+    )
+    return _finish(model, data, layout, found, e, counts, quiet)
+
+
+def _scaled(records: Sequence[FlightRecord], start: StateSpaceModel) -> _Data:
+    sizes = []
+    for names in (start.inputs, start.outputs):
+        parts = [r.select(names) for r in records]
+        squares = np.sum([np.sum(np.where(r.valid, r.data, 0.0) ** 2, axis=0) for r in parts], axis=0)
+        for name, square in zip(names, squares, strict=True):
+            if square == 0.0:
+                raise EstimationError(f"channel '{name}' must move to be modelled, but all its valid samples are zero")
+        sizes.append(np.sqrt(squares / np.sum([r.valid.sum(axis=0) for r in parts], axis=0)))
+    u, y = sizes
+    series = [
+        Series(r.columns(start.inputs) / u, r.columns(start.outputs) / y, r.select(start.outputs).valid)
+        for r in records
+    ]
+    return _Data(series, u, y)
+
+
+def _si(s: Matrices, data: _Data) -> dict[str, Any]:
+    u, y = data.size_u, data.size_y[:, None]
+    return {"A": s.A, "B": s.B / u, "C": y * s.C, "D": y * s.D / u, "K": s.K / data.size_y}
+
+
+def _first(
+    data: _Data, start: StateSpaceModel, through: bool, disturbances: bool, offsets: bool
+) -> tuple[Matrices, FloatArray, list[FloatArray]]:
+    """Return the start in scaled units and in a basis of states of unit size, fitted nuisances, and its errors."""
+    u, y = data.size_u, data.size_y
+    C, A = start.C / y[:, None], start.A
+    D = start.D * u / y[:, None] if through else np.zeros_like(start.D)
+    K = start.K * y if disturbances else np.zeros_like(start.K)
+    n, p = start.order, len(start.outputs)
+    if disturbances and np.max(np.abs(np.linalg.eigvals(A - K @ C))) >= 1.0:
+        P = steady_covariance(A, C, 1e-2 * np.eye(n), np.ones(p))
+        K = A @ np.linalg.solve(C @ P @ C.T + np.eye(p), C @ P).T
+        if not np.all(np.isfinite(K)):
+            raise EstimationError("the start has an unstable mode that no output shows; lower its order")
+    s = Matrices(A, start.B * u, C, D, K)
+    layout = Layout(n, len(start.inputs), p, through, disturbances, offsets)
+    fitted, e = _fit_nuisances(data.series, s, layout)
+    x = np.vstack([errors(s, z, z0, layout).x for z, z0 in zip(data.series, fitted, strict=True)])
+    values, vectors = np.linalg.eigh(x.T @ x / len(x))
+    values = np.maximum(values, 1e-12 * values[-1])
+    T = (vectors / np.sqrt(values)).T
+    back = vectors * np.sqrt(values)
+    s = Matrices(T @ s.A @ back, T @ s.B, s.C @ back, s.D, T @ s.K)
+    fitted[:, :n] = fitted[:, :n] @ T.T
+    return s, fitted, e
+
+
+def _fit_nuisances(series: Sequence[Series], s: Matrices, layout: Layout) -> tuple[FloatArray, list[FloatArray]]:
+    """Return initial states and offsets (records, n + offsets), linear least squares, and the errors (N, p) left."""
+    out, left = [], []
+    for part in series:
+        r = errors(s, part, np.zeros(layout.nuisances), layout, derivatives=True)
+        J = r.de[:, :, layout.size :].reshape(-1, layout.nuisances)
+        if not np.all(np.isfinite(r.e)) or not np.all(np.isfinite(J)):
+            raise EstimationError("the start diverges over the records; start from a stable model")
+        step = np.linalg.lstsq(J, -r.e.ravel(), rcond=1e-12)[0]
+        out.append(step)
+        left.append((r.e.ravel() + J @ step).reshape(r.e.shape))
+    return np.array(out), left
+
+
+def _covariance(e: Sequence[FloatArray], counts: FloatArray, series: Sequence[Series]) -> FloatArray:
+    """Return S (p, p); diagonal where outputs come at different times, since products of pairs are then missing."""
+    v = np.vstack(e)
+    S = v.T @ v / np.sqrt(np.outer(counts, counts))
+    if any(np.any(part.valid != part.valid[:, :1]) for part in series):
+        S = np.diag(np.diag(S))
+    return np.asarray(S + _EXACT**2 * np.eye(len(S)))
+
+
+def _problem(data: _Data, layout: Layout, centre: Matrices, basis: FloatArray, S: FloatArray) -> Problem:
+    """Return weighted errors and their Jacobian by coordinates in ``basis`` around ``centre``, then the nuisances."""
+    whiten = np.linalg.inv(np.linalg.cholesky(S))
+    c, k = basis.shape[1], layout.nuisances
+
+    def weighted(point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        s = layout.moved(centre, basis @ point[:c])
+        residuals, rows = [], []
+        causal = not layout.disturbances or np.max(np.abs(np.linalg.eigvals(s.A - s.K @ s.C))) < 1.0
+        for i, part in enumerate(data.series):
+            at = slice(c + i * k, c + (i + 1) * k)
+            with np.errstate(all="ignore"):  # a trial point may diverge: the search sees that and steps back
+                r = errors(s, part, point[at], layout, derivatives=True)
+                J = np.zeros((r.e.size, point.size))
+                J[:, :c] = (whiten @ (r.de[:, :, : layout.size] @ basis)).reshape(-1, c)
+                J[:, at] = (whiten @ r.de[:, :, layout.size :]).reshape(-1, k)
+                residuals.append((r.e @ whiten.T).ravel() if causal else np.full(r.e.size, np.inf))
+            rows.append(J)
+        return np.concatenate(residuals), np.vstack(rows)
+
+    return weighted
+
+
+def _search(
+    data: _Data,
+    layout: Layout,
+    s: Matrices,
+    nuisances: FloatArray,
+    e: list[FloatArray],
+    counts: FloatArray,
+    max_iterations: int,
+) -> _Found:
+    """Search for a given S, in a chart around the point, in turns with a new S and a new chart."""
+    S, total, settled, rounds = _covariance(e, counts, data.series), float(counts.sum()), False, 0
+    while True:
+        rounds += 1
+        basis = orbit(s, layout)
+        start = np.concatenate([np.zeros(basis.shape[1]), nuisances.ravel()])
+        bound = np.full(start.size, np.inf)
+        minimum = minimise(
+            _problem(data, layout, s, basis, S),
+            start,
+            -bound,
+            bound,
+            tolerance=(1e-6 if settled else 1e-3) / total,
+            max_iterations=max_iterations,
+        )
+        c = basis.shape[1]
+        s, nuisances = layout.moved(s, basis @ minimum.point[:c]), minimum.point[c:].reshape(nuisances.shape)
+        if settled or rounds == _ROUNDS:
+            return _Found(s, nuisances, basis, minimum, S, rounds, settled)
+        new = _covariance(
+            [errors(s, part, z, layout).e for part, z in zip(data.series, nuisances, strict=True)], counts, data.series
+        )
+        settled = bool(np.max(np.abs(np.diag(new) / np.diag(S) - 1.0)) < _SETTLED)
+        S = new
+
+
+def _finish(
+    model: StateSpaceModel,
+    data: _Data,
+    layout: Layout,
+    found: _Found,
+    before: list[FloatArray],
+    counts: FloatArray,
+    quiet: bool,
+) -> StateSpaceModel:
+    """Return the model with covariances, diagnostics and advice."""
+    parts = [
+        errors(found.matrices, s, z, layout, derivatives=True)
+        for s, z in zip(data.series, found.nuisances, strict=True)
+    ]
+    e, c, k = [r.e for r in parts], found.basis.shape[1], layout.nuisances
+    unknowns = c + k * len(parts)
+    S = _covariance(e, counts, data.series) * counts.sum() / (counts.sum() - unknowns)
+    jacobians = []
+    for i, r in enumerate(parts):
+        J = np.zeros((*r.e.shape, unknowns))
+        J[:, :, :c] = r.de[:, :, : layout.size] @ found.basis
+        J[:, :, c + i * k : c + (i + 1) * k] = r.de[:, :, layout.size :]
+        jacobians.append(J)
+    whiten = np.linalg.inv(np.linalg.cholesky(S))
+    R = np.asarray(np.linalg.qr(np.vstack([(whiten @ J).reshape(-1, unknowns) for J in jacobians]), mode="r"))
+    size = np.sqrt(np.sum(R**2, axis=0))
+    size = np.where(size > 0.0, size, 1.0)
+    _, sigma, Vt = np.linalg.svd(R / size)
+    kept = sigma > _LOST * sigma[0]
+    root = Vt[kept].T / sigma[kept] / size[:, None]
+    plain = root @ root.T
+    score = coloured_information([np.linalg.inv(S) @ J for J in jacobians], e)
+    corrected = corrected_covariance(plain, score)[:c, :c]
+    unit = layout.units(data.size_u, data.size_y)
+    covariance = (found.basis @ corrected @ found.basis.T) * np.outer(unit, unit)
+    end = layout.size_abcd
+    rms = [np.sqrt(np.sum([np.sum(v**2, axis=0) for v in errs], axis=0) / counts) for errs in (before, e)]
+    white = whiteness(e, [s.valid for s in data.series], np.ones(layout.p), S)
+    half = 0.5 * float(counts.mean()) * float(np.linalg.slogdet(S * np.outer(data.size_y, data.size_y))[1])
+    model = replace(
+        model,
+        diagnostics={
+            "covariance": layout.with_direct(covariance[:end, :end]),
+            "innovation_covariance": S * np.outer(data.size_y, data.size_y),
+            "prediction_error_percent": 100.0 * rms[1],
+            "prediction_error_percent_start": 100.0 * rms[0],
+            "cost": 0.5 * found.minimum.cost + half,
+            "rounds": found.rounds,
+            "iterations": found.minimum.iterations,
+            "converged": found.settled and found.minimum.converged,
+            "disturbances": "none: the records are free of noise" if quiet else str(layout.disturbances).lower(),
+            "parameters": c,
+            "undecided": int(np.sum(~kept)),
+            "whiteness_p": white,
+            "offsets": [z[layout.n :] * data.size_y for z in found.nuisances] if layout.offsets else [],
+            "poles_without_continuous_counterpart": continuous_poles(
+                np.linalg.eigvals(model.A).astype(np.complex128), model.dt_s
+            )[1],
+        },
+    )
+    accuracy = pole_accuracy(model)
+    found_more = {"pole_accuracy": accuracy, "pole_std": np.array([np.hypot(a.real_std, a.imag_std) for a in accuracy])}
+    advice = _advice(model, white, layout)
+    return replace(
+        model,
+        diagnostics={**model.diagnostics, **found_more},
+        status="warning" if advice else "good",
+        advice=advice,
+    )
+
+
+def _advice(model: StateSpaceModel, white: FloatArray, layout: Layout) -> tuple[str, ...]:
+    out, found = [], model.diagnostics
+    if not found["converged"]:
+        out.append("the search did not settle: lower the order, start from another estimate or allow more iterations")
+    if found["undecided"]:
+        out.append(
+            f"{found['undecided']} of {found['parameters']} directions are not decided by these data, and no error "
+            "covers them: the order is too high, or an input moves too little"
+        )
+    coloured = [o for o, w in zip(model.outputs, white, strict=True) if w < _COLOURED]
+    if coloured and layout.disturbances:
+        out.append(f"innovations of {', '.join(coloured)} are not white: raise the order, or something is not linear")
+    elif coloured:
+        out.append(
+            f"residuals of {', '.join(coloured)} are not white: standard errors are corrected for it; with "
+            "disturbances estimated the weights would be right as well"
+        )
+    return tuple(out)
+
+
+def predict(model: StateSpaceModel, record: FlightRecord) -> tuple[FloatArray, FloatArray]:
+    """Return the one-step predictions (N, p) over a record, initial state fitted to it, and the innovations (N, p).
+
+    Innovations of samples that were not taken are zero.
+
+    Raises:
+        ChannelError: the record lacks an input or output of the model.
+        RecordError: its sample time differs from the model's by more than 1 %.
+    """
+    check_sample_time(record, model.dt_s)
+    part = record.select(model.outputs)
+    s = Matrices(model.A, model.B, model.C, model.D, model.K)
+    layout = Layout(model.order, len(model.inputs), len(model.outputs), True, True, False)
+    size = np.sqrt(np.maximum(np.mean(part.data**2, axis=0), 1e-300))
+    series = Series(record.columns(model.inputs), part.data / size, np.asarray(part.valid))
+    scaled = Matrices(s.A, s.B, s.C / size[:, None], s.D / size[:, None], s.K * size)
+    fitted, _ = _fit_nuisances([series], scaled, layout)
+    run = errors(scaled, series, fitted[0], layout)
+    u = record.columns(model.inputs)
+    return run.x @ model.C.T + u @ model.D.T, run.e * size

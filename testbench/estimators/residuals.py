@@ -1,0 +1,142 @@
+"""What residuals say: are they white, and what their colour does to the errors of estimated parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.stats import chi2
+
+from testbench.record import FloatArray
+
+LARGEST_ORDER = 20
+LAG_SHARE = 5  # with gaps, autocorrelations are taken up to a fifth of the record (Klein and Morelli 2006, section 5.2)
+_GAPS = 0.95  # share of samples that count below which an autoregression would take gaps for whiteness
+_RIDGE = 1e-9  # of the variance, so that residuals of no noise at all can be inverted
+
+
+def autocovariance(v: FloatArray, lags: int) -> FloatArray:
+    """Return the autocovariance (lags + 1, p, p) of residuals v (N, p): R[k] = sum_i v[i] v[i + k]' / N."""
+    N = len(v)
+    size = next_fast_len(N + lags + 1, real=True)
+    V = rfft(v, size, axis=0)
+    cross = irfft(np.conj(V)[:, :, None] * V[:, None, :], size, axis=0)
+    return np.asarray(cross[: lags + 1] / N)
+
+
+class Autoregression(NamedTuple):
+    """v[i] = sum_j A[j] v[i - 1 - j] + e[i]: coefficients (order, p, p) and covariance (p, p) of e."""
+
+    A: FloatArray
+    S: FloatArray
+
+
+def autoregression(residuals: Sequence[FloatArray], largest: int = LARGEST_ORDER) -> Autoregression:
+    """Return the autoregression of residuals, each (N, p), by least squares; zero of order for white ones.
+
+    The order has the least E. J. Hannan and B. G. Quinn criterion, Journal of the Royal Statistical Society B 41, 1979.
+    """
+    total, p = sum(len(v) for v in residuals), residuals[0].shape[1]
+    largest = max(0, min(largest, min(len(v) for v in residuals) // 4, total // (10 * p)))
+    size = np.sqrt(np.sum([np.sum(v**2, axis=0) for v in residuals], axis=0) / total)
+    size = np.where(size > 0.0, size, 1.0)
+    gram = np.zeros(((largest + 1) * p, (largest + 1) * p))
+    for v in residuals:
+        past = np.hstack([v[largest - j : len(v) - j] / size for j in range(largest + 1)])  # the present one first
+        gram += past.T @ past
+    rows = total - largest * len(residuals)
+    present, link, lags = gram[:p, :p], gram[p:, :p], gram[p:, p:] + _RIDGE * rows * np.eye(largest * p)
+    best, least = Autoregression(np.zeros((0, p, p)), present / rows), np.inf
+    for order in range(largest + 1):
+        B = np.linalg.solve(lags[: order * p, : order * p], link[: order * p])
+        S = (present - B.T @ link[: order * p]) / rows
+        criterion = rows * np.linalg.slogdet(S + _RIDGE * np.eye(p))[1] + 2.0 * np.log(np.log(rows)) * order * p * p
+        if criterion < least:
+            best, least = Autoregression(np.asarray(B.T.reshape(p, order, p).transpose(1, 0, 2)), S), criterion
+    return Autoregression(np.asarray(best.A * size[:, None] / size), best.S * np.outer(size, size))
+
+
+def coloured_information(weighted: Sequence[FloatArray], residuals: Sequence[FloatArray]) -> FloatArray:
+    """Return the covariance of the score sum_i W[i]' v[i] of residuals v that are correlated in time.
+
+        sum_i sum_j W[i]' R(j - i) W[j]
+
+    with the autocorrelation R of the residuals, all records together (E. A. Morelli and V. Klein, "Accuracy of
+    aerodynamic model parameters estimated from flight test data", Journal of Guidance, Control, and Dynamics 20(1),
+    1997). R comes from an autoregression: sample autocorrelations, cut or tapered, are too small at just those
+    frequencies that the fit has taken out of the residuals, and intervals then cover too little. For residuals that are
+    white this is the information matrix W' R W.
+
+    Args:
+        weighted: per record (N, p, k), sensitivities times the inverse noise covariance; zero where not valid.
+        residuals: per record (N, p); zero where not valid.
+    """
+    share = sum(np.count_nonzero(v) for v in residuals) / max(sum(v.size for v in residuals), 1)
+    if share < _GAPS:
+        return _with_gaps(weighted, residuals)
+    model, k = autoregression(residuals), weighted[0].shape[2]
+    p = len(model.S)
+    out = np.zeros((k, k))
+    for W in weighted:
+        size = next_fast_len(2 * len(W), real=True)
+        F = rfft(W, size, axis=0)
+        shift = np.exp(-2j * np.pi * np.arange(len(F))[:, None] * np.arange(1, len(model.A) + 1) / size)
+        whiten = np.eye(p) - np.einsum("fj,jab->fab", shift, model.A)
+        # spectrum of the residuals: inverse of whiten, times S, times its conjugate transpose
+        G = np.linalg.solve(np.conj(whiten).transpose(0, 2, 1), F)
+        twice = np.full(len(F), 2.0)  # of the two-sided spectrum only one half is here
+        twice[0] = 1.0
+        if size % 2 == 0:
+            twice[-1] = 1.0
+        part = np.einsum("fak,ab,fbl->kl", np.conj(G) * twice[:, None, None], model.S, G, optimize=True)
+        out += part.real / size
+    return 0.5 * (out + out.T)
+
+
+def _with_gaps(weighted: Sequence[FloatArray], residuals: Sequence[FloatArray]) -> FloatArray:
+    """Return the same from sample autocovariances over pairs of valid samples, tapered by Parzen's window (1961)."""
+    lags = [max(1, len(v) // LAG_SHARE) for v in residuals]
+    p, k = weighted[0].shape[1:]
+    R, pairs = (np.zeros((max(lags) + 1, p, p)) for _ in range(2))
+    for v, lag in zip(residuals, lags, strict=True):
+        R[: lag + 1] += autocovariance(v, lag) * len(v)
+        pairs[: lag + 1] += autocovariance((v != 0.0).astype(float), lag) * len(v)
+    R = np.divide(R, pairs, out=np.zeros_like(R), where=pairs > 0.5)
+    x = np.arange(len(R)) / len(R)
+    R *= np.where(x < 0.5, 1.0 - 6.0 * x**2 * (1.0 - x), 2.0 * (1.0 - x) ** 3)[:, None, None]
+    out = np.zeros((k, k))
+    for W, lag in zip(weighted, lags, strict=True):
+        size = next_fast_len(len(W) + lag + 1, real=True)
+        kernel = np.zeros((size, p, p))
+        kernel[: lag + 1] = R[: lag + 1]
+        kernel[-lag:] = R[1 : lag + 1][::-1].transpose(0, 2, 1)
+        spectrum = np.conj(rfft(kernel, size, axis=0))  # correlation, not convolution: sum_j R(j - i) W[j]
+        smoothed = irfft(np.einsum("fab,fbk->fak", spectrum, rfft(W, size, axis=0)), size, axis=0)[: len(W)]
+        out += np.einsum("iak,ial->kl", W, smoothed)
+    return 0.5 * (out + out.T)
+
+
+def corrected_covariance(plain: FloatArray, score: FloatArray) -> FloatArray:
+    """Return plain @ score @ plain, no variance below zero; rows of zero variance stay zero."""
+    size = np.sqrt(np.diag(plain))
+    size = np.where(size > 0.0, size, 1.0)  # so that units do not matter to what is clipped
+    values, vectors = np.linalg.eigh(plain @ score @ plain / np.outer(size, size))
+    out = np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(size, size))
+    out[np.diag(plain) == 0.0] = 0.0
+    out[:, np.diag(plain) == 0.0] = 0.0
+    return out
+
+
+def ljung_box(v: FloatArray, lags: int) -> float:
+    """Return the probability that white residuals v (N,) show at least these autocorrelations up to ``lags``.
+
+    G. M. Ljung and G. E. P. Box, Biometrika 65, 1978.
+    """
+    N = v.size
+    r = autocovariance((v - v.mean())[:, None], lags)[:, 0, 0]
+    if r[0] <= 0.0:
+        return 1.0
+    statistic = N * (N + 2.0) * np.sum((r[1:] / r[0]) ** 2 / (N - np.arange(1, lags + 1)))
+    return float(chi2.sf(statistic, lags))

@@ -1,0 +1,300 @@
+"""Transfer functions in continuous time by simplified refined instrumental variables (SRIVC), one per output.
+
+P. C. Young and A. Jakeman, "Refined instrumental variable methods of recursive time-series analysis, part III",
+International Journal of Control 31(4), 1980; H. Garnier and P. C. Young, "The advantages of directly identifying
+continuous-time transfer function models in practical applications", International Journal of Control 87(7), 2014.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from testbench.errors import EstimationError
+from testbench.estimators.continuous import ContinuousTransferModel
+from testbench.estimators.model import check_records
+from testbench.estimators.srivc_iteration import WHITE, Fit, Series, Setup, errors_of, iterate, runs_of, solve
+from testbench.estimators.state_variable import holds
+from testbench.estimators.transfer_advice import excited_band, question_poles
+from testbench.record import FlightRecord, FloatArray
+
+_DEFICIENT = 1e-9  # condition of the scaled instruments beyond which they count as rank deficient
+_SILENT = 1e-6  # output error below this share of an output is rounding: no doubt about its poles
+_TIE = 1.01  # structures within 1 % of the best error on the judges count as equal: the smallest is kept
+
+
+def estimate(
+    records: Sequence[FlightRecord],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    *,
+    poles: int | Sequence[int],
+    zeros: int | Sequence[int],
+    delay_samples: Sequence[float] = (0.0,),
+    refine_delay: bool = False,
+    hold: Mapping[str, str] | str | None = None,
+    offset: bool = False,
+    validation: Sequence[FlightRecord] = (),
+) -> ContinuousTransferModel:
+    """Fit y(t) = sum_j B_j(s)/A(s) u_j(t - tau_j) + e(t) for each output by itself, directly in continuous time.
+
+    Inputs and output pass the filters s^k/A(s) of the last iteration; the instruments are the output of the last
+    iteration's model passed through the same filters. At the fixed point the residual is the output error and the
+    instruments are its gradient, so that noise which is not correlated with the input does not bias the estimate,
+    and for white noise no estimate is more accurate. Every record brings its own free response (initial state), which
+    is eliminated; so is, with ``offset``, a constant. Samples of the output that were not taken are filled with the
+    model and do not count. Unstable poles need no reflection: the filters run them backwards in time, and what
+    this adds is a free response.
+
+    Structures are judged by 100 (1 - ||y - y_model|| / ||y - mean(y)||) on ``validation``, initial states fitted; among
+    those within 1 % of the smallest error the one with the fewest coefficients is kept.
+
+    Args:
+        records: measured records with one sample time; deviations from trim (see ``prepare``).
+        inputs: (m,) input channels; they share the denominator of an output.
+        outputs: (p,) output channels.
+        poles: n >= 1, or candidates.
+        zeros: nz of every numerator, 0 <= nz <= n, or candidates; those above a candidate's n are left out.
+        delay_samples: candidates of each input's delay, in samples, whole or not, >= 0.
+        refine_delay: True to estimate each delay, from the best candidate on, with the coefficients.
+        hold: "zoh" or "foh" for all inputs, or input -> word; by default "zoh" for ``*_cmd``, "foh" for the rest.
+        offset: True to fit a constant per record, for trim values that are not exact.
+        validation: measured records that choose among the candidates.
+
+    Returns:
+        The model, with the covariance of all coefficients (and delays, if refined): white-noise formula where the
+        Ljung-Box test lets the residuals pass as white at 1 %, else corrected for their colour. Its diagnostics hold,
+        by output: ``structure`` (poles, zeros), ``fit_percent`` ("n/nz" -> fit on the judges), ``residual_std``,
+        ``residual_percent`` of the output, ``white_probability`` (Ljung-Box), ``error_factor`` (how much the
+        colour changes the standard errors, median), ``condition``, ``converged``; and ``excited_band_rad_s``.
+
+    Raises:
+        EstimationError: settings against the laws above, too few samples, an output that does not move, or records
+            against those of :func:`check_records`.
+        ChannelError: a record lacks a channel.
+    """
+    structures = _structures(poles, zeros, delay_samples)
+    check_records(records, inputs, outputs)
+    check_records([*records, *validation], inputs, outputs)
+    setup = Setup(records[0].dt_s, holds(inputs, hold), offset)
+    advice = [] if validation or len(structures) * len(set(delay_samples)) == 1 else [_UNJUDGED]
+    advice += _untaken(records, inputs)
+    found: dict[str, _Outcome] = {}
+    for name in outputs:
+        data = [_series(r, inputs, name) for r in records]
+        judges = [_series(r, inputs, name) for r in validation] or data
+        found[name] = _identify(
+            name, data, judges, structures, sorted({float(d) for d in delay_samples}), refine_delay, setup
+        )
+    band = excited_band(records, inputs)
+    model = _model(found, tuple(inputs), setup)
+    for name, modes in model.modes().items():
+        advice += found[name].advice
+        if found[name].diagnostics["residual_percent"] > 100.0 * _SILENT:
+            sizes = np.array([mode.wn_rad_s for mode in modes])
+            known = np.array([mode.wn_error_rad_s / mode.wn_rad_s if mode.wn_rad_s else np.inf for mode in modes])
+            advice += question_poles(name, sizes, known, records, inputs)
+    keys = next(iter(found.values())).diagnostics
+    settings = {
+        "poles": sorted({n for n, _ in structures}),
+        "zeros": sorted({nz for _, nz in structures}),
+        "delay_samples": sorted({float(d) for d in delay_samples}),
+        "refine_delay": refine_delay,
+        "hold": dict(zip(inputs, setup.hold, strict=True)),
+        "offset": offset,
+    }
+    return replace(
+        model,
+        settings=settings,
+        advice=tuple(advice),
+        status="warning" if advice else "good",
+        diagnostics={
+            **{key: {name: found[name].diagnostics[key] for name in outputs} for key in keys},
+            "excited_band_rad_s": band,
+        },
+    )
+
+
+_UNJUDGED = (
+    "the structure was chosen on the records it was fitted to, which favours more poles and zeros; "
+    "give validation records"
+)
+
+
+class _Outcome(NamedTuple):
+    """One output's transfer function, its covariance, and what is to be said of it."""
+
+    fit: Fit
+    zeros: int
+    refined: tuple[int, ...]
+    covariance: FloatArray
+    diagnostics: dict[str, Any]
+    advice: list[str]
+
+
+def _structures(
+    poles: int | Sequence[int], zeros: int | Sequence[int], delay_samples: Sequence[float]
+) -> list[tuple[int, int]]:
+    ns = [poles] if isinstance(poles, int) else list(poles)
+    nzs = [zeros] if isinstance(zeros, int) else list(zeros)
+    pairs = sorted({(n, nz) for n in ns for nz in nzs if 0 <= nz <= n}, key=lambda s: (sum(s), s))
+    if not pairs or min(ns) < 1 or min(nzs) < 0:
+        raise EstimationError(f"poles >= 1 and 0 <= zeros <= poles must hold, got poles = {ns}, zeros = {nzs}")
+    if not len(delay_samples) or not all(np.isfinite(d) and d >= 0.0 for d in delay_samples):
+        raise EstimationError(f"delay_samples must hold at least one delay >= 0, got {list(delay_samples)}")
+    return pairs
+
+
+def _series(record: FlightRecord, inputs: Sequence[str], output: str) -> Series:
+    part = record.select([output])
+    return Series(record.columns(inputs), part.data[:, 0], part.valid[:, 0])
+
+
+def _untaken(records: Sequence[FlightRecord], inputs: Sequence[str]) -> list[str]:
+    """Return a sentence on each input whose samples were not all taken and not bridged by ``prepare``."""
+    out = []
+    for name in inputs:
+        share = np.mean(np.concatenate([r.select([name]).valid[:, 0] for r in records]))
+        if share < 1.0 and not all("prepared" in r.provenance for r in records):
+            out.append(
+                f"{name}: {100 * (1.0 - share):.1f} % of its samples were not taken and hold the value before; "
+                "bridge the gaps with prepare"
+            )
+    return out
+
+
+def _identify(
+    name: str,
+    data: list[Series],
+    judges: list[Series],
+    structures: list[tuple[int, int]],
+    delays: list[float],
+    refine: bool,
+    setup: Setup,
+) -> _Outcome:
+    """Return the best transfer function of one output among structures and delays."""
+    m = len(setup.hold)
+    taken = sum(int(s.valid.sum()) for s in data)
+    spread = sum(float(np.sum((s.y[s.valid] - s.y[s.valid].mean()) ** 2)) for s in judges if s.valid.any())
+    if spread == 0.0 or not any(np.ptp(s.y[s.valid]) > 0.0 for s in data if s.valid.any()):
+        raise EstimationError(f"output '{name}' must move to be modelled, but it is constant")
+    fits: dict[tuple[int, int], Fit] = {}
+    errors: dict[tuple[int, int], float] = {}
+    for n, nz in structures:
+        unknowns = n + m * (nz + 1 + refine) + len(data) * (n + setup.offset)
+        if taken < 2 * unknowns:
+            raise EstimationError(
+                f"SRIVC of output '{name}' needs at least twice as many samples as its {unknowns} unknowns, got "
+                f"{taken} that were taken; give more data or fewer poles"
+            )
+        fits[n, nz], errors[n, nz] = _best_delays(data, judges, n, nz, delays, setup)
+    best = min(errors.values())
+    floor = (1e-9**2) * spread
+    chosen = next(s for s in structures if errors[s] <= max(_TIE**2 * best, floor))
+    fit = fits[chosen]
+    free = tuple(range(m)) if refine else ()
+    while free:
+        fit = iterate(data, fit.point, chosen[1], setup, refine=free)
+        left = tuple(j for j in free if fit.point.delays[j] > 0.0)
+        if left == free:
+            break
+        free = left  # a delay that ends at zero stays there, and the rest converges without it
+        fit = iterate(data, fit.point, chosen[1], setup, refine=free)
+    percent = {f"{n}/{nz}": 100.0 * (1.0 - float(np.sqrt(errors[n, nz] / spread))) for n, nz in structures}
+    covariance, diagnostics = errors_of(data, fit, chosen[1], setup, free)
+    diagnostics = {"structure": {"poles": chosen[0], "zeros": chosen[1]}, "fit_percent": percent, **diagnostics}
+    return _Outcome(
+        fit, chosen[1], free, covariance, diagnostics, _advice(name, diagnostics, bool(refine and len(free) < m))
+    )
+
+
+def _best_delays(
+    data: list[Series], judges: list[Series], n: int, nz: int, delays: list[float], setup: Setup
+) -> tuple[Fit, float]:
+    """Return the fit with the delays that predict the judges best, one input after the other until none changes."""
+    m = len(setup.hold)
+    chosen = [delays[0]] * m
+    seen: dict[tuple[float, ...], tuple[Fit, float]] = {}
+
+    def trial(candidate: tuple[float, ...]) -> float:
+        if candidate not in seen:
+            fit = solve(data, n, nz, np.array(candidate), setup)
+            seen[candidate] = fit, sum(cost for _, cost in runs_of(judges, fit.point, setup))
+        return seen[candidate][1]
+
+    for _ in range(m if m > 1 else 1):
+        before = list(chosen)
+        for j in range(m):
+            options = [(*chosen[:j], d, *chosen[j + 1 :]) for d in delays]
+            chosen = list(options[int(np.argmin([trial(option) for option in options]))])
+        if chosen == before:
+            break
+    trial(tuple(chosen))
+    return seen[tuple(chosen)]
+
+
+def _advice(name: str, diagnostics: Mapping[str, Any], no_delay: bool) -> list[str]:
+    out = []
+    if not diagnostics["converged"]:
+        out.append(
+            f"{name}: the instrumental variables did not converge: its coefficients are those of the smallest error "
+            "met; use fewer poles or zeros, or filter out what the model cannot follow"
+        )
+    if diagnostics["condition"] > 1.0 / _DEFICIENT:
+        out.append(
+            f"{name}: the instruments are rank deficient (condition {diagnostics['condition']:.1e}): the data hold "
+            "fewer poles and zeros than asked for; lower them or excite a wider band"
+        )
+    if no_delay:
+        out.append(
+            f"{name}: a refined delay ended at zero and was fixed there: there is none, or the structure takes it up"
+        )
+    if diagnostics["residual_percent"] > 100.0 * _SILENT and diagnostics["white_probability"] < WHITE:
+        out.append(
+            f"{name}: the residuals are coloured (Ljung-Box probability {diagnostics['white_probability']:.1e}): "
+            f"standard errors were corrected by {diagnostics['error_factor']:.1f}; if the colour comes from a term "
+            "that the model lacks, the coefficients are biased beyond them"
+        )
+    return out
+
+
+def _model(found: Mapping[str, _Outcome], inputs: tuple[str, ...], setup: Setup) -> ContinuousTransferModel:
+    """Return the model in seconds, all outputs padded to the highest order."""
+    order = max(out.fit.point.a.size for out in found.values())
+    p, m = len(found), len(inputs)
+    numerators, denominators = np.zeros((p, m, order)), np.zeros((p, order))
+    delays, names, values, blocks = np.zeros((p, m)), [], [], []
+    for i, (name, out) in enumerate(found.items()):
+        a, b, tau = out.fit.point
+        n, nz = a.size - 1, out.zeros
+        denominators[i, -a.size :], numerators[i, :, -a.size :], delays[i] = a, b, tau * setup.dt_s
+        names += [f"{name}: a{k}" for k in range(1, n + 1)]
+        names += [f"{name}/{given}: b{k}" for given in inputs for k in range(nz, -1, -1)]
+        values += [*a[1:], *b[:, n - nz :].ravel()]
+        unit = np.ones(len(out.covariance))
+        if out.refined:
+            names += [f"{name}/{inputs[j]}: delay_s" for j in out.refined]
+            values += list(delays[i, list(out.refined)])
+            unit[-len(out.refined) :] = setup.dt_s
+        blocks.append(out.covariance * np.outer(unit, unit))
+    ends = np.cumsum([0, *(len(block) for block in blocks)])
+    covariance = np.zeros((ends[-1], ends[-1]))
+    for block, at in zip(blocks, ends, strict=False):
+        covariance[at : at + len(block), at : at + len(block)] = block
+    return ContinuousTransferModel(
+        method="srivc",
+        inputs=inputs,
+        outputs=tuple(found),
+        dt_s=setup.dt_s,
+        numerators=numerators,
+        denominators=denominators,
+        delays_s=delays,
+        hold=setup.hold,
+        offset=setup.offset,
+        parameter_names=tuple(names),
+        parameters=np.array(values),
+        covariance=covariance,
+    )
