@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,8 +19,10 @@ from testbench.estimators.prepare import prepare
 from testbench.evaluation import Evaluation, evaluate
 from testbench.evaluation.answers import alpha_findings, sampling_findings
 from testbench.evaluation.bode import zero_order_hold
+from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.evaluation.excitation import ModeExcitation, excitation
 from testbench.evaluation.modes import longitudinal_modes
+from testbench.evaluation.parameters import true_parameters
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
 from testbench.flight.air import Air, Gust, turbulence_rms
 from testbench.flight.preflight import check, log_rate
@@ -76,16 +78,44 @@ class Truth:
     modes: Mapping[str, complex]
     excitation: tuple[ModeExcitation, ...]
 
-    def response(self, omega_rad_s: FloatArray, outputs: Sequence[str], inputs: Sequence[str], dt_s: float) -> Any:
-        """Return the true response (k, p, m) from sampled inputs to outputs, as a discrete model should have it.
+    def response(
+        self,
+        omega_rad_s: FloatArray,
+        outputs: Sequence[str],
+        inputs: Sequence[str],
+        dt_s: float,
+        continuous: bool = False,
+    ) -> Any:
+        """Return the true response (k, p, m) as a discrete or a ``continuous`` model should have it.
 
-        A command is held from sample to sample, and the hold is part of such a model; a measured deflection has passed
-        the servo and runs smoothly through its samples, so that no hold belongs to it.
+        A command is held from sample to sample, and the hold is part of a discrete model; a measured deflection has
+        passed the servo and runs smoothly through its samples, so that no hold belongs to it.
         """
         H = self.linear.frequency_response(omega_rad_s, outputs, inputs)
+        if continuous:
+            return H
         held = np.array([name.endswith("_cmd") for name in inputs])
         hold = zero_order_hold(omega_rad_s, dt_s)
         return np.where(held, hold[:, None, None] * H, H)
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What a run needs before it flies; made once where many runs share it, or change it.
+
+    Attributes:
+        aircraft: possibly not the one of the scenario's name.
+        suites: possibly not those of the scenario's names.
+        trimmed: at the scenario's condition and steady wind.
+        truth: of this aircraft and trim, or None if estimates need no truth beside them.
+        channels: of the truth to log; all if None.
+    """
+
+    aircraft: Aircraft
+    suites: tuple[SensorSuite, ...]
+    trimmed: TrimmedFlight
+    truth: Truth | None = None
+    channels: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +170,11 @@ class RunResult:
 
 
 def run(
-    scenario: Scenario, seed: int | None = None, keep: Keep | None = None, progress: Report | None = None
+    scenario: Scenario,
+    seed: int | None = None,
+    keep: Keep | None = None,
+    progress: Report | None = None,
+    prepared: Prepared | None = None,
 ) -> RunResult:
     """Fly, measure, identify and judge one scenario.
 
@@ -149,6 +183,7 @@ def run(
         seed: replaces the scenario's own.
         keep: called with a name and each record as soon as it exists, so that a later failure loses none of them.
         progress: called with a few words as each stage begins.
+        prepared: takes the place of loading, trimming and linearising what the scenario names.
 
     Raises:
         TestbenchError: with the file and key of the scenario that it comes from.
@@ -156,24 +191,25 @@ def run(
     seed = scenario.seed if seed is None else seed
     keep, say = keep or (lambda name, record: None), progress or (lambda text: None)
     where = scenario.file
-    aircraft = load_aircraft(scenario.aircraft, scenario.wings)
-    suites = tuple(_suite(scenario, name) for name in scenario.suites)
-    say(f"trim {aircraft.name}")
-    with located(where, "condition"):
-        trimmed = trim(aircraft, _condition(scenario), scenario.simulation.rate_hz, _air(scenario, seed))
+    ready = prepared or _ready(scenario, seed, say)
+    aircraft, suites, trimmed = ready.aircraft, ready.suites, ready.trimmed
     flights = []
     for i, spec in enumerate(scenario.manoeuvre):
         say(f"fly {spec.name}")
         with located(where, f"manoeuvre[{i}]"):
             manoeuvre = Manoeuvre(spec.name, build(spec.input, spec.duration_s, trimmed.rate_hz), spec.settle_s)
-            truth = _fly(aircraft, trimmed, manoeuvre, log_rate(scenario, suites), keep, _air(scenario, seed + i))
+            truth = _fly(
+                aircraft, trimmed, manoeuvre, log_rate(scenario, suites), keep, _air(scenario, seed + i), ready.channels
+            )
         measured = {}
         for suite in suites:
             measured[suite.name] = suite.measure(truth, seed + i)
             keep(f"{spec.name}_{suite.name}", measured[suite.name])
         flights.append(Flight(spec.name, spec.use, truth, measured, spec.settle_s))
-    say("linearise")
-    known = _truth(scenario, aircraft, trimmed, flights, suites)
+    known = ready.truth
+    if prepared is None:
+        say("linearise")
+        known = _truth(scenario, aircraft, trimmed, flights, suites)
     noise = {s.name: s.noise_std for s in suites} if scenario.preparation.lowpass_hz is None else {}
     cases = _identify(
         flights, [s.name for s in suites], scenario.preparation, scenario.identification, where, say, known, noise
@@ -243,6 +279,23 @@ def load_scenario(path: Path | str) -> Scenario:
     return scenario
 
 
+def _ready(scenario: Scenario, seed: int, say: Report) -> Prepared:
+    aircraft = load_aircraft(scenario.aircraft, scenario.wings)
+    suites = tuple(_suite(scenario, name) for name in scenario.suites)
+    say(f"trim {aircraft.name}")
+    return Prepared(aircraft, suites, trim_for(scenario, aircraft, seed))
+
+
+def trim_for(scenario: Scenario, aircraft: Aircraft, seed: int = 0) -> TrimmedFlight:
+    """Return ``aircraft`` trimmed at the condition, rate and steady wind of the scenario.
+
+    Raises:
+        TrimError: there is no equilibrium.
+    """
+    with located(scenario.file, "condition"):
+        return trim(aircraft, _condition(scenario), scenario.simulation.rate_hz, _air(scenario, seed))
+
+
 def _suite(scenario: Scenario, name: str) -> SensorSuite:
     with located(scenario.file, "suites"):
         return load_suite(name)
@@ -271,11 +324,12 @@ def _fly(
     log_rate_hz: float,
     keep: Keep,
     air: Air | None,
+    channels: Sequence[str] | None = None,
 ) -> FlightRecord:
     from testbench.errors import FlightAborted
 
     try:
-        truth = fly(aircraft, trimmed, manoeuvre, log_rate_hz, air=air)
+        truth = fly(aircraft, trimmed, manoeuvre, log_rate_hz, channels, air)
     except FlightAborted as error:
         if error.record is not None and len(error.record):
             keep(f"{manoeuvre.name}_aborted", error.record)
@@ -291,10 +345,9 @@ def _truth(
     flights: Sequence[Flight],
     suites: Sequence[SensorSuite],
 ) -> Truth:
-    linear = linearise(aircraft, trimmed)
-    elastic = aircraft.flown_modes()
-    symmetric = {i: m.name for i, m in enumerate(elastic.modes if elastic else (), 1) if m.symmetry == "symmetric"}
-    modes = longitudinal_modes(linear, symmetric)
+    known = true_model(aircraft, trimmed)
+    linear, modes = known.linear, known.modes
+    symmetric = _symmetric(aircraft)
     flight = next(f for f in flights if f.use != "validation")
     assert flight.truth is not None
     inputs = [n.removesuffix("_cmd") for n in scenario.identification.inputs]
@@ -316,7 +369,18 @@ def _truth(
         1.0 / suites[0].rate_hz,
         flight.truth.duration_s,
     )
-    return Truth(aircraft, trimmed, linear, modes, tuple(found))
+    return replace(known, excitation=tuple(found))
+
+
+def true_model(aircraft: Aircraft, trimmed: TrimmedFlight) -> Truth:
+    """Return the linear model and modes of an aircraft at trim; nothing is said of what an input does to them."""
+    linear = linearise(aircraft, trimmed)
+    return Truth(aircraft, trimmed, linear, longitudinal_modes(linear, _symmetric(aircraft)), ())
+
+
+def _symmetric(aircraft: Aircraft) -> dict[int, str]:
+    elastic = aircraft.flown_modes()
+    return {i: m.name for i, m in enumerate(elastic.modes if elastic else (), 1) if m.symmetry == "symmetric"}
 
 
 def _identify(
@@ -374,8 +438,13 @@ def _known(truth: Truth | None, model: IdentifiedModel, records: Sequence[Flight
     if truth is None:
         return {}
     omega = excited_band(records, model.inputs)
-    response = truth.response(omega, model.outputs, model.inputs, model.dt_s)
-    return {"true_poles": dict(truth.modes), "true_response": response, "omega": omega}
+    response = truth.response(omega, model.outputs, model.inputs, model.dt_s, model.continuous)
+    known = {"true_poles": dict(truth.modes), "true_response": response, "omega": omega}
+    structure = getattr(model, "structure", None)
+    if structure is not None:
+        derivatives = dimensional_derivatives(truth.linear, truth.trimmed)
+        known["true_parameters"] = true_parameters(structure.name, derivatives, truth.trimmed.condition.V_m_s)
+    return known
 
 
 def excited_band(records: Sequence[FlightRecord], inputs: Sequence[str], floor: float = 0.01) -> FloatArray:

@@ -6,7 +6,7 @@ The estimators ``srivc`` (time domain) and ``frequency.equivalent`` (frequency r
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -45,6 +45,7 @@ class ContinuousTransferModel(IdentifiedModel):
         covariance: (q, q), or shape (0, 0) if there is none.
     """
 
+    continuous: ClassVar[bool] = True
     numerators: FloatArray
     denominators: FloatArray
     delays_s: FloatArray

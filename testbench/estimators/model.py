@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +30,12 @@ class IdentifiedModel(ABC):
         diagnostics: what the estimator saw on the way (singular values, condition numbers), arrays or JSON values.
         status: "good", or "warning" with ``advice``.
         advice: sentences that say what is doubtful and what to do about it.
+
+    ``continuous`` is True for models of continuous time: their frequency response is that of the aircraft; the response
+    of a discrete model holds the hold of sampled inputs, too.
     """
 
+    continuous: ClassVar[bool] = False
     method: str
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]

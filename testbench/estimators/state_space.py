@@ -8,88 +8,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import schur, solve_sylvester
-from scipy.signal import lfilter
 
 from testbench.errors import EstimationError, RecordError
 from testbench.estimators.hankel import triangle
 from testbench.estimators.model import ComplexArray, IdentifiedModel, continuous_poles
+from testbench.estimators.trajectories import Modes, Trajectories, read_out
 from testbench.record import FlightRecord, FloatArray
 
-_GROWTH = 1e3  # a mode that grows by more than this over a record is run backwards in time
 _RCOND = 1e-12
-
-
-class Trajectories:
-    """All trajectories of x[k+1] = A x[k] + f[k] over ``samples`` samples, in numbers that stay bounded.
-
-    Forward recursion of an unstable A loses all digits: the forced response and the response to the initial state
-    both grow and cancel. A is therefore decoupled (ordered real Schur form, Sylvester equation) into modes that run
-    forwards from x[0] = 0 and modes that grow by more than a factor 1000 over the record, which run backwards from
-    x[N-1] = 0. The set {forced + free a} over all a is the same set of trajectories; only its origin differs.
-
-    Args:
-        A: (n, n) state matrix.
-        samples: number of samples N.
-    """
-
-    def __init__(self, A: FloatArray, samples: int) -> None:
-        self.samples = samples
-        limit = _GROWTH ** (1.0 / max(samples, 1))
-        T, Q, m = schur(A, output="real", sort=lambda re, im: np.hypot(re, im) <= limit)
-        n = T.shape[0]
-        S = np.eye(n)
-        if 0 < m < n:
-            S[:m, m:] = solve_sylvester(T[:m, :m], -T[m:, m:], -T[:m, m:])
-        V = Q @ S
-        self._forward, self._backward = T[:m, :m], T[m:, m:]
-        if m < n:
-            self._backward, Q2 = schur(np.linalg.inv(T[m:, m:]), output="real")
-            V[:, m:] = V[:, m:] @ Q2
-        self._V, self._Vinv, self._m = V, np.linalg.inv(V), m
-
-    def forced(self, f: FloatArray) -> FloatArray:
-        """Return one trajectory per column of the forcing ``f`` (N, n, b), same shape."""
-        g = np.einsum("ij,kjb->kib", self._Vinv, f)
-        m = self._m
-        x = np.zeros(g.shape)
-        x[:, :m] = _recursion(self._forward, g[:, :m])
-        if m < x.shape[1]:
-            back = np.einsum("ij,kjb->kib", -self._backward, g[:, m:])[-2::-1]  # x[k] = A^-1 (x[k+1] - f[k])
-            back = np.concatenate([back, np.zeros((1, *back.shape[1:]))])
-            x[:, m:] = _recursion(self._backward, back)[::-1]
-        return np.einsum("ij,kjb->kib", self._V, x)
-
-    def free(self) -> FloatArray:
-        """Return a basis (N, n, n) of the solutions of x[k+1] = A x[k]."""
-        N, n, m = self.samples, self._V.shape[0], self._m
-        x = np.zeros((N, n, n))
-        for T, part, step in ((self._forward, slice(0, m), 1), (self._backward, slice(m, n), -1)):
-            if T.size:
-                start = np.zeros((N + 1, T.shape[0], T.shape[0]))
-                start[0] = np.eye(T.shape[0])
-                x[:, part, part] = _recursion(T, start)[1:][::step]
-        return np.einsum("ij,kjb->kib", self._V, x)
-
-
-def _recursion(T: FloatArray, f: FloatArray) -> FloatArray:
-    """Return x (N, n, b) with x[0] = 0, x[k+1] = T x[k] + f[k], for a quasi-triangular T, mode by mode."""
-    n = T.shape[0]
-    x = np.zeros(f.shape)
-    i = n
-    while i > 0:
-        pair = i > 1 and T[i - 1, i - 2] != 0.0
-        rows = slice(i - 2, i) if pair else slice(i - 1, i)
-        drive = f[:, rows] + np.einsum("ij,kjb->kib", T[rows, i:], x[:, i:])
-        if pair:  # standardised block [[a, b], [c, a]] with b c < 0: one complex mode of first order
-            a, b, c = T[i - 2, i - 2], T[i - 2, i - 1], T[i - 1, i - 2]
-            w = np.sqrt(-b * c)
-            zeta = lfilter([0.0, 1.0], [1.0, -(a + 1j * w)], drive[:, 0] / (2 * b) - 1j * drive[:, 1] / (2 * w), axis=0)
-            x[:, i - 2], x[:, i - 1] = 2 * b * zeta.real, -2 * w * zeta.imag
-        else:
-            x[:, i - 1] = lfilter([0.0, 1.0], [1.0, -T[i - 1, i - 1]], drive[:, 0], axis=0)
-        i = rows.start
-    return x
+_CHUNK = 5000  # samples folded into a triangle at once
 
 
 class Series(NamedTuple):
@@ -113,7 +40,15 @@ class InputFit(NamedTuple):
         return float(np.sum((self.R @ parameters) ** 2))
 
 
-def fit_inputs(A: FloatArray, C: FloatArray, series: Sequence[Series], direct: NDArray[np.bool_]) -> InputFit:
+def trend_columns(samples: int, p: int, lead: int) -> FloatArray:
+    """Return (N, p, lead p): a constant (lead = 1) and a line from -1 to 1 (lead = 2) of each output's own."""
+    terms = np.stack([np.ones(samples), np.linspace(-1.0, 1.0, samples)], axis=1)[:, :lead]
+    return np.einsum("kl,ij->kilj", terms, np.eye(p)).reshape(samples, p, lead * p)
+
+
+def fit_inputs(
+    A: FloatArray, C: FloatArray, series: Sequence[Series], direct: NDArray[np.bool_], lead: int = 0
+) -> InputFit:
     """Return B and D that minimise the output error for given A and C, the initial states of all series eliminated.
 
     Linear least squares of y[k] = C A^k x0 + C sum_j A^(k-1-j) B u[j] + D u[k] over all valid samples of all series.
@@ -123,6 +58,7 @@ def fit_inputs(A: FloatArray, C: FloatArray, series: Sequence[Series], direct: N
         C: (p, n) output matrix.
         series: the data; outputs weigh as they are scaled.
         direct: (m,) True for the inputs that have a column in D; the other columns of D are zero.
+        lead: 1 if each series has an offset of its own in every output, 2 if it has a linear trend too.
 
     Raises:
         EstimationError: fewer valid output samples than unknowns.
@@ -133,20 +69,38 @@ def fit_inputs(A: FloatArray, C: FloatArray, series: Sequence[Series], direct: N
     R = np.zeros((0, count + 1))
     for u, y, valid in series:
         rows = valid.ravel()
-        if rows.sum() <= n:
+        own = n + lead * p  # unknowns of this series alone
+        if rows.sum() <= own:
             continue
-        paths = Trajectories(A, len(u))
-        block = np.zeros((len(u), p, n + count + 1))
-        block[:, :, :n] = np.einsum("ij,kjb->kib", C, paths.free())
-        for j in range(m):
-            x = paths.forced(u[:, j, None, None] * np.eye(n))
-            block[:, :, n * (j + 1) : n * (j + 2)] = np.einsum("ij,kjb->kib", C, x)
-        for i, column in enumerate(through):
-            at = n + n * m + p * i
-            block[:, range(p), range(at, at + p)] = u[:, column, None]
-        block[:, :, -1] = y
-        reduced = triangle(np.zeros((0, n + count + 1)), block.reshape(-1, n + count + 1)[rows])
-        R = triangle(R, reduced[n:, n:])
+        modes = Modes(A, len(u))
+        if modes.usable:
+            CV = C @ modes.V
+            states = [modes.run(None)] + [modes.run(u[:, j]) for j in range(m)]
+        else:
+            paths = Trajectories(A, len(u))
+            driven = [paths.free()] + [paths.forced(u[:, j, None, None] * np.eye(n)) for j in range(m)]
+        reduced = np.zeros((0, own + count + 1))
+        line = trend_columns(len(u), p, lead)
+        for k in range(0, len(u), _CHUNK):
+            part = slice(k, min(k + _CHUNK, len(u)))
+            block = np.zeros((part.stop - k, p, own + count + 1))
+            block[:, :, n:own] = line[part]
+            for j in range(m + 1):
+                at = own + n * (j - 1) if j else 0
+                if modes.usable:
+                    block[:, :, at : at + n] = modes.columns(CV, states[j][:, part]).transpose(2, 0, 1)
+                else:
+                    block[:, :, at : at + n] = read_out(C, driven[j][part])
+            for i, column in enumerate(through):
+                at = own + n * m + p * i
+                block[:, range(p), range(at, at + p)] = u[part, column, None]
+            block[:, :, -1] = y[part]
+            reduced = triangle(reduced, block.reshape(-1, own + count + 1)[rows[k * p : part.stop * p]])
+        reduced = reduced[own:, own:]
+        if modes.usable:  # from inputs of the modes to inputs of the states
+            for j in range(m):
+                reduced[:, n * j : n * (j + 1)] = np.linalg.solve(modes.V.T, reduced[:, n * j : n * (j + 1)].T).T
+        R = triangle(R, reduced)
     if R.shape[0] < count:
         raise EstimationError(
             f"B and D need at least {count} samples beyond the initial states, got {R.shape[0]}; give more data"
@@ -159,20 +113,34 @@ def fit_inputs(A: FloatArray, C: FloatArray, series: Sequence[Series], direct: N
 
 
 def free_run(
-    A: FloatArray, B: FloatArray, C: FloatArray, D: FloatArray, u: FloatArray, y: FloatArray, valid: NDArray[np.bool_]
+    A: FloatArray,
+    B: FloatArray,
+    C: FloatArray,
+    D: FloatArray,
+    u: FloatArray,
+    y: FloatArray,
+    valid: NDArray[np.bool_],
+    lead: int = 0,
 ) -> FloatArray:
     """Return the outputs (N, p) driven by ``u`` (N, m), from the initial state that fits the valid ``y`` (N, p) best.
 
-    Linear least squares; each output weighted by the inverse of its root mean square.
+    Linear least squares; each output weighted by the inverse of its root mean square. ``lead`` as in
+    :func:`fit_inputs`: offsets and trends of the outputs that are fitted along.
     """
-    paths = Trajectories(A, len(u))
-    forced = np.einsum("ij,kj->ki", C, paths.forced((u @ B.T)[:, :, None])[:, :, 0]) + u @ D.T
-    free = np.einsum("ij,kjb->kib", C, paths.free())
+    modes = Modes(A, len(u))
+    if modes.usable:
+        CV = C @ modes.V
+        forced = (CV @ modes.run(modes.drive(np.linalg.solve(modes.V, B) @ u.T))).T + u @ D.T
+        initial = modes.columns(CV, modes.run(None)).transpose(2, 0, 1)
+    else:
+        paths = Trajectories(A, len(u))
+        forced = paths.forced((u @ B.T)[:, :, None])[:, :, 0] @ C.T + u @ D.T
+        initial = read_out(C, paths.free())
+    free = np.concatenate([initial, trend_columns(len(u), C.shape[0], lead)], axis=2) if lead else initial
     counts = np.maximum(valid.sum(axis=0), 1)
     size = np.sqrt(np.sum(np.where(valid, y, 0.0) ** 2, axis=0) / counts)
     weight = valid / np.where(size > 0.0, size, 1.0)
-    n = A.shape[0]
-    left = (free * weight[:, :, None]).reshape(-1, n)
+    left = (free * weight[:, :, None]).reshape(-1, free.shape[2])
     start = np.linalg.lstsq(left, ((y - forced) * weight).ravel(), rcond=_RCOND)[0]
     return forced + free @ start
 
@@ -267,6 +235,7 @@ def description(model: IdentifiedModel) -> dict[str, Any]:
     """Return what every model's ``to_dict`` begins with, as JSON values."""
     return {
         "method": model.method,
+        "time": "continuous" if model.continuous else "discrete",
         "inputs": list(model.inputs),
         "outputs": list(model.outputs),
         "dt_s": model.dt_s,

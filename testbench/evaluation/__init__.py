@@ -16,6 +16,7 @@ from testbench.record import FlightRecord, FloatArray
 
 if TYPE_CHECKING:
     from testbench.estimators.model import IdentifiedModel
+    from testbench.evaluation.parameters import ParameterEstimate
     from testbench.evaluation.poles import PoleMatch
 
 __all__ = ["BodeError", "Evaluation", "Scores", "bode_error", "evaluate", "fit_percent", "mrse_percent"]
@@ -67,6 +68,7 @@ class Evaluation:
         bode: errors of the frequency response over ``omega_rad_s``, or None.
         omega_rad_s: frequencies that were compared: those asked for, up to the model's Nyquist frequency.
         unstable: poles of the model with positive real part, rad/s, upper half plane.
+        parameters: of a model with named parameters; empty for others.
     """
 
     outputs: tuple[str, ...]
@@ -76,6 +78,7 @@ class Evaluation:
     bode: BodeError | None = None
     omega_rad_s: FloatArray | None = None
     unstable: tuple[complex, ...] = ()
+    parameters: tuple[ParameterEstimate, ...] = ()
 
     @property
     def verdicts(self) -> tuple[str, ...]:
@@ -105,6 +108,7 @@ def evaluate(
     true_response: Callable[[FloatArray], ComplexArray] | ComplexArray | None = None,
     omega: FloatArray | None = None,
     noise_std: Mapping[str, float] | None = None,
+    true_parameters: Mapping[str, float] | None = None,
 ) -> Evaluation:
     """Judge a model on the records that it was identified from and on others, and against the truth where it is known.
 
@@ -118,6 +122,7 @@ def evaluate(
         omega: (k,) frequencies, rad/s, where the responses are compared; those above the model's Nyquist frequency
             are left out.
         noise_std: output -> standard deviation of one sample, SI, where it is known.
+        true_parameters: parameter name -> true value, for models with named parameters.
 
     Raises:
         EstimationError: no identification record, or ``true_response`` without ``omega`` or of a wrong shape.
@@ -145,7 +150,18 @@ def evaluate(
         bode=bode,
         omega_rad_s=compared,
         unstable=tuple(sorted(unstable, key=abs)),
+        parameters=_parameters(model, true_parameters),
     )
+
+
+def _parameters(model: IdentifiedModel, truth: Mapping[str, float] | None) -> tuple[ParameterEstimate, ...]:
+    from testbench.estimators.parametric.model import ParametricModel
+
+    if not isinstance(model, ParametricModel):
+        return ()
+    from testbench.evaluation.parameters import parameter_estimates
+
+    return parameter_estimates(model, truth)
 
 
 def _score(model: IdentifiedModel, records: Sequence[FlightRecord], noise_std: Mapping[str, float] | None) -> Scores:

@@ -135,11 +135,13 @@ def _json(value: Value) -> Value:
 
 def result_tables(result: RunResult) -> list[Table]:
     """Return every table of what was found that ``result`` has the data for, in the order of the report."""
+    from testbench.report.parameter_tables import parameter_table
     from testbench.report.pole_tables import mode_table, pole_table, reference_tables
 
     made = [
         mrse_table(result),
         fit_table(result),
+        parameter_table(result),
         excitation_table(result),
         mode_table(result),
         bode_table(result),
@@ -274,10 +276,12 @@ def transfer_function_table(result: RunResult) -> Table:
 def polynomials(model: Mapping[str, Any]) -> list[tuple[str, str, list[float], list[float]]]:
     """Return (output, input, numerator, denominator) in powers 0, -1, ... of z, from a model's ``to_dict``.
 
-    State-space models (A, B, C, D) and sets of transfer functions (numerators, denominators) are understood; of any
-    other model nothing is returned.
+    Discrete state-space models (A, B, C, D) and sets of transfer functions (numerators, denominators) are understood;
+    of any other model nothing is returned.
     """
     out: list[tuple[str, str, list[float], list[float]]] = []
+    if model.get("time") == "continuous":
+        return out
     if {"A", "B", "C", "D"} <= set(model):
         from scipy.signal import ss2tf
 

@@ -92,7 +92,7 @@ def test_all_faults_are_reported_at_once_with_file_and_key(tmp_path):
         ('unit = "deg"', 'unit = "degrees"'),
         ("column = 3", "column = 0"),
         ('name = "q"', 'name = "qq"'),
-        ('method = "dsr_e"', 'method = "dsr"'),
+        ('method = "dsr_e"', 'method = "dsr_f"'),
     )
     text = "\n".join(found)
     assert len(found) == 9
@@ -105,7 +105,7 @@ def test_all_faults_are_reported_at_once_with_file_and_key(tmp_path):
         "channel[0]: channel 'de' is measured in rad or deg, got unit 'degrees'",
         "channel[1].column: must be a column's name, or its number counted from 1, got 0",
         "channel[2].name: a channel must be in the channel table, got 'qq'",
-        "identification.estimators[0]: unknown method 'dsr'; did you mean 'dsr_e'?",
+        "identification.estimators[0]: unknown method 'dsr_f'; did you mean 'dsr_e'?",
     ):
         assert part in text, part
 

@@ -14,8 +14,9 @@ import pytest
 from testbench.channels import CONTROLS
 from testbench.constants import DEG_RAD, FT_M, G0_M_S2
 from testbench.errors import RecordError
-from testbench.estimators import dsr_e, estimate
+from testbench.estimators import estimate
 from testbench.estimators.prepare import prepare
+from testbench.estimators.subspace import dsr_e
 from testbench.logs import load_description, read_records
 from testbench.logs.description import ENVIRONMENT
 from testbench.logs.tables import read_table

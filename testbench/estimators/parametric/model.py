@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -46,6 +46,7 @@ class ParametricModel(IdentifiedModel):
         substeps: Runge-Kutta steps per sample of a nonlinear structure.
     """
 
+    continuous: ClassVar[bool] = True
     structure: ModelStructure
     params: FloatArray
     covariance: FloatArray

@@ -19,6 +19,10 @@ P_L Di Ruscio's own Z_{J|L}. It is needed: inputs confined to a fraction of the 
 from their past, the two factors of the oblique projection then cannot be told apart, and P_L unweighted turns a short
 period of 3 rad/s, excited by a sweep at 50 Hz with 5 % noise, into poles beyond 100 rad/s.
 
+That is the default, ``variant = "original"``; ``variant = "eolo"`` is the unweighted one (``dsr_e_variant``), which is
+compared with it. Steps 1 and 2 do not ask why the inputs moved: with D = 0 they hold in closed loop, and so do their
+B and K, while the last step below does not (``closed_loop``).
+
 With P_L Pi = U S V': O_L = U_n S_n^(1/2), C is its first block, A its shift. Given A and C, B and K follow by linear
 least squares from the deterministic problem, the initial states eliminated. A last linear least squares then fits B, D
 and the initial states to the measured outputs in free run over all records together.
@@ -28,34 +32,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from testbench.errors import EstimationError
-from testbench.estimators.dsr_e_advice import advice_in_words
-from testbench.estimators.hankel import runs, triangle, window_starts, windows
-from testbench.estimators.model import check_records, continuous_poles
-from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs
+from testbench.estimators.hankel import block_factor, runs, trend, window_starts, windows
+from testbench.estimators.model import ComplexArray, check_records, continuous_poles
+from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs, free_run
+from testbench.estimators.subspace.data import LEAD, Offset, Stretch, automatic_stride, check_stride, scale
+from testbench.estimators.subspace.data import decimate as decimated
+from testbench.estimators.subspace.dsr_e_advice import advice_in_words
+from testbench.estimators.subspace.dsr_e_variant import realise_unweighted
+from testbench.estimators.subspace.order import EXACT, choose_order
+from testbench.estimators.subspace.projections import by_shift
+from testbench.estimators.subspace.tail import lost_poles, pole_distance, reflect, to_rate
 from testbench.record import FlightRecord, FloatArray
 
-_EXACT = 1e-9  # innovations below this share of an output's rms are rounding: the output is free of noise
+Variant = Literal["original", "eolo"]
+
 _RANK = 1e-12  # truncation of projections of noise-free data
 _RANK_NOISY = 1e-8  # with noise, weaker directions only let the noise in
-_FLOOR = 2.0  # singular values beyond this many noise floors belong to states
-_GAP = 3.0  # a fall by this factor from one singular value to the next is a clear gap
 _LONG = 20  # future horizons from here on are checked against their half, shorter ones against their double
-
-
-class _Stretch(NamedTuple):
-    """One record, every channel divided by its root mean square over all records."""
-
-    u: FloatArray
-    y: FloatArray
-    valid_u: NDArray[np.bool_]
-    valid_y: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +70,7 @@ class _Innovations:
     unknowns: int
     condition: float
     excitation: float  # smallest over largest singular value of the past inputs
+    lead: int  # offsets and trends per record that are projected out
 
 
 class _Realisation(NamedTuple):
@@ -92,6 +92,11 @@ def estimate(
     future_horizon: int,
     order: int | None = None,
     direct_feedthrough: bool = False,
+    variant: Variant = "original",
+    offset: Offset = "none",
+    decimate: int | Literal["auto"] = 1,
+    stable: bool = False,
+    closed_loop: bool = False,
 ) -> StateSpaceModel:
     """Identify an innovations model by DSR_e (module docstring) from one or several records of deviations from trim.
 
@@ -109,6 +114,16 @@ def estimate(
             constant: over a shorter time the states' contributions differ by less than the noise.
         order: number of states, or None to choose it from the singular values.
         direct_feedthrough: estimate D; zero if not.
+        variant: "original", weighted as Di Ruscio's, or "eolo", the EOLO paper's unweighted oblique projection. The
+            latter is only for inputs that excite the whole band; it is compared with the original one, and a warning
+            says where they part.
+        offset: "none", "offset" or "trend": constants, or constants and linear trends, of all channels and records
+            that are estimated along; the model itself is of the deviations from them.
+        decimate: stride of the low-passed samples that A and C are identified from, or "auto": to ten times the
+            bandwidth of the inputs. The horizons of A and C count those samples; the model has the records' rate.
+        stable: move poles outside the unit circle to their mirror image 1/z* inside.
+        closed_loop: keep B of the deterministic problem, which feedback does not bias (D must be zero), instead of
+            that of the free run, whose errors then correlate with the inputs.
 
     Returns:
         The model, with these diagnostics:
@@ -131,28 +146,86 @@ def estimate(
     """
     J, L = past_horizon, future_horizon
     _check_settings(J, L, order, len(outputs))
+    check_stride(decimate)
+    if variant not in get_args(Variant) or (variant == "eolo" and direct_feedthrough):
+        raise EstimationError(
+            f"variant must be one of {', '.join(get_args(Variant))}, 'eolo' with D = 0, got '{variant}' with "
+            f"direct_feedthrough = {direct_feedthrough}"
+        )
     check_records(records, inputs, outputs)
-    stretches, size_u, size_y = _scale(records, inputs, outputs)
-    step1 = _innovations(stretches, J, direct_feedthrough)
-    step2 = _realise(stretches, step1, L, order)
-    B, D, K, errors = _input_matrices(stretches, step1, step2, direct_feedthrough)
+    stretches, size_u, size_y = scale(records, inputs, outputs, offset)
+    lead = LEAD[offset]
+    stride = automatic_stride(stretches, records[0].dt_s) if decimate == "auto" else int(decimate)
+    slow, free = decimated(stretches, stride), direct_feedthrough or stride > 1
+    low = _innovations(slow, J, free, lead)
+    step2 = _realise(slow, low, L, order)
+    parted = None
+    if variant == "eolo":
+        plain = _Realisation(*realise_unweighted(slow, low, J, L, order))
+        if plain.A.shape == step2.A.shape:
+            parted = pole_distance(step2.A, plain.A)
+        step2 = plain
+    shifts = _pole_shifts(slow, low, step2, J, L, free)
+    step1 = low
+    if stride > 1:
+        A, lost = to_rate(step2.A, stride)
+        if lost.size:
+            raise EstimationError(lost_poles(lost, stride))
+        step1 = replace(_innovations(stretches, J, direct_feedthrough, lead), excitation=low.excitation)
+        step2 = step2._replace(A=A, C=low.deviation[:, None] * step2.C / step1.deviation[:, None])
+    moved = np.zeros(0, np.complex128)
+    if stable:
+        A, moved = reflect(step2.A)
+        step2 = step2._replace(A=A)
+    B, D, K, errors = _input_matrices(stretches, step1, step2, direct_feedthrough, closed_loop)
     unit = size_y * step1.deviation  # of the outputs, in SI
     model = StateSpaceModel(
         method="dsr_e",
         inputs=tuple(inputs),
         outputs=tuple(outputs),
         dt_s=records[0].dt_s,
-        settings={"past_horizon": J, "future_horizon": L, "order": order, "direct_feedthrough": direct_feedthrough},
+        settings={
+            "past_horizon": J,
+            "future_horizon": L,
+            "order": order,
+            "direct_feedthrough": direct_feedthrough,
+            "variant": variant,
+            "offset": offset,
+            "decimate": decimate,
+            "stable": stable,
+            "closed_loop": closed_loop,
+        },
         A=step2.A,
         B=B / size_u,
         C=unit[:, None] * step2.C,
         D=unit[:, None] * D / size_u,
         K=K / unit,
     )
-    shifts = _pole_shifts(stretches, step1, step2, J, L, direct_feedthrough)
-    diagnostics = _diagnostics(step1, step2, errors, _residual(model, records), size_y, shifts, model.dt_s)
-    advice = advice_in_words(diagnostics, outputs, J, L)
+    diagnostics = _diagnostics(
+        step1, step2, errors, _residual(model, stretches, (size_u, size_y), lead), size_y, shifts, model.dt_s
+    )
+    diagnostics |= {
+        "decimate": stride,
+        "identified_at_dt_s": stride * model.dt_s,
+        "moved_poles": moved,
+        "pole_shift_variant": parted,
+    }
+    advice = advice_in_words(diagnostics, outputs, J, L) + _advice_on_variant(variant, parted, moved)
     return replace(model, diagnostics=diagnostics, status="warning" if advice else "good", advice=advice)
+
+
+def _advice_on_variant(variant: Variant, parted: float | None, moved: ComplexArray) -> tuple[str, ...]:
+    out = []
+    if variant == "eolo" and (parted is None or parted > 0.1):
+        apart = "of another order" if parted is None else f"{100 * parted:.0f} % away"
+        out.append(
+            f"the original DSR_e finds poles {apart}: the unweighted projection divides by what the inputs do not "
+            'excite; use variant = "original", excite a wider band or decimate'
+        )
+    if moved.size:
+        z = ", ".join(f"{abs(z):.4g}" for z in moved)
+        out.append(f"poles of modulus {z} were moved inside the unit circle (stable = true): their damping is made up")
+    return tuple(out)
 
 
 def _check_settings(J: int, L: int, order: int | None, p: int) -> None:
@@ -165,59 +238,31 @@ def _check_settings(J: int, L: int, order: int | None, p: int) -> None:
         )
 
 
-def _scale(
-    records: Sequence[FlightRecord], inputs: Sequence[str], outputs: Sequence[str]
-) -> tuple[list[_Stretch], FloatArray, FloatArray]:
-    sizes = []
-    for names in (inputs, outputs):
-        parts = [r.select(names) for r in records]
-        squares = np.sum([np.sum(np.where(r.valid, r.data, 0.0) ** 2, axis=0) for r in parts], axis=0)
-        counts = np.sum([r.valid.sum(axis=0) for r in parts], axis=0)
-        for name, square in zip(names, squares, strict=True):
-            if square == 0.0:
-                raise EstimationError(f"channel '{name}' must move to be modelled, but all its valid samples are zero")
-        sizes.append(np.sqrt(squares / counts))
-    size_u, size_y = sizes
-    stretches = [
-        _Stretch(
-            r.columns(inputs) / size_u, r.columns(outputs) / size_y, r.select(inputs).valid, r.select(outputs).valid
-        )
-        for r in records
-    ]
-    return stretches, size_u, size_y
-
-
-def _innovations(stretches: Sequence[_Stretch], J: int, direct: bool) -> _Innovations:
+def _innovations(stretches: Sequence[Stretch], J: int, direct: bool, lead: int) -> _Innovations:
     """Step 1: project the outputs on the past by least squares, truncated where the past is rank deficient."""
     m, p = stretches[0].u.shape[1], stretches[0].y.shape[1]
     d = m + p
     past = np.r_[0 : J * d + (m if direct else 0)]
     now = np.r_[J * d + m : (J + 1) * d]
-    R = np.zeros((0, past.size + p))
-    columns = 0
-    places = []
-    for s in stretches:
-        places.append(window_starts(np.logical_and.reduce(np.hstack([s.valid_u, s.valid_y]), axis=1), J + 1))
-        columns += places[-1].size
-        z = np.hstack([s.u, s.y])
-        for _, rows in windows(z, places[-1], J + 1):
-            R = triangle(R, rows[:, np.r_[past, now]])
+    places = [window_starts(s.good, J + 1) for s in stretches]
+    R, columns = block_factor([s.both for s in stretches], places, J + 1, lead)
+    R = R[:, np.r_[past, now]]
     q = past.size
     if columns < q + p:
-        touched = sum(max(len(s.u) - J, 0) for s in stretches) - columns
+        touched = sum(max(len(s.u) - J - lead, 0) for s in stretches) - columns
         raise EstimationError(
             f"step 1 of DSR_e needs more columns than unknowns: past_horizon = {J} gives {q} unknowns per output, "
             f"got {columns} columns ({touched} dropped for invalid samples); shorten past_horizon, give more data"
             + (", or decimate to the rate of the slowest sensor" if touched else "")
         )
-    U, sigma, Vt = np.linalg.svd(R[:q, :q])
+    U, sigma, Vt = np.linalg.svd(R[:, :q], full_matrices=False)
     theta, noisy, rest = np.zeros((q, p)), np.ones(p, bool), np.zeros(p)
     size = np.sqrt(np.sum(R[:, q:] ** 2, axis=0))
     for tolerance in (_RANK, _RANK_NOISY):
         rank = int(np.sum(sigma > tolerance * sigma[0]))
-        theta[:, noisy] = Vt[:rank].T @ ((U[:, :rank].T @ R[:q, q:][:, noisy]) / sigma[:rank, None])
+        theta[:, noisy] = Vt[:rank].T @ ((U[:, :rank].T @ R[:, q:][:, noisy]) / sigma[:rank, None])
         rest = np.sqrt(np.sum((R[:, q:] - R[:, :q] @ theta) ** 2, axis=0))
-        noisy = rest > _EXACT * size
+        noisy = rest > EXACT * size
         if not noisy.any():
             break
     deviation = rest / np.sqrt(max(columns - rank, 1))
@@ -225,35 +270,37 @@ def _innovations(stretches: Sequence[_Stretch], J: int, direct: bool) -> _Innova
     signal, noise, known = [], [], []
     for stretch, starts in zip(stretches, places, strict=True):
         yd, e, at = np.zeros(stretch.y.shape), np.zeros(stretch.y.shape), np.zeros(len(stretch.y), bool)
-        for part, rows in windows(np.hstack([stretch.u, stretch.y]), starts, J + 1):
+        for part, rows in windows(stretch.both, starts, J + 1):
             yd[part + J] = rows[:, past] @ theta
         at[starts + J] = True
+        if lead and starts.size > lead:
+            line = trend(starts, starts, lead)
+            yd[at] += line @ np.linalg.lstsq(line, stretch.y[at] - yd[at], rcond=None)[0]
         e[at] = np.where(noisy, stretch.y[at] - yd[at], 0.0)
         yd[at] = stretch.y[at] - e[at]
         signal.append(yd / deviation)
         noise.append(e / deviation)
         known.append(at)
     past_inputs = np.flatnonzero(past % d < m)
-    su = np.linalg.svd(R[:q, past_inputs], compute_uv=False)
+    su = np.linalg.svd(R[:, past_inputs], compute_uv=False)
     condition = float(sigma[0] / sigma[-1]) if sigma[-1] > 0.0 else np.inf
-    return _Innovations(signal, noise, known, deviation, noisy, columns, q, condition, excitation=float(su[-1] / su[0]))
+    return _Innovations(
+        signal, noise, known, deviation, noisy, columns, q, condition, excitation=float(su[-1] / su[0]), lead=lead
+    )
 
 
-def _realise(stretches: Sequence[_Stretch], step1: _Innovations, L: int, order: int | None) -> _Realisation:
+def _realise(stretches: Sequence[Stretch], step1: _Innovations, L: int, order: int | None) -> _Realisation:
     """Step 2: A and C from the singular value decomposition of Z_{J|L}."""
     m, p = stretches[0].u.shape[1], step1.deviation.size
     mv = m + int(step1.noisy.sum())
-    future = np.r_[0 : L * (mv + p)]
-    is_input = future % (mv + p) < mv
-    future = np.concatenate([future[is_input], future[~is_input]])
     a = L * mv
-    R = np.zeros((0, future.size))
-    columns = 0
-    for s, yd, e, known in zip(stretches, step1.signal, step1.noise, step1.known, strict=True):
-        starts = window_starts(known, L)
-        columns += starts.size
-        for _, rows in windows(np.hstack([s.u, e[:, step1.noisy], yd]), starts, L):
-            R = triangle(R, rows[:, future])
+    series = [
+        np.hstack([s.u, e[:, step1.noisy], yd]) for s, yd, e in zip(stretches, step1.signal, step1.noise, strict=True)
+    ]
+    R, columns = block_factor(series, [window_starts(known, L) for known in step1.known], L, step1.lead)
+    future = np.arange(L * (mv + p))
+    is_input = future % (mv + p) < mv
+    R = np.hstack([R[:, is_input], R[:, ~is_input]])
     if columns < future.size:
         raise EstimationError(
             f"step 2 of DSR_e needs at least as many columns as rows: future_horizon = {L} gives {future.size} rows, "
@@ -265,40 +312,18 @@ def _realise(stretches: Sequence[_Stretch], step1: _Innovations, L: int, order: 
     _, values, Vt = np.linalg.svd(Z, full_matrices=False)
     floor = np.sqrt(step1.unknowns) + np.sqrt(p * L) if step1.noisy.any() else values[0]
     relative = values / floor
-    n, choice = (order, "given") if order is not None else _choose_order(relative, bool(step1.noisy.any()), p * (L - 1))
+    n, choice = (order, "given") if order is not None else choose_order(relative, bool(step1.noisy.any()), p * (L - 1))
     O_L = Vt[:n].T * np.sqrt(values[:n])
-    A = np.linalg.lstsq(O_L[:-p], O_L[p:], rcond=None)[0]
-    return _Realisation(A, O_L[:p], relative, choice, columns)
-
-
-def _choose_order(values: FloatArray, noisy: bool, most: int) -> tuple[int, str]:
-    """Return the order and why, from singular values relative to the noise floor (noise-free: to the largest)."""
-    floor = _FLOOR if noisy else _EXACT
-    above = min(int(np.sum(values > floor)), most)
-    if above == 0:
-        raise EstimationError(
-            f"no state stands out of the noise: the largest singular value is {values[0]:.2g} times the noise floor, "
-            f"{floor:g} is needed; excite more strongly, or lengthen the future horizon"
-        )
-    following = np.append(values[1:], 0.0)[:most]
-    ratios = (values[:most] / np.maximum(following, 1e-3 * floor))[:above]
-    clear = np.flatnonzero(ratios >= _GAP)
-    n = int(clear[-1] if clear.size else np.argmax(ratios)) + 1
-    kind = "last clear" if clear.size else "widest, not clear"
-    return (
-        n,
-        f"{above} singular values stand above the noise floor; the {kind} gap, "
-        f"a factor {ratios[n - 1]:.3g}, follows number {n}",
-    )
+    return _Realisation(*by_shift(O_L, p), relative, choice, columns)
 
 
 def _input_matrices(
-    stretches: Sequence[_Stretch], step1: _Innovations, step2: _Realisation, direct: bool
+    stretches: Sequence[Stretch], step1: _Innovations, step2: _Realisation, direct: bool, closed_loop: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float]]:
     """Return B, D, K in scaled units, and the output error in percent before and after the refinement of B and D.
 
     B and K solve the deterministic problem; B and D are then replaced by those of the free run on the measured outputs
-    if these leave the smaller output error, both judged with initial states of their own.
+    if these leave the smaller output error, both judged with initial states of their own, and no feedback biases them.
     """
     m, noisy = stretches[0].u.shape[1], step1.noisy
     p, mv = noisy.size, m + int(noisy.sum())
@@ -308,30 +333,33 @@ def _input_matrices(
         for s, yd, e, known in zip(stretches, step1.signal, step1.noise, step1.known, strict=True)
         for run in runs(known)
     ]
-    first = fit_inputs(step2.A, step2.C, inner, np.concatenate([through, np.zeros(mv - m, bool)]))
+    first = fit_inputs(step2.A, step2.C, inner, np.concatenate([through, np.zeros(mv - m, bool)]), step1.lead)
     K = np.zeros((step2.A.shape[0], p))
     K[:, noisy] = first.B[:, m:]
     B, D = first.B[:, :m], first.D[:, :m]
     # Here the outputs weigh by their root mean square: the criterion is then the MRSE of the EOLO paper, squared.
     C = step1.deviation[:, None] * step2.C
     outer = [Series(s.u, s.y, s.valid_y) for s in stretches]
-    refined = fit_inputs(step2.A, C, outer, through)
+    refined = fit_inputs(step2.A, C, outer, through, step1.lead)
     before = refined.error(B, step1.deviation[:, None] * D, through)
     after = refined.error(refined.B, refined.D, through)
     total = sum(float(np.sum(s.y[s.valid_y] ** 2)) for s in stretches)
     errors = (100.0 * float(np.sqrt(before / total)), 100.0 * float(np.sqrt(after / total)))
-    if after < before:
+    if after < before and not closed_loop:
         B, D = refined.B, refined.D / step1.deviation[:, None]
     return B, D, K, errors
 
 
-def _residual(model: StateSpaceModel, records: Sequence[FlightRecord]) -> FloatArray:
+def _residual(
+    model: StateSpaceModel, stretches: Sequence[Stretch], sizes: tuple[FloatArray, FloatArray], lead: int
+) -> FloatArray:
     """Return the root mean square of y - y_free per output over the valid samples of all records."""
     error, count = np.zeros(len(model.outputs)), np.zeros(len(model.outputs))
-    for record in records:
-        part = record.select(model.outputs)
-        error += np.sum(np.where(part.valid, part.data - model.simulate(record), 0.0) ** 2, axis=0)
-        count += part.valid.sum(axis=0)
+    for s in stretches:
+        y = s.y * sizes[1]
+        free = free_run(model.A, model.B, model.C, model.D, s.u * sizes[0], y, s.valid_y, lead)
+        error += np.sum(np.where(s.valid_y, y - free, 0.0) ** 2, axis=0)
+        count += s.valid_y.sum(axis=0)
     return np.sqrt(error / count)
 
 
@@ -367,7 +395,7 @@ def _diagnostics(
 
 
 def _pole_shifts(
-    stretches: Sequence[_Stretch], step1: _Innovations, step2: _Realisation, J: int, L: int, direct: bool
+    stretches: Sequence[Stretch], step1: _Innovations, step2: _Realisation, J: int, L: int, direct: bool
 ) -> dict[str, Any]:
     """Return how far, relatively, the poles move with half the past horizon and with another future horizon.
 
@@ -381,16 +409,9 @@ def _pole_shifts(
     if not step1.noisy.any():
         return shifts
     if J >= 2:
-        half = _realise(stretches, _innovations(stretches, J // 2, direct), L, n)
-        shifts["pole_shift_past"] = _distance(step2.A, half.A)
+        half = _realise(stretches, _innovations(stretches, J // 2, direct, step1.lead), L, n)
+        shifts["pole_shift_past"] = pole_distance(step2.A, half.A)
     columns = sum(window_starts(known, other).size for known in step1.known)
     if n <= p * (other - 1) and columns >= other * (stretches[0].u.shape[1] + 2 * p):
-        shifts["pole_shift_future"] = _distance(step2.A, _realise(stretches, step1, other, n).A)
+        shifts["pole_shift_future"] = pole_distance(step2.A, _realise(stretches, step1, other, n).A)
     return shifts
-
-
-def _distance(A: FloatArray, other: FloatArray) -> float:
-    """Return the largest distance of the poles of two models, each relative to the first's, paired at least cost."""
-    s, t = (np.log(np.linalg.eigvals(M).astype(complex) + 1e-300) for M in (A, other))
-    apart = np.abs(s[:, None] - t) / np.maximum(np.abs(s), 1e-12)[:, None]
-    return float(apart[linear_sum_assignment(apart)].max())

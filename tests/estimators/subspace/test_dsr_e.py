@@ -19,7 +19,7 @@ from dsr_e_systems import (
 )
 
 from testbench.errors import EstimationError
-from testbench.estimators.dsr_e import estimate
+from testbench.estimators.subspace.dsr_e import estimate
 
 
 def response(A, B, C, D, omega, dt):

@@ -21,7 +21,7 @@ from dsr_e_systems import (
 )
 from scipy.io import loadmat
 
-from testbench.estimators.dsr_e import estimate
+from testbench.estimators.subspace.dsr_e import estimate
 from testbench.record import FlightRecord
 
 
@@ -142,7 +142,7 @@ def test_short_future_horizon_at_a_high_rate_hides_the_short_period_without_alph
 
 
 def _attas():
-    root = Path(os.environ.get("TESTBENCH_FLIGHT_DATA", Path(__file__).parents[2].parent / "shared" / "flight_data"))
+    root = Path(os.environ.get("TESTBENCH_FLIGHT_DATA", Path(__file__).parents[3].parent / "shared" / "flight_data"))
     records = []
     for name in ("fAttasElv1", "fAttasElv2"):
         file = root / "attas" / f"{name}.mat"

@@ -1,0 +1,111 @@
+"""The structure that a scenario describes, for the channels and the trim of its records."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from testbench.constants import DEG_RAD
+from testbench.errors import EstimationError
+from testbench.estimators.parametric.structure import ModelStructure
+from testbench.estimators.parametric.structures import STRUCTURES, Airframe
+from testbench.record import FlightRecord
+from testbench.scenario.structures import Structured
+
+_POSSIBLE = {
+    "short_period": ("alpha", "q", "qdot"),
+    "longitudinal": ("V", "alpha", "q", "theta", "qdot", "ax", "az"),
+    "flexible": ("V", "alpha", "q", "theta", "qdot", "ax", "az"),
+    "lateral_directional": ("beta", "p", "r", "phi", "pdot", "rdot", "ay"),
+    "roll_yaw_rates": ("p", "r", "pdot", "rdot", "ay"),
+    "aerodynamic_longitudinal": ("V", "alpha", "theta", "q", "qdot", "ax", "az"),
+}
+
+
+def build(spec: Structured, inputs: Sequence[str], outputs: Sequence[str], records: Sequence[FlightRecord]) -> Any:
+    """Return the ModelStructure of a scenario's entry.
+
+    Args:
+        spec: the entry.
+        inputs: (m,) input channels of the identification.
+        outputs: (p,) output channels of the identification; those that the structure does not have are left out.
+        records: prepared records; their provenance says what was removed as trim.
+
+    Raises:
+        EstimationError: the structure has none of the outputs, a trim speed is not known, or a parameter, input or
+            output is none of the structure's.
+    """
+    possible = _POSSIBLE[spec.structure]
+    if spec.short:
+        possible = tuple(name for name in possible if name not in ("V", "theta", "ax"))
+    chosen = spec.outputs or tuple(name for name in outputs if name in possible)
+    if not chosen:
+        raise EstimationError(
+            f"structure '{spec.structure}' has outputs {', '.join(possible)}, but the identification senses "
+            f"{', '.join(outputs)}; choose another structure, or sense one of them"
+        )
+    structure: ModelStructure = _made(spec, tuple(inputs), chosen, records)
+    if set(structure.inputs) - set(inputs):
+        raise EstimationError(
+            f"structure '{spec.structure}' is driven by {', '.join(structure.inputs)}, but the inputs of the "
+            f"identification are {', '.join(inputs)}; name them there"
+        )
+    return structure.with_parameters(
+        spec.start, fixed=spec.fixed, free=spec.free, bounds=dict(spec.bounds), prior_std=dict(spec.prior_std)
+    )
+
+
+def _made(spec: Structured, inputs: tuple[str, ...], outputs: tuple[str, ...], records: Sequence[FlightRecord]) -> Any:
+    factory = STRUCTURES[spec.structure].factory
+    if spec.structure == "short_period":
+        if len(inputs) != 1:
+            raise EstimationError(
+                f"structure 'short_period' has one input, got {', '.join(inputs)}; take 'longitudinal' with "
+                "short = true"
+            )
+        return factory(outputs, inputs[0])
+    if spec.structure == "roll_yaw_rates":
+        return factory(outputs, tuple(name for name in inputs if name != "beta"))
+    if spec.structure == "aerodynamic_longitudinal":
+        assert spec.airframe is not None
+        a = spec.airframe
+        airframe = Airframe(
+            S_m=a.S_m2_per_kg,
+            S_cbar_Iyy=a.S_cbar_over_Iyy_1_per_kg_m,
+            cbar=a.cbar_m,
+            mass=a.mass_kg,
+            V0=a.V0_m_s,
+            rho=a.rho_kg_m3,
+            thrust_angle=a.thrust_angle_rad,
+            thrust_moment=a.thrust_moment_rad_s2_per_N,
+        )
+        return factory(airframe, outputs=outputs, controls=tuple(name for name in inputs if name != "thrust"))
+    V, alpha, theta = _trim(spec, records)
+    settings: dict[str, Any] = {"outputs": outputs, "controls": inputs, "accelerometer": spec.accelerometer_m}
+    if spec.structure != "lateral_directional" and (spec.short or spec.structure == "flexible"):
+        whole = spec.structure == "flexible" and not spec.short and "V" in outputs
+        settings["states"] = ("V", "alpha", "q", "theta") if whole else ("alpha", "q")
+    if spec.structure == "flexible":
+        settings["wn_rad_s"] = [2.0 * np.pi * f for f in spec.modes_hz]
+    return factory(V, alpha, theta, **settings)
+
+
+def _trim(spec: Structured, records: Sequence[FlightRecord]) -> tuple[float, float, float]:
+    """Return airspeed, alpha and theta at trim: from the entry, else the means of what was removed from the records."""
+    removed = [dict(r.provenance.get("prepared", {}).get("removed", {})) for r in records]
+
+    def mean(name: str) -> float | None:
+        values = [part[name] for part in removed if part.get(name)]
+        return float(np.mean(values)) if values else None
+
+    V = spec.V_m_s or mean("V")
+    if V is None:
+        raise EstimationError(
+            f"structure '{spec.structure}' needs the trim speed: give V_m_s, or sense V and remove its trim value"
+        )
+    alpha = mean("alpha") if spec.alpha_deg is None else spec.alpha_deg * DEG_RAD
+    theta = mean("theta") if spec.theta_deg is None else spec.theta_deg * DEG_RAD
+    alpha = alpha if alpha is not None else theta or 0.0
+    return V, alpha, alpha if theta is None else theta

@@ -1,0 +1,325 @@
+"""One function for MOESP, N4SID, CVA, DSR, SSARX and PBSID-opt: from records to a state-space model.
+
+Common to all: the block Hankel matrix of [u, y] of J past and L future samples, all records side by side, enters
+through its R factor alone. The method makes A and C of it. B, D and the initial states of all records then follow by
+one linear least squares on the free run over all valid samples, at the records' own rate, K from the VARX predictor.
+
+Inputs whose spectrum ends far below the Nyquist frequency leave the block Hankel matrix nearly singular, and the
+samples of one horizon too close together to tell the states apart. ``decimate = "auto"`` then takes A and C from data
+low-passed and decimated to about ten times the bandwidth of the inputs; A goes back to the records' rate as A^(1/k),
+which needs a continuous counterpart of every pole. Horizons count samples of the rate that A is identified at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from testbench.errors import EstimationError, nearest
+from testbench.estimators.hankel import window_starts
+from testbench.estimators.model import check_records, continuous_poles
+from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs, free_run
+from testbench.estimators.subspace.advice import advice_in_words
+from testbench.estimators.subspace.data import LEAD, Offset, Stretch, automatic_stride, check_stride, decimate, scale
+from testbench.estimators.subspace.factor import Factor, factorise, shortened
+from testbench.estimators.subspace.predictors import PREDICTORS
+from testbench.estimators.subspace.projections import PROJECTIONS, Realisation
+from testbench.estimators.subspace.tail import gain, lost_poles, pole_distance, reflect, to_rate
+from testbench.record import FlightRecord, FloatArray
+
+FAMILY = {
+    "moesp": "subspace identification PO-MOESP: orthogonal projection on past inputs and outputs",
+    "n4sid": "subspace identification N4SID: oblique projection on past inputs and outputs",
+    "cva": "subspace identification CVA: canonical correlations of past and future",
+    "dsr": "subspace identification DSR: MOESP's projection, A from two of them one sample apart",
+    "ssarx": "subspace identification SSARX: a long ARX predictor first; consistent in closed loop",
+    "pbsid_opt": "subspace identification PBSID-opt: states from a long ARX predictor; consistent in closed loop",
+}
+"""Method name -> what it is."""
+
+_PERSISTENT = 1e-3  # input Hankel matrices with weaker directions than this are decimated, if their band allows it
+_SILENT = 1e-8  # directions of the inputs below this share of the strongest do not count as excitation
+_LONG = 20  # future horizons from here on are checked against their half, shorter ones against their double
+
+
+class Settings(NamedTuple):
+    """What :func:`estimate` was asked for, as JSON values by name."""
+
+    method: str
+    past_horizon: int
+    future_horizon: int
+    order: int | None
+    direct_feedthrough: bool
+    offset: Offset
+    decimate: int | Literal["auto"]
+    stable: bool
+    closed_loop: bool
+    bootstrap: int
+    seed: int
+
+
+class Outcome(NamedTuple):
+    """Matrices in units of the stretches, at the records' rate, and what was seen on the way."""
+
+    A: FloatArray
+    B: FloatArray
+    C: FloatArray
+    D: FloatArray
+    K: FloatArray
+    found: dict[str, Any]
+
+
+def estimate(
+    records: Sequence[FlightRecord],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    *,
+    method: str,
+    past_horizon: int,
+    future_horizon: int,
+    order: int | None = None,
+    direct_feedthrough: bool = False,
+    offset: Offset = "none",
+    decimate: int | Literal["auto"] = "auto",
+    stable: bool = False,
+    closed_loop: bool = False,
+    bootstrap: int = 0,
+    seed: int = 0,
+) -> StateSpaceModel:
+    """Identify an innovations model by a subspace method from one or several records of deviations from trim.
+
+    Channels are scaled, outputs by the deviation of their innovations: units do not matter. Noise on the inputs biases
+    every method of this family; inputs that react to the outputs bias all but "ssarx" and "pbsid_opt" (and DSR_e).
+
+    Args:
+        records: measured records with one sample time; deviations from trim (see ``prepare``).
+        inputs: (m,) channels that drive the model.
+        outputs: (p,) channels that it predicts.
+        method: one of :data:`FAMILY`.
+        past_horizon: J >= 1 samples (after decimation).
+        future_horizon: L >= 2 samples (after decimation).
+        order: number of states, or None to choose it from the singular values.
+        direct_feedthrough: estimate D; zero if not.
+        offset: "none", "offset" or "trend": constants, or constants and linear trends, of all channels and records
+            that are estimated along; the model itself is of the deviations from them.
+        decimate: stride of the samples that A and C are identified from, or "auto": 1 unless the inputs excite only
+            a small part of the band.
+        stable: move poles outside the unit circle to their mirror image 1/z* inside.
+        closed_loop: take B and D from the regression on states and innovations, which feedback does not bias, instead
+            of the free run, whose errors then correlate with the inputs; "ssarx" and "pbsid_opt" only, not decimated.
+        bootstrap: number of replicas (0: none) of the residuals of the free run, drawn in blocks of J + L samples,
+            from which deviations of poles and frequency response are taken; for open loop.
+        seed: of the bootstrap.
+
+    Returns:
+        The model at the records' sample time, with these diagnostics: ``singular_values`` over the noise floor
+        (noise-free data: over the largest), ``order`` and ``order_choice``; ``decimate`` and ``identified_at_dt_s``;
+        ``columns`` and ``unknowns`` per output; ``condition`` of the past; ``input_excitation``: weakest over strongest
+        singular value of the input Hankel matrix; ``feedback``: share of the innovations that later inputs explain;
+        ``innovations_std`` (p,) in SI units; ``output_error_percent`` (p,) of the free run on the records;
+        ``free_run_over_innovations`` (p,); ``pole_shift_past``, ``pole_shift_future``: largest relative change of a
+        pole with half the past and with ``other_future_horizon``; ``predictor_radius``: spectral radius of A - K C;
+        ``moved_poles``: discrete z that ``stable`` moved; ``poles_without_continuous_counterpart``; with a bootstrap
+        ``poles_std`` (n,) by the order of ``bootstrap_reference_poles`` in rad/s, ``response_std`` (k, p, m) at
+        ``response_omega_rad_s`` (k,), ``bootstrap_failed``.
+
+    Raises:
+        EstimationError: settings against the method's laws, too few columns for the unknowns, inputs that excite fewer
+            directions than the order needs, or records against those of :func:`check_records`.
+        ChannelError: a record lacks a channel.
+    """
+    given = Settings(
+        method,
+        past_horizon,
+        future_horizon,
+        order,
+        direct_feedthrough,
+        offset,
+        decimate,
+        stable,
+        closed_loop,
+        bootstrap,
+        seed,
+    )
+    _check_settings(given, len(outputs))
+    check_records(records, inputs, outputs)
+    stretches, size_u, size_y = scale(records, inputs, outputs, offset)
+    dt_s = records[0].dt_s
+    out = identify(stretches, given, dt_s)
+    found = out.found
+    errors, sizes = _free_run_errors(out, stretches, LEAD[offset])
+    found["output_error_percent"] = 100.0 * errors / sizes
+    found["free_run_over_innovations"] = np.where(
+        found["innovations_std"] > 0.0,
+        errors / np.where(found["innovations_std"] > 0.0, found["innovations_std"], 1),
+        0,
+    )
+    found["innovations_std"] = found["innovations_std"] * size_y
+    advice = advice_in_words(found, outputs, given)
+    model = StateSpaceModel(
+        method=method,
+        inputs=tuple(inputs),
+        outputs=tuple(outputs),
+        dt_s=dt_s,
+        settings=given._asdict(),
+        A=out.A,
+        B=out.B / size_u,
+        C=size_y[:, None] * out.C,
+        D=size_y[:, None] * out.D / size_u,
+        K=out.K / size_y,
+        diagnostics=found,
+        status="warning" if advice else "good",
+        advice=advice,
+    )
+    if bootstrap:
+        from testbench.estimators.subspace.bootstrap import spread
+
+        again = given._replace(order=model.order, bootstrap=0, decimate=found["decimate"])
+        found.update(spread(model, out, stretches, again, (size_u, size_y), bootstrap))
+    return replace(model, diagnostics=found)
+
+
+def _check_settings(given: Settings, p: int) -> None:
+    if given.method not in FAMILY:
+        raise EstimationError(
+            f"the method must be one of the table, got '{given.method}'{nearest(given.method, FAMILY)}"
+        )
+    J, L = given.past_horizon, given.future_horizon
+    if J < 1 or L < 2:
+        raise EstimationError(f"past_horizon >= 1 and future_horizon >= 2 must hold, got {J} and {L}")
+    if p == 0:
+        raise EstimationError("an estimate needs at least one output channel, got none; name outputs or add sensors")
+    if given.order is not None and not 1 <= given.order <= p * (L - 1):
+        raise EstimationError(
+            f"1 <= order <= outputs x (future_horizon - 1) = {p * (L - 1)} must hold, got {given.order}; "
+            "lengthen the future horizon or lower the order"
+        )
+    check_stride(given.decimate)
+    if given.bootstrap < 0 or given.bootstrap == 1:
+        raise EstimationError(f"bootstrap must be 0 or at least 2 replicas, got {given.bootstrap}")
+    if given.closed_loop and (given.method not in PREDICTORS or given.decimate not in ("auto", 1)):
+        raise EstimationError(
+            f"closed_loop needs one of {', '.join(PREDICTORS)} without decimation, "
+            f"got '{given.method}' with decimate = {given.decimate}"
+        )
+
+
+def _realise(f: Factor, given: Settings, L: int, order: int | None, direct: bool) -> Realisation:
+    if given.method in PREDICTORS:
+        return PREDICTORS[given.method](f, L, order, direct)
+    return PROJECTIONS[given.method](f, L, order)
+
+
+def _length(given: Settings, L: int) -> int:
+    """Samples of a window: DSR takes one more block."""
+    return given.past_horizon + L + (given.method == "dsr")
+
+
+def _factor(stretches: Sequence[Stretch], given: Settings, L: int, direct: bool) -> Factor:
+    length = _length(given, L)
+    return factorise(stretches, given.past_horizon, length, direct, LEAD[given.offset], given.method)
+
+
+def identify(stretches: Sequence[Stretch], given: Settings, dt_s: float) -> Outcome:
+    """Return the model of scaled stretches; see :func:`estimate`."""
+    L, direct = given.future_horizon, given.direct_feedthrough
+    full = _factor(stretches, given, L, direct)
+    strides = _strides(stretches, full, given, dt_s)
+    for stride in strides:
+        low, slow = full, list(stretches)
+        if stride > 1:
+            slow = decimate(stretches, stride)
+            if sum(window_starts(s.good, _length(given, L)).size for s in slow) < 2 * full.R.shape[1] and (
+                given.decimate == "auto"
+            ):
+                continue  # too few samples would be left
+            low = _factor(slow, given, L, True)
+        real = _realise(low, given, L, given.order, direct or stride > 1)
+        _check_excitation(low, real.A.shape[0], L)
+        A, lost = to_rate(real.A, stride)
+        if lost.size == 0:
+            break
+        if given.decimate != "auto":
+            raise EstimationError(lost_poles(lost, stride))
+    moved = np.zeros(0, np.complex128)
+    if given.stable:
+        A, moved = reflect(A)
+    C = low.deviation[:, None] * real.C
+    through = np.full(full.m, direct)
+    if given.closed_loop and real.B is not None and real.D is not None and real.K is not None:
+        B, D, K = real.B, low.deviation[:, None] * real.D, real.K / low.deviation
+    else:
+        fit = fit_inputs(A, C, [Series(s.u, s.y, s.valid_y) for s in stretches], through, LEAD[given.offset])
+        B, D = fit.B, fit.D
+        K = gain(A, C / full.deviation[:, None], full) / full.deviation
+    found = {
+        "singular_values": real.singular_values,
+        "order": real.A.shape[0],
+        "order_choice": real.order_choice,
+        "decimate": stride,
+        "identified_at_dt_s": stride * dt_s,
+        "columns": low.columns,
+        "unknowns": low.J * (low.m + low.p) + (low.m if direct else 0),
+        "condition": low.condition,
+        "input_excitation": low.excitation,
+        "feedback": full.feedback,
+        "innovations_std": np.where(full.noisy, full.deviation, 0.0),
+        "predictor_radius": float(np.max(np.abs(np.linalg.eigvals(A - K @ C)))),
+        "moved_poles": moved,
+        "poles_without_continuous_counterpart": continuous_poles(np.linalg.eigvals(A).astype(complex), dt_s)[1],
+        **_pole_shifts(slow, low, real, given, direct or stride > 1),
+    }
+    return Outcome(A, B, C, D, K, found)
+
+
+def _strides(stretches: Sequence[Stretch], full: Factor, given: Settings, dt_s: float) -> list[int]:
+    """Return the strides to try, in turn."""
+    if given.decimate != "auto":
+        return [int(given.decimate)]
+    if full.exact or given.closed_loop or full.excitation > _PERSISTENT:
+        return [1]
+    first = automatic_stride(stretches, dt_s)
+    return [*range(first, 1, -1), 1]
+
+
+def _check_excitation(f: Factor, n: int, L: int) -> None:
+    """Check that the inputs excite more directions than the order: a single sine cannot show two poles."""
+    s = np.linalg.svd(f.inputs(0, f.J + L), compute_uv=False)
+    rank = int(np.sum(s > _SILENT * s[0]))
+    if rank <= min(n, s.size - 1):
+        raise EstimationError(
+            f"inputs must excite more directions than the order = {n}, got {rank} of {s.size} in J + L samples; "
+            "add lines to the multisine, excite a wider band or lower the order"
+        )
+
+
+def _pole_shifts(
+    stretches: Sequence[Stretch], f: Factor, real: Realisation, given: Settings, direct: bool
+) -> dict[str, Any]:
+    """Return how far, relatively, the poles move with half the past horizon and with another future horizon."""
+    n, J, L = real.A.shape[0], f.J, given.future_horizon
+    other = 2 * L if L < _LONG else L // 2
+    shifts: dict[str, Any] = {"other_future_horizon": other, "pole_shift_past": None, "pole_shift_future": None}
+    if f.exact:
+        return shifts
+    if J // 2 >= 1 and n <= (J // 2) * (f.m + f.p):
+        shifts["pole_shift_past"] = pole_distance(real.A, _realise(shortened(f, J // 2, direct), given, L, n, direct).A)
+    windows = sum(window_starts(s.good, _length(given, other)).size - LEAD[given.offset] for s in stretches)
+    if n <= f.p * (other - 1) and windows >= 1.2 * _length(given, other) * (f.m + f.p):
+        g = f if other < L else _factor(stretches, given, other, direct)
+        shifts["pole_shift_future"] = pole_distance(real.A, _realise(g, given, other, n, direct).A)
+    return shifts
+
+
+def _free_run_errors(out: Outcome, stretches: Sequence[Stretch], lead: int) -> tuple[FloatArray, FloatArray]:
+    """Return the root mean squares of y - y_free and of y per output, over the valid samples of all stretches."""
+    error, size, count = (np.zeros(out.C.shape[0]) for _ in range(3))
+    for s in stretches:
+        y = free_run(out.A, out.B, out.C, out.D, s.u, s.y, s.valid_y, lead)
+        error += np.sum(np.where(s.valid_y, s.y - y, 0.0) ** 2, axis=0)
+        size += np.sum(np.where(s.valid_y, s.y, 0.0) ** 2, axis=0)
+        count += s.valid_y.sum(axis=0)
+    return np.sqrt(error / count), np.sqrt(size / count)

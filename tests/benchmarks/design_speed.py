@@ -1,0 +1,42 @@
+"""How fast inputs are screened and designed; run with ``make benchmarks``. The laws, on one core:
+
+10 000 candidates screened per minute; a whole design, flights included, within 30 s; and where the PyPI package aeroid
+is installed, a 10 s multisine design at least 30 times faster than its own, which took 181 s when it was measured.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "design"))
+
+from studies import problem  # noqa: E402
+
+from testbench.design.refine import designed_multisine  # noqa: E402
+from testbench.design.search import best_of_families, screen  # noqa: E402
+from testbench.designer import load_design, run_design  # noqa: E402
+from testbench.paths import SCENARIOS  # noqa: E402
+
+AEROID_S = 181.0  # measured once, for a 10 s multisine
+
+if __name__ == "__main__":
+    for path in sorted((SCENARIOS / "design").glob("*.toml")):
+        scenario = load_design(path)
+        start = time.process_time()
+        result = run_design(scenario)
+        count, seconds = result.screened
+        print(
+            f"{path.stem}: whole design {time.process_time() - start:.1f} s of processor time; "
+            f"{count} candidates screened in {seconds:.2f} s, {60.0 * count / seconds:.0f} per minute"
+        )
+    p = problem("eolo", 11.0, 0.1)
+    ranked = screen(p)
+    start = time.process_time()
+    design = designed_multisine(p, best_of_families(ranked)["multisine"])[0]
+    seconds = time.process_time() - start
+    print(f"multisine of 10 s: designed in {seconds:.2f} s, {AEROID_S / seconds:.0f} times faster than {AEROID_S:g} s")
+    if find_spec("aeroid") is None:
+        print("aeroid is not installed: not timed beside it")

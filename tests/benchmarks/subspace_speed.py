@@ -1,0 +1,124 @@
+"""Time of a subspace estimate: every method here, and the peers that are installed, on the same data.
+
+Run as a script: 100 000 samples (and 5000 for peers whose memory grows with the square of that), 2 inputs, 5 outputs,
+order 4, horizons 20, one thread of BLAS. Peers: SLICOT's moen4 through GNU Octave, SIPPY, nfoursid; those that are
+absent are left out and named. The laws: no slower than moen4, and ten times as fast as the other two.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import importlib.util
+import shutil
+import statistics
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from testbench.estimators.subspace import dsr_e
+from testbench.estimators.subspace.family import FAMILY, estimate
+from testbench.record import FlightRecord
+
+ROUNDS = 5
+HORIZON, ORDER = 20, 4
+INPUTS, OUTPUTS = ("de", "da"), ("alpha", "q", "beta", "p", "r")
+OCTAVE = """
+pkg load control
+z = csvread ("{file}");
+data = iddata (z(:, 3:end), z(:, 1:2), 0.02);
+for k = 1:{rounds}
+  tic; moen4 (data, "n", {order}, "s", {horizon}); printf ("%.6f\\n", toc);
+endfor
+"""
+
+
+def simulated(samples: int) -> np.ndarray:
+    """Return inputs and outputs (samples, 7) of a fourth-order system, white inputs, 5 % noise."""
+    rng = np.random.default_rng(1)
+    A = np.array([[0.95, 0.1, 0.0, 0.0], [-0.1, 0.95, 0.0, 0.0], [0.0, 0.0, 0.99, 0.05], [0.0, 0.0, -0.05, 0.98]])
+    B, C = rng.standard_normal((4, 2)), rng.standard_normal((5, 4))
+    u = rng.choice([-1.0, 1.0], size=(samples, 2))
+    x = np.zeros((samples, 4))
+    for k in range(samples - 1):
+        x[k + 1] = A @ x[k] + B @ u[k]
+    y = x @ C.T
+    return np.hstack([u, y + 0.05 * y.std(axis=0) * rng.standard_normal(y.shape)])
+
+
+def median_seconds(action: Callable[[], object], rounds: int = ROUNDS) -> float:
+    """Return the median time of an action."""
+    times = []
+    for _ in range(rounds):
+        start = time.perf_counter()
+        action()
+        times.append(time.perf_counter() - start)
+    return statistics.median(times)
+
+
+def ours(z: np.ndarray) -> dict[str, float]:
+    """Return the time of each method."""
+    record = FlightRecord(np.arange(len(z)) * 0.02, (*INPUTS, *OUTPUTS), z, "measured")
+    settings = {"past_horizon": HORIZON, "future_horizon": HORIZON, "order": ORDER}
+    times = {
+        name: median_seconds(lambda name=name: estimate([record], INPUTS, OUTPUTS, method=name, **settings))
+        for name in FAMILY
+    }
+    times["dsr_e"] = median_seconds(lambda: dsr_e.estimate([record], INPUTS, OUTPUTS, **settings), rounds=3)
+    return times
+
+
+def octave(z: np.ndarray) -> float | None:
+    """Return the time of moen4, without starting Octave and reading the data; None without Octave."""
+    if shutil.which("octave-cli") is None:
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "data.csv"
+        np.savetxt(file, z, delimiter=",")
+        code = OCTAVE.format(file=file, rounds=ROUNDS, order=ORDER, horizon=HORIZON)
+        done = subprocess.run(["octave-cli", "--eval", code], capture_output=True, text=True, check=False)
+    times = [float(line) for line in done.stdout.split()]
+    return statistics.median(times) if times else None
+
+
+def python_peers(z: np.ndarray) -> dict[str, float | None]:
+    """Return the times of SIPPY's MOESP and of nfoursid, None for one that is absent."""
+    times: dict[str, float | None] = {"SIPPY": None, "nfoursid": None}
+    if importlib.util.find_spec("sippy_unipi") is not None:
+        sippy = importlib.import_module("sippy_unipi")
+        settings = {"SS_fixed_order": ORDER, "SS_f": HORIZON, "SS_p": HORIZON}
+        times["SIPPY"] = median_seconds(
+            lambda: sippy.system_identification(z[:, 2:].T, z[:, :2].T, "MOESP", **settings), rounds=1
+        )
+    if importlib.util.find_spec("nfoursid") is not None:
+        import pandas as pd
+        from nfoursid.nfoursid import NFourSID
+
+        table = pd.DataFrame(z, columns=[*INPUTS, *OUTPUTS])
+
+        def run() -> None:
+            peer = NFourSID(table, output_columns=list(OUTPUTS), input_columns=list(INPUTS), num_block_rows=HORIZON)
+            peer.subspace_identification()
+            peer.system_identification(rank=ORDER)
+
+        times["nfoursid"] = median_seconds(run, rounds=1)
+    return times
+
+
+def show(title: str, times: dict[str, float | None]) -> None:
+    """Print one line per method."""
+    print(title)
+    for name, seconds in times.items():
+        print(f"  {name:10s} " + ("absent" if seconds is None else f"{1e3 * seconds:8.1f} ms"))
+
+
+if __name__ == "__main__":
+    long, short = simulated(100_000), simulated(5000)
+    show("100 000 samples", {"moen4": octave(long), **ours(long)})
+    show("5000 samples", {**python_peers(short), **ours(short)})
