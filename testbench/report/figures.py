@@ -13,9 +13,9 @@ import numpy as np
 from testbench.record import FlightRecord, FloatArray
 from testbench.report.frequency_figures import bode_plates, input_plates
 from testbench.report.labels import axis_label, case_names, number, outputs_of, shown_unit
+from testbench.report.parameter_figures import parameter_plates
 from testbench.report.plot import (
     COLOURS,
-    DASHES,
     FAINT,
     INK,
     MEASURED,
@@ -27,6 +27,7 @@ from testbench.report.plot import (
     legend,
     legend_in,
     line_handles,
+    line_look,
     log_axis,
     new_figure,
     notes,
@@ -54,6 +55,7 @@ def plates(result: RunResult) -> list[Plate]:
     return [
         *input_plates(result),
         *history_plates(result),
+        *parameter_plates(result),
         *singular_value_plates(result),
         *bode_plates(result),
         *pole_plates(result),
@@ -142,7 +144,7 @@ def _draw_history(axes: Axes, result: RunResult, name: str, use: str, i: int) ->
         column = case.model.outputs.index(name)
         y = factor * getattr(case.evaluation, use).predictions[i][:, column]
         y = np.clip(y, low - 4.0 * reach, high + 4.0 * reach)  # of one that diverges, what leaves the panel is enough
-        axes.plot(*envelope(getattr(case, use)[i].t_s, y), color=COLOURS[k % 6], linestyle=DASHES[k % 6], linewidth=1.2)
+        axes.plot(*envelope(getattr(case, use)[i].t_s, y), **line_look(k), linewidth=1.2)
         finite = y[np.isfinite(y)]
         shown += [max(float(finite.min(initial=low)), low - reach), min(float(finite.max(initial=high)), high + reach)]
         if i == 0:  # the figures are over all records of that use, so once

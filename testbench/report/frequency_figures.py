@@ -24,7 +24,6 @@ from testbench.report.labels import (
 from testbench.report.plot import (
     BAND,
     COLOURS,
-    DASHES,
     INK,
     QUIET,
     Plate,
@@ -34,6 +33,7 @@ from testbench.report.plot import (
     legend,
     legend_in,
     line_handles,
+    line_look,
     log_axis,
     new_figure,
     rows_of,
@@ -265,7 +265,7 @@ def _curves(result: RunResult, output: str, given: str, omega: FloatArray, band:
         if output in case.model.outputs and given in case.model.inputs:
             own = omega[omega <= 0.97 * np.pi / case.model.dt_s]
             H = case.model.frequency_response(own)[:, case.model.outputs.index(output), case.model.inputs.index(given)]
-            responses.append((own, H, {"color": COLOURS[k % 6], "linestyle": DASHES[k % 6], "linewidth": 1.4}))
+            responses.append((own, H, {**line_look(k), "linewidth": 1.4}))
     found: list[_Curve] = []
     for own, H, line in responses:
         phase = np.degrees(np.unwrap(np.angle(H)))

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 # Okabe and Ito, "Color Universal Design", 2008: told apart with any colour vision; each has its own dash, for print.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
 DASHES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (3, 1.2)), (0, (6, 1.5, 1.2, 1.5)), (0, (1.2, 1.2)), (0, (9, 2)))
+MARKERS = "osD^vP"
+
 INK, QUIET, MEASURED, FAINT, BAND = "#202428", "#6b7280", "#a9b0b8", "#dfe3e8", "#eceff3"
 WIDE_IN, NARROW_IN = 8.6, 3.75
 PNG_DPI = 144
@@ -33,6 +35,16 @@ _POINTS_PER_LETTER = 5.2  # of 9 point DejaVu Sans, on average
 Item = TypeVar("Item")
 _PATH = re.compile(r' d="[^"]*"')
 _LONG_NUMBER = re.compile(r"(-?\d+\.\d\d)\d+")
+
+
+def line_look(k: int) -> dict[str, Any]:
+    """Return colour and dashes of the k-th model of a figure; no two of 36 look alike."""
+    return {"color": COLOURS[k % 6], "linestyle": DASHES[(k + k // 6) % 6]}
+
+
+def marker_look(k: int) -> tuple[str, str]:
+    """Return colour and marker of the k-th model of a figure; no two of 36 look alike."""
+    return COLOURS[k % 6], MARKERS[(k + k // 6) % 6]
 
 
 def style() -> Any:
@@ -287,9 +299,7 @@ def line_handles(names: Sequence[str], extra: Sequence[tuple[str, str]] = ()) ->
     from matplotlib.lines import Line2D
 
     first = [Line2D([], [], color=colour, linewidth=2.0, label=text) for text, colour in extra]
-    return first + [
-        Line2D([], [], color=COLOURS[k % 6], linestyle=DASHES[k % 6], label=name) for k, name in enumerate(names)
-    ]
+    return first + [Line2D([], [], **line_look(k), label=name) for k, name in enumerate(names)]
 
 
 def spread(positions: Sequence[float], sizes: Sequence[float], low: float = 0.0, high: float = 1.0) -> list[float]:

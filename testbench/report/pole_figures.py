@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from testbench.report.labels import case_names, elastic_names, number, symbol
-from testbench.report.plot import COLOURS, FAINT, INK, Plate, grid, label, legend, legend_in, new_figure
+from testbench.report.plot import FAINT, INK, Plate, grid, label, legend, legend_in, marker_look, new_figure
 from testbench.report.pole_tables import printed_poles
 
 if TYPE_CHECKING:
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from testbench.pipeline import RunResult
 
-_MARKERS = "osD^vP"
 _Found = Sequence[tuple[str, list[complex], int]]  # label, poles of the upper half-plane, number of colour
 
 
@@ -93,8 +92,9 @@ def _draw_poles(axes: Axes, reach: float, found: _Found, true: Mapping[str, comp
     axes.axhline(0.0, color="#9aa1a9", linewidth=0.9)
     for k, (_, group, colour) in enumerate(found):
         points = np.array([p for p in group if abs(p) <= reach])
+        look, marker = marker_look(colour)
         axes.plot(
-            points.real, points.imag, _MARKERS[k % 6], color=COLOURS[colour % 6], markersize=8 - k % 3,
+            points.real, points.imag, marker, color=look, markersize=8 - k % 3,
             markerfacecolor="none", markeredgewidth=1.5, clip_on=False,
         )  # fmt: skip
     for name, pole in true.items():
@@ -153,7 +153,9 @@ def _pole_handles(found: _Found, true: str) -> list[Any]:
     from matplotlib.lines import Line2D
 
     rows = [(true, "+", INK, 10)] if true else []
-    rows += [(text, _MARKERS[k % 6], COLOURS[colour % 6], 7) for k, (text, _, colour) in enumerate(found)]
+    for text, _, colour in found:
+        look, marker = marker_look(colour)
+        rows.append((text, marker, look, 7))
     return [
         Line2D([], [], linestyle="none", marker=marker, color=colour, markersize=size, markerfacecolor="none",
                markeredgewidth=1.6, label=text)
