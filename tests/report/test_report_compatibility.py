@@ -12,7 +12,7 @@ from testbench.estimators import data_compatibility
 from testbench.flight import Manoeuvre, fly
 from testbench.inputs.signal import InputSignal
 from testbench.logs import load_description
-from testbench.record import FlightRecord
+from testbench.record import FlightRecord, load_record
 from testbench.report.compatibility import compatibility_answer, compatibility_tables, print_compatibility
 from testbench.report.compatibility import write_compatibility as write
 
@@ -55,7 +55,7 @@ def test_files_and_page(result, flights, tmp_path):
     page = paths[-1].read_text(encoding="utf-8")
     assert "The instruments do not agree" in page
     assert "src=\"http" not in page
-    corrected = FlightRecord.load(tmp_path / "records" / "doublets_corrected.nc")
+    corrected = load_record(tmp_path / "records" / "doublets_corrected.nc")
     removed = flights["doublets"]["q"] - corrected["q"]
     assert np.allclose(removed, result.values["q_bias"], atol=1e-12)
 
