@@ -34,6 +34,7 @@ from testbench.schema import parse, read_toml
 from testbench.sensors import SensorSuite, load_suite
 
 if TYPE_CHECKING:
+    from testbench.estimators.frequency.response import FrequencyResponse
     from testbench.logs.description import RecordDescription
 
 Keep = Callable[[str, FlightRecord], None]
@@ -259,6 +260,22 @@ def identify(
         cases,
         reference=description.reference_values,
     )
+
+
+def frequency_responses(
+    description: RecordDescription, records: Sequence[FlightRecord], window_s: Sequence[float]
+) -> FrequencyResponse:
+    """Return the frequency responses of recorded flights, prepared as the description says, all records together.
+
+    Raises:
+        TestbenchError: with the file of the description that it comes from.
+    """
+    from testbench.estimators.frequency.spectra import estimate_frequency_response
+
+    with located(description.file, "identification"):
+        prepared = [_prepared(r, description.trim_s, description.preparation) for r in records]
+        inputs, outputs = description.identification.inputs, description.outputs
+        return estimate_frequency_response(prepared, inputs, outputs, window_s=window_s)
 
 
 def load_scenario(path: Path | str) -> Scenario:

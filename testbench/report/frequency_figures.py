@@ -231,7 +231,7 @@ def _bode_plate(result: RunResult, given: str) -> Plate:
             x = "frequency, rad/s" if last else ""
             label(pair[0], x if wide else "", ratio_unit(output, given)[1], f"{name}, magnitude")
             label(pair[1], x, "deg", f"{name}, phase")
-            pair[1].yaxis.set_major_locator(_steps_of_phase(pair[1].get_ylim()))
+            pair[1].yaxis.set_major_locator(steps_of_phase(pair[1].get_ylim()))
             for i, axes in enumerate(pair):
                 log_axis(axes, "x", powers=False)
                 axes.set_xlim(low, high)
@@ -245,7 +245,8 @@ def _bode_plate(result: RunResult, given: str) -> Plate:
     return Plate(f"bode_{given}", f"Frequency responses to {symbol(given)}", caption, make)
 
 
-def _steps_of_phase(limits: tuple[float, float]) -> Any:
+def steps_of_phase(limits: tuple[float, float]) -> Any:
+    """Return where the ticks of a phase axis with these limits stand: at round numbers of degrees."""
     from matplotlib.ticker import MultipleLocator
 
     span = abs(limits[1] - limits[0])
