@@ -5,7 +5,7 @@ BIN = $(VENV)/bin
 # One thread per process: the matrices here are small, and two processes with two threads each stand in each other's way.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test test-slow benchmarks clean
+.PHONY: demo test test-slow benchmarks design-study clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -18,6 +18,11 @@ test-slow: $(VENV)/installed-dev
 
 benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/flight_overhead.py
+	$(BIN)/python tests/benchmarks/design_speed.py
+	$(BIN)/python tests/benchmarks/campaign_speed.py
+
+design-study: $(VENV)/installed-dev
+	$(BIN)/python tests/benchmarks/design_study.py
 
 $(VENV)/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -25,7 +30,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	touch $@
 
 $(VENV)/installed-dev: $(VENV)/installed
-	$(BIN)/python -m pip install -q -c constraints.txt -e ".[parquet]" mypy pytest pytest-xdist ruff
+	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,parquet]" lupa mypy pytest pytest-xdist ruff
 	touch $@
 
 clean:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from testbench.aircraft import load_aircraft
+    from testbench.designer import load_design, run_design
     from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, trim
     from testbench.gap.case import run_gap
     from testbench.logs import load_description
@@ -35,11 +36,13 @@ _HOME = {
     "identify": "testbench.pipeline",
     "linearise": "testbench.flight",
     "load_aircraft": "testbench.aircraft",
+    "load_design": "testbench.designer",
     "load_description": "testbench.logs",
     "load_record": "testbench.record",
     "load_scenario": "testbench.pipeline",
     "load_suite": "testbench.sensors",
     "run": "testbench.pipeline",
+    "run_design": "testbench.designer",
     "run_gap": "testbench.gap.case",
     "trim": "testbench.flight",
     "write_results": "testbench.report",
@@ -54,10 +57,12 @@ __all__ = [
     "linearise",
     "load_aircraft",
     "load_description",
+    "load_design",
     "load_record",
     "load_scenario",
     "load_suite",
     "run",
+    "run_design",
     "run_gap",
     "trim",
     "write_results",

@@ -8,8 +8,24 @@ from testbench.errors import RecordError, ScenarioError, nearest
 from testbench.paths import SCENARIOS, aircraft_names, find_scenario, suite_names
 from testbench.schema import read_toml
 
-COMMANDS = {"scenario": "run", "gap scenario": "gap", "description of recorded flights": "identify"}
-FOLDERS = {"run": "", "gap": "gap", "identify": "records"}
+COMMANDS = {
+    "scenario": "run",
+    "gap scenario": "gap",
+    "design scenario": "design",
+    "flight plan": "plan",
+    "campaign": "campaign",
+    "comparison": "compare",
+    "description of recorded flights": "identify",
+}
+FOLDERS = {
+    "run": "",
+    "gap": "gap",
+    "design": "design",
+    "plan": "plan",
+    "campaign": "campaign",
+    "compare": "compare",
+    "identify": "records",
+}
 
 
 def find(path: Path, command: str) -> Path:
@@ -36,11 +52,19 @@ def kind_of(file: Path) -> str:
     content = read_toml(file)
     if "hidden" in content or "measured" in content:
         return "gap scenario"
+    if "controls" in content and "manoeuvre" not in content:
+        return "design scenario"
+    if {"speeds_m_s", "heights_m", "flown_by", "timing"} & set(content):
+        return "flight plan"
+    if {"seeds", "placement"} & set(content) and "manoeuvre" in content:
+        return "comparison"
+    if {"vary", "grid", "runs", "repeats", "base"} & set(content):
+        return "campaign"
     return "description of recorded flights" if "record" in content or "channel" in content else "scenario"
 
 
 def check_file(path: Path) -> str:
-    """Check a scenario, a description of records or a gap scenario; return which it is.
+    """Check a scenario of any kind or a description of records; return which it is.
 
     Raises:
         ScenarioError: every fault of the file.
@@ -52,6 +76,22 @@ def check_file(path: Path) -> str:
         from testbench.gap.case import load_gap
 
         load_gap(file)
+    elif kind == "design scenario":
+        from testbench.designer import load_design
+
+        load_design(file)
+    elif kind == "flight plan":
+        from testbench.design.plan import load_plan
+
+        load_plan(file)
+    elif kind == "campaign":
+        from testbench.campaign import load_campaign
+
+        load_campaign(file)
+    elif kind == "comparison":
+        from testbench.comparison.compare import load_compare
+
+        load_compare(file)
     elif kind == "scenario":
         from testbench.pipeline import load_scenario
 
@@ -88,7 +128,7 @@ def describe(kind: str) -> list[tuple[str, ...]]:
 
         return [("effect", "physics"), *((n, e.physics) for n, e in EFFECTS.items())]
     rows = [("scenario", "command", "title")]
-    for command, folder in (("run", ""), ("identify", "records"), ("gap", "gap")):
+    for command, folder in FOLDERS.items():
         for path in sorted((SCENARIOS / folder).glob("*.toml")):
             rows.append((f"{folder}/{path.stem}".lstrip("/"), command, str(read_toml(path).get("title", ""))))
     return rows  # type: ignore[return-value]

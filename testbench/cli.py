@@ -8,11 +8,14 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from testbench.errors import ScenarioError, TestbenchError
+
+if TYPE_CHECKING:
+    from testbench.campaign import Campaign
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -31,12 +34,21 @@ simulation lacks.
     testbench run eolo_alpha              # simulate, identify, report in results/eolo_alpha/report.html
     testbench check my_scenario.toml      # every fault of a file at once, without flying
     testbench identify my_records.toml    # the same line for recorded flights
+    testbench compatibility my_records.toml # do the instruments agree with each other?
+    testbench response my_records.toml    # frequency responses with coherence and random error
     testbench gap flexible_wings          # find, name and add what the simulation lacks
+    testbench design eolo_short_period    # which input tells what is wanted, inside the limits
+    testbench compare eolo_alpha          # what each sensor buys, by simulation and by information
+    testbench plan eolo_envelope          # a campaign with flight cards to print
+    testbench campaign run taurus_scatter # a scenario many times, over distributions of anything in it
     testbench aircraft eolo               # trims, modes over speed, derivatives of an aircraft
 
 Exit status: 0 done, 2 bad input, 3 the computation cannot be carried out (no trim, flight aborted, not identifiable).
 """,
 )
+
+campaigns = typer.Typer(no_args_is_help=True, help="Fly a scenario many times over distributions of anything in it.")
+app.add_typer(campaigns, name="campaign")
 
 ScenarioArgument = Annotated[
     Path, typer.Argument(help="Scenario file, or the name of a packaged one.", show_default=False)
@@ -111,6 +123,71 @@ def identify(
 
 
 @app.command()
+def compatibility(
+    description: Annotated[Path, typer.Argument(help="Description of recorded flights (TOML).", show_default=False)],
+    out: OutOption = Path("results"),
+    data: Annotated[
+        Path | None, typer.Option(help="Folder with the data files; replaces the one in the description.")
+    ] = None,
+    gravity: Annotated[float, typer.Option(help="Gravity where it was flown, m/s2.")] = 9.80665,
+) -> None:
+    """Ask whether the instruments of recorded flights agree with each other, and which of them err by how much.
+
+    Rates and accelerations are integrated and compared with airspeed, flow angles, attitude and height; bias, scale,
+    lag or delay are estimated where the data tell them. The corrected records are written. Example:
+    `testbench compatibility records/attas_full`.
+    """
+    from testbench.checks import find
+    from testbench.estimators import data_compatibility
+    from testbench.logs import load_description, read_records
+    from testbench.report.compatibility import print_compatibility, write_compatibility
+
+    described = load_description(find(description, "identify"))
+    folder = out / f"{described.name}_compatibility"
+    with _stages() as say:
+        say("read records")
+        records = {name: record for name, _, record in read_records(described, data)}
+        say("estimate the errors of the instruments")
+        result = data_compatibility.estimate(list(records.values()), gravity_m_s2=gravity)
+        say("write report")
+        write_compatibility(result, records, described, folder)
+    print_compatibility(result, _console(), folder)
+
+
+@app.command()
+def response(
+    description: Annotated[Path, typer.Argument(help="Description of recorded flights (TOML).", show_default=False)],
+    window: Annotated[
+        list[float], typer.Option(help="Length of the windows, s; several are combined (composite windowing).")
+    ] = [10.0],  # noqa: B006 (typer reads it, nothing changes it)
+    out: OutOption = Path("results"),
+    data: Annotated[
+        Path | None, typer.Option(help="Folder with the data files; replaces the one in the description.")
+    ] = None,
+) -> None:
+    """Estimate the frequency responses of recorded flights with coherence and random error.
+
+    All records of the description are taken together, inputs and outputs as it names them. Sweeps and multisines are
+    what it is for. Example: `testbench response records/attas_short_period --window 5 --window 12`.
+    """
+    from testbench.checks import find
+    from testbench.logs import load_description, read_records
+    from testbench.pipeline import frequency_responses
+    from testbench.report.response import print_response, write_response
+
+    described = load_description(find(description, "identify"))
+    folder = out / f"{described.name}_response"
+    with _stages() as say:
+        say("read records")
+        records = [record for _, _, record in read_records(described, data)]
+        say("estimate frequency responses")
+        found = frequency_responses(described, records, window)
+        say("write report")
+        write_response(found, described, folder)
+    print_response(found, _console(), folder)
+
+
+@app.command()
 def gap(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: SeedOption = None) -> None:
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
@@ -128,6 +205,75 @@ def gap(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: Seed
         say("write report")
         write_gap(result, folder)
     print_gap(result, _console(), folder)
+
+
+@app.command()
+def design(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: SeedOption = None) -> None:
+    """Design the input that tells wanted parameters or modes through given sensors, inside given limits.
+
+    Screens every signal family, refines the best by information, flies the winners, ranks them and says what to fly;
+    writes scenarios ready for `testbench run` and the signals. Example: `testbench design eolo_modes`.
+    """
+    from testbench.checks import find
+    from testbench.designer import load_design, run_design
+    from testbench.report.design import print_design, write_design
+
+    loaded = load_design(find(scenario, "design"))
+    folder = out / f"design_{loaded.name}"
+    with _stages() as say:
+        result = run_design(loaded, seed, say)
+        say("write report")
+        write_design(result, folder)
+    print_design(result, _console(), folder)
+
+
+@app.command()
+def compare(
+    scenario: ScenarioArgument,
+    out: OutOption = Path("results"),
+    seed: SeedOption = None,
+    information: Annotated[
+        bool, typer.Option("--information", help="By Fisher information alone: nothing is flown.")
+    ] = False,
+) -> None:
+    """Compare sensor suites over the same flights and noise: what each sensor buys, and what is more than chance.
+
+    Says the same by information without simulation, and finds the best stations for sensors along the wing where the
+    scenario has a `[placement]`. Examples: `testbench compare eolo_alpha`, `testbench compare eolo_wing`.
+    """
+    from testbench.checks import find
+    from testbench.comparison.compare import compare as compare_suites
+    from testbench.comparison.compare import load_compare
+    from testbench.report.compare import print_compare, write_compare
+
+    loaded = load_compare(find(scenario, "compare"))
+    folder = out / f"compare_{loaded.name}"
+    with _stages() as say:
+        result = compare_suites(loaded, seed, not information, say)
+        say("write report")
+        write_compare(result, folder)
+    print_compare(result, _console(), folder)
+
+
+@app.command()
+def plan(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: SeedOption = None) -> None:
+    """Turn test points and manoeuvres into a campaign: build-up, flight cards, repeats, times, energy, scripts.
+
+    Every card is flown in the simulator first. Example: `testbench plan eolo_envelope`: 11 to 19 m/s towards flutter.
+    """
+    from testbench.checks import find
+    from testbench.design.plan import load_plan, make_plan
+    from testbench.evaluation.envelope import fly_envelope
+    from testbench.report.plan import print_plan, write_plan
+
+    loaded = load_plan(find(scenario, "plan"))
+    loaded = loaded if seed is None else loaded.model_copy(update={"seed": seed})
+    folder = out / f"plan_{loaded.name}"
+    with _stages() as say:
+        result = make_plan(loaded, fly_envelope, say)
+        say("write cards and report")
+        write_plan(result, folder)
+    print_plan(result, _console(), folder)
 
 
 @app.command()
@@ -194,6 +340,93 @@ def list_(kind: Annotated[Kind, typer.Argument(help="What to list.", show_defaul
     for row in rows[1:]:
         table.add_row(*row)
     _console().print(table)
+
+
+CampaignArgument = Annotated[
+    Path, typer.Argument(help="Campaign file, or the name of a packaged one.", show_default=False)
+]
+WorkersOption = Annotated[
+    int | None, typer.Option(min=1, help="Processes on this machine; one per processor if not given.")
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(help="Fly on the workers of this dask scheduler, e.g. tcp://host:8786, and not on this machine."),
+]
+
+
+@campaigns.command("run")
+def campaign_run(
+    campaign: CampaignArgument,
+    out: OutOption = Path("results"),
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+) -> None:
+    """Fly a new campaign and write its store, tables, figures and report.html.
+
+    Example: `testbench campaign run taurus_scatter --workers 2`. What is interrupted, `campaign resume` goes on with.
+    """
+    _fly_campaign(campaign, out, False, workers, scheduler)
+
+
+@campaigns.command("resume")
+def campaign_resume(
+    campaign: CampaignArgument,
+    out: OutOption = Path("results"),
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+) -> None:
+    """Go on with a campaign that was interrupted, or that has been given more runs; nothing finished is flown again."""
+    _fly_campaign(campaign, out, True, workers, scheduler)
+
+
+@campaigns.command("status")
+def campaign_status(campaign: CampaignArgument, out: OutOption = Path("results")) -> None:
+    """Say how far a campaign is, what failed, and what a million runs like it would cost; also while it flies."""
+    from testbench.campaign import Store, load_campaign
+    from testbench.checks import find
+    from testbench.report.campaign import print_campaign, read_campaign
+
+    loaded = load_campaign(find(campaign, "campaign"))
+    with Store.read(out / f"campaign_{loaded.spec.name}") as store:
+        print_campaign(read_campaign(loaded, store), _console())
+
+
+@campaigns.command("summarise")
+def campaign_summarise(campaign: CampaignArgument, out: OutOption = Path("results")) -> None:
+    """Write tables, figures and report.html from the runs that are finished; nothing is flown."""
+    from testbench.campaign import load_campaign
+    from testbench.checks import find
+
+    loaded = load_campaign(find(campaign, "campaign"))
+    _report_campaign(loaded, out / f"campaign_{loaded.spec.name}")
+
+
+def _fly_campaign(campaign: Path, out: Path, resume: bool, workers: int | None, scheduler: str | None) -> None:
+    from rich.console import Console
+
+    from testbench.campaign import fly_campaign, load_campaign
+    from testbench.checks import find
+    from testbench.report.campaign import show_progress
+
+    loaded = load_campaign(find(campaign, "campaign"))
+    folder = out / f"campaign_{loaded.spec.name}"
+    try:
+        with show_progress(Console(stderr=True)) as progress:
+            fly_campaign(loaded, folder, resume=resume, workers=workers, scheduler=scheduler, progress=progress)
+    except KeyboardInterrupt:
+        print(f"finished runs are kept; go on with: testbench campaign resume {campaign} --out {out}", file=sys.stderr)
+        raise
+    _report_campaign(loaded, folder)
+
+
+def _report_campaign(campaign: Campaign, folder: Path) -> None:
+    from testbench.campaign import Store
+    from testbench.report.campaign import print_campaign, read_campaign, write_campaign
+
+    with Store.read(folder) as store:
+        result = read_campaign(campaign, store)
+    write_campaign(result, folder)
+    print_campaign(result, _console(), folder)
 
 
 def _console() -> Any:

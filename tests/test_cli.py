@@ -82,7 +82,7 @@ def test_list_names_the_members(kind):
 
 
 def test_check_accepts_every_packaged_file():
-    files = [*SCENARIOS.glob("*.toml"), *SCENARIOS.glob("records/*.toml"), *SCENARIOS.glob("gap/*.toml")]
+    files = [p for folder in ("", "records", "gap", "design") for p in (SCENARIOS / folder).glob("*.toml")]
     done = command("check", *files)
     assert done.returncode == 0, done.stderr
     assert done.stdout.count("a valid") == len(files)
@@ -102,6 +102,19 @@ def test_run_writes_everything_and_prints_the_answer(tmp_path):
         assert (folder / part).stat().st_size > 100
     assert len(list((folder / "models").glob("*.json"))) == 4
     assert not list(folder.rglob("*.part"))
+
+
+def test_design_writes_everything_and_says_what_to_fly(tmp_path):
+    done = command("design", "taurus_short_period", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Fly the designed switching on the elevator" in done.stdout
+    folder = tmp_path / "results" / "design_taurus_short_period"
+    ready = folder / "designs" / "1_designed_switching.toml"
+    for part in (folder / "report.html", folder / "tables" / "ranking.csv", ready):
+        assert part.stat().st_size > 100
+    assert "a valid scenario" in command("check", ready).stdout
+    assert_fails(command("run", SCENARIOS / "design" / "eolo_modes.toml"), 2, "use testbench design")
+    assert_fails(command("design", "eolo_mode"), 2, "did you mean 'eolo_modes'")
 
 
 def test_misspelt_key_wrong_unit_and_unknown_names_at_once(tmp_path):

@@ -12,7 +12,6 @@ generalised force derivatives, Q1_alpha say.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -32,7 +31,7 @@ _VARIABLES = {
     "lateral": ("beta", "p", "r", "da", "dr"),
 }
 _ACCELERATIONS = {"ax": "u", "ay": "v", "az": "w", "pdot": "p", "qdot": "q", "rdot": "r"}
-_MODAL = re.compile(r"(?:omega|zeta|Q)_?(\d+)")
+_CONTROLS = ("de", "da", "dr", "thr")
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,9 +76,9 @@ class AircraftStructure(LinearStructure):
         )
 
 
-def parameter_names(model: LinearModel, plane: Plane, modes: Sequence[int]) -> tuple[str, ...]:
-    """Return the names of all parameters of the linearised aircraft in one plane with these modes (from 1)."""
-    controls = [v for v in _VARIABLES[plane][3:] if v in model.inputs]
+def parameter_names(controls: Sequence[str], plane: Plane, modes: Sequence[int]) -> tuple[str, ...]:
+    """Return the names of all parameters of an aircraft with these controls, in one plane with these modes (from 1)."""
+    controls = [v for v in _VARIABLES[plane][3:] if v in controls]
     variables = (*_VARIABLES[plane][:3], *controls)
     rigid = [f"{axis}_{v}" for axis in _AXES[plane] for v in variables]
     elastic = []
@@ -118,7 +117,7 @@ def aircraft_structure(
         EstimationError: a parameter is none of :func:`parameter_names`.
         ChannelError: an input or output is none of the linear model.
     """
-    known = parameter_names(model, plane, modes)
+    known = parameter_names(model.inputs, plane, modes)
     for name in free:
         if name not in known:
             raise EstimationError(
@@ -176,12 +175,39 @@ def aircraft_structure(
     )
 
 
+def held_accelerations(model: LinearModel, output: str) -> dict[str, float]:
+    """Return which state derivatives an output of the linear model holds, and their weights.
+
+    An accelerometer away from the centre of gravity feels a mixture of accelerations. Elastic states and deflections
+    reach it through forces alone, so that in their columns its row is that mixture of the rows of A and B.
+
+    Raises:
+        EstimationError: no mixture of accelerations explains the row.
+    """
+    moving = [s for s in model.states if s in {"u", "v", "w", "p", "q", "r"} or s.startswith("etadot_")]
+    rows = [model.states.index(s) for s in moving]
+    columns = [i for i, s in enumerate(model.states) if s.startswith(("eta", "servo"))]
+    inputs = [i for i, name in enumerate(model.inputs) if name in _CONTROLS]
+    forces = np.hstack([model.A[np.ix_(rows, columns)], model.B[np.ix_(rows, inputs)]])
+    k = model.outputs.index(output)
+    felt = np.hstack([model.C[k, columns], model.D[k, inputs]])
+    size = np.linalg.norm(forces, axis=0) + 1e-12
+    weights, *_ = np.linalg.lstsq((forces / size).T, felt / size, rcond=1e-9)
+    if not np.allclose(weights @ forces, felt, rtol=1e-4, atol=1e-4 * float(np.abs(felt).max())):
+        raise EstimationError(
+            f"'{output}' must be a mixture of the accelerations {', '.join(moving)}, but it is not; design without it"
+        )
+    return {s: float(w) for s, w in zip(moving, weights, strict=True)}
+
+
 def _held_accelerations(output: str, other: Mapping[str, Mapping[str, float]]) -> Mapping[str, float]:
+    if output in other:
+        return other[output]
     if output in _ACCELERATIONS:
         return {_ACCELERATIONS[output]: 1.0}
     if output.startswith("etaddot_"):
         return {f"etadot_{output.removeprefix('etaddot_')}": 1.0}
-    return other.get(output, {})
+    return {}
 
 
 class _Basis:

@@ -55,7 +55,7 @@ class Candidate:
 
 def _scaled(spec: Input, factor: float) -> Input:
     key = "amplitude_percent" if spec.control == "thr" else "amplitude_deg"
-    return spec.model_copy(update={key: round(float(getattr(spec, key)) * factor, 6)})
+    return spec.model_copy(update={key: round(float(getattr(spec, key)) * float(factor), 6)})
 
 
 def amplitude_key(control: Control) -> dict[str, float]:
@@ -92,17 +92,21 @@ def families(
 
     for width in steps(1.0, 10):
         if width < 0.9 * left:
-            yield "pulse", f"{width:.3g} s", Pulse(signal="pulse", width_s=_tidy(width), **common)
+            yield "pulse", f"{_tidy(width):.4g} s", Pulse(signal="pulse", width_s=_tidy(width), **common)
     for half in steps(2.0):
-        yield "doublet", f"period {2 * half:.3g} s", Doublet(signal="doublet", period_s=2.0 * _tidy(half), **common)
+        yield (
+            "doublet",
+            f"period {2.0 * _tidy(half):.4g} s",
+            Doublet(signal="doublet", period_s=2.0 * _tidy(half), **common),
+        )
         repeats = int(left / (2.0 * half))
         if repeats >= 2:
             period = 2.0 * _tidy(half)
             entry = Doublet(signal="doublet", period_s=period, repeats=repeats, spacing_s=period, **common)
-            yield "doublets", f"{repeats} of period {period:.3g} s", entry
+            yield "doublets", f"{repeats} of period {period:.4g} s", entry
     for name, units in _UNITS.items():
         for step in steps(units):
-            yield name, f"step {step:.3g} s", StandardMultistep(signal=name, step_s=_tidy(step), **common)
+            yield name, f"step {_tidy(step):.4g} s", StandardMultistep(signal=name, step_s=_tidy(step), **common)
     fastest = min(band_hz[1], rate_hz / 10.0, 0.5 / shortest_s)
     slowest = max(min(band_hz[0], 0.5 * fastest), 1.0 / left)
     for low in np.geomspace(slowest, 0.5 * fastest, 4) if slowest < 0.5 * fastest else ():
@@ -123,20 +127,20 @@ def families(
     if by_hand:
         return
     period = np.floor(left * rate_hz + 1e-9) / rate_hz
-    for low in np.geomspace(max(band_hz[0], 1.0 / period), max(0.7 * fastest, 1.0 / period), 4):
-        for high in np.geomspace(min(low + 2.0 / period, fastest), fastest, 4):
+    for low in np.geomspace(max(band_hz[0], 1.0 / period), max(0.7 * fastest, 1.0 / period), 3):
+        for high in np.geomspace(min(low + 2.0 / period, fastest), fastest, 3):
             sines = Multisine(signal="multisine", f_min_hz=float(low), f_max_hz=float(high), period_s=period, **common)
             yield "multisine", f"{low:.3g} to {high:.3g} Hz", sines
     for step in np.geomspace(shortest_s, max(shortest_s, left / 15.0), 5):
         for seed in (1, 2, 3):
             yield (
                 "prbs",
-                f"step {step:.3g} s, seed {seed}",
+                f"step {_tidy(step):.4g} s, seed {seed}",
                 Prbs(signal="prbs", step_s=_tidy(step), prbs_s=left, bits=7, seed=seed, **common),
             )
             yield (
                 "gbn",
-                f"step {step:.3g} s, seed {seed}",
+                f"step {_tidy(step):.4g} s, seed {seed}",
                 BinaryNoise(signal="gbn", step_s=_tidy(step), gbn_s=left, switching=0.5, seed=seed, **common),
             )
 

@@ -12,6 +12,7 @@ Control 19, 1974.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
@@ -159,6 +160,24 @@ class Experiment:
         X = np.stack([c.ravel() for c in columns], axis=1)
         U, s, _ = np.linalg.svd(X / np.maximum(np.linalg.norm(X, axis=0), 1e-300), full_matrices=False)
         return np.asarray(U[:, s > 1e-10 * s[0]])
+
+    def until(self, samples: int) -> Experiment:
+        """Return the experiment that ends after so many samples of the fastest sensors; inputs keep their length."""
+        weight = self._weight.copy()
+        weight[samples:] = 0.0
+        return self._weighted_by(weight)
+
+    def with_less_noise(self, i: int, factor: float) -> Experiment:
+        """Return the experiment with the noise of sensor ``i`` times ``factor``."""
+        weight = self._weight.copy()
+        weight[:, i] /= factor
+        return self._weighted_by(weight)
+
+    def _weighted_by(self, weight: FloatArray) -> Experiment:
+        out = copy(self)
+        object.__setattr__(out, "_weight", weight)
+        object.__setattr__(out, "_nuisance", self._nuisances(weight))
+        return out
 
     def response(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the sensed deviations from trim (N, p) and their sensitivities (N, p, k) to an input.

@@ -103,11 +103,11 @@ class Breach(NamedTuple):
         unit = channel(self.channel).unit
         if unit == "rad":
             return (
-                f"{self.channel} passes {self.limit / DEG_RAD:.3g} deg at t = {self.t_s:.2f} s "
-                f"(extreme {self.value / DEG_RAD:.3g} deg)"
+                f"{self.channel} passes {self.limit / DEG_RAD:.4g} deg at t = {self.t_s:.2f} s "
+                f"(extreme {self.value / DEG_RAD:.4g} deg)"
             )
         return (
-            f"{self.channel} passes {self.limit:.3g} {unit} at t = {self.t_s:.2f} s (extreme {self.value:.3g} {unit})"
+            f"{self.channel} passes {self.limit:.4g} {unit} at t = {self.t_s:.2f} s (extreme {self.value:.4g} {unit})"
         )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +15,8 @@ from testbench.design.limits import Limits
 from testbench.errors import LimitError
 from testbench.flight.linearise import LinearModel
 from testbench.record import FloatArray
+
+_STILL = 1e-150  # a channel that does not move meets no limit
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +30,9 @@ class Prediction:
         trim: channel -> value at trim.
         dt_s: sample time of the inputs, s.
         samples: number of them.
+
+    The limited channels are those of the limits, the deflections that the servos reach, their rates, and the commands
+    themselves.
     """
 
     model: LinearModel
@@ -40,6 +46,7 @@ class Prediction:
     high: FloatArray = field(init=False)
     _transforms: NDArray[np.complex128] = field(init=False, repr=False)
     _size: int = field(init=False, repr=False)
+    _last: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         bands = self.limits.bands(dict(self.trim))
@@ -58,6 +65,10 @@ class Prediction:
                 names.append(f"rate of {name}")
                 low.append(-self.limits.rate[name])
                 high.append(self.limits.rate[name])
+        for name in self.controls:
+            names.append(f"command of {name}")
+            low.append(bands[name][0] - self.trim.get(name, 0.0))
+            high.append(bands[name][1] - self.trim.get(name, 0.0))
         if not all(a < 0.0 < b for a, b in zip(low, high, strict=True)):
             at = next(n for n, a, b in zip(names, low, high, strict=True) if not a < 0.0 < b)
             raise LimitError(f"trim leaves no room inside the limit on {at}; widen it or choose another condition")
@@ -68,6 +79,7 @@ class Prediction:
             ("low", np.array(low)),
             ("high", np.array(high)),
             ("_size", size),
+            ("_last", self.samples),
             ("_transforms", np.stack([rfft(p, size, axis=0) for p in pulses])),
         ):
             object.__setattr__(self, name, value)
@@ -91,10 +103,16 @@ class Prediction:
         return out
 
     def response(self, u: FloatArray) -> FloatArray:
-        """Return the deviations (samples, c) of the limited channels, in the order of ``names``."""
+        """Return the deviations (samples, c) of the limited channels, in the order of ``names``, for (samples, m)."""
         U = rfft(u, self._size, axis=0)
         Y = np.einsum("fm,mfc->fc", U, self._transforms)
-        return np.asarray(irfft(Y, self._size, axis=0)[: self.samples])
+        return np.hstack([irfft(Y, self._size, axis=0)[: self._last], u[: self._last]])
+
+    def until(self, samples: int) -> Prediction:
+        """Return the prediction that looks at the first so many samples only; inputs keep their length."""
+        out = copy(self)
+        object.__setattr__(out, "_last", samples)
+        return out
 
     def largest_factor(self, u: FloatArray) -> tuple[float, str]:
         """Return the largest factor on an input (samples, m) that keeps all limits, and the one that it meets."""
@@ -102,7 +120,7 @@ class Prediction:
 
     def factor_of(self, deviation: FloatArray) -> tuple[float, str]:
         """Return the same for deviations (samples, c) that are predicted already."""
-        highest, lowest = np.maximum(deviation.max(axis=0), 1e-300), np.minimum(deviation.min(axis=0), -1e-300)
+        highest, lowest = np.maximum(deviation.max(axis=0), _STILL), np.minimum(deviation.min(axis=0), -_STILL)
         factors = np.minimum(self.high / highest, self.low / lowest)
         tightest = int(np.argmin(factors))
         return float(factors[tightest]), self.names[tightest]

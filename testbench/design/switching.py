@@ -90,8 +90,11 @@ def switching(
     step: int,
     start: int,
     count: int,
+    repeats: int = 1,
 ) -> Switching:
     """Return the quadratic form for ``count`` steps of ``step`` input samples each from sample ``start`` on.
+
+    The whole sequence is flown ``repeats`` times, one after the other.
 
     With several controls each has ``count`` blocks, all of the first control first.
     """
@@ -101,7 +104,9 @@ def switching(
     for j in range(m):
         for i in range(count):
             u = np.zeros((length, m))
-            u[start + i * step : start + (i + 1) * step, j] = 1.0
+            for r in range(repeats):
+                begin = start + (r * count + i) * step
+                u[begin : begin + step, j] = 1.0
             columns.append(experiment.weighted(u))
             moved.append(prediction.response(u)[:: experiment.stride])
     W = np.stack(columns, axis=1).reshape(-1, len(columns) * k)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from testbench.design.aircraft_structure import AircraftStructure
+from testbench.design.information import Accuracy
 from testbench.errors import EstimationError, nearest
 from testbench.estimators.parametric.structure import STEP
 from testbench.record import FloatArray
@@ -40,25 +41,27 @@ class Targets:
         """(t, k) targets in units of their wanted errors by the parameters."""
         return self.jacobian / self.wanted[:, None]
 
-    def errors(self, covariance: FloatArray) -> FloatArray:
-        """Return the standard errors (t,) for a covariance (k, k) of the parameters."""
-        return np.sqrt(np.einsum("ti,ij,tj->t", self.jacobian, covariance, self.jacobian))
+    def errors(self, known: Accuracy) -> FloatArray:
+        """Return the standard errors (t,) of the targets; inf where nothing is known of a parameter that counts."""
+        out = np.sqrt(np.einsum("ti,ij,tj->t", self.jacobian, known.covariance, self.jacobian))
+        return np.where(np.any(self.jacobian[:, np.isinf(known.std)] != 0.0, axis=1), np.inf, out)
 
 
-def needed_parameters(plane: str, controls: Sequence[str], rigid: bool, elastic: Sequence[int]) -> tuple[str, ...]:
+def needed_parameters(plane: str, controls: Sequence[str], slow: bool, elastic: Sequence[int]) -> tuple[str, ...]:
     """Return the parameters that must be free for modes to be estimated, nothing that matters taken as known.
 
     Args:
         plane: "longitudinal" or "lateral".
-        controls: surfaces that move.
-        rigid: whether rigid modes are targets.
+        controls: controls that move.
+        slow: whether the phugoid is a target, which the derivatives by speed shape.
         elastic: numbers of the elastic modes that are targets.
     """
-    out = []
-    if rigid:
-        out += [*_RIGID[plane], *(f"{axis}_{c}" for axis in _BY_CONTROL[plane] for c in controls)]
+    out = [*_RIGID[plane]]
+    out += [f"{axis}_{c}" for c in controls for axis in ("X" if c == "thr" else _BY_CONTROL[plane])]
+    if slow:
+        out += ["X_V", "Z_V", "M_V", "X_alpha"]
     for i in elastic:
-        out += [f"omega_{i}", f"zeta_{i}", *(f"Q{i}_{c}" for c in controls)]
+        out += [f"omega_{i}", f"zeta_{i}", *(f"Q{i}_{c}" for c in controls if c != "thr")]
         out += [f"Q{i}_alpha"] if plane == "longitudinal" else [f"Q{i}_p"]
     return tuple(out)
 

@@ -50,7 +50,7 @@ def test_true_parameters_give_the_linearised_aircraft_and_are_the_derivatives_of
 
 
 def test_lateral_parameters_are_the_derivatives_of_the_tables(linear, taurus_trim):
-    names = parameter_names(linear, "lateral", ())
+    names = parameter_names(linear.inputs, "lateral", ())
     s = structure(linear, taurus_trim, names, ("da_cmd", "dr_cmd"), ("p", "r", "beta", "ay"), plane="lateral")
     table = {d.name: d.held for d in dimensional_derivatives(linear, taurus_trim)}
     for name, value in zip(names, s.true, strict=True):
