@@ -135,7 +135,10 @@ def _linear(s: Matrices, d: Discrete, u: FloatArray, x0: FloatArray, biased: lis
     du = np.diff(u, axis=0, append=u[-1:])
     paths = Trajectories(A, N)
     free = paths.free()
-    free = free @ np.linalg.inv(free[0])
+    try:
+        free = free @ np.linalg.inv(free[0])
+    except np.linalg.LinAlgError:  # modes so unstable that the end of the record says nothing of its start
+        return _diverged(N, n, p, f, len(biased))
 
     def path(forcing: FloatArray) -> FloatArray:
         out = paths.forced(forcing)
