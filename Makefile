@@ -30,7 +30,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	touch $@
 
 $(VENV)/installed-dev: $(VENV)/installed
-	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,parquet]" lupa mypy pytest pytest-xdist ruff
+	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,logs,parquet]" lupa mypy pytest pytest-xdist ruff
 	touch $@
 
 clean:

@@ -1,0 +1,168 @@
+"""Cost of a campaign against bare JSBSim loops and bare estimator calls, and how well two workers share it.
+
+Run with ``make benchmarks``, or with a number of runs behind the file's name. Taurus flights of 25 s, sensed at 8 Hz,
+identified by three estimators. Bare: for every run one loaded model put at trim, its loop of frames, and the three
+estimators on a prepared record; no trim, no sensors, no evaluation, no table.
+
+Law 1: the processor time of a run in a campaign, evaluation, client, scheduler and store included, is at most 1.5 times
+the bare work's. Processor time, not wall time: machines are shared. Where only inputs and sensors vary, trim and truth
+are made once; where the aircraft varies they are made in every run, with truth (a linearisation) or without.
+Law 2: two workers fly at least 1.8 times as fast as one; wall time, which says something on an idle machine only; on a
+busy one the share of the time that workers spend in runs says that nothing else holds them up.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from testbench.campaign import Store, fly_campaign, load_campaign
+from testbench.campaign.draws import nominal_inputs
+from testbench.campaign.flying import Job, Outcome, fly_batch
+from testbench.campaign.load import apply, versions
+from testbench.estimators import estimate
+from testbench.flight.executive import Executive
+from testbench.flight.trim import place_at_trim
+from testbench.pipeline import Prepared, run, trim_for
+
+RUNS = int(sys.argv[1]) if len(sys.argv) > 1 else 120
+ROUNDS = 3
+AIRCRAFT = """
+"aircraft.mass_percent" = { kind = "normal", mean = 0.0, std = 2.0 }
+"coefficient.Cm_alpha" = { kind = "normal", mean = 1.0, std = 0.05 }
+"""
+INPUTS = """
+"manoeuvre.0.input.0.amplitude_deg" = { kind = "uniform", low = 1.8, high = 2.0 }
+"sensor.q.scale" = { kind = "normal", mean = 1.0, std = 0.01 }
+"""
+CAMPAIGN = """
+title = "Speed"
+seed = 3
+runs = {runs}
+truth = {truth}
+[vary]
+{vary}
+[scenario]
+title = "Taurus, 25 s"
+aircraft = "taurus"
+suites = ["taurus_8hz"]
+condition = {{ V_m_s = 13.0, h_m = 100.0 }}
+simulation = {{ log_rate_hz = 40.0 }}
+preparation = {{ bias = "trim", lowpass_hz = 1.5 }}
+[[scenario.manoeuvre]]
+name = "doublets"
+use = "split"
+duration_s = 23.0
+input = [{{ signal = "doublet", control = "de", amplitude_deg = 2.0, period_s = 2.0, repeats = 3, spacing_s = 7.0 }}]
+[scenario.identification]
+inputs = ["de_cmd"]
+outputs = ["theta", "q", "u", "h"]
+estimators = [
+  {{ method = "transfer_function", poles = 4, zeros = [0, 1, 2, 3] }},
+  {{ method = "transfer_function", label = "two poles", poles = 2, zeros = [0, 1] }},
+  {{ method = "transfer_function", label = "three poles", poles = 3, zeros = [0, 1, 2] }},
+]
+"""
+
+
+def campaign(folder: Path, runs: int, truth: bool, vary: str = AIRCRAFT):
+    file = folder / "speed.toml"
+    file.write_text(CAMPAIGN.format(runs=runs, truth=str(truth).lower(), vary=vary), encoding="utf-8")
+    return load_campaign(file)
+
+
+def bare(folder: Path, runs: int) -> float:
+    """Return the processor seconds of the bare work of one run."""
+    loaded = campaign(folder, runs, False)
+    scenario = loaded.base
+    aircraft, suites = apply(scenario, nominal_inputs(loaded.spec))
+    trimmed = trim_for(scenario, aircraft)
+    (case, *_) = run(scenario, 1, prepared=Prepared(aircraft, suites, trimmed)).cases
+    frames = round(25.0 * trimmed.rate_hz)
+    start = time.process_time()
+    for _ in range(runs):
+        fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
+        place_at_trim(fdm, trimmed)
+        step = fdm.fdm.run
+        for _ in range(frames):
+            step()
+        for spec in scenario.identification.estimators:
+            estimate(spec, case.identification, ("de_cmd",), case.model.outputs, case.validation)
+    return (time.process_time() - start) / runs
+
+
+def in_campaign(folder: Path, first: int, runs: int, truth: bool, vary: str) -> float:
+    """Return the processor seconds of a run as a worker flies it."""
+    loaded = campaign(folder, first + runs, truth, vary)
+    job = Job(loaded.spec.model_dump_json(), json.dumps(loaded.content), tuple(versions().items()))
+    start = time.process_time()
+    out = fly_batch(job, range(first, first + runs))
+    assert not any(o.reason for o in out)
+    return (time.process_time() - start) / runs
+
+
+def of_client(folder: Path, runs: int) -> tuple[float, float]:
+    """Return the processor seconds per run of client, scheduler and store, and bytes of store per run."""
+    loaded = campaign(folder, runs, True)
+    job = Job(loaded.spec.model_dump_json(), json.dumps(loaded.content), tuple(versions().items()))
+    results = fly_batch(job, [0])[0].results
+
+    def task(job, indices):
+        return [Outcome(i, i, "{}", results, "", 0.1) for i in indices]
+
+    with tempfile.TemporaryDirectory() as place:
+        small = campaign(folder, 1, True)
+        fly_campaign(small, Path(place) / "start", workers=1, task=task)  # imports and their like
+        begun = time.process_time()
+        fly_campaign(small, Path(place) / "again", workers=1, task=task)
+        start_up = time.process_time() - begun
+        begun = time.process_time()
+        fly_campaign(loaded, Path(place) / "all", workers=1, task=task)
+        spent = time.process_time() - begun - start_up
+        with Store.read(Path(place) / "all") as store:
+            return spent / runs, store.seconds()[1] / runs
+
+
+def flown(folder: Path, runs: int, workers: int) -> tuple[float, float]:
+    """Return runs per second of a real campaign, start-up of the workers left out, and the share that workers fly."""
+    with tempfile.TemporaryDirectory() as place:
+        ending = fly_campaign(campaign(folder, runs, True), Path(place) / "store", workers=workers)
+        with Store.read(Path(place) / "store") as store:
+            busy = store.seconds()[0] / (workers * ending.elapsed_s)
+    assert ending.counts.done == runs
+    return runs / ending.elapsed_s, busy
+
+
+def main() -> None:
+    """Print every round, since machines are shared and noisy."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        client, size = of_client(folder, 5000)
+        print(f"client, scheduler and store: {1e3 * client:.2f} ms of processor and {size:.0f} bytes per run")
+        in_campaign(folder, 0, 2, True, AIRCRAFT)
+        for k in range(ROUNDS):
+            plain = bare(folder, 10)
+            line = f"bare work of a run {1e3 * plain:.1f} ms; in a campaign"
+            for what, truth, vary in (
+                ("inputs and sensors varied, with truth", True, INPUTS),
+                ("aircraft varied, without truth", False, AIRCRAFT),
+                ("aircraft varied, with truth", True, AIRCRAFT),
+            ):
+                spent = in_campaign(folder, 100 * (k + 1), 10, truth, vary) + client
+                line += f" {1e3 * spent:.1f} ms ({what}: ratio {spent / plain:.2f}),"
+            print(line.rstrip(","))
+        (one, alone), (two, both) = flown(folder, RUNS // 2, 1), flown(folder, RUNS, 2)
+        print(
+            f"one worker {one:.1f} runs/s, flying {100 * alone:.0f} % of the time; two {two:.1f} runs/s, flying "
+            f"{100 * both:.0f} %: efficiency {two / (2 * one):.2f}"
+        )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,315 @@
+"""Execution: the same table whoever flies it, and whatever is killed on the way."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from short_campaigns import SHORT
+
+from testbench.campaign import DIED, Store, fly_campaign, load_campaign, summarise
+from testbench.campaign.flying import Job, Outcome, fly_batch
+from testbench.errors import CampaignError, EstimationError
+from testbench.record import load_record
+from testbench.report.campaign import runs_csv
+
+ROOT = Path(__file__).resolve().parents[2]
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", "OPENBLAS_NUM_THREADS": "1"}
+WAIT_S = 120.0  # for what takes seconds on an idle machine
+
+
+def table(folder: Path) -> str:
+    with Store.read(folder) as store:
+        return runs_csv(summarise(store.rows()))
+
+
+def finished(folder: Path) -> int:
+    try:
+        with Store.read(folder) as store:
+            return store.counts().finished
+    except CampaignError:
+        return 0
+
+
+def wait_until(done, what: str) -> None:
+    end = time.monotonic() + WAIT_S
+    while not done():
+        assert time.monotonic() < end, f"{what} takes too long"
+        time.sleep(0.05)
+
+
+def command(*arguments: object, cwd: Path) -> subprocess.Popen[str]:
+    code = "from testbench.cli import main; main()"
+    return subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        cwd=cwd,
+        env=ENVIRONMENT,
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    )
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    """The table of the short campaign from one worker, not interrupted; the same file as ``written`` gives."""
+    folder = tmp_path_factory.mktemp("reference")
+    file = folder / "short.toml"
+    file.write_text(SHORT.format(head="runs = 40", vary=""), encoding="utf-8")
+    ending = fly_campaign(load_campaign(file), folder / "store", workers=1)
+    assert ending.counts.finished == 40
+    assert ending.counts.done >= 38
+    return table(folder / "store")
+
+
+def test_two_workers_give_the_same_table(short, tmp_path, reference):
+    seen = []
+    fly_campaign(short("runs = 40"), tmp_path / "s", workers=2, progress=seen.append)
+    assert table(tmp_path / "s") == reference
+    assert seen[-1].counts.finished == 40
+    assert seen[-1].rate > 0.0
+    assert seen[-1].left_s == 0.0
+
+
+def test_eight_workers_give_the_same_table(short, tmp_path, reference):
+    fly_campaign(short("runs = 40"), tmp_path / "s", workers=8)
+    assert table(tmp_path / "s") == reference
+
+
+def test_nothing_is_lost_or_counted_twice_when_it_is_interrupted_and_then_killed(written, tmp_path, reference):
+    file = written("runs = 40")
+    store = tmp_path / "results" / "campaign_short"
+    running = command("campaign", "run", file, "--workers", 1, cwd=tmp_path)
+    wait_until(lambda: finished(store) >= 1, "the first run")
+    running.send_signal(signal.SIGINT)
+    _, err = running.communicate(timeout=WAIT_S)
+    assert running.returncode == 130
+    assert "go on with: testbench campaign resume" in err
+    assert "Traceback" not in err
+    with Store.read(store) as read:
+        interrupted = read.counts()
+    assert interrupted.running == 0
+    assert 1 <= interrupted.finished < 40
+    resumed = command("campaign", "resume", file, "--workers", 2, cwd=tmp_path)
+    wait_until(lambda: finished(store) > interrupted.finished, "the first runs of the second session")
+    resumed.send_signal(signal.SIGKILL)
+    resumed.communicate()
+    assert finished(store) < 40
+    assert fly_campaign(load_campaign(file), store, resume=True, workers=2).counts.finished == 40
+    assert table(store) == reference
+
+
+def fatal(marks: Path):
+    """Return a task that kills its process in run 5 always, and in run 11 once; by value, as workers know no tests."""
+
+    def task(job, runs):
+        for run in runs:
+            once = marks / f"{run}"
+            if run == 5 or (run == 11 and not once.exists()):
+                once.touch()
+                os.kill(os.getpid(), signal.SIGKILL)
+        threads = os.environ.get("OPENBLAS_NUM_THREADS")
+        found = json.dumps({"figures": {}, "poles": {}, "threads": threads})
+        return [Outcome(run, run, "{}", found, "", 0.0) for run in runs]
+
+    return task
+
+
+def test_a_run_that_kills_its_process_is_recorded_and_the_campaign_goes_on(short, tmp_path, monkeypatch):
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    ending = fly_campaign(short("runs = 16"), tmp_path / "s", workers=2, task=fatal(tmp_path))
+    assert ending.counts.done == 15
+    assert ending.counts.failed == 1
+    with Store.read(tmp_path / "s") as store:
+        rows = list(store.rows())
+    (failed,) = [row for row in rows if row.state == "failed"]
+    assert {json.loads(row.results)["threads"] for row in rows if row.results} == {"1"}
+    assert failed.run == 5
+    assert failed.reason == DIED
+    assert "condition.V_m_s" in failed.inputs
+    assert (tmp_path / "11").exists()
+
+
+def test_a_full_disk_ends_the_session_and_the_next_one_finishes(short, tmp_path, monkeypatch):
+    """SQLite's own limit on the size of the file stands for the disk's; every run finds 20 kB."""
+    from testbench.campaign import store
+
+    def task(job, runs):
+        found = json.dumps({"figures": {}, "poles": {}, "x": "y" * 20_000})
+        return [Outcome(run, run, "{}", found, "", 1.0) for run in runs]
+
+    connect = store._connect
+
+    def small(path: Path):
+        db = connect(path)
+        db.execute("PRAGMA max_page_count = 16")  # of 16 kB
+        return db
+
+    loaded = short("runs = 30")
+    monkeypatch.setattr(store, "_connect", small)
+    with pytest.raises(CampaignError, match=r"disk is full; what is finished is kept. Free space, then go on"):
+        fly_campaign(loaded, tmp_path / "s", workers=1, task=task)
+    monkeypatch.undo()
+    before = finished(tmp_path / "s")
+    assert 0 < before < 30
+    ending = fly_campaign(loaded, tmp_path / "s", resume=True, workers=1, task=task)
+    assert ending.counts.done == 30
+
+
+def test_a_fault_of_the_program_in_one_run_is_a_row_with_its_place(short, tmp_path, monkeypatch):
+    from testbench.campaign import flying
+
+    loaded = short("runs = 2")
+    job = Job(loaded.spec.model_dump_json(), json.dumps(loaded.content), ())
+    monkeypatch.setattr(flying, "run", lambda *args, **kwargs: 1 / 0)
+    (out,) = fly_batch(job, [1])
+    assert re.fullmatch(r"unexpected ZeroDivisionError: division by zero \(test_execute.py, line \d+\)", out.reason)
+    monkeypatch.setattr(flying, "run", lambda *args, **kwargs: (_ for _ in ()).throw(EstimationError("too few")))
+    (out,) = fly_batch(job, [1])
+    assert out.reason == "EstimationError: too few"
+    assert out.results is None
+
+
+def test_a_stopping_rule_ends_with_the_same_run_whoever_flies(short, tmp_path):
+    stop = '[stop]\nquantity = "{}"\nhalf_width = {}\nminimum = 8\nblock = 4'
+    quantity = "taurus_8hz, transfer_function: identification MRSE, %"
+    tables = []
+    for workers in (1, 2):
+        ending = fly_campaign(short("runs = 400", stop.format(quantity, 4.0)), tmp_path / f"{workers}", workers=workers)
+        assert ending.stopped is not None
+        assert 8 <= ending.stopped < 400
+        assert ending.stopped % 4 == 0
+        assert ending.counts.total == ending.counts.finished == ending.stopped
+        tables.append(table(tmp_path / f"{workers}"))
+    assert tables[0] == tables[1]
+    ending = fly_campaign(short("runs = 400", stop.format(quantity, 4.0)), tmp_path / "1", resume=True)
+    assert ending.counts.total == ending.stopped  # found in the store: nothing is flown
+    with pytest.raises(CampaignError, match=r"got '.*: MRSE'; did you mean"):
+        fly_campaign(
+            short("runs = 400", stop.format("taurus_8hz, transfer_function: MRSE", 4.0)),
+            tmp_path / "1",
+            resume=True,
+            workers=1,
+        )
+
+
+def test_time_histories_are_kept_as_netcdf(short, tmp_path):
+    fly_campaign(short("runs = 1\nrecords = true"), tmp_path / "s", workers=1)
+    names = sorted(p.name for p in (tmp_path / "s" / "records").iterdir())
+    assert names == ["run_000000_doublet_taurus_8hz.nc", "run_000000_doublet_truth.nc"]
+    record = load_record(tmp_path / "s" / "records" / names[0])
+    assert record.kind == "measured"
+    assert record.duration_s == pytest.approx(6.0, abs=0.2)
+
+
+class Cluster:
+    """A scheduler and workers as processes of their own, as on other machines."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.processes: list[subprocess.Popen[str]] = []
+
+    def start(self, *arguments: str) -> subprocess.Popen[str]:
+        self.processes.append(
+            subprocess.Popen(
+                [sys.executable, "-m", "dask", *arguments],
+                cwd=self.folder,
+                env=ENVIRONMENT,
+                text=True,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+            )
+        )
+        return self.processes[-1]
+
+    def scheduler(self, number: int) -> tuple[subprocess.Popen[str], str]:
+        file = self.folder / f"scheduler{number}.json"
+        process = self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
+                             "--scheduler-file", str(file))  # fmt: skip
+
+        def written() -> bool:
+            with contextlib.suppress(ValueError, OSError, KeyError):
+                return bool(json.loads(file.read_text())["address"])
+            return False
+
+        wait_until(written, "the scheduler")
+        return process, str(json.loads(file.read_text())["address"])
+
+    def worker(self, address: str) -> subprocess.Popen[str]:
+        return self.start("worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
+
+    def stop(self) -> None:
+        for process in self.processes:
+            if process.poll() is None:
+                process.kill()
+            process.wait()
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    found = Cluster(tmp_path)
+    yield found
+    found.stop()
+
+
+def test_a_cluster_of_separate_processes_gives_the_same_table_whatever_is_killed(short, tmp_path, cluster, reference):
+    """A worker is killed, then the scheduler; what is finished stays, and a new cluster finishes the same table."""
+    loaded = short("runs = 40")
+    process, address = cluster.scheduler(1)
+    workers = [cluster.worker(address) for _ in range(2)]
+    failure: list[BaseException] = []
+
+    def fly() -> None:
+        try:
+            fly_campaign(loaded, tmp_path / "s", scheduler=address)
+        except CampaignError as error:
+            failure.append(error)
+
+    flying = threading.Thread(target=fly)
+    flying.start()
+    wait_until(lambda: finished(tmp_path / "s") >= 1, "the first runs")
+    workers[0].kill()
+    at = finished(tmp_path / "s")
+    wait_until(lambda: finished(tmp_path / "s") > at, "the runs after the worker's death")
+    process.kill()
+    flying.join(WAIT_S)
+    assert not flying.is_alive()
+    (error,) = failure
+    assert f"the scheduler at {address} has gone; what is finished is kept" in str(error)
+    before = finished(tmp_path / "s")
+    assert 2 <= before < 40
+    _, address = cluster.scheduler(2)
+    cluster.worker(address)
+    ending = fly_campaign(loaded, tmp_path / "s", resume=True, scheduler=address)
+    assert ending.counts.finished == 40
+    assert table(tmp_path / "s") == reference
+
+
+def test_a_scheduler_that_does_not_answer_is_named(short, tmp_path, monkeypatch):
+    from testbench.campaign import workers
+
+    monkeypatch.setattr(workers, "_CONNECT_S", 0.5)
+    with pytest.raises(CampaignError, match=r"must answer at 'tcp://127.0.0.1:9'"):
+        fly_campaign(short(), tmp_path / "s", scheduler="tcp://127.0.0.1:9")
+
+
+def test_without_dask_the_extra_is_named(short, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(CampaignError, match=re.escape("pip install 'flight-testbench[campaign]'")):
+        fly_campaign(short(), tmp_path / "s")
+
+
+def test_workers_of_other_versions_are_refused(short):
+    loaded = short("runs = 1")
+    job = Job(loaded.spec.model_dump_json(), json.dumps(loaded.content), (("jsbsim", "0.0"),))
+    with pytest.raises(CampaignError, match=r"got jsbsim \d.* \(campaign: 0\.0\)"):
+        fly_batch(job, [0])

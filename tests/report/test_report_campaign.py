@@ -1,0 +1,114 @@
+"""The packaged campaign from its file to its report: answer first, tables as figures, page without anything fetched."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+
+import pytest
+from rich.console import Console
+
+from testbench.campaign import Store, fly_campaign, load_campaign
+from testbench.campaign.execute import Progress
+from testbench.campaign.store import Counts
+from testbench.paths import SCENARIOS
+from testbench.report.campaign import (
+    answer,
+    campaign_tables,
+    cost_sentence,
+    print_campaign,
+    read_campaign,
+    show_progress,
+    write_campaign,
+)
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scatter")
+    campaign = load_campaign(SCENARIOS / "campaign" / "taurus_scatter.toml")
+    fly_campaign(campaign, folder, workers=2)
+    with Store.read(folder) as store:
+        result = read_campaign(campaign, store)
+    return result, folder
+
+
+def test_the_packaged_campaign_answers_its_question(flown):
+    """The four-pole fits are far off in the short period's damping, in every run: the Taurus paper's phenomenon."""
+    result, _ = flown
+    assert result.counts.finished == 24
+    assert result.counts.done >= 20
+    said = answer(result)
+    assert said[0][0] == "lead"
+    assert said[0][1].startswith(f"{result.counts.done} of 24 runs are done")
+    assert any("bias" in text and "of the true value" in text for kind, text in said if kind == "doubt")
+    found = {a.name: a for a in result.summary.accuracies}
+    zeta = found["taurus_8hz, transfer_function: short period (theta) zeta"]
+    assert zeta.biased
+    assert zeta.bias < -0.3
+    wn = found["taurus_8hz, transfer_function: phugoid (theta) wn, rad/s"]
+    assert abs(wn.bias / wn.true_mean) < 0.1
+
+
+def test_files_and_page(flown):
+    result, folder = flown
+    paths = write_campaign(result, folder)
+    assert paths[-1] == folder / "report.html"
+    page = paths[-1].read_text(encoding="utf-8")
+    assert page.index("The answer") < page.index("<figure")
+    assert "aircraft.mass_percent" in page
+    assert "normal: mean 0.0, std 2.0" in page
+    assert not re.search(r"(?:src|href)=[\"']https?:", page)
+    assert {p.name for p in (folder / "figures").iterdir()} == {"estimates.png", "distributions.png", "convergence.png"}
+    rows = list(csv.reader(io.StringIO((folder / "tables" / "accuracy.csv").read_text(encoding="utf-8"))))
+    assert len(rows) == 1 + len(result.summary.accuracies)
+    assert json.loads((folder / "tables" / "figures.json").read_text(encoding="utf-8"))["rows"]
+    first = {p: p.read_bytes() for p in paths}
+    assert {p: p.read_bytes() for p in write_campaign(result, folder)} == first
+
+
+def test_the_terminal_and_the_cost(flown):
+    result, folder = flown
+    console = Console(record=True, width=200, file=io.StringIO())
+    print_campaign(result, console, folder)
+    text = console.export_text()
+    assert "runs are done" in text
+    assert "report.html" in text
+    assert re.search(r"a run takes \d.* ms of one processor; a million like it .* processor hours", text)
+    assert "nothing is finished yet" in cost_sentence(
+        type(result)(result.campaign, Counts(3), result.summary, None, 0, 0)
+    )
+
+
+def test_a_grid_gives_a_table_of_its_points(flown, tmp_path):
+    from dataclasses import replace
+
+    result, _ = flown
+    spec = result.campaign.spec.model_copy(
+        update={"grid": {"air.turbulence_rms_m_s": (0.0, 0.1)}, "runs": None, "repeats": 12}
+    )
+    names = [t.name for t in campaign_tables(result)]
+    assert "grid" not in names
+    gridded = replace(result, campaign=replace(result.campaign, spec=spec))
+    (table,) = [t for t in campaign_tables(gridded) if t.name == "grid"]
+    assert len(table.rows) == 2 * len(result.summary.accuracies)
+    assert sum(row[2] for row in table.rows[:: len(result.summary.accuracies)]) == result.counts.done
+
+
+def test_progress_says_rate_failures_and_time_left():
+    console = Console(record=True, width=120, file=io.StringIO())
+    with show_progress(console) as show:
+        show(Progress(Counts(60, 20, 18, 2), 20, 10.0, 2))
+        show(Progress(Counts(50, 20, 28, 2), 30, 11.0, 2))
+        show(Progress(Counts(0, 0, 98, 2), 100, 50.0, 1))
+    lines = console.export_text().splitlines()
+    assert lines == [
+        "... 20 of 100 runs, 2 failed, 2.0 runs/s on 2 workers, 0:40 left",
+        "... 100 of 100 runs, 2 failed, 2.0 runs/s on 1 worker, 0:00 left",
+    ]
+    terminal = Console(force_terminal=True, width=120, file=io.StringIO())
+    with show_progress(terminal) as show:
+        show(Progress(Counts(0, 0, 98, 2), 100, 50.0, 1))
+    assert "100/100" in terminal.file.getvalue()
