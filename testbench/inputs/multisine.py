@@ -18,7 +18,7 @@ from testbench.scenario import Multisine
 SAMPLES_PER_CYCLE = 10
 """The least number of samples per cycle of the highest harmonic, as for the sweep."""
 _OVERSAMPLING = 16  # grid points per cycle of the highest harmonic on which the peak is minimised
-_EXPONENTS = (4, 8, 16, 32, 64)  # of the norms that approach the peak
+_DOUBLINGS = (2, 3, 4, 5, 6)  # the norms that approach the peak have the exponents 2 ** (1 + doublings)
 
 
 def harmonics(spec: Multisine) -> tuple[int, ...]:
@@ -72,22 +72,27 @@ def phases(numbers: tuple[int, ...], powers: tuple[float, ...] = ()) -> FloatArr
         spectrum[k] = 0.5 * points * amplitude * np.exp(1j * phase)
         return np.fft.irfft(spectrum, points)
 
-    def norm(phase: FloatArray, n: int) -> tuple[float, FloatArray]:
+    def norm(phase: FloatArray, doublings: int) -> tuple[float, FloatArray]:
         x = wave(phase)
         peak = np.abs(x).max()
         ratio = x / peak
-        mean = np.mean(ratio ** (2 * n))
-        value = peak * mean ** (0.5 / n)
+        # With n = 2 ** doublings, ratio ** (2 n - 1) = ratio ratio^2 ratio^4 ... : np.power takes ten times as long.
+        odd, square = ratio.copy(), ratio * ratio
+        for _ in range(doublings):
+            odd *= square
+            square *= square
+        mean = np.mean(square)
+        value = peak * mean ** (0.5 / 2**doublings)
         # d value / d x_i, then back through x = sum a cos(k t + phase) by one transform
-        slope = value / (mean * points * peak) * ratio ** (2 * n - 1)
+        slope = value / (mean * points * peak) * odd
         transform = np.fft.rfft(slope)[k]
         return float(value), np.asarray(amplitude * (np.conj(transform) * 1j * np.exp(1j * phase)).real)
 
     best = start
     if k.size > 1:
         phase = start
-        for n in _EXPONENTS:
-            phase = minimize(norm, phase, args=(n,), jac=True, method="L-BFGS-B", options={"maxiter": 200}).x
+        for doublings in _DOUBLINGS:
+            phase = minimize(norm, phase, args=(doublings,), jac=True, method="L-BFGS-B", options={"maxiter": 200}).x
             if np.ptp(wave(phase)) < np.ptp(wave(best)):
                 best = phase
     out = np.asarray(best + k * _zero_crossing(k, amplitude, best, wave(best)))

@@ -36,18 +36,26 @@ RUNS = 200
 CASES = {"taurus": (12.0, 100.0, "taurus_8hz", 5.0), "eolo": (16.0, 547.0, "eolo_alpha", 2.0)}
 
 
-def problem(name: str, duration_s: float, shortest_s: float, start_s: float = 1.0, by_modes: bool = False) -> Problem:
+def problem(
+    name: str,
+    duration_s: float,
+    shortest_s: float,
+    start_s: float = 1.0,
+    by_modes: bool = False,
+    wings: str = "flexible",
+    free: tuple[str, ...] = (),
+) -> Problem:
     """Return a design problem at the sensors' own rate, with sensors free of lag and delay, and a peak amplitude.
 
     No other limit holds: what is compared has the same duration and the same peak.
     """
     V, h, suite_name, peak_deg = CASES[name]
-    aircraft, suite = load_aircraft(name), load_suite(suite_name)
+    aircraft, suite = load_aircraft(name, wings), load_suite(suite_name)
     trimmed = trim(aircraft, FlightCondition(V, h))
     linear = linearise(aircraft, trimmed)
     modes = modes_of(linear, aircraft, "longitudinal")
     sensors = tuple(replace(s, lag_s=0.0, delay_s=0.0) for s in suite.sensors if s.channel in suite.outputs)
-    free = needed_parameters("longitudinal", ("de",), False, ())
+    free = free or needed_parameters("longitudinal", ("de",), False, ())
     structure = aircraft_structure(
         linear,
         V,
