@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from testbench.constants import DEG_RAD, FT_M, KT_M_S, LBF_N, PERCENT, PSF_PA
+from testbench.constants import DEG_RAD, FT_M, KT_M_S, LBF_N, PERCENT, PSF_PA, RPM_RAD_S
 from testbench.errors import ChannelError, nearest
 
 
@@ -58,11 +58,14 @@ _TABLE = (
     Channel("h", "h", "m", "altitude above sea level", "position/h-sl-ft", FT_M),
     Channel("hdot", "ḣ", "m/s", "climb rate", "velocities/h-dot-fps", FT_M),
     Channel("Vg", "Vg", "m/s", "ground speed", "velocities/vg-fps", FT_M),
+    Channel("north", "x_N", "m", "distance flown towards north", "position/from-start-neu-n-ft", FT_M),
+    Channel("east", "x_E", "m", "distance flown towards east", "position/from-start-neu-e-ft", FT_M),
     Channel("wind_north", "W_N", "m/s", "velocity of the air towards north", "atmosphere/total-wind-north-fps", FT_M),
     Channel("wind_east", "W_E", "m/s", "velocity of the air towards east", "atmosphere/total-wind-east-fps", FT_M),
     Channel("wind_down", "W_D", "m/s", "velocity of the air downwards", "atmosphere/total-wind-down-fps", FT_M),
     Channel("qbar", "q̄", "Pa", "dynamic pressure", "aero/qbar-psf", PSF_PA),
     Channel("thrust", "T", "N", "thrust", "propulsion/engine/thrust-lbs", LBF_N),
+    Channel("motor_speed", "ω_m", "rad/s", "rotation of the propeller", "propulsion/engine/propeller-rpm", RPM_RAD_S),
     Channel("de", "δe", "rad", "elevator deflection, trailing edge down positive", "fcs/elevator-pos-rad"),
     Channel("da", "δa", "rad", "aileron deflection, right wing down positive", "fcs/left-aileron-pos-rad"),
     Channel("dr", "δr", "rad", "rudder deflection, trailing edge left positive", "fcs/rudder-pos-rad"),
@@ -91,7 +94,7 @@ CONTROLS = ("de", "da", "dr", "thr")
 
 UNITS: dict[str, dict[str, float]] = {
     "rad": {"rad": 1.0, "deg": DEG_RAD},
-    "rad/s": {"rad/s": 1.0, "deg/s": DEG_RAD},
+    "rad/s": {"rad/s": 1.0, "deg/s": DEG_RAD, "rpm": RPM_RAD_S},
     "rad/s2": {"rad/s2": 1.0, "deg/s2": DEG_RAD},
     "m": {"m": 1.0, "ft": FT_M, "km": 1000.0},
     "m/s": {"m/s": 1.0, "ft/s": FT_M, "kt": KT_M_S, "km/h": 1.0 / 3.6},

@@ -12,3 +12,4 @@ PSF_PA = LBF_N / FT_M**2  # pound-force per square foot, Pa
 DEG_RAD = math.pi / 180.0  # degree, rad
 KT_M_S = 1852.0 / 3600.0  # international knot, m/s (exact)
 PERCENT = 0.01  # percent, 1
+RPM_RAD_S = 2.0 * math.pi / 60.0  # turn per minute, rad/s

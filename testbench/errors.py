@@ -69,6 +69,12 @@ class TrimError(TestbenchError):
     exit_status = 3
 
 
+class CampaignError(TestbenchError):
+    """A campaign cannot go on: its store is in use, full or of another version, or its workers are gone."""
+
+    exit_status = 3
+
+
 class FlightAborted(TestbenchError):
     """A simulated flight ended before its manoeuvre did; ``record`` holds what was flown until then."""
 

@@ -132,6 +132,8 @@ def _members(model: Any) -> Iterable[Any]:
     elif origin in (Union, UnionType):
         for part in get_args(model):
             yield from _members(part)
+    elif origin is dict:
+        yield from _members(get_args(model)[1])
     else:
         yield model
 

@@ -1,34 +1,39 @@
-"""Sensor and SensorSuite: what a flight looks like through real instruments.
+"""Sensor: what one instrument makes of a true flight.
 
-The physics stand in the order in which a signal meets them: mounting position, scale error, lag, delay, sampling at the
-sensor's own rate, bias and noise, quantisation, dropout; the record holds the last sample taken until the next one.
+The physics stand in the order in which a signal meets them: what the instrument feels where it is mounted (see
+``kinds``), scale error, lag, delay and the clock of its recorder, sampling at its own rate, bias and its drift, noise,
+quantisation, dropout; the record holds the last sample taken until the next one.
 """
 
 from __future__ import annotations
 
 import math
+import re
 import zlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.channels import CONTROLS, channel, require
-from testbench.errors import ChannelError, RecordError, ScenarioError
+from testbench.channels import channel, require
+from testbench.errors import ChannelError, ScenarioError
 from testbench.record import FlightRecord, FloatArray
 
 ACCELEROMETERS = ("ax", "ay", "az")
-_ROTATION = ("p", "q", "r", "pdot", "qdot", "rdot")
-_COMMANDS = tuple(f"{name}_cmd" for name in CONTROLS)
+ROTATION = ("p", "q", "r", "pdot", "qdot", "rdot")
 _RATE_TOLERANCE = 1e-6  # relative
+_STEP = 1e-5  # of the central differences of `weights`; what instruments feel is smooth on the scale of 1
+_FASTEST_CLOCK_PPM = 1e4
 
 
 @dataclass(frozen=True)
 class Sensor:
     """One instrument: y = Q(s x(t - T) lagged + b + n), sampled at its own rate, with samples lost at random.
 
-    Values are in the channel's SI unit.
+    Values are in the channel's SI unit. This class reads its channel as it is; the classes in ``kinds`` say what a
+    real instrument feels instead.
 
     Args:
         channel: the channel that it reads, of the channel table; also the name that its noise is drawn by.
@@ -40,10 +45,17 @@ class Sensor:
         quantum: step of the quantisation, to the nearest multiple; 0 for none.
         rate_hz: its own rate; the suite's rate if None. It divides the suite's rate.
         dropout: probability that a sample is lost, independent from sample to sample; never the first one.
-        position_m: position from the centre of gravity, body axes forward, right, down, m. For ax, ay, az only:
-            a_P = a_CG + omegadot x r + omega x (omega x r), rigid body.
+        position_m: position from the centre of gravity, body axes forward, right, down, m. For ax, ay, az:
+            a_P = a_CG + omegadot x r + omega x (omega x r), rigid body; for vanes see ``kinds.flow_vane``.
         part: the real part that it stands for.
         source: where its figures come from.
+        bias_walk: growth of a bias that walks at random from zero, per square root of s.
+        drift_std, drift_time_s: standard deviation and correlation time of a bias that wanders about ``bias``
+            (first-order Gauss-Markov process, steady from the first sample).
+        recorder: the recorder that stamps its samples, if it is not the one that all others share.
+        clock_offset_s, clock_ppm: how far that recorder's clock is ahead of the flight's at t = 0, and how fast it
+            runs away: a sample stamped t was taken at t - clock_offset_s - clock_ppm 1e-6 t.
+        price_eur, mass_g: of the part with its mounting, where known.
 
     A heading (psi) is unwrapped before lag and delay and recorded in 0 <= psi < 2 pi. No other angle is unwrapped:
     phi beyond 180 deg would lag through the jump.
@@ -64,10 +76,26 @@ class Sensor:
     position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     part: str = ""
     source: str = ""
+    bias_walk: float = 0.0
+    drift_std: float = 0.0
+    drift_time_s: float | None = None
+    recorder: str = ""
+    clock_offset_s: float = 0.0
+    clock_ppm: float = 0.0
+    price_eur: float | None = None
+    mass_g: float | None = None
+
+    KIND: ClassVar[str] = ""
+    READS: ClassVar[str] = ".*"
+    """Pattern of the channels that this kind of instrument measures."""
+    PLACED: ClassVar[tuple[str, ...]] = ACCELEROMETERS
+    """Channels whose reading depends on the position."""
+    IN_FILES: ClassVar[Mapping[str, tuple[str, float]]] = {}
+    """Key in a file -> field of this kind and factor to SI, where they differ."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position_m", tuple(float(x) for x in self.position_m))
-        faults = list(self._faults())
+        faults = [*self._faults(), *self._clock_faults(), *self._kind_faults()]
         if faults:
             raise ScenarioError(faults)
 
@@ -76,9 +104,9 @@ class Sensor:
             channel(self.channel)
         except ChannelError as error:
             yield f"channel: {error}"
-        for key in ("noise_std", "lag_s", "delay_s", "quantum"):
+        for key in ("noise_std", "lag_s", "delay_s", "quantum", "bias_walk", "drift_std", "price_eur", "mass_g"):
             value = getattr(self, key)
-            if not (math.isfinite(value) and value >= 0.0):
+            if value is not None and not (math.isfinite(value) and value >= 0.0):
                 yield f"{key}: 0 <= {key} must hold, got {value:g}"
         for key in ("bias", "scale"):
             if not math.isfinite(getattr(self, key)):
@@ -89,47 +117,94 @@ class Sensor:
             yield f"dropout: 0 <= dropout < 1 must hold for a probability, got {self.dropout:g}"
         if len(self.position_m) != 3 or not all(math.isfinite(x) for x in self.position_m):
             yield f"position_m: three finite numbers (forward, right, down) are needed, got {self.position_m}"
-        elif any(self.position_m) and self.channel not in ACCELEROMETERS:
+        elif any(self.position_m) and self.channel not in self.PLACED:
             yield (
-                f"position_m: a position matters to {', '.join(ACCELEROMETERS)} only, got one for '{self.channel}'; "
-                "leave it out"
+                f"position_m: a position matters to {', '.join(self.PLACED) or 'no channel of this kind'} only, got "
+                f"one for '{self.channel}'; leave it out"
             )
         if self.channel == "psi" and self.scale != 1.0:
             yield f"scale: a heading has no zero to scale from, scale = 1 must hold for psi, got {self.scale:g}"
 
+    def _clock_faults(self) -> Iterator[str]:
+        if (self.drift_std > 0.0) != (self.drift_time_s is not None):
+            yield "drift_time_s: drift_std and drift_time_s go together; give both or neither"
+        elif self.drift_time_s is not None and not (math.isfinite(self.drift_time_s) and self.drift_time_s > 0.0):
+            yield f"drift_time_s: 0 < drift_time_s must hold, got {self.drift_time_s:g}"
+        if not math.isfinite(self.clock_offset_s):
+            yield f"clock_offset_s: a finite number is needed, got {self.clock_offset_s:g}"
+        if not abs(self.clock_ppm) <= _FASTEST_CLOCK_PPM:
+            yield f"clock_ppm: |clock_ppm| <= {_FASTEST_CLOCK_PPM:g} must hold, got {self.clock_ppm:g}"
+        if (self.clock_offset_s or self.clock_ppm) and not self.recorder:
+            yield "recorder: a clock of its own belongs to a recorder; name the recorder"
+
+    def _kind_faults(self) -> Iterator[str]:
+        """Yield the laws that a kind adds."""
+        if not re.fullmatch(self.READS, self.channel):
+            words = self.READS.replace("|", ", ").replace(r"\d+", "1, ...").replace(".*", "")
+            yield f"channel: a sensor of kind {self.KIND} measures {words}; got '{self.channel}'"
+
     @property
     def needs(self) -> tuple[str, ...]:
-        """The channels of the true record that it is computed from."""
-        return (self.channel, *_ROTATION) if any(self.position_m) else (self.channel,)
+        """The channels of the true record that it is computed from, its own first."""
+        return (self.channel, *ROTATION) if any(self.position_m) else (self.channel,)
+
+    def feel(self, x: Mapping[str, FloatArray]) -> FloatArray:
+        """Return what acts on the instrument (n,), out of the true channels of :attr:`needs`, each (n,)."""
+        out = x[self.channel]
+        if any(self.position_m):
+            arm = lever(np.column_stack([x[name] for name in ROTATION]), self.position_m)
+            out = out + arm[:, ACCELEROMETERS.index(self.channel)]
+        return out
+
+    def weights(self, trim: Mapping[str, float]) -> dict[str, float]:
+        """Return d feel / d channel at trim, for small motion; the scale factor is not in it.
+
+        Args:
+            trim: value of every channel of :attr:`needs` in trimmed flight, SI.
+        """
+        require(self.needs, trim, f"sensor '{self.channel}'")
+        at = {name: np.full(2, trim[name]) for name in self.needs}
+        out = {}
+        for name in self.needs:
+            low, high = self.feel(at | {name: trim[name] + _STEP * np.array([-1.0, 1.0])})
+            out[name] = float(high - low) / (2.0 * _STEP)
+        return out
 
     def respond(self, truth: FlightRecord) -> FloatArray:
-        """Return position, scale, lag and delay applied to the truth, on its own time grid (n,); still without noise.
+        """Return what is felt, scale, lag and delay, on the truth's own time grid (n,); still without noise.
 
         Raises:
             ChannelError: the truth lacks a channel of :attr:`needs`.
         """
         require(self.needs, truth.channels, f"sensor '{self.channel}'")
-        x = truth[self.channel]
-        if any(self.position_m):
-            x = x + lever_arm(truth, self.position_m)[:, ACCELEROMETERS.index(self.channel)]
+        x = self.feel({name: truth[name] for name in self.needs})
         if self.channel == "psi":
             x = np.unwrap(x)
         x = self.scale * x
         if self.lag_s > 0.0:
             x = first_order_lag(x, truth.dt_s, self.lag_s)
-        if self.delay_s > 0.0:
-            x = np.interp(truth.t_s - self.delay_s, truth.t_s, x)
+        if self.delay_s > 0.0 or self.clock_offset_s or self.clock_ppm:
+            late = self.delay_s + self.clock_offset_s + 1e-6 * self.clock_ppm * truth.t_s
+            x = np.interp(truth.t_s - late, truth.t_s, x)
         return x
 
-    def sample(self, x: FloatArray, seed: int) -> tuple[FloatArray, NDArray[np.bool_]]:
+    def sample(self, x: FloatArray, seed: int, dt_s: float = 1.0) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return the samples (m,) that the sensor delivers for its responses ``x`` (m,), and which of them arrive.
 
         The generator is ``SeedSequence([seed, crc32(channel)])``, so that a sensor's noise depends neither on the other
-        sensors nor on the length of the flight; its first child decides which samples are lost.
+        sensors nor on the length of the flight; its first child decides which samples are lost, its second one
+        makes the bias drift.
+
+        Args:
+            x: responses at the sensor's own rate.
+            seed: >= 0.
+            dt_s: its own sample time; matters to a drifting bias only.
         """
         root = np.random.SeedSequence([seed, zlib.crc32(self.channel.encode())])
-        (losses,) = root.spawn(1)
+        losses, drift = root.spawn(2)
         y = x + self.bias + self.noise_std * np.random.default_rng(root).standard_normal(x.size)
+        if self.drift_std > 0.0 or self.bias_walk > 0.0:
+            y = y + self._drift(x.size, dt_s, np.random.default_rng(drift))
         if self.quantum > 0.0:
             y = self.quantum * np.rint(y / self.quantum)
         if self.channel == "psi":
@@ -139,100 +214,21 @@ class Sensor:
         arrived[:1] = True
         return y, arrived
 
-
-@dataclass(frozen=True)
-class SensorSuite:
-    """The instruments of one aircraft and the rate of its log.
-
-    Args:
-        name: short name, as in a scenario.
-        title: what it stands for, in words.
-        rate_hz: rate of the log; it divides the rate at which the truth is logged.
-        sensors: one per channel.
-
-    Raises:
-        ScenarioError: no sensor, two of one channel, or a sensor whose rate does not divide the suite's.
-    """
-
-    name: str
-    title: str
-    rate_hz: float
-    sensors: tuple[Sensor, ...]
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "sensors", tuple(self.sensors))
-        faults = suite_faults(self.rate_hz, [(s.channel, s.rate_hz) for s in self.sensors])
-        if faults:
-            raise ScenarioError(faults)
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """The recorded channels, in the order of the sensors."""
-        return tuple(sensor.channel for sensor in self.sensors)
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        """The recorded channels that are neither controls nor commands."""
-        return tuple(name for name in self.channels if name not in (*CONTROLS, *_COMMANDS))
-
-    @property
-    def noise_std(self) -> dict[str, float]:
-        """Channel -> standard deviation of one sample, noise and rounding (quantum / sqrt 12) together, SI."""
-        return {s.channel: math.hypot(s.noise_std, s.quantum / math.sqrt(12.0)) for s in self.sensors}
-
-    def check_log_rate(self, log_hz: float) -> int:
-        """Return how many samples of a truth logged at ``log_hz`` make one of the suite's.
-
-        Raises:
-            ScenarioError: the suite's rate does not divide it.
+    def _drift(self, n: int, dt_s: float, rng: np.random.Generator) -> FloatArray:
+        """Return the part of the bias that changes (n,): b' = a b + std sqrt(1 - a^2) w with a = exp(-dt / T), and a
+        random walk.
         """
-        stride = whole_ratio(log_hz, self.rate_hz)
-        if stride is None:
-            raise ScenarioError([_log_rate_fault(self.name, self.rate_hz, log_hz)])
-        return stride
+        from scipy.signal import lfilter
 
-    def measure(self, truth: FlightRecord, seed: int) -> FlightRecord:
-        """Return what the suite records of a flight.
-
-        Args:
-            truth: record of kind "truth", uniform in time, logged at a whole multiple of the suite's rate.
-            seed: seed of all noise and dropouts, >= 0.
-
-        Returns:
-            Record of kind "measured" at the suite's rate, with the truth's outcome. Between a sensor's own samples, and
-            where one was lost, the last one that arrived is held and marked not valid; the first is always valid.
-            ``provenance`` holds the suite's name, the seed and the truth's provenance.
-
-        Raises:
-            RecordError: the record is not of kind "truth" or not uniform in time.
-            ScenarioError: the suite's rate does not divide the log rate, or the seed is negative.
-            ChannelError: the truth lacks a channel.
-        """
-        if truth.kind != "truth":
-            raise RecordError(f"a sensor suite measures records of kind 'truth', got one of kind '{truth.kind}'")
-        if seed < 0:
-            raise ScenarioError([f"0 <= seed must hold, got {seed}"])
-        needed = dict.fromkeys(name for sensor in self.sensors for name in sensor.needs)
-        require(needed, truth.channels, f"sensor suite '{self.name}'")
-        stride = self.check_log_rate(1.0 / truth.dt_s)
-        t = truth.t_s[::stride]
-        data, valid = np.empty((t.size, len(self.sensors))), np.zeros((t.size, len(self.sensors)), bool)
-        for i, sensor in enumerate(self.sensors):
-            every = whole_ratio(self.rate_hz, sensor.rate_hz or self.rate_hz) or 1
-            y, arrived = sensor.sample(sensor.respond(truth)[:: stride * every], seed)
-            last = np.maximum.accumulate(np.where(arrived, np.arange(y.size), 0))
-            data[:, i] = np.repeat(y[last], every)[: t.size]
-            valid[::every, i] = arrived
-        return FlightRecord(
-            t_s=t,
-            channels=self.channels,
-            data=data,
-            kind="measured",
-            valid=valid,
-            provenance={"suite": self.name, "seed": int(seed), "truth": dict(truth.provenance)},
-            outcome=truth.outcome,
-            reason=truth.reason,
-        )
+        w = rng.standard_normal((n, 2))  # row by row, so that a shorter flight sees the same beginning
+        out = np.zeros(n)
+        if self.drift_std > 0.0 and self.drift_time_s is not None:
+            a = math.exp(-dt_s / self.drift_time_s)
+            shocks = self.drift_std * np.where(np.arange(n) == 0, 1.0, math.sqrt(1.0 - a * a)) * w[:, 0]
+            out += lfilter([1.0], [1.0, -a], shocks)
+        if self.bias_walk > 0.0 and n:
+            out[1:] += self.bias_walk * math.sqrt(dt_s) * np.cumsum(w[1:, 1])
+        return out
 
 
 def lever_arm(truth: FlightRecord, position_m: Sequence[float]) -> FloatArray:
@@ -242,7 +238,11 @@ def lever_arm(truth: FlightRecord, position_m: Sequence[float]) -> FloatArray:
         truth: record with p, q, r and their derivatives.
         position_m: r, from the centre of gravity, body axes, m.
     """
-    rotation = truth.columns(_ROTATION)
+    return lever(truth.columns(ROTATION), position_m)
+
+
+def lever(rotation: FloatArray, position_m: Sequence[float]) -> FloatArray:
+    """Return omegadot x r + omega x (omega x r), (n, 3), of ``rotation`` p, q, r, pdot, qdot, rdot (n, 6)."""
     omega, omegadot, r = rotation[:, :3], rotation[:, 3:], np.asarray(position_m, float)
     return np.cross(omegadot, r) + np.cross(omega, np.cross(omega, r))
 
@@ -265,40 +265,3 @@ def whole_ratio(fast_hz: float, slow_hz: float) -> int | None:
     ratio = fast_hz / slow_hz
     whole = round(ratio)
     return whole if whole >= 1 and abs(ratio - whole) <= _RATE_TOLERANCE * ratio else None
-
-
-def suite_faults(rate_hz: float, sensors: Sequence[tuple[str, float | None]]) -> list[str]:
-    """Return every law that a suite of (channel, own rate) breaks, each with its key."""
-    if not (math.isfinite(rate_hz) and rate_hz > 0.0):
-        return [f"rate_hz: 0 < rate_hz must hold, got {rate_hz:g}"]
-    faults = [] if sensors else ["sensor: a suite must have at least one sensor, got none"]
-    first: dict[str, int] = {}
-    for i, (name, own_hz) in enumerate(sensors):
-        if name in first:
-            faults.append(
-                f"sensor[{i}].channel: channels of a suite must differ, got '{name}' in sensor[{first[name]}] too"
-            )
-        first.setdefault(name, i)
-        if own_hz is not None and own_hz > 0.0 and whole_ratio(rate_hz, own_hz) is None:
-            faults.append(
-                f"sensor[{i}].rate_hz: a sensor's rate must divide the suite's rate of {rate_hz:g} Hz, got "
-                f"{own_hz:g} Hz for '{name}'; nearest valid: {_nearest_divisors(rate_hz, own_hz)}"
-            )
-    return faults
-
-
-def _nearest_divisors(rate_hz: float, wanted_hz: float) -> str:
-    """Return the rates next to ``wanted_hz`` that divide ``rate_hz``, in words."""
-    below = max(1, math.ceil(rate_hz / wanted_hz))
-    rates = [rate_hz / k for k in (below, below - 1) if k >= 1]
-    return " or ".join(f"{rate:g} Hz" for rate in rates)
-
-
-def _log_rate_fault(name: str, rate_hz: float, log_hz: float) -> str:
-    below = math.floor(log_hz / rate_hz)
-    rates = " or ".join(f"{k * rate_hz:g} Hz" for k in (below, below + 1) if k >= 1)
-    return (
-        f"the rate of sensor suite '{name}' must divide the rate at which the truth is logged, got {rate_hz:g} Hz into "
-        f"{log_hz:g} Hz; log the truth at {rates} (simulation.log_rate_hz), or record at "
-        f"{_nearest_divisors(log_hz, rate_hz)}"
-    )

@@ -1,0 +1,279 @@
+"""Each kind of instrument against its equation, and the effects that all of them share."""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from testbench.constants import DEG_RAD, G0_M_S2
+from testbench.errors import ChannelError, RecordError, ScenarioError
+from testbench.record import FlightRecord
+from testbench.sensors import KINDS, Sensor, SensorSuite
+from testbench.sensors.sensor import lever_arm
+
+RATE_HZ = 100.0
+RAMP = np.arange(2000) / RATE_HZ
+
+
+def truth(channels: dict[str, np.ndarray]) -> FlightRecord:
+    t = np.arange(len(next(iter(channels.values())))) / RATE_HZ
+    return FlightRecord(t, tuple(channels), np.column_stack(list(channels.values())), "truth")
+
+
+def measured(sensor: Sensor, channels: dict[str, np.ndarray], seed: int = 0) -> np.ndarray:
+    record = SensorSuite("bench", "a suite", RATE_HZ, (sensor,)).measure(truth(channels), seed)
+    return record[sensor.channel]
+
+
+def moving(n: int = 400, seed: int = 1) -> dict[str, np.ndarray]:
+    """Return smooth motion in all channels that instruments read."""
+    rng, t = np.random.default_rng(seed), np.arange(n) / RATE_HZ
+    names = ["u", "v", "w", "p", "q", "r", "pdot", "qdot", "rdot", "ax", "ay", "az", "psi", "h", "V", "alpha", "beta"]
+    out = {k: 0.2 * np.sin(rng.uniform(0.5, 3.0) * t + rng.uniform(0.0, 6.0)) for k in names}
+    out["u"] = out["u"] + 16.0
+    out["V"] = np.sqrt(out["u"] ** 2 + out["v"] ** 2 + out["w"] ** 2)
+    out["alpha"], out["beta"] = np.arctan2(out["w"], out["u"]), np.arcsin(out["v"] / out["V"])
+    return out
+
+
+# kinds
+
+
+@pytest.mark.parametrize(("channel", "own", "others"), [("p", 0, ("q", "r")), ("az", 2, ("ax", "ay"))])
+def test_triads_lean_towards_the_other_axes(channel: str, own: int, others: tuple[str, str]) -> None:
+    kind = KINDS["rate_gyro" if channel == "p" else "accelerometer"]
+    cross = [0.01, -0.02, 0.03]
+    cross[own] = 0.0
+    x = moving()
+    shares = [c for k, c in enumerate(cross) if k != own]
+    expected = x[channel] + shares[0] * x[others[0]] + shares[1] * x[others[1]]
+    np.testing.assert_allclose(measured(kind(channel=channel, cross_axis=tuple(cross)), x), expected, atol=1e-14)
+
+
+def test_a_leaning_accelerometer_feels_the_other_axes_where_it_sits() -> None:
+    x, place = moving(), (0.4, -0.1, 0.2)
+    arm = lever_arm(truth(x), place)
+    expected = x["az"] + arm[:, 2] + 0.05 * (x["ax"] + arm[:, 0])
+    sensor = KINDS["accelerometer"](channel="az", position_m=place, cross_axis=(0.05, 0.0, 0.0))
+    np.testing.assert_allclose(measured(sensor, x), expected, atol=1e-13)
+
+
+def test_compass_deviation() -> None:
+    x = {"psi": np.linspace(0.1, 6.1, 300)}
+    B, C, D, E = (np.array([3.0, -2.0, 1.0, 0.5]) * DEG_RAD).tolist()
+    got = measured(KINDS["magnetic_heading"](channel="psi", deviation=(B, C, D, E)), x)
+    psi = x["psi"]
+    error = B * np.sin(psi) + C * np.cos(psi) + D * np.sin(2 * psi) + E * np.cos(2 * psi)
+    np.testing.assert_allclose(got, psi + error, atol=1e-13)
+
+
+def test_static_port_in_the_flow_shifts_altitude_and_airspeed() -> None:
+    x = moving()
+    h = measured(KINDS["barometer"](channel="h", static_cp=-0.05), x)
+    np.testing.assert_allclose(h, x["h"] + 0.05 * x["V"] ** 2 / (2.0 * G0_M_S2), rtol=1e-13)
+    V = measured(KINDS["pitot"](channel="V", static_cp=-0.05, static_cp_alpha=0.3), x)
+    np.testing.assert_allclose(V**2, x["V"] ** 2 * (1.05 - 0.3 * x["alpha"]), rtol=1e-13)
+
+
+def test_pitot_without_a_pressure_difference_is_refused() -> None:
+    x = moving() | {"alpha": np.full(400, 0.3)}
+    with pytest.raises(RecordError, match=r"static_cp_alpha alpha < 1 must hold all through a flight, got 1\.2"):
+        measured(KINDS["pitot"](channel="V", static_cp_alpha=4.0), x)
+
+
+def test_vane_on_a_boom_reads_the_flow_where_it_sits() -> None:
+    # the velocity of the vane through the air, (u, v, w) + omega x r, and its angles
+    x, place = moving(), np.array([0.7, 0.1, -0.05])
+    flow = np.column_stack([x[k] for k in "uvw"]) + np.cross(np.column_stack([x[k] for k in "pqr"]), place)
+    alpha = measured(KINDS["flow_vane"](channel="alpha", position_m=tuple(place), upwash=1.1), x)
+    np.testing.assert_allclose(alpha, 1.1 * np.arctan2(flow[:, 2], flow[:, 0]), atol=1e-13)
+    beta = measured(KINDS["flow_vane"](channel="beta", position_m=tuple(place)), x)
+    turned = np.arctan2(flow[:, 1], flow[:, 0]) - np.arctan2(x["v"], x["u"])
+    np.testing.assert_allclose(beta, x["beta"] + turned, atol=1e-13)
+    # the textbook's small angles: x q / V off alpha, x r / V on beta; second order terms are 0.02^2
+    np.testing.assert_allclose(alpha / 1.1 - x["alpha"], (-0.7 * x["q"] + 0.1 * x["p"]) / x["V"], atol=5e-4)
+
+
+def test_vane_that_is_calibrated_records_the_channel_itself() -> None:
+    x = moving()
+    assert measured(KINDS["flow_vane"](channel="alpha"), x).tobytes() == x["alpha"].tobytes()
+
+
+def test_play_of_a_linkage_is_a_hysteresis() -> None:
+    x = {"de": np.array([0.0, 0.4, 1.0, 2.0, 1.8, 1.2, 0.9, -1.0, -0.9])}
+    got = measured(KINDS["surface_position"](channel="de", play=1.0), x)
+    np.testing.assert_allclose(got, [0.0, 0.0, 0.5, 1.5, 1.5, 1.5, 1.4, -0.5, -0.5], atol=1e-14)
+
+
+def test_aircraft_without_a_propeller_have_no_motor_speed(eolo, eolo_trim) -> None:
+    from testbench.flight import Manoeuvre, fly
+    from testbench.inputs.signal import InputSignal
+
+    signal = InputSignal(np.arange(50) / 500.0, np.zeros((50, 1)), ("de",))
+    record = fly(eolo, eolo_trim, Manoeuvre("rest", signal, 0.0), RATE_HZ)
+    assert {"north", "east"} <= set(record.channels)
+    tachometer = SensorSuite("bench", "a suite", RATE_HZ, (KINDS["motor_speed"](channel="motor_speed"),))
+    with pytest.raises(ChannelError, match="needs channel 'motor_speed'"):
+        tachometer.measure(record, 0)
+
+
+def test_gps_sees_how_far_the_aircraft_has_flown(eolo, eolo_trim) -> None:
+    from testbench.flight import Manoeuvre, fly
+    from testbench.inputs.signal import InputSignal
+
+    signal = InputSignal(np.arange(1000) / 500.0, np.zeros((1000, 1)), ("de",))
+    record = fly(eolo, eolo_trim, Manoeuvre("rest", signal, 0.0), RATE_HZ)
+    # 2 s at 16 m/s heading north in still air; the trim drifts by some 1e-6, the earth bends by 1e-5
+    np.testing.assert_allclose(record["north"], 16.0 * record.t_s, atol=2e-3)
+    np.testing.assert_allclose(record["east"], 0.0, atol=1e-3)
+    gps = KINDS["gps"](channel="north", rate_hz=10.0, delay_s=0.2)
+    got = SensorSuite("bench", "a suite", RATE_HZ, (gps,)).measure(record, 0)
+    assert got["north"][-1] == pytest.approx(16.0 * 1.8, abs=0.01)
+    assert got.valid[:, 0].sum() == 21
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_weights_are_the_derivatives_of_what_is_felt(name: str) -> None:
+    figures = {
+        "rate_gyro": {"channel": "q", "cross_axis": (0.01, 0.0, 0.02)},
+        "accelerometer": {"channel": "az", "position_m": (0.3, 0.1, -0.2), "cross_axis": (0.02, 0.0, 0.0)},
+        "magnetic_heading": {"channel": "psi", "deviation": (0.05, 0.02, 0.01, 0.0)},
+        "barometer": {"channel": "h", "static_cp": -0.04},
+        "pitot": {"channel": "V", "static_cp": -0.03, "static_cp_alpha": 0.2},
+        "gps": {"channel": "Vg", "rate_hz": 10.0, "delay_s": 0.1},
+        "flow_vane": {"channel": "alpha", "position_m": (0.7, 0.0, 0.1), "upwash": 1.05},
+        "strain_gauge": {"channel": "strain_wing_3"},
+        "surface_position": {"channel": "de", "play": 0.01},
+        "command_log": {"channel": "de_cmd"},
+        "motor_speed": {"channel": "motor_speed"},
+    }[name]
+    sensor = KINDS[name](**figures)
+    rng = np.random.default_rng(3)
+    trim = {n: 0.1 * rng.standard_normal() for n in sensor.needs} | {n: 16.0 for n in ("u", "V") if n in sensor.needs}
+    weights = sensor.weights(trim)
+    step = {n: 1e-4 * rng.standard_normal() for n in sensor.needs}
+    both = {n: np.array([trim[n], trim[n] + step[n]]) for n in sensor.needs}
+    if name != "surface_position":  # play does not move for a step this small
+        change = np.diff(sensor.feel(both))[0]
+        # second order: 1e-8 times derivatives of order 1
+        assert sum(weights[n] * step[n] for n in weights) == pytest.approx(change, abs=5e-8)
+    assert weights[sensor.channel] == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "words"),
+    [
+        ("rate_gyro", {"channel": "az"}, "a sensor of kind rate_gyro measures p, q, r; got 'az'"),
+        ("rate_gyro", {"channel": "q", "position_m": (1.0, 0.0, 0.0)}, "no channel of this kind only, got one for 'q'"),
+        ("rate_gyro", {"channel": "q", "cross_axis": (0.0, 0.1, 0.0)}, "share of its own axis must be 0"),
+        ("accelerometer", {"channel": "ax", "cross_axis": (0.0, 1.5, 0.0)}, "three shares between -1 and 1"),
+        ("accelerometer", {"channel": "az_wing_1", "position_m": (0.1, 0.0, 0.0)}, "ax, ay, az only"),
+        ("magnetic_heading", {"channel": "psi", "deviation": (0.3, 0.3, 0.0, 0.0)}, "less than 0.5 rad"),
+        ("barometer", {"channel": "hdot", "static_cp": 0.1}, "modelled for h only"),
+        ("pitot", {"channel": "V", "static_cp": 1.0}, "-1 < static_cp < 1 must hold, got 1"),
+        ("gps", {"channel": "Vg"}, "rate_hz: a receiver has a rate of its own"),
+        ("flow_vane", {"channel": "alpha", "upwash": 0.0}, "0 < upwash < 5"),
+        ("surface_position", {"channel": "de", "play": -1.0}, "0 <= play_deg"),
+        ("strain_gauge", {"channel": "az_wing_1"}, "got 'az_wing_1'"),
+        ("command_log", {"channel": "de"}, "got 'de'"),
+    ],
+)
+def test_kind_refuses(kind: str, keys: dict, words: str) -> None:
+    with pytest.raises(ScenarioError, match=words):
+        KINDS[kind](**keys)
+
+
+# effects that all kinds share
+
+
+def test_clock_of_a_recorder() -> None:
+    x = {"q": 3.0 * RAMP}
+    sensor = Sensor("q", delay_s=0.1, recorder="boom", clock_offset_s=0.05, clock_ppm=1000.0)
+    late = 0.15 + 1e-3 * RAMP
+    np.testing.assert_allclose(measured(sensor, x), 3.0 * np.maximum(RAMP - late, 0.0), atol=1e-12)
+    early = replace(sensor, delay_s=0.0, clock_offset_s=-0.2, clock_ppm=0.0)  # stamps too low: samples from later
+    np.testing.assert_allclose(measured(early, x), 3.0 * np.minimum(RAMP + 0.2, RAMP[-1]), atol=1e-12)
+
+
+def test_sensors_of_one_recorder_share_its_clock() -> None:
+    sensors = (Sensor("q", recorder="a", clock_offset_s=0.1), Sensor("p", recorder="a"))
+    with pytest.raises(ScenarioError, match=r"sensor\[1\]\.recorder: the sensors of recorder 'a' must share one clock"):
+        SensorSuite("bench", "a suite", RATE_HZ, sensors)
+
+
+# statistics of drift. Over many seeds; each tolerance is 5 standard deviations of its statistic: false alarm 6e-7,
+# and the seeds are fixed
+
+SEEDS = 400
+
+
+def drifts(sensor: Sensor, n: int) -> np.ndarray:
+    x = np.zeros(n)
+    return np.array([sensor.sample(x, seed, 1.0 / RATE_HZ)[0] for seed in range(SEEDS)])
+
+
+def test_random_walk_grows_with_the_square_root_of_time() -> None:
+    walks = drifts(Sensor("q", bias_walk=0.3), 401)
+    assert not np.any(walks[:, 0])
+    for k in (100, 400):
+        # the standard deviation of n normal samples scatters by 1 / sqrt(2 n)
+        expected = 0.3 * np.sqrt(k / RATE_HZ)
+        assert abs(walks[:, k].std() / expected - 1.0) < 5.0 / np.sqrt(2.0 * SEEDS)
+
+
+def test_gauss_markov_drift_is_steady_and_forgets() -> None:
+    T, n = 0.5, 101
+    b = drifts(Sensor("q", drift_std=0.2, drift_time_s=T), n)
+    for k in (0, n - 1):
+        assert abs(b[:, k].std() / 0.2 - 1.0) < 5.0 / np.sqrt(2.0 * SEEDS)
+    expected = np.exp(-(n - 1) / RATE_HZ / T)
+    found = np.mean(b[:, 0] * b[:, -1]) / 0.04
+    assert abs(found - expected) < 5.0 * np.sqrt((1.0 + expected**2) / SEEDS)
+
+
+def test_drift_changes_neither_noise_nor_losses_and_a_shorter_flight_is_a_prefix() -> None:
+    plain = Sensor("q", noise_std=0.1, dropout=0.2)
+    drifting = replace(plain, drift_std=0.05, drift_time_s=3.0, bias_walk=0.01)
+    x = np.zeros(500)
+    (a, lost), (b, also_lost) = plain.sample(x, 4, 0.01), drifting.sample(x, 4, 0.01)
+    np.testing.assert_array_equal(lost, also_lost)
+    alone = replace(drifting, noise_std=0.0).sample(x, 4, 0.01)[0]
+    np.testing.assert_allclose(b - a, alone, atol=1e-14)
+    np.testing.assert_array_equal(drifting.sample(x[:200], 4, 0.01)[0], b[:200])
+    first = np.random.default_rng(np.random.SeedSequence([4, zlib.crc32(b"q")])).standard_normal(500)
+    np.testing.assert_allclose(a, 0.1 * first, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"drift_std": 0.1}, "drift_std and drift_time_s go together"),
+        ({"drift_std": 0.1, "drift_time_s": -1.0}, "0 < drift_time_s"),
+        ({"bias_walk": -1.0}, "0 <= bias_walk"),
+        ({"clock_offset_s": 0.1}, "name the recorder"),
+        ({"recorder": "a", "clock_ppm": 1e6}, "|clock_ppm| <= 10000"),
+        ({"price_eur": -1.0}, "0 <= price_eur"),
+    ],
+)
+def test_sensor_refuses(keys: dict, words: str) -> None:
+    with pytest.raises(ScenarioError, match=words.replace("|", r"\|")):
+        Sensor("q", **keys)
+
+
+def test_suite_without_errors_shows_what_is_felt() -> None:
+    x = moving()
+    sensor = KINDS["flow_vane"](
+        channel="alpha", position_m=(0.7, 0.0, 0.0), upwash=1.1, noise_std=0.1, bias=1.0, quantum=0.1, dropout=0.2,
+        drift_std=0.1, drift_time_s=5.0, bias_walk=0.1, lag_s=0.05,
+    )  # fmt: skip
+    clean = SensorSuite("bench", "a suite", RATE_HZ, (sensor,)).without_errors()
+    np.testing.assert_array_equal(clean.measure(truth(x), 0)["alpha"], sensor.respond(truth(x)))
+
+
+def test_price_and_mass_of_a_suite_need_those_of_every_sensor() -> None:
+    a, b = Sensor("q", price_eur=10.0, mass_g=2.0), Sensor("p", price_eur=5.0)
+    both = SensorSuite("bench", "a suite", RATE_HZ, (a, b))
+    assert (both.price_eur, both.mass_g) == (15.0, None)
