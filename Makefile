@@ -20,6 +20,7 @@ benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/flight_overhead.py
 	$(BIN)/python tests/benchmarks/design_speed.py
 	$(BIN)/python tests/benchmarks/campaign_speed.py
+	$(BIN)/python tests/benchmarks/env_speed.py
 
 design-study: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/design_study.py
@@ -30,7 +31,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	touch $@
 
 $(VENV)/installed-dev: $(VENV)/installed
-	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,logs,parquet]" lupa mypy pytest pytest-xdist ruff
+	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,envs,logs,parquet]" lupa mypy pytest pytest-xdist ruff
 	touch $@
 
 clean:

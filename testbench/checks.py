@@ -35,9 +35,9 @@ def find(path: Path, command: str) -> Path:
         RecordError: there is no such file; the message has the nearest packaged name.
         ScenarioError: it is a file for another command.
     """
-    file = find_scenario(path)
+    file = path if path.is_file() else find_scenario(Path(FOLDERS[command]) / path)
     if not file.is_file():
-        file = find_scenario(Path(FOLDERS[command]) / path)
+        file = find_scenario(path)
     if not file.is_file():
         names = [p.stem for p in (SCENARIOS / FOLDERS[command]).glob("*.toml")]
         raise RecordError(f"a scenario must be a file or a packaged one, got '{path}'{nearest(path.stem, names)}")

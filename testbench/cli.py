@@ -34,6 +34,7 @@ simulation lacks.
     testbench run eolo_alpha              # simulate, identify, report in results/eolo_alpha/report.html
     testbench check my_scenario.toml      # every fault of a file at once, without flying
     testbench identify my_records.toml    # the same line for recorded flights
+    testbench import flight.ulg -o my_log # what a flight log holds, its manoeuvres as records
     testbench compatibility my_records.toml # do the instruments agree with each other?
     testbench response my_records.toml    # frequency responses with coherence and random error
     testbench gap flexible_wings          # find, name and add what the simulation lacks
@@ -42,6 +43,8 @@ simulation lacks.
     testbench plan eolo_envelope          # a campaign with flight cards to print
     testbench campaign run taurus_scatter # a scenario many times, over distributions of anything in it
     testbench aircraft eolo               # trims, modes over speed, derivatives of an aircraft
+    testbench reproduce all               # the papers' tables and figures, printed and ours
+    testbench exercise list               # teaching exercises, each student with an aircraft of their own
 
 Exit status: 0 done, 2 bad input, 3 the computation cannot be carried out (no trim, flight aborted, not identifiable).
 """,
@@ -49,6 +52,8 @@ Exit status: 0 done, 2 bad input, 3 the computation cannot be carried out (no tr
 
 campaigns = typer.Typer(no_args_is_help=True, help="Fly a scenario many times over distributions of anything in it.")
 app.add_typer(campaigns, name="campaign")
+exercises = typer.Typer(no_args_is_help=True, help="Teaching exercises: records to study, answers to check.")
+app.add_typer(exercises, name="exercise")
 
 ScenarioArgument = Annotated[
     Path, typer.Argument(help="Scenario file, or the name of a packaged one.", show_default=False)
@@ -73,6 +78,14 @@ class Wings(str, Enum):
 
     flexible = "flexible"
     rigid = "rigid"
+
+
+class Export(str, Enum):
+    """Formats that records are exported to."""
+
+    csv = "csv"
+    mat = "mat"
+    parquet = "parquet"
 
 
 @app.command()
@@ -120,6 +133,54 @@ def identify(
         say("write report")
         write_results(result, folder)
     print_result(result, _console(), folder)
+
+
+@app.command("import")
+def import_(
+    log: Annotated[
+        Path, typer.Argument(help="PX4 ULog, ArduPilot .bin or .log, SIDPAC MAT, or a table.", show_default=False)
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for the records and descriptions; else only look.")
+    ] = None,
+    rate: Annotated[float | None, typer.Option(help="Rate of the records, Hz.")] = None,
+    throw: Annotated[
+        list[str] | None, typer.Option(help="Deflection at full command in deg, e.g. de=20; 25 if not given.")
+    ] = None,
+    lead: Annotated[float, typer.Option(help="Quiet flight to keep before each manoeuvre, s.")] = 2.0,
+    tail: Annotated[float, typer.Option(help="Response to keep after each manoeuvre, s.")] = 5.0,
+) -> None:
+    """Show what a flight log holds, and with -o cut its manoeuvres into records ready for `testbench identify`.
+
+    Channels, rates, gaps and manoeuvres are listed, each conversion and what it assumes is said. Example:
+    `testbench import flight.ulg -o records --throw de=20`.
+    """
+    from testbench.logs.importing import import_log, parse_throws, write_import
+    from testbench.report.imported import print_import
+
+    with _stages() as say:
+        say("read the log")
+        found = import_log(log, rate, parse_throws(throw or []), lead, tail)
+        paths = write_import(found, out) if out is not None else []
+    print_import(found, _console(), paths)
+
+
+@app.command()
+def export(
+    record: Annotated[Path, typer.Argument(help="Record of the testbench (NetCDF).", show_default=False)],
+    to: Annotated[Export, typer.Option(help="Format.")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="File; by default beside the record.")] = None,
+) -> None:
+    """Write a record as CSV, MAT or Parquet for other programs; samples that were not taken are left empty.
+
+    Example: `testbench export results/eolo_alpha/records/x.nc --to csv`.
+    """
+    from testbench.record import load_record
+
+    path = out or record.with_suffix(f".{to.value}")
+    loaded = load_record(record)
+    save = {Export.csv: loaded.save_csv, Export.mat: loaded.save_mat, Export.parquet: loaded.save_parquet}[to]
+    print(f"Written: {save(path)}")
 
 
 @app.command()
@@ -188,20 +249,47 @@ def response(
 
 
 @app.command()
-def gap(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: SeedOption = None) -> None:
+def gap(
+    case: Annotated[
+        str, typer.Argument(help="The aircraft that is believed, or a gap case.", show_default=False)
+    ],
+    records: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Measured records (.nc) or descriptions of them (.toml).", show_default=False),
+    ] = None,
+    sensors: Annotated[str | None, typer.Option(help="Believed sensor suite; that of the records if not given.")] = None,
+    hold_out: Annotated[
+        list[Path] | None, typer.Option("--hold-out", help="Record to judge on and not to name with; may be repeated.")
+    ] = None,
+    wings: Annotated[Wings, typer.Option(help="Whether the believed aircraft's elastic modes move.")] = Wings.flexible,
+    airspeed: Annotated[float | None, typer.Option("--V", help="Airspeed at the start, m/s.")] = None,
+    altitude: Annotated[float | None, typer.Option("--h", help="Altitude at the start, m.")] = None,
+    data: Annotated[Path | None, typer.Option(help="Folder of the files that descriptions name.")] = None,
+    out: OutOption = Path("results"),
+    seed: SeedOption = None,
+) -> None:
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
-    Example: `testbench gap flexible_wings`: the model holds the wings rigid, the measured aircraft does not.
+    Measured manoeuvres are held against the believed aircraft and sensors: `testbench gap eolo flown/*.nc --sensors
+    eolo_gap --wings rigid --hold-out flown/doublets.nc`. A case makes its own flights from a hidden truth: `testbench
+    gap flexible_wings`. The instruments are checked against each other first.
     """
     from testbench.checks import find
-    from testbench.gap.case import run_gap
+    from testbench.gap.case import run_flights, run_gap
+    from testbench.gap.records import load_flights
     from testbench.report import record_keeper
     from testbench.report.gap import print_gap, write_gap
 
-    file = find(scenario, "gap")
-    folder = out / f"gap_{file.stem}"
     with _stages() as say:
-        result = run_gap(file, seed, record_keeper(folder), say)
+        if records:
+            say("read records")
+            flights = load_flights(case, records, hold_out or (), sensors, wings.value, airspeed, altitude, data)
+            folder = out / f"gap_{case}"
+            result = run_flights(case, flights, say)
+        else:
+            file = find(Path(case), "gap")
+            folder = out / f"gap_{file.stem}"
+            result = run_gap(file, seed, record_keeper(folder), say, check=True)
         say("write report")
         write_gap(result, folder)
     print_gap(result, _console(), folder)
@@ -274,6 +362,27 @@ def plan(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: See
         say("write cards and report")
         write_plan(result, folder)
     print_plan(result, _console(), folder)
+
+
+@app.command()
+def reproduce(
+    what: Annotated[str, typer.Argument(help="taurus, eolo, b1 or all.")] = "all",
+    out: OutOption = Path("results"),
+) -> None:
+    """Reproduce the papers' figures and tables, and set every printed number beside ours.
+
+    Writes tables, figures and one page, index.html, into `reproduction`, or `reproduction_NAME` for one aircraft alone.
+    Example: `testbench reproduce taurus`.
+    """
+    from testbench.reproduction.chapters import reproduce as run_reproduction
+    from testbench.reproduction.write import print_reproduction, write_reproduction
+
+    folder = out / ("reproduction" if what == "all" else f"reproduction_{what}")
+    with _stages() as say:
+        chapters = run_reproduction(what, say)
+        say("write page")
+        write_reproduction(chapters, folder)
+    print_reproduction(chapters, _console(), folder)
 
 
 @app.command()
@@ -408,6 +517,8 @@ def _fly_campaign(campaign: Path, out: Path, resume: bool, workers: int | None, 
     from testbench.checks import find
     from testbench.report.campaign import show_progress
 
+    if workers is not None and scheduler is not None:
+        raise typer.BadParameter("give either --workers or --scheduler: a cluster brings its own workers")
     loaded = load_campaign(find(campaign, "campaign"))
     folder = out / f"campaign_{loaded.spec.name}"
     try:
@@ -427,6 +538,62 @@ def _report_campaign(campaign: Campaign, folder: Path) -> None:
         result = read_campaign(campaign, store)
     write_campaign(result, folder)
     print_campaign(result, _console(), folder)
+
+
+KeyOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="File with the teacher's own key; else TESTBENCH_EXERCISE_KEY, else a public one.", dir_okay=False
+    ),
+]
+
+
+@exercises.command("list")
+def exercise_list() -> None:
+    """List the exercises with level and time."""
+    from testbench.exercises.show import print_list
+
+    print_list(_console())
+
+
+@exercises.command("start")
+def exercise_start(
+    name: Annotated[str, typer.Argument(help="Exercise; see `testbench exercise list`.", show_default=False)],
+    student: Annotated[str, typer.Option(help="Name or number: each student gets another truth.", show_default=False)],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="New folder; NAME_STUDENT if not given.", show_default=False)
+    ] = None,
+    key_file: KeyOption = None,
+) -> None:
+    """Write a student's own version: text, records, and a template for the answers.
+
+    Example: `testbench exercise start short_period --student anna`. With a key of the teacher's own (--key-file) only
+    who has it can check or compute the truth.
+    """
+    from testbench.exercises.seal import read_key
+    from testbench.exercises.show import print_started
+    from testbench.exercises.start import start
+
+    print_started(start(name, student, read_key(key_file), out), _console())
+
+
+@exercises.command("check")
+def exercise_check(
+    folder: Annotated[Path, typer.Argument(help="Folder that `start` wrote.", show_default=False)],
+    key_file: KeyOption = None,
+) -> None:
+    """Judge answers.toml: what is right, what is off by how much, and why. Exit status 1 if not all answers are right.
+
+    Example: `testbench exercise check short_period_anna`.
+    """
+    from testbench.exercises.check import check as check_answers
+    from testbench.exercises.seal import read_key
+    from testbench.exercises.show import print_result
+
+    result = check_answers(folder, read_key(key_file))
+    print_result(result, _console(), folder)
+    if not result.passed:
+        raise typer.Exit(1)
 
 
 def _console() -> Any:

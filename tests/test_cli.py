@@ -237,3 +237,48 @@ def test_an_aircraft_is_surveyed_reported_and_exported(tmp_path):
     assert_fails(command("aircraft", "tauris", "-o", tmp_path), 2, "did you mean 'taurus'")
     assert command("aircraft", "taurus", "--wings", "floppy").returncode == 2
     assert "aircraft" in command("--help").stdout
+
+
+def test_a_campaign_flies_says_how_far_it_is_and_is_summarised_again(tmp_path):
+    """Three runs of the packaged campaign; two workers' start is most of the time."""
+    text = (SCENARIOS / "campaign" / "taurus_scatter.toml").read_text(encoding="utf-8")
+    assert "runs = 24" in text
+    file = tmp_path / "three.toml"
+    file.write_text(text.replace("runs = 24", "runs = 3"), encoding="utf-8")
+    assert_fails(command("campaign", "status", file, cwd=tmp_path), 3, "must have a store, got none")
+    done = command("campaign", "run", file, "--workers", 1, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "3 of 3 runs are done, none failed" in done.stdout
+    assert "... 3 of 3 runs" in done.stderr
+    folder = tmp_path / "results" / "campaign_three"
+    table = (folder / "tables" / "runs.csv").read_bytes()
+    (folder / "report.html").unlink()
+    status = command("campaign", "status", file, cwd=tmp_path)
+    assert "a million like it" in status.stdout
+    assert command("campaign", "summarise", file, cwd=tmp_path).returncode == 0
+    assert (folder / "report.html").is_file()
+    assert (folder / "tables" / "runs.csv").read_bytes() == table
+    assert_fails(command("campaign", "run", file, cwd=tmp_path), 3, "go on with `testbench campaign resume`")
+    assert_fails(command("run", file, cwd=tmp_path), 2, "is a campaign: use testbench campaign")
+    assert "a valid campaign" in command("check", "campaign/taurus_scatter", cwd=tmp_path).stdout
+
+
+def test_an_exercise_is_listed_started_and_checked(tmp_path):
+    listed = command("exercise", "list")
+    assert listed.returncode == 0, listed.stderr
+    assert "doublet_length" in listed.stdout
+    begun = command("exercise", "start", "doublet_length", "--student", "anna", cwd=tmp_path)
+    assert begun.returncode == 0, begun.stderr
+    folder = tmp_path / "doublet_length_anna"
+    assert {p.name for p in folder.iterdir()} >= {"README.md", "answers.toml", "exercise.toml", "records"}
+    unanswered = command("exercise", "check", folder)
+    assert unanswered.returncode == 1
+    assert "0 of 3 right, 3 not answered yet" in unanswered.stdout
+    answers = folder / "answers.toml"
+    answers.write_text(answers.read_text(encoding="utf-8").replace("step_s", "steps_s"), encoding="utf-8")
+    assert_fails(command("exercise", "check", folder), 2, "did you mean 'step_s'?")
+    again = command("exercise", "start", "doublet_length", "--student", "anna", cwd=tmp_path)
+    assert_fails(again, 2, "new or empty folder")
+    assert_fails(
+        command("exercise", "start", "doublets_length", "--student", "anna"), 2, "did you mean 'doublet_length'"
+    )

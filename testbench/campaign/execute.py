@@ -15,7 +15,7 @@ import json
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -25,14 +25,23 @@ from testbench.campaign.flying import Job, Outcome, fly_batch
 from testbench.campaign.load import Campaign, versions
 from testbench.campaign.stop import Watch
 from testbench.campaign.store import Counts, Store
-from testbench.campaign.workers import Died, Lost, Task, Workers, default_workers, local_workers, remote_workers
+from testbench.campaign.workers import (
+    Died,
+    Lost,
+    Task,
+    Workers,
+    default_workers,
+    local_workers,
+    remote_workers,
+    require_dask,
+)
 from testbench.errors import CampaignError, RecordError
 
 MOST_PER_BATCH = 25
 BATCH_S = 3.0  # work in a batch: little is lost with one, and what dask and SQLite take for it is less than 1 %
 _FIRST_BATCH = 4  # before the first run has said how long it takes
 DEATHS = 3  # a run that is alone with a process when it dies may have been unlucky; three times it was not
-DIED = f"the worker process died while flying this run, {DEATHS} times and with nothing else in hand"
+DIED = f"the worker process died while flying this run, {DEATHS} times or more and with nothing else in hand"
 _PER_WORKER = 2  # batches in hand or on the way, so that no worker waits
 _NO_WORKERS_S = 60.0
 _LOOK_S = 0.5
@@ -98,21 +107,22 @@ def fly_campaign(
         CampaignError: the store cannot be written or the workers are gone; ``resume`` goes on.
         TestbenchError: what makes every run impossible.
     """
-    opened = Store.resume(folder, campaign) if resume else Store.create(folder, campaign)
-    with opened as store:
-        place: AbstractContextManager[Workers] = (
-            remote_workers(scheduler) if scheduler else local_workers(workers or default_workers())
-        )
+    require_dask()
+    with ExitStack() as stack:
+        # An address that does not answer must not leave a store behind.
+        found = stack.enter_context(remote_workers(scheduler)) if scheduler else None
+        opened = Store.resume(folder, campaign) if resume else Store.create(folder, campaign)
+        store = stack.enter_context(opened)
         if store.first_unfinished() is None:
             return Ending(store.counts(), None, 0.0)
         watch = Watch(campaign.spec.stop) if campaign.spec.stop else None
         if watch is not None and (stopped := watch.advance(store, campaign.spec.total)) is not None:
             store.stop_at(stopped)
             return Ending(store.counts(), stopped, 0.0)
-        with place as found:
-            job = Job(campaign.spec.model_dump_json(), json.dumps(campaign.content), tuple(versions().items()))
-            job = replace(job, records=campaign.spec.records)
-            return _Session(campaign, store, folder, found, watch, task, job, store.counts()).fly(progress)
+        found = found or stack.enter_context(local_workers(workers or default_workers()))
+        packages = tuple(versions().items())
+        job = Job(campaign.spec.model_dump_json(), json.dumps(campaign.content), packages, campaign.spec.records)
+        return _Session(campaign, store, folder, found, watch, task, job, store.counts()).fly(progress)
 
 
 @dataclass
@@ -207,12 +217,12 @@ class _Session:
                 out += self.workers.collect(future)
             except Lost:
                 self.again.append(batch)
-            except Died:
+            except Died as died:
                 if len(batch.runs) > 1:
                     middle = len(batch.runs) // 2
                     self.again += [_Batch(batch.runs[:middle]), _Batch(batch.runs[middle:])]
-                elif batch.deaths + 1 < DEATHS:
-                    self.again.append(replace(batch, deaths=batch.deaths + 1))
+                elif batch.deaths + died.times < DEATHS:
+                    self.again.append(replace(batch, deaths=batch.deaths + died.times))
                 else:
                     out.append(_died(self.campaign, batch.runs[0]))
         return out

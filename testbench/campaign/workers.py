@@ -24,7 +24,11 @@ _CONNECT_S = 15.0
 
 
 class Died(Exception):
-    """The process that flew a batch died of it, or with it."""
+    """The process that flew a batch died of it, or with it; ``times``, if the scheduler tried again by itself."""
+
+    def __init__(self, times: int) -> None:
+        super().__init__(times)
+        self.times = times
 
 
 class Lost(Exception):
@@ -80,9 +84,9 @@ class Workers:
         """Return the outcomes of an ended batch.
 
         Raises:
-            Died: its worker process died over it.
+            Died: its worker process died over it, so often as the exception says.
             Lost: it ended, but its process died before it was collected.
-            CampaignError: the scheduler is gone.
+            CampaignError: the scheduler is gone, or the worker cannot import the testbench.
             TestbenchError: whatever the batch raised.
         """
         from concurrent.futures import CancelledError
@@ -93,10 +97,15 @@ class Workers:
         try:
             outcomes: list[Outcome] = future.result()
         except KilledWorker as error:
-            raise Died from error
+            raise Died(error.allowed_failures + 1) from error
         except (CancelledError, FutureCancelledError) as error:
             self._check()
             raise Lost from error
+        except ImportError as error:
+            raise CampaignError(
+                f"workers must have the testbench and what it needs installed, but one of {self.place} says: {error}; "
+                "install it there and go on with `testbench campaign resume`"
+            ) from error
         return outcomes
 
     def cancel(self, futures: Sequence[Future]) -> None:
@@ -115,6 +124,18 @@ class Workers:
         )
 
 
+def require_dask() -> None:
+    """Do nothing where dask.distributed is installed.
+
+    Raises:
+        CampaignError: it is not.
+    """
+    try:
+        import distributed  # noqa: F401
+    except ImportError as error:
+        raise CampaignError(_EXTRA) from error
+
+
 @contextmanager
 def local_workers(count: int) -> Iterator[Workers]:
     """Give ``count`` worker processes of this machine, each with one thread; they end with the block, or with us.
@@ -122,7 +143,7 @@ def local_workers(count: int) -> Iterator[Workers]:
     Raises:
         CampaignError: dask.distributed is not installed.
     """
-    _require()
+    require_dask()
     import dask
     from distributed import Client, LocalCluster
 
@@ -163,12 +184,14 @@ def remote_workers(address: str) -> Iterator[Workers]:
     Raises:
         CampaignError: dask.distributed is not installed, or no scheduler answers.
     """
-    _require()
+    require_dask()
     import dask
     from distributed import Client
+    from distributed.comm import parse_address, parse_host_port
 
     with dask.config.set({"distributed.comm.timeouts.connect": _CONNECT_S}), _quiet():
         try:
+            parse_host_port(parse_address(address)[1])  # a client that fails over it would wait 30 s for its own end
             client = Client(address, timeout=_CONNECT_S, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
             raise CampaignError(
@@ -209,13 +232,6 @@ def _start_method(environment: dict[str, str]) -> str:
 def default_workers() -> int:
     """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
-def _require() -> None:
-    try:
-        import distributed  # noqa: F401
-    except ImportError as error:
-        raise CampaignError(_EXTRA) from error
 
 
 def _close(client: Any) -> None:

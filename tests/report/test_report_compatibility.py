@@ -54,7 +54,7 @@ def test_files_and_page(result, flights, tmp_path):
     assert {"instrument_errors.csv", "residuals.csv", "rebuilt.png", "doublets_corrected.nc"} <= {p.name for p in paths}
     page = paths[-1].read_text(encoding="utf-8")
     assert "The instruments do not agree" in page
-    assert "src=\"http" not in page
+    assert 'src="http' not in page
     corrected = load_record(tmp_path / "records" / "doublets_corrected.nc")
     removed = flights["doublets"]["q"] - corrected["q"]
     assert np.allclose(removed, result.values["q_bias"], atol=1e-12)

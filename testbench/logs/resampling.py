@@ -1,0 +1,139 @@
+"""Channels with clocks of their own to one record: one grid of times, no aliasing, nothing invented across gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from testbench.errors import RecordError
+from testbench.logs.signals import GAP, Mapped
+from testbench.record import FlightRecord, FloatArray
+
+DEFAULT_RATE_HZ = 50.0
+STOP_DB = 60.0  # what the filter leaves of what would fold down
+_PASS, _STOP = 0.4, 0.6  # of the new rate: what lies between folds down to above 0.4 of it only
+_SLOW = 0.8  # a channel below this part of the new rate is sampled where it was sampled
+_MOST = 20_000_000  # samples of a record; above it the times are wrong rather than the flight long
+
+
+def common_rate(channels: Sequence[Mapped]) -> float:
+    """Return the rate for all of ``channels``: their own if they share one even clock, else the fastest's up to 50 Hz.
+
+    Raises:
+        RecordError: there is no channel.
+    """
+    if not channels:
+        raise RecordError("at least one channel must have been found to make a record, got none")
+    first = channels[0].t_s
+    steps = np.diff(first)
+    usual = float(np.median(steps))
+    even = np.abs(steps[steps <= GAP * usual] - usual) <= 0.01 * usual
+    if all(np.array_equal(c.t_s, first) for c in channels) and even.all():
+        return 1.0 / usual if abs(round(1.0 / usual) * usual - 1.0) > 1e-3 else float(round(1.0 / usual))
+    fastest = max(c.rate_hz for c in channels)
+    return min(DEFAULT_RATE_HZ, max(1.0, float(round(fastest))) if fastest > 1.0 else fastest)
+
+
+def resample(
+    channels: Sequence[Mapped], rate_hz: float, provenance: Mapping[str, Any], stepped: Sequence[str] = ()
+) -> FlightRecord:
+    """Return one record of all channels at ``rate_hz``, time counted from the first sample of any of them.
+
+    A channel that was logged faster first passes a zero-phase low pass (Kaiser window, passband to 0.4, 60 dB from
+    0.6 of the new rate; Oppenheim and Schafer, Discrete-Time Signal Processing, sec. 7.6) at its own rate. Between
+    samples a cubic is laid, a straight line for the channels in ``stepped``. A slower channel (below 0.8 of the new
+    rate) is sampled at the time of the grid nearest to each of its samples. Everywhere else, in gaps (a step above
+    1.75 times the usual one) and before the first and after the last sample, the last value is held and marked.
+
+    Args:
+        channels: channels in SI units, each with its own times on one clock.
+        rate_hz: rate of the record.
+        provenance: kept with the record.
+        stepped: channels that move in steps, whose cubic would overshoot.
+
+    Raises:
+        RecordError: the rate is not positive, there is no channel, or the times span more than can be meant.
+    """
+    if not rate_hz > 0.0:
+        raise RecordError(f"the rate of a record must be > 0 Hz, got {rate_hz:g}")
+    if not channels:
+        raise RecordError("at least one channel must have been found to make a record, got none")
+    zero = min(float(c.t_s[0]) for c in channels)
+    end = max(float(c.t_s[-1]) for c in channels)
+    count = int(np.floor((end - zero) * rate_hz + 1e-3)) + 1
+    if count > _MOST:
+        raise RecordError(
+            f"a record must hold at most {_MOST} samples, got {count} from {zero:g} to {end:g} s at {rate_hz:g} Hz; "
+            "the times of the log are damaged, or give a lower rate"
+        )
+    grid = np.arange(count) / rate_hz
+    kept, data, valid = [], [], []
+    for c in channels:
+        values, taken = _on_grid(c.t_s - zero, c.values, c.step_s, grid, 1.0 / rate_hz, c.name in stepped)
+        if not taken.any():
+            continue
+        last = np.maximum.accumulate(np.where(taken, np.arange(count), -1))
+        kept.append(c.name)
+        data.append(values[np.where(last < 0, int(np.argmax(taken)), last)])
+        valid.append(taken)
+    if not kept:
+        raise RecordError(f"some channel must hold a stretch without gaps, got none at {rate_hz:g} Hz")
+    return FlightRecord(
+        t_s=grid,
+        channels=tuple(kept),
+        data=np.column_stack(data),
+        kind="measured",
+        valid=np.column_stack(valid),
+        provenance={**provenance, "clock_zero_s": zero, "rate_hz": rate_hz},
+    )
+
+
+def _on_grid(
+    t: FloatArray, x: FloatArray, step: float, grid: FloatArray, dt: float, stepped: bool
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the values on the grid, 0 where none was taken, and where one was."""
+    values, taken = np.zeros(grid.size), np.zeros(grid.size, bool)
+    cuts = np.flatnonzero(np.diff(t) > GAP * step) + 1
+    slack = 1e-3 * min(step, dt)  # times are rounded to microseconds
+    for part in np.split(np.arange(t.size), cuts):
+        tp, xp = t[part], x[part]
+        inside = np.arange(*np.searchsorted(grid, [tp[0] - slack, tp[-1] + slack], side="left"))
+        if step > dt / _SLOW:
+            inside = np.unique(np.clip(np.rint(tp / dt), 0, grid.size - 1).astype(int))
+        elif step < _SLOW * dt:
+            low = _lowpass(tp, xp, step, dt)
+            if low is None:
+                continue  # too short to be filtered, and unfiltered it would fold
+            tp, xp = low
+        if inside.size:
+            values[inside] = _between(tp, xp, grid[inside], stepped)
+            taken[inside] = True
+    return values, taken
+
+
+def _between(t: FloatArray, x: FloatArray, at: FloatArray, stepped: bool) -> FloatArray:
+    if t.size < 4 or stepped:
+        return np.interp(at, t, x)
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(t, x)(np.clip(at, t[0], t[-1])))
+
+
+def _lowpass(t: FloatArray, x: FloatArray, step: float, dt: float) -> tuple[FloatArray, FloatArray] | None:
+    """Return a stretch without gaps on an even grid of its own rate, low-passed for ``dt``; None if it is too short."""
+    from scipy.signal import firwin, kaiserord
+
+    ratio = step / dt  # own samples per new one, inverted
+    taps, beta = kaiserord(STOP_DB, 2.0 * (_STOP - _PASS) * ratio)
+    taps |= 1
+    half = taps // 2
+    even = t[0] + step * np.arange(int(np.floor((t[-1] - t[0]) / step + 1e-6)) + 1)
+    if even.size <= half:
+        return None
+    kernel = firwin(taps, (_PASS + _STOP) * ratio, window=("kaiser", beta))
+    y = np.interp(even, t, x)
+    left, right = 2.0 * y[0] - y[half:0:-1], 2.0 * y[-1] - y[-2 : -half - 2 : -1]  # odd about the ends: keeps trends
+    return even, np.convolve(np.concatenate([left, y, right]), kernel, mode="valid")

@@ -1,0 +1,165 @@
+"""Tables as logs: SIDPAC's 90 columns, and plain tables whose columns carry the names of channels.
+
+SIDPAC (V. Klein, E. A. Morelli, Aircraft System Identification, AIAA 2006, software) keeps a flight in a matrix
+``fdata`` of 90 columns with fixed meanings, feet, degrees and g; a column that was not recorded is zero.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from testbench.channels import CHANNELS, UNITS, channel, unit_factor
+from testbench.constants import DEG_RAD, FT_M, G0_M_S2, LBF_N, PSF_PA
+from testbench.errors import RecordError
+from testbench.logs.description import SUFFIXES, TIME_UNITS
+from testbench.logs.mat import mat_variables
+from testbench.logs.signals import Log, Rule, make_topic, scaled
+from testbench.logs.tables import Table, read_table
+from testbench.record import FloatArray
+
+COLUMNS = 90
+_CG = "columns 11 to 13 are reduced to the centre of gravity, as SIDPAC has it"
+_RIGHT_DOWN = "SIDPAC counts aileron positive right trailing edge down, which rolls left (from memory)"
+_UNIT = {"ft/s": FT_M, "ft": FT_M, "deg": DEG_RAD, "deg/s": DEG_RAD, "deg/s2": DEG_RAD, "g": G0_M_S2, "psf": PSF_PA}
+
+
+def _sum(*thrusts: FloatArray) -> FloatArray:
+    return LBF_N * np.sum(thrusts, axis=0)
+
+
+_PLAIN = (
+    ("V", 2, "ft/s"), ("beta", 3, "deg"), ("alpha", 4, "deg"), ("p", 5, "deg/s"), ("q", 6, "deg/s"), ("r", 7, "deg/s"),
+    ("phi", 8, "deg"), ("theta", 9, "deg"), ("psi", 10, "deg"), ("ax", 11, "g"), ("ay", 12, "g"), ("az", 13, "g"),
+    ("de", 14, "deg"), ("dr", 16, "deg"), ("qbar", 27, "psf"), ("h", 30, "ft"), ("pdot", 42, "deg/s2"),
+    ("qdot", 43, "deg/s2"), ("rdot", 44, "deg/s2"), ("u", 74, "ft/s"), ("v", 75, "ft/s"), ("w", 76, "ft/s"),
+)  # fmt: skip
+RULES = (
+    *(Rule(n, "fdata", (str(i),), scaled(_UNIT[unit]), f"column {i}, {unit}", _CG if n in ("ax", "ay", "az") else "")
+      for n, i, unit in _PLAIN),
+    Rule("da", "fdata", ("15",), scaled(-DEG_RAD), "minus column 15, deg", _RIGHT_DOWN),
+    Rule("thrust", "fdata", tuple(map(str, range(38, 42))), _sum, "sum of columns 38 to 41, lbf"),
+)  # fmt: skip
+
+_NAMES = {
+    "airspeed": "V", "tas": "V", "aoa": "alpha", "angle_of_attack": "alpha", "aos": "beta", "sideslip": "beta",
+    "roll_rate": "p", "pitch_rate": "q", "yaw_rate": "r", "roll": "phi", "bank": "phi", "pitch": "theta", "yaw": "psi",
+    "heading": "psi", "altitude": "h", "elevator": "de", "aileron": "da", "rudder": "dr", "throttle": "thr",
+    "dynamic_pressure": "qbar",
+}  # fmt: skip
+_CLOCKS = ("t", "time", "t_s", "time_s", "timestamp", "times")
+
+
+def read_columns(path: Path | str) -> tuple[Log, tuple[Rule, ...]]:
+    """Read a table of any format that descriptions know; return it as a log, and the rules for its columns.
+
+    A MAT file with a matrix ``fdata`` of 90 columns is SIDPAC's. Of any other table the columns whose names are those
+    of channels, or common words for them, are taken, in the units that the header states.
+
+    Raises:
+        RecordError: the file is damaged beyond use, has no column of times, or no column with a channel's name.
+    """
+    path = Path(path)
+    kind = SUFFIXES[path.suffix.lower()]
+    if kind == "mat":
+        found = _sidpac(path)
+        if found is not None:
+            return found, RULES
+    warnings: list[str] = []
+    try:
+        table = read_table(path, kind)
+    except RecordError as error:
+        if kind not in ("csv", "text"):
+            raise
+        table = _salvage(path, kind, error, warnings)
+    return _plain(path, table, warnings)
+
+
+def _sidpac(path: Path) -> Log | None:
+    try:
+        content = mat_variables(path.read_bytes())
+    except ValueError:
+        return None  # the common reader says what is wrong
+    shapes = {k: v.shape for k, v in content.items() if isinstance(v, np.ndarray) and v.ndim == 2}
+    wide = [k for k, shape in shapes.items() if shape[1] == COLUMNS and shape[0] > 1]
+    if "fdata" not in wide and len(wide) != 1:
+        return None
+    name = "fdata" if "fdata" in wide else wide[0]
+    matrix = content[name]
+    columns = {str(i + 1): matrix[:, i] for i in range(1, COLUMNS)}
+    topic, lost = make_topic("fdata", matrix[:, 0], columns)
+    if topic.t_s.size < 2:
+        raise RecordError(f"column 1 of '{name}' in '{path}' must be time in s, running on, got none that does")
+    return Log(path, f"SIDPAC, variable {name}", {"fdata": topic}, warnings=(lost,) if lost else ())
+
+
+def _salvage(path: Path, kind: str, error: RecordError, warnings: list[str]) -> Table:
+    """Read a text table again without the lines that have another number of cells than most."""
+    text = path.read_bytes().decode("utf-8", "replace")
+    delimiter = "," if kind == "csv" else None
+    lines = [line for line in text.splitlines() if line.strip()]
+    widths = [len(line.rstrip(", ").split(delimiter)) for line in lines]
+    usual = Counter(widths).most_common(1)
+    good = [
+        line for line, n in zip(lines, widths, strict=True) if usual and n == usual[0][0] and "\ufffd" not in line
+        and "\x00" not in line
+    ]  # fmt: skip
+    if usual and usual[0][0] > 1 and 2 < len(good) < len(lines):
+        with tempfile.TemporaryDirectory() as folder:
+            part = Path(folder) / path.name
+            part.write_text("\n".join(good) + "\n", encoding="utf-8")
+            try:
+                table = read_table(part, kind)
+            except RecordError:
+                raise error from None
+        warnings.append(f"{len(lines) - len(good)} lines are damaged and were left out ({error.message})")
+        return table
+    raise error
+
+
+def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Rule, ...]]:
+    labels = [name.strip().lower().replace(" ", "_") for name in table.names]
+    clock = next((i for i, label in enumerate(labels) if label in _CLOCKS), None)
+    if clock is None:
+        raise RecordError(
+            f"a column of '{path}' must be called {' or '.join(_CLOCKS[:2])}, got "
+            f"{', '.join(filter(None, table.names)) or 'columns without names'}; write a description for "
+            "testbench identify, which takes columns by number and times by rate"
+        )
+    unit = table.units[clock].strip().lower() or "s"
+    if unit not in TIME_UNITS:
+        raise RecordError(f"the unit of time in '{path}' must be one of {', '.join(TIME_UNITS)}, got '{unit}'")
+    rules, columns = [], {}
+    for i, label in enumerate(labels):
+        name = table.names[i] if table.names[i] in CHANNELS else _NAMES.get(label)
+        if i == clock or name is None or table.names[i] in columns:
+            continue
+        columns[table.names[i]] = table.numbers(i + 1)
+        rules.append(_rule(path, name, table.names[i], table.units[i]))
+    if not rules:
+        raise RecordError(
+            f"columns of '{path}' must carry names of channels ({', '.join(list(CHANNELS)[:12])}, ...), got "
+            f"{', '.join(filter(None, table.names))}; write a description for testbench identify"
+        )
+    topic, lost = make_topic("", TIME_UNITS[unit] * table.numbers(clock + 1), columns)
+    unread = {name: len(table) for i, name in enumerate(table.names) if name and name not in columns and i != clock}
+    said = (*warnings, lost) if lost else tuple(warnings)
+    return Log(path, f"table ({SUFFIXES[path.suffix.lower()]})", {"": topic}, warnings=said, unread=unread), tuple(
+        rules
+    )
+
+
+def _rule(path: Path, name: str, column: str, stated: str) -> Rule:
+    si = channel(name).unit
+    plain = stated.strip().lower().replace("^", "").replace("sec", "s").replace("²", "2").replace("°", "deg")
+    units = {unit.lower(): unit for unit in UNITS.get(si, {si: 1.0})}
+    if not stated.strip() or stated.strip() == "-":
+        return Rule(name, "", (column,), scaled(1.0), f"{si}, as in the file", f"the file states no unit: {si}")
+    if plain not in units:
+        raise RecordError(
+            f"the unit of column '{column}' in '{path}' must be one of {', '.join(units.values())}, got '{stated}'"
+        )
+    return Rule(name, "", (column,), scaled(unit_factor(name, units[plain])), units[plain])

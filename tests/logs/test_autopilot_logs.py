@@ -1,0 +1,199 @@
+"""PX4 and ArduPilot logs written byte by byte: what is read back, in the units and signs of the channel table."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+
+from testbench.constants import DEG_RAD, G0_M_S2
+from testbench.errors import RecordError
+from testbench.logs.importing import cut, import_log, read_log
+from testbench.logs.signals import map_channels
+
+pytest.importorskip("pyulog", reason="needs the extra logs: pip install flight-testbench[logs]")
+pytest.importorskip("pymavlink", reason="needs the extra logs: pip install flight-testbench[logs]")
+
+from writers import (
+    START_S,
+    attitude,
+    dataflash_bin,
+    dataflash_log,
+    elevator,
+    pitch_rate,
+    ulog,
+)
+
+# What the formats keep: 32-bit floats, and hundredths of a degree for the attitude of ArduPilot.
+KINDS = {"flight.ulg": ("PX4 ULog", 2e-6), "flight.bin": ("ArduPilot DataFlash (binary)", 0.0051 * DEG_RAD),
+         "flight.log": ("ArduPilot DataFlash (text)", 0.0051 * DEG_RAD)}  # fmt: skip
+
+
+def content(name: str, duration_s: float = 35.0) -> bytes:
+    if name.endswith("ulg"):
+        return ulog(duration_s)
+    return dataflash_bin(duration_s) if name.endswith("bin") else dataflash_log(duration_s).encode()
+
+
+@pytest.fixture(scope="module")
+def whole() -> dict[str, bytes]:
+    return {name: content(name) for name in KINDS}
+
+
+@pytest.fixture(scope="module")
+def short() -> dict[str, bytes]:
+    return {name: content(name, 10.0) for name in KINDS}
+
+
+def put(tmp_path, name: str, data: bytes):
+    path = tmp_path / name
+    path.write_bytes(data)
+    return path
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_flight_is_read_back(tmp_path, whole, name):
+    kind, angle_tolerance = KINDS[name]
+    found = import_log(put(tmp_path, name, whole[name]))
+    assert found.log.kind == kind
+    assert found.log.warnings == ()
+    record, t = found.record, found.record.t_s
+    assert record.kind == "measured"
+    assert found.rate_hz == 50.0
+    phi, theta, psi = attitude(t)
+    for channel, truth, tolerance in (
+        ("phi", phi, angle_tolerance),
+        ("theta", theta, angle_tolerance),
+        ("psi", psi, angle_tolerance),  # through 180 deg without a jump
+        ("q", pitch_rate(t), 1e-4),  # the low pass has a ripple of 0.1 %
+        ("p", 0.01 * t, 1e-4),
+        ("r", -0.02 * t, 1e-4),
+        ("az", np.full(t.size, -G0_M_S2), 1e-4),
+        ("V", 18.0 + 0.1 * t, 1e-5),
+    ):
+        taken = record.valid[:, record.channels.index(channel)]
+        assert np.max(np.abs(record[channel] - truth)[taken]) < tolerance, channel
+    assert record.provenance["clock_zero_s"] == pytest.approx(START_S, abs=1e-6)  # when read, not when published
+    speed = record.valid[:, record.channels.index("V")]
+    assert np.array_equal(np.flatnonzero(speed)[:3], [0, 5, 10])  # 10 Hz at 50 Hz: marked where it was sampled
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_the_elevator_command_has_our_sign_and_throw(tmp_path, whole, name):
+    found = import_log(put(tmp_path, name, whole[name]), throw_rad={"de": 20.0 * DEG_RAD})
+    t = found.record.t_s
+    expected = -20.0 * DEG_RAD * elevator(t)  # nose up is elevator up, which is negative
+    error = np.abs(found.record["de_cmd"] - expected)
+    edges = np.abs(t[:, None] - np.array([5, 6, 7, 20, 21.5, 22.5, 23, 23.5])).min(axis=1) < 0.25
+    assert error[~edges].max() < 0.01 * 4.0 * DEG_RAD  # 1 % of the amplitude away from the steps: the filter's ripple
+    mapped = next(c for c in found.channels if c.name == "de_cmd")
+    assert "full command is 20 deg (as given)" in mapped.assumed
+    unknown = next(c for c in import_log(found.log.file).channels if c.name == "de_cmd")
+    assert "full command is 25 deg (assumed" in unknown.assumed
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_both_manoeuvres_are_found(tmp_path, whole, name):
+    found = import_log(put(tmp_path, name, whole[name]))
+    spans = [(m.start_s, m.end_s, m.controls) for m in found.search.manoeuvres]
+    assert [s[2] for s in spans] == [("de_cmd",), ("de_cmd",)]
+    assert np.allclose([s[:2] for s in spans], [(5.0, 7.0), (20.0, 23.5)], atol=0.1)
+    parts = cut(found)
+    assert list(parts) == ["01_de", "02_de"]
+    for m, record in parts.values():
+        assert record.t_s[0] == 0.0
+        assert m.start_s - m.cut_s[0] == pytest.approx(2.0, abs=0.021)  # a sample
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_what_a_file_cut_short_still_holds(tmp_path, short, name):
+    data = short[name]
+    found = import_log(put(tmp_path, name, data[: int(0.7 * len(data)) + 5]))
+    assert any("cut short" in text and "saved: " in text for text in found.log.warnings)
+    assert 5.0 < found.record.duration_s < 9.0
+    assert found.record["p"][100] == pytest.approx(0.01 * found.record.t_s[100], abs=1e-4)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_damage_in_the_middle_costs_what_was_hit(tmp_path, short, name):
+    data = bytearray(short[name])
+    middle = len(data) // 2
+    data[middle : middle + 400] = bytes(i * 37 % 251 for i in range(400))
+    found = import_log(put(tmp_path, name, bytes(data)))
+    assert found.log.warnings
+    assert found.record.duration_s == pytest.approx(9.98, abs=0.05)
+    taken = found.record.valid[:, found.record.channels.index("p")]
+    assert 0.8 < taken.mean() <= 1.0
+    assert np.max(np.abs(found.record["p"] - 0.01 * found.record.t_s)[taken]) < 1e-4
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_random_damage_gives_an_error_or_what_could_be_saved(tmp_path, short, name):
+    rng = np.random.default_rng(7)
+    ends = {"saved": 0, "refused": 0}
+    for i in range(12):
+        data = bytearray(short[name][: len(short[name]) // 4])
+        start = 0 if i < 4 else len(data) // 3
+        for place in rng.integers(start, start + len(data) // 3, 30):
+            data[place] = rng.integers(0, 256)
+        try:
+            log, rules = read_log(put(tmp_path, name, bytes(data)))
+        except RecordError as error:
+            ends["refused"] += name in str(error)
+        else:
+            assert log.warnings
+            assert all(np.isfinite(c.values).all() for c in map_channels(log, rules))
+            ends["saved"] += 1
+    assert sum(ends.values()) == 12  # a refusal names the file
+    assert ends["saved"] >= 6  # with the definitions whole, something can always be saved
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_nothing_to_save_is_said_in_one_line(tmp_path, short, name):
+    for size in (3, 300):
+        path = put(tmp_path, name, short[name][:size] if name != "flight.ulg" or size > 3 else b"ULo")
+        with pytest.raises(RecordError, match=r"flight\.") as error:
+            import_log(path)
+        assert "\n" not in str(error.value)
+    with pytest.raises(RecordError, match="is empty"):
+        import_log(put(tmp_path, name, b""))
+    with pytest.raises(RecordError, match="a file that exists"):
+        import_log(tmp_path / ("no_" + name))
+
+
+@pytest.mark.parametrize(("name", "package"), [("flight.ulg", "pyulog"), ("flight.bin", "pymavlink")])
+def test_without_the_library_the_extra_is_named(tmp_path, short, name, package, monkeypatch):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(RecordError, match=rf"need {package}.*flight-testbench\[logs\]"):
+        import_log(put(tmp_path, name, short[name]))
+
+
+def test_lost_samples_are_marked_and_never_bridged(tmp_path):
+    found = import_log(put(tmp_path, "f.ulg", ulog(20.0, gap=(12.0, 13.0))))
+    record = found.record
+    lost = (record.t_s > 12.0) & (record.t_s < 12.99)
+    for i, name in enumerate(record.channels):
+        assert not record.valid[lost, i].any(), name
+    assert np.ptp(record["psi"][lost]) == 0.0  # held, not interpolated
+    assert [c.gaps for c in found.channels if c.name == "theta"] == [[pytest.approx((START_S + 11.99, START_S + 13.0))]]
+
+
+def test_a_reboot_of_the_clock_and_one_wrong_time(tmp_path, short):
+    data = bytearray(short["flight.bin"])
+    at = data.find(b"\xa3\x95\x82", len(data) // 2) + 3  # the time of an IMU message
+    data[at + 6] = 0x55  # years ahead
+    found = import_log(put(tmp_path, "f.bin", bytes(data)))
+    assert found.record.duration_s < 10.0
+    assert any("left out, because their times do not run on" in text for text in found.log.warnings)
+
+
+def test_servo_settings_of_the_log_are_used_and_absent_ones_are_said(tmp_path, short):
+    found = import_log(put(tmp_path, "f.bin", short["flight.bin"]))
+    by_name = {c.name: c for c in found.channels}
+    assert by_name["de_cmd"].said == "servo 2, 1100 to 1900 us, centre 1500 us"
+    assert "no setting says so" not in by_name["de_cmd"].assumed
+    assert "no setting says so" in by_name["da_cmd"].assumed
+    assert found.record["thr_cmd"][10] == pytest.approx(0.3, abs=1e-6)
+    assert found.log.unread == {"POWR": 100}
+    assert found.record["p"].max() < 0.2  # the second inertial unit, which reads 9, is not mixed in

@@ -1,0 +1,153 @@
+"""Small logs of a flight whose truth is known, written byte by byte after the formats' own descriptions."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+
+import numpy as np
+
+G0 = 9.80665
+START_S = 12.5  # what the clock of the autopilot shows when the log begins
+
+
+def elevator(t: np.ndarray) -> np.ndarray:
+    """Nose-up command -1..1: a doublet at 5 s and a 3-2-1-1 at 20 s."""
+    u = np.zeros_like(t)
+    for start, end, sign in ((5, 6, 1), (6, 7, -1), (20, 21.5, 1), (21.5, 22.5, -1), (22.5, 23, 1), (23, 23.5, -1)):
+        u[(t >= start) & (t < end)] = 0.2 * sign
+    return u
+
+
+def pitch_rate(t: np.ndarray) -> np.ndarray:
+    return 0.1 * np.sin(2.0 * np.pi * 0.5 * t)
+
+
+def attitude(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Bank, pitch and heading, rad; the heading passes through 180 deg."""
+    return 0.2 * np.sin(t), 0.1 + 0.05 * np.cos(t), 3.0 + 0.02 * t
+
+
+def quaternion(phi: np.ndarray, theta: np.ndarray, psi: np.ndarray) -> np.ndarray:
+    c, s = [np.cos(a / 2) for a in (phi, theta, psi)], [np.sin(a / 2) for a in (phi, theta, psi)]
+    return np.column_stack([
+        c[0] * c[1] * c[2] + s[0] * s[1] * s[2],
+        s[0] * c[1] * c[2] - c[0] * s[1] * s[2],
+        c[0] * s[1] * c[2] + s[0] * c[1] * s[2],
+        c[0] * c[1] * s[2] - s[0] * s[1] * c[2],
+    ])  # fmt: skip
+
+
+def _ulog_message(kind: bytes, body: bytes) -> bytes:
+    return struct.pack("<H", len(body)) + kind + body
+
+
+ULOG_TOPICS = (
+    ("vehicle_angular_velocity", "uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;", 250.0),
+    ("vehicle_attitude", "uint64_t timestamp;uint64_t timestamp_sample;float[4] q;", 100.0),
+    ("vehicle_acceleration", "uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;", 100.0),
+    ("airspeed_validated", "uint64_t timestamp;float true_airspeed_m_s;", 10.0),
+    ("vehicle_torque_setpoint", "uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;", 100.0),
+)
+
+
+def ulog(duration_s: float = 35.0, gap: tuple[float, float] | None = None) -> bytes:
+    """A PX4 log: header, flag bits, formats, subscriptions, then data in the order of time.
+
+    Sensors are read 3 ms before they are published; nothing is logged in ``gap``.
+    """
+    out = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", int(START_S * 1e6))]
+    out.append(_ulog_message(b"B", bytes(40)))
+    key = b"char[3] sys_name"
+    out.append(_ulog_message(b"I", bytes([len(key)]) + key + b"PX4"))
+    out += [_ulog_message(b"F", f"{name}:{fields}".encode()) for name, fields, _ in ULOG_TOPICS]
+    out += [_ulog_message(b"A", struct.pack("<BH", 0, i) + name.encode()) for i, (name, _, _) in enumerate(ULOG_TOPICS)]
+    samples = []
+    for i, (name, fields, rate) in enumerate(ULOG_TOPICS):
+        t = np.arange(int(duration_s * rate)) / rate
+        if gap is not None:
+            t = t[(t < gap[0]) | (t >= gap[1])]
+        values = {
+            "vehicle_angular_velocity": np.column_stack([0.01 * t, pitch_rate(t), -0.02 * t]),
+            "vehicle_attitude": quaternion(*attitude(t)),
+            "vehicle_acceleration": np.column_stack([0.3 + 0 * t, 0.1 + 0 * t, -G0 + 0 * t]),
+            "airspeed_validated": (18.0 + 0.1 * t)[:, None],
+            "vehicle_torque_setpoint": np.column_stack([0 * t, elevator(t), 0 * t]),
+        }[name]
+        sampled = "timestamp_sample" in fields
+        for at, row in zip(t, values, strict=True):
+            clock = round((START_S + at) * 1e6)
+            head = struct.pack("<QQ", clock + 3000, clock) if sampled else struct.pack("<Q", clock)
+            body = struct.pack("<H", i) + head + row.astype("<f4").tobytes()
+            samples.append((clock + 3000 * sampled, i, _ulog_message(b"D", body)))
+    out += [message for _, _, message in sorted(samples)]
+    return b"".join(out)
+
+
+DATAFLASH = (
+    (130, "IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
+    (131, "ATT", "QccC", "TimeUS,Roll,Pitch,Yaw"),
+    (132, "ARSP", "Qff", "TimeUS,Airspeed,DiffPress"),
+    (133, "RCOU", "QHHHH", "TimeUS,C1,C2,C3,C4"),
+    (134, "PARM", "QNf", "TimeUS,Name,Value"),
+    (135, "MSG", "QZ", "TimeUS,Message"),
+    (136, "POWR", "Qf", "TimeUS,Vcc"),
+)
+_CODES = {"Q": "Q", "f": "f", "B": "B", "H": "H", "c": "h", "C": "H", "N": "16s", "Z": "64s"}
+SERVO = {"SERVO2_FUNCTION": 19, "SERVO2_MIN": 1100, "SERVO2_TRIM": 1500, "SERVO2_MAX": 1900, "SERVO2_REVERSED": 1}
+
+
+def _dataflash_messages(duration_s: float) -> list[tuple[str, Sequence[object]]]:
+    out: list[tuple[float, str, Sequence[object]]] = [(-2.0, "MSG", (0, b"ArduPlane V4.5.7"))]
+    out += [(-1.0, "PARM", (0, name.encode(), value)) for name, value in SERVO.items()]
+    for rate, names in ((100.0, ("IMU0", "IMU1", "RCOU")), (50.0, ("ATT",)), (10.0, ("ARSP", "POWR"))):
+        for t in np.arange(int(duration_s * rate)) / rate:
+            us = round((START_S + t) * 1e6)
+            phi, theta, psi = (np.degrees(float(a)) for a in attitude(t))
+            rows: dict[str, Sequence[object]] = {
+                "IMU0": (us, 0, 0.01 * t, pitch_rate(t), -0.02 * t, 0.3, 0.1, -G0),
+                "IMU1": (us, 1, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0),
+                "RCOU": (us, 1500, round(1500 - 400 * float(elevator(np.array([t]))[0])), 1300, 1500),
+                "ATT": (us, round(100 * phi), round(100 * theta), round(100 * (psi % 360.0))),
+                "ARSP": (us, 18.0 + 0.1 * t, 200.0),
+                "POWR": (us, 5.0),
+            }
+            out += [(float(t), name.rstrip("01"), rows[name]) for name in names]
+    return [(name, row) for _, name, row in sorted(out, key=lambda item: item[0])]
+
+
+def dataflash_bin(duration_s: float = 35.0) -> bytes:
+    """A binary ArduPilot log: FMT messages, then data."""
+    head, out = b"\xa3\x95", []
+    kinds = {name: (kind, "<" + "".join(_CODES[c] for c in layout)) for kind, name, layout, _ in DATAFLASH}
+
+    def fmt(kind: int, length: int, name: str, layout: str, columns: str) -> bytes:
+        body = struct.pack("<BB4s16s64s", kind, length, name.encode(), layout.encode(), columns.encode())
+        return head + b"\x80" + body
+
+    out.append(fmt(128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"))
+    out += [
+        fmt(kind, 3 + struct.calcsize(kinds[name][1]), name, layout, columns)
+        for kind, name, layout, columns in DATAFLASH
+    ]
+    for name, row in _dataflash_messages(duration_s):
+        kind, codes = kinds[name]
+        out.append(head + bytes([kind]) + struct.pack(codes, *row))
+    return b"".join(out)
+
+
+def dataflash_log(duration_s: float = 35.0) -> str:
+    """The same log as text, as ArduPilot's ground stations write it."""
+    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns"]
+    lines += [f"FMT, {kind}, 50, {name}, {layout}, {columns}" for kind, name, layout, columns in DATAFLASH]
+    layouts = {name: layout for _, name, layout, _ in DATAFLASH}
+    for name, row in _dataflash_messages(duration_s):
+        cells = []
+        for value, code in zip(row, layouts[name], strict=True):
+            if isinstance(value, bytes):
+                cells.append(value.decode())
+            else:
+                cells.append(f"{float(value) / 100:.2f}" if code in "cC" else f"{float(value):.9g}" if code == "f"  # type: ignore[arg-type]
+                             else str(value))  # fmt: skip
+        lines.append(", ".join([name, *cells]))
+    return "\n".join(lines) + "\n"
