@@ -1,0 +1,44 @@
+"""Gymnasium environments: ``testbench/ExcitationDesign-v0`` and one per aircraft, continuous and discrete.
+
+    import gymnasium
+    import testbench.envs
+
+    testbench.envs.register()
+    env = gymnasium.make("testbench/ExcitationDesign-v0", task="taurus")
+
+Needs the extra ``rl``. Nothing is registered, and gymnasium is not imported, before :func:`register` is called.
+"""
+
+from __future__ import annotations
+
+ENTRY_POINT = "testbench.envs.excitation:ExcitationDesign"
+DEFAULT = "testbench/ExcitationDesign-v0"
+AIRCRAFT = ("eolo", "taurus", "b1")
+ACTIONS = ("continuous", "discrete")
+
+__all__ = ["ACTIONS", "AIRCRAFT", "DEFAULT", "environment_names", "register"]
+
+
+def environment_names() -> dict[str, dict[str, str]]:
+    """Return id -> its arguments, e.g. "testbench/ExcitationDesign-taurus-discrete-v0"."""
+    out: dict[str, dict[str, str]] = {DEFAULT: {}}
+    for aircraft in AIRCRAFT:
+        for actions in ACTIONS:
+            name = f"testbench/ExcitationDesign-{aircraft}-{actions}-v0"
+            out[name] = {"task": aircraft, "actions": actions}
+    return out
+
+
+def register() -> tuple[str, ...]:
+    """Register the environments with Gymnasium and return their ids; doing so twice does no harm.
+
+    Raises:
+        ImportError: Gymnasium is not installed: install the extra ``rl``.
+    """
+    import gymnasium
+
+    names = environment_names()
+    for name, arguments in names.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(name, entry_point=ENTRY_POINT, kwargs=arguments)
+    return tuple(names)

@@ -1,0 +1,346 @@
+"""ExcitationDesign: an agent moves the controls of an aircraft so that the record tells its parameters.
+
+Every step the agent sets the commands, which are held for ``decision_s``. It sees what the sensors show. Its reward is
+
+    r = ln(cost before / cost after) - w max(0, (use - near) / (1 - near))^2
+
+with the cost of a design (see :func:`testbench.design.information.cost`: by default the t-th root of the volume of the
+targets' error ellipsoid, so that r is the gain of log det information per target, in nats) and ``use`` the largest
+share of a limit that the step used up. The gains of a flight add up to ln(cost before / cost after it). A broken limit
+ends the episode with ``-breach_cost`` and without the gain of that step; the end of the record truncates it.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from testbench.design.information import Criterion
+from testbench.envs.dynamics import JSBSimFlight, LinearFlight, Piece
+from testbench.envs.gain import Gain
+from testbench.envs.lifted import lift
+from testbench.envs.tasks import amplitude, prepare
+from testbench.errors import LimitError, ScenarioError
+from testbench.record import FloatArray
+
+if TYPE_CHECKING:
+    from testbench.report.episode import Episode
+
+Observation = NDArray[np.float32]
+LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)
+"""Commands of the discrete version, in shares of the amplitude; action 0 holds the command, action i + 1 steps to i."""
+
+_RATE_TOLERANCE = 1e-6
+
+
+class ExcitationDesign(gymnasium.Env[Observation, Any]):
+    """The environment ``testbench/ExcitationDesign-v0``; see the module's docstring.
+
+    Actions: "continuous": a command per control, -1 to 1 times the amplitude; "discrete": 0 holds, i + 1 steps to
+    ``LEVELS[i]``, one number per control.
+
+    Observation, flat, float32: the last ``stack`` samples of every sensor (deviation from trim in units of its limit
+    where it has one, else in tens of its noise), oldest first; the commands now, in amplitudes; the share of time left;
+    and per target 1 / (1 + standard error / wanted error), 0 at first and 0.5 where the wanted accuracy is reached.
+
+    ``info``: "cost", "use" (largest share of a limit in this step) and "t_s"; at the end also "limit" (which one was
+    broken, or ""), "errors" (target -> standard error over wanted) and "largest_use".
+
+    Args:
+        task: aircraft with a task (``testbench.envs.tasks.TASKS``), or the path of a design scenario.
+        actions: see above.
+        dynamics: "linear", the linearised aircraft, or "jsbsim": JSBSim flies, is sensed and held to the limits, and
+            sensitivities are still those of the linearised aircraft.
+        wings: "rigid" or "flexible", for tasks; a scenario has its own.
+        criterion: which cost: "D", "worst", "A" or "E".
+        decision_s: how long a command is held; a whole number of samples of the fastest sensors. Default: the shortest
+            step of the task.
+        stack: samples observed.
+        prior: standard error of a parameter before the flight, relative to its true value.
+        near: share of a limit beyond which nearing it costs.
+        near_cost: w above, nats.
+        breach_cost: of a broken limit, nats.
+        render_mode: None or "rgb_array".
+
+    Raises:
+        ScenarioError: an unknown task or option.
+        LimitError: a decision that is no whole number of samples, or limits without room.
+        EstimationError: targets that depend on one another, under criterion D.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}
+
+    def __init__(
+        self,
+        task: str = "eolo",
+        actions: Literal["continuous", "discrete"] = "continuous",
+        dynamics: Literal["linear", "jsbsim"] = "linear",
+        wings: Literal["rigid", "flexible"] = "rigid",
+        criterion: Criterion = "D",
+        decision_s: float | None = None,
+        stack: int = 8,
+        prior: float = 1.0,
+        near: float = 0.9,
+        near_cost: float = 1.0,
+        breach_cost: float = 5.0,
+        render_mode: str | None = None,
+    ) -> None:
+        _check(actions, dynamics, criterion, near, near_cost, breach_cost, render_mode)
+        self.render_mode = render_mode
+        self.task = prepare(task, wings)
+        self.amplitude = amplitude(task, self.task)
+        problem = self.task.problem
+        experiment = problem.experiment
+        rate = problem.rate_hz / experiment.stride
+        self.decision_s = decision_s if decision_s is not None else math.ceil(problem.shortest_s * rate - 1e-9) / rate
+        self._r = _whole(self.decision_s * rate, "decision_s", f"of {1.0 / rate:g} s")
+        self._quiet = _whole(problem.start_s * rate, "start_s", f"of {1.0 / rate:g} s")
+        if not 1 <= stack <= self._quiet:
+            raise LimitError(
+                f"1 <= stack <= {self._quiet}, the samples before the first decision, must hold, got {stack}"
+            )
+        self.steps = (experiment.samples - self._quiet) // self._r
+        if self.steps < 1:
+            raise LimitError(
+                f"the record must hold at least one decision of {self.decision_s:g} s, got {problem.duration_s:g} s"
+            )
+        lifted = lift(problem, self._r)
+        self.criterion: Criterion = criterion
+        self.near = near
+        self._gain = Gain(problem, criterion, prior)
+        p, k = lifted.p, lifted.k
+        first = lifted.nz + lifted.r * p
+        scale = np.tile(self._gain.sensitivity_scale, (lifted.r, 1, 1))
+        lifted.matrix[first : first + lifted.r * p * k] *= scale.reshape(-1, 1)
+        self._flight = LinearFlight(self.task, lifted) if dynamics == "linear" else JSBSimFlight(self.task, lifted)
+        self._rate, self._stack = rate, stack
+        self._near_cost, self._breach_cost, self._discrete = near_cost, breach_cost, actions == "discrete"
+        self._sensors = experiment.sensors
+        self._centre, self._unit = self._display()
+        quantum = np.array([s.quantum or 1e-9 * u for s, u in zip(self._sensors, self._unit, strict=True)])
+        self._counts, self._step_shown = 1.0 / quantum, quantum / self._unit
+        self._centre_shown = self._centre / self._unit
+        self._exact = tuple(replace(s, quantum=0.0) for s in self._sensors)  # rounded together with the signal, later
+        self._every = np.array([round(rate / (s.rate_hz or rate)) for s in self._sensors])
+        self._slow = bool(np.any(self._every > 1) or any(s.dropout > 0.0 for s in self._sensors))
+        m, t = len(problem.controls), len(problem.targets.names)
+        size = stack * p + m + 1 + t
+        low, high = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
+        low[stack * p : stack * p + m], high[stack * p : stack * p + m] = -1.0, 1.0
+        low[stack * p + m :], high[stack * p + m :] = 0.0, 1.0
+        self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float32)
+        if not self._discrete:
+            self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (m,), np.float32)
+        elif m == 1:
+            self.action_space = gymnasium.spaces.Discrete(len(LEVELS) + 1)
+        else:
+            self.action_space = gymnasium.spaces.MultiDiscrete([len(LEVELS) + 1] * m)
+        self._samples = self._quiet + self.steps * self._r
+        self._seen, self._shown = np.empty((self._samples, p)), np.empty((self._samples, p))
+        self._u = np.zeros((self.steps, m))
+        self._uses = np.zeros(self.steps)
+        self._costs = np.ones(self.steps + 1)
+        self._step, self._over, self._largest = 0, True, 0.0
+        self._now = np.zeros(m)
+
+    def _display(self) -> tuple[FloatArray, FloatArray]:
+        """Return what the observation subtracts from the sensors and divides by (p,) each."""
+        problem = self.task.problem
+        prediction, at = problem.prediction, self.task.trimmed.state
+        centre, unit = [], []
+        for sensor, sigma in zip(self._sensors, problem.experiment.sigma, strict=True):
+            centre.append(float(sensor.feel({n: np.array([at[n]]) for n in sensor.needs})[0]) * sensor.scale)
+            if sensor.channel in prediction.names:
+                i = prediction.names.index(sensor.channel)
+                unit.append(float(min(prediction.high[i], -prediction.low[i])))
+            else:
+                unit.append(10.0 * float(sigma))
+        return np.array(centre), np.array(unit)
+
+    @property
+    def commands(self) -> FloatArray:
+        """(steps flown, m) commands so far, deviations from trim, rad (1 for the throttle)."""
+        return self._u[: self._step].copy()
+
+    @property
+    def information(self) -> FloatArray:
+        """(k, k) Fisher information of the flight so far about the parameters that are estimated."""
+        return self._gain.information
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin a flight at trim; ``seed`` decides all errors of the sensors. No options are known.
+
+        Raises:
+            ScenarioError: an option was given.
+        """
+        super().reset(seed=seed)
+        if options:
+            raise ScenarioError([f"reset takes no options, got {', '.join(options)}"])
+        self._draw(int(self.np_random.integers(2**31)))
+        self._gain.reset(self._quiet)
+        self._seen[: self._quiet] = self._flight.reset(self._quiet)
+        self._measure(0, self._quiet)
+        self._step, self._over, self._largest = 0, False, 0.0
+        self._now = np.zeros(len(self.amplitude))
+        known = self._gain.known()
+        self._log_cost, self._relative = known
+        self._costs[0] = math.exp(known.log_cost)
+        return self._observe(), {"cost": self._costs[0], "use": 0.0, "t_s": self._quiet / self._rate}
+
+    def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Hold the commands of ``action`` for one decision.
+
+        Raises:
+            LimitError: an action outside its space, or a flight that has ended or not begun.
+        """
+        if self._over:
+            raise LimitError("a flight must have begun and not ended when a step is taken; call reset()")
+        self._now = self._level(action)
+        u = self._now * self.amplitude
+        piece = self._flight.fly(u)
+        at = self._quiet + self._step * self._r
+        self._seen[at : at + self._r] = piece.seen
+        self._measure(at, at + self._r)
+        use = float(np.maximum.reduce(piece.use, axis=None))
+        self._u[self._step], self._uses[self._step] = u, use
+        self._step += 1
+        broken = bool(piece.ended) or not use <= 1.0
+        if broken:
+            reward = -self._breach_cost
+        else:
+            self._gain.add(piece.sensitivities)
+            known = self._gain.known()
+            reward = self._log_cost - known.log_cost
+            self._log_cost, self._relative = known
+            if use > self.near:
+                reward -= self._near_cost * ((use - self.near) / (1.0 - self.near)) ** 2
+        self._largest = max(self._largest, use)
+        cost = math.exp(self._log_cost)
+        self._costs[self._step] = cost
+        over = self._step == self.steps
+        info: dict[str, Any] = {"cost": cost, "use": use, "t_s": (at + self._r) / self._rate}
+        if broken or over:
+            names = self.task.problem.targets.names
+            info["limit"] = self._which(piece) if broken else ""
+            info["errors"] = dict(zip(names, self._relative.tolist(), strict=True))
+            info["largest_use"] = self._largest
+        observation = self._observe()
+        self._over = broken or over
+        return observation, reward, broken, over and not broken, info
+
+    def _level(self, action: Any) -> FloatArray:
+        """Return the commands (m,), in amplitudes, that an action means."""
+        if self._discrete:
+            chosen = np.atleast_1d(np.asarray(action))
+            inside = chosen.shape == self._now.shape and all(0 <= a <= len(LEVELS) and a == int(a) for a in chosen)
+            if not inside:
+                raise LimitError(f"an action must be 0 (hold) to {len(LEVELS)} per control, got {action}")
+            return np.array([now if a == 0 else LEVELS[int(a) - 1] for a, now in zip(chosen, self._now, strict=True)])
+        level = np.asarray(action, float)
+        most = 1.0 + _RATE_TOLERANCE
+        if level.shape != self._now.shape or not all(-most <= a <= most for a in level.tolist()):
+            raise LimitError(f"an action must hold {self._now.size} numbers from -1 to 1, got {action}")
+        return level
+
+    def _draw(self, seed: int) -> None:
+        """Draw what the sensors add (N, p) and, where samples are held or lost, which sample each instant shows."""
+        n, p = self._samples, len(self._sensors)
+        self._error = np.empty((n, p))
+        self._source = np.tile(np.arange(n)[:, None], (1, p)) if self._slow else None
+        for i, sensor in enumerate(self._exact):
+            every = int(self._every[i])
+            count = -(-n // every)
+            error, arrived = sensor.sample(np.zeros(count), seed, every / self._rate)
+            self._error[:, i] = np.repeat(error, every)[:n] if every > 1 else error
+            if self._source is not None:
+                last = np.maximum.accumulate(np.where(arrived, np.arange(count), 0)) * every
+                self._source[:, i] = np.repeat(last, every)[:n]
+
+    def _measure(self, start: int, stop: int) -> None:
+        """Fill in what the sensors show of samples ``start`` to ``stop``."""
+        if self._source is None:
+            y = self._seen[start:stop] + self._error[start:stop]
+        else:
+            rows, columns = self._source[start:stop], np.arange(self._seen.shape[1])
+            y = self._seen[rows, columns] + self._error[rows, columns]
+        self._shown[start:stop] = np.rint(y * self._counts) * self._step_shown - self._centre_shown
+
+    def _observe(self) -> Observation:
+        done = self._quiet + self._step * self._r
+        left = 1.0 - self._step / self.steps
+        parts = (self._shown[done - self._stack : done].ravel(), self._now, (left,), 1.0 / (1.0 + self._relative))
+        return np.concatenate(parts).astype(np.float32)
+
+    def _which(self, piece: Piece) -> str:
+        """Return the limit that was broken, in words."""
+        if piece.ended:
+            return piece.ended
+        names = self.task.problem.prediction.names
+        return names[int(np.nanargmax(piece.use.max(axis=(0, 1))))]
+
+    def episode(self) -> Episode:
+        """Return the flight so far as the report draws it."""
+        from testbench.report.episode import Episode
+
+        done, problem = self._quiet + self._step * self._r, self.task.problem
+        theta, phi = self._flight.attitude()
+        return Episode(
+            title=f"{self.task.aircraft.name}, {self.task.scenario.condition.V_m_s:g} m/s",
+            start_s=self._quiet / self._rate,
+            decision_s=self.decision_s,
+            duration_s=self._samples / self._rate,
+            sensor_rate_hz=self._rate,
+            controls=problem.controls,
+            u=self.commands,
+            amplitude=self.amplitude,
+            channels=tuple(s.channel for s in self._sensors),
+            y=self._shown[:done] * self._unit + self._centre,
+            use=self._uses[: self._step].copy(),
+            cost=self._costs[: self._step + 1].copy(),
+            theta=theta,
+            phi=phi,
+            modes=dict(problem.bands.modes) if problem.bands else {},
+        )
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Return the flight so far as an image (height, width, 3), or None without render mode."""
+        if self.render_mode is None:
+            return None
+        from testbench.report.episode import draw_episode
+
+        return draw_episode(self.episode())
+
+
+def _whole(ratio: float, what: str, of: str) -> int:
+    whole = round(ratio)
+    if whole < 1 or abs(ratio - whole) > _RATE_TOLERANCE * max(ratio, 1.0):
+        raise LimitError(f"{what} must be a whole number of samples {of} of the fastest sensors, got {ratio:g} of them")
+    return whole
+
+
+def _check(
+    actions: str, dynamics: str, criterion: str, near: float, near_cost: float, breach_cost: float, mode: str | None
+) -> None:
+    faults = []
+    for key, value, valid in (
+        ("actions", actions, ("continuous", "discrete")),
+        ("dynamics", dynamics, ("linear", "jsbsim")),
+        ("criterion", criterion, ("D", "worst", "A", "E")),
+        ("render_mode", mode, (None, "rgb_array")),
+    ):
+        if value not in valid:
+            faults.append(f"{key} must be one of {', '.join(map(str, valid))}, got {value!r}")
+    if not 0.0 < near < 1.0:
+        faults.append(f"0 < near < 1 must hold for a share of a limit, got {near:g}")
+    for key, number in (("near_cost", near_cost), ("breach_cost", breach_cost)):
+        if not (math.isfinite(number) and number >= 0.0):
+            faults.append(f"0 <= {key} must hold, got {number:g}")
+    if faults:
+        raise ScenarioError(faults)

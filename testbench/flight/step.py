@@ -1,0 +1,100 @@
+"""A flight that is flown piece by piece, for whoever decides on the next command while it is under way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from testbench.aircraft import Aircraft
+from testbench.errors import ChannelError, LimitError, nearest
+from testbench.flight.condition import TrimmedFlight
+from testbench.flight.executive import Executive
+from testbench.flight.simulate import _watch, stride
+from testbench.flight.trim import place_at_trim
+from testbench.record import FloatArray
+
+
+class SteppedFlight:
+    """JSBSim from trim on, advanced by commands that are given as it flies.
+
+    The servos take commands as running linearly from frame to frame, as in :func:`testbench.flight.fly`. There a step
+    begins one frame before its instant, since what comes is known; here it begins with the first frame after it, so
+    that a flight by steps equals the flight of the same signal one frame late.
+
+    Args:
+        aircraft: the aircraft that was trimmed.
+        trimmed: where the flight starts; gives the simulation rate.
+        controls: what is commanded, in this order.
+        channels: channels of the simulator that are logged.
+        log_rate_hz: must divide the simulation rate.
+
+    Attributes:
+        reason: why the flight ended, "" while it goes on.
+
+    Raises:
+        LimitError: the log rate does not divide the simulation rate.
+        ChannelError: a control or channel that the aircraft does not have.
+    """
+
+    def __init__(
+        self,
+        aircraft: Aircraft,
+        trimmed: TrimmedFlight,
+        controls: Sequence[str],
+        channels: Sequence[str],
+        log_rate_hz: float,
+    ) -> None:
+        self._step = stride(trimmed.rate_hz, log_rate_hz)
+        self._fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
+        place_at_trim(self._fdm, trimmed)
+        for name, known in (
+            *((c, tuple(self._fdm.command_nodes)) for c in controls),
+            *((c, self._fdm.channels) for c in channels),
+        ):
+            if name not in known:
+                raise ChannelError(f"{aircraft.name} has no channel '{name}' in flight{nearest(name, known)}")
+        index = [self._fdm.channels.index(n) for n in channels]
+        self._readers = [self._fdm.channel_nodes[i].get_double_value for i in index]
+        self._factors = np.array([self._fdm.factors[i] for i in index])
+        self._writers = [self._fdm.command_nodes[n].set_double_value for n in controls]
+        self._scale = np.array([aircraft.controls[n].full for n in controls])
+        self._low = np.array([aircraft.controls[n].low for n in controls])
+        self._watched = _watch(self._fdm)
+        self._controls = tuple(controls)
+        self.reason = ""
+
+    def read(self) -> FloatArray:
+        """Return the channels as they are now (channels,), SI."""
+        return np.array([read() for read in self._readers]) * self._factors
+
+    def advance(self, u: FloatArray, rows: int) -> FloatArray:
+        """Fly on with absolute commands ``u`` (controls,) held, SI, for ``rows`` log intervals.
+
+        Returns:
+            (rows, channels) the state at the end of each interval, SI; fewer rows if the flight ended, see ``reason``.
+
+        Raises:
+            LimitError: a command leaves the range of its control, or the flight has ended.
+        """
+        if self.reason:
+            raise LimitError(f"a flight that ended cannot go on: {self.reason}; start another")
+        outside = (u < self._low - 1e-9) | (u > self._scale + 1e-9) | ~np.isfinite(u)
+        if np.any(outside):
+            i = int(np.argmax(outside))
+            raise LimitError(
+                f"{self._low[i]:g} <= {self._controls[i]} <= {self._scale[i]:g} must hold (rad; 1 for the throttle), "
+                f"got {u[i]:g}; reduce the command"
+            )
+        for write, value in zip(self._writers, (u / self._scale).tolist(), strict=True):
+            write(value)
+        run, raw = self._fdm.fdm.run, np.empty((rows, len(self._readers)))
+        for row in range(rows):
+            for _ in range(self._step):
+                run()
+            raw[row] = [read() for read in self._readers]
+            for read, low, high, text in self._watched:
+                if not low <= read() <= high:  # NaN, too, counts as outside
+                    self.reason = text(read())
+                    return raw[:row] * self._factors
+        return raw * self._factors
