@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from scipy.linalg import expm
@@ -32,17 +32,26 @@ NUISANCES: Mapping[str, float] = {
 
 @dataclass(frozen=True, eq=False)
 class Believed:
-    """What is believed of a flight: aircraft, sensor suite and the condition that the manoeuvres start from."""
+    """What is believed of a flight: aircraft, sensor suite and the condition that the manoeuvres start from.
+
+    ``shapes`` say what the commands become before the linear prediction, see :class:`effects.base.Effect`; ``at_rest``
+    is the aircraft that is linearised, without the amendments that shapes stand for. ``whiten`` takes a record and
+    residuals (n, outputs) in units of the noise and returns as many of which each is white with variance one, for
+    residuals that something other than sensor noise colours (turbulence); it must be linear.
+    """
 
     aircraft: Aircraft
     suite: SensorSuite
     condition: FlightCondition
     rate_hz: float
+    shapes: tuple[Callable[[tuple[str, ...], FloatArray, float], FloatArray], ...] = ()
+    at_rest: Aircraft | None = None
+    whiten: Callable[[FlightRecord, FloatArray], FloatArray] | None = None
 
     @cached_property
     def trimmed(self) -> TrimmedFlight:
         """The believed equilibrium."""
-        return trim(self.aircraft, self.condition, self.rate_hz)
+        return _trimmed(self._key)
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -55,14 +64,28 @@ class Believed:
         return np.array([self.suite.noise_std[n] for n in self.outputs])
 
     def with_effect(self, effect: Effect, values: Mapping[str, float]) -> Believed:
-        """Return the belief with one effect of the library added."""
-        aircraft, suite = effect.amend(self.aircraft, self.suite, values)
-        return replace(self, aircraft=aircraft, suite=suite)
+        """Return the belief with one effect of the library added, or with all parts of one that is put together."""
+        if effect.parts:
+            out, rest = self, dict(values)
+            for part in effect.parts:
+                own = {p.name: rest.pop(f"{part.name}.{p.name}") for p in part.parameters}
+                out = out.with_effect(part, own)
+            return out
+        aircraft, suite = effect.amend(replace(self.aircraft, rate_hz=self.rate_hz), self.suite, values)
+        shapes, at_rest = self.shapes, self.at_rest
+        if effect.shape is not None:
+            shapes = (*shapes, partial(_shaped, effect, aircraft, values))
+            at_rest = at_rest or self.aircraft
+        elif at_rest is not None:
+            at_rest = effect.amend(replace(at_rest, rate_hz=self.rate_hz), self.suite, values)[0]
+        return replace(self, aircraft=aircraft, suite=suite, shapes=shapes, at_rest=at_rest)
 
     def with_tuning(self, factors: Mapping[str, float]) -> Believed:
         """Return the belief with coefficients multiplied by ``factors``."""
         changes = tuple(ScaleCoefficient(name, f) for name, f in factors.items())
-        return replace(self, aircraft=self.aircraft.amended(Amendment("tuning", "re-tuned coefficients", changes)))
+        amendment = Amendment("tuning", "re-tuned coefficients", changes)
+        at_rest = None if self.at_rest is None else self.at_rest.amended(amendment)
+        return replace(self, aircraft=self.aircraft.amended(amendment), at_rest=at_rest)
 
     def predict(self, record: FlightRecord) -> FloatArray:
         """Return what the believed sensors would have read on this record, (n, outputs), without noise, from JSBSim.
@@ -76,9 +99,7 @@ class Believed:
         """
         names, u = commands(record)
         held = np.repeat(u[:-1], round(self.rate_hz * record.dt_s), axis=0)  # the last command acts after the record
-        signal = InputSignal(np.arange(held.shape[0]) / self.rate_hz, held, names)
-        manoeuvre = Manoeuvre("measured commands", signal, 0.0)
-        truth = fly(self.aircraft, self.trimmed, manoeuvre, 1.0 / record.dt_s, self._needed)
+        truth = _flown(self._key, names, held.shape, held.tobytes(), 1.0 / record.dt_s, self._needed)
         return self._ideal_suite.measure(truth, 0).columns(self.outputs)
 
     def predict_linear(self, record: FlightRecord) -> FloatArray:
@@ -87,6 +108,8 @@ class Believed:
         The workflow uses it for differences between hypotheses only, never for a residual.
         """
         names, u = commands(record)
+        for shape in self.shapes:
+            u = shape(names, u, record.dt_s)
         model = self._linear
         columns = [model.inputs.index(n if n == "thr" else f"{n}_cmd") for n in names]
         n, m = len(model.states), len(columns)
@@ -97,15 +120,23 @@ class Believed:
         x = Trajectories(step[:n, :n], len(record)).forced(driven[:, :, None])[:, :, 0]
         rows = [model.outputs.index(c) for c in self._needed]
         outputs = x @ model.C[rows].T + u @ model.D[np.ix_(rows, columns)].T
-        outputs += [self.trimmed.state[c] for c in self._needed]
+        outputs += [_trimmed(self._rest_key).state[c] for c in self._needed]
         truth = FlightRecord(t_s=record.t_s, channels=self._needed, data=outputs, kind="truth")
         return self._ideal_suite.measure(truth, 0).columns(self.outputs)
 
     @cached_property
     def _linear(self) -> LinearModel:
-        return linearise(self.aircraft, self.trimmed)
+        return _linearised(self._rest_key)
 
-    @property
+    @cached_property
+    def _key(self) -> _Key:
+        return _Key.of(self.aircraft, self.condition, self.rate_hz)
+
+    @cached_property
+    def _rest_key(self) -> _Key:
+        return self._key if self.at_rest is None else _Key.of(self.at_rest, self.condition, self.rate_hz)
+
+    @cached_property
     def _needed(self) -> tuple[str, ...]:
         """The true channels that the suite's outputs are made of."""
         return tuple(dict.fromkeys(n for s in self._ideal_suite.sensors for n in s.needs))
@@ -132,7 +163,49 @@ class Believed:
         valid = record.valid[:, [record.channels.index(n) for n in self.outputs]]
         r = difference / self.noise_std
         mean = (r * valid).sum(axis=0) / np.maximum(valid.sum(axis=0), 1)
-        return (r - mean) * valid
+        r = (r - mean) * valid
+        return r if self.whiten is None else self.whiten(record, r)
+
+
+@dataclass(frozen=True)
+class _Key:
+    """What trim, linearisation and flight depend on: hypotheses that differ in their sensors alone share them."""
+
+    aircraft: Aircraft = field(compare=False)
+    contents: tuple[object, ...]
+    condition: FlightCondition
+    rate_hz: float
+
+    @classmethod
+    def of(cls, aircraft: Aircraft, condition: FlightCondition, rate_hz: float) -> _Key:
+        contents = (aircraft.xml, repr(aircraft.elastic), repr(aircraft.amendments), aircraft.mass)
+        return cls(aircraft, (aircraft.name, contents), condition, rate_hz)
+
+
+@lru_cache(maxsize=256)
+def _trimmed(key: _Key) -> TrimmedFlight:
+    return trim(key.aircraft, key.condition, key.rate_hz)
+
+
+@lru_cache(maxsize=256)
+def _linearised(key: _Key) -> LinearModel:
+    return linearise(key.aircraft, _trimmed(key))
+
+
+@lru_cache(maxsize=128)
+def _flown(
+    key: _Key, names: tuple[str, ...], size: tuple[int, int], held: bytes, log_hz: float, needed: tuple[str, ...]
+) -> FlightRecord:
+    """Fly the commands ``held`` (the bytes of an array of ``size``), deviations from trim at every frame."""
+    u = np.frombuffer(held).reshape(size)
+    signal = InputSignal(np.arange(size[0]) / key.rate_hz, u, names)
+    return fly(key.aircraft, _trimmed(key), Manoeuvre("measured commands", signal, 0.0), log_hz, needed)
+
+
+def _shaped(
+    effect: Effect, aircraft: Aircraft, values: Mapping[str, float], names: tuple[str, ...], u: FloatArray, dt_s: float
+) -> FloatArray:
+    return u if effect.shape is None else effect.shape(names, u, dt_s, aircraft, values)
 
 
 def tuning(factors: FloatArray) -> Mapping[str, float]:

@@ -15,6 +15,7 @@ from testbench.errors import RecordError, ScenarioError, located
 from testbench.flight import FlightCondition
 from testbench.gap.believed import Believed
 from testbench.gap.hidden import Hidden, measure_hidden
+from testbench.gap.records import Flights
 from testbench.gap.workflow import GapFinding, find_gap
 from testbench.paths import find_scenario
 from testbench.record import FlightRecord, load_record
@@ -65,14 +66,28 @@ class GapScenario(Strict):
 
 @dataclass(frozen=True, eq=False)
 class GapResult:
-    """A gap case and what was found."""
+    """Measured flights, what was believed of them, and what was found.
+
+    Attributes:
+        name: short, names the results.
+        title, question: for people.
+        aircraft: name of the believed aircraft.
+        records: name -> measured record, those held out included.
+        finding: what was found.
+        seed: of the noise of a case made from a hidden truth; None for recorded flights.
+        file: the scenario, or None.
+        notes: what was assumed of recorded flights, in sentences.
+    """
 
     name: str
-    file: Path
-    scenario: GapScenario
-    seed: int
+    title: str
+    question: str
+    aircraft: str
     records: Mapping[str, FlightRecord]
     finding: GapFinding
+    seed: int | None = None
+    file: Path | None = None
+    notes: tuple[str, ...] = ()
 
 
 def load_gap(path: Path | str) -> tuple[Path, GapScenario]:
@@ -89,7 +104,11 @@ def load_gap(path: Path | str) -> tuple[Path, GapScenario]:
 
 
 def run_gap(
-    path: Path | str, seed: int | None = None, keep: Keep | None = None, progress: Callable[[str], None] | None = None
+    path: Path | str,
+    seed: int | None = None,
+    keep: Keep | None = None,
+    progress: Callable[[str], None] | None = None,
+    check: bool = False,
 ) -> GapResult:
     """Read or make the measured records of a gap scenario and find what the believed model lacks.
 
@@ -98,6 +117,7 @@ def run_gap(
         seed: replaces the scenario's own.
         keep: called with a name and each record as soon as it exists.
         progress: called with a few words as each stage begins.
+        check: check the instruments against each other first; takes about as long as the search itself.
 
     Raises:
         TestbenchError: with the file and key that it comes from.
@@ -140,5 +160,29 @@ def run_gap(
             {n: r for n, r in records.items() if n not in held},
             {n: r for n, r in records.items() if n in held},
             progress,
+            check=check,
         )
-    return GapResult(file.stem, file, scenario, seed, records, finding)
+    return GapResult(
+        file.stem, scenario.title, scenario.question, scenario.aircraft, records, finding, seed, file
+    )
+
+
+def run_flights(
+    aircraft: str, flights: Flights, progress: Callable[[str], None] | None = None, check: bool = True
+) -> GapResult:
+    """Find what the believed model of recorded flights lacks; see :func:`testbench.gap.records.load_flights`.
+
+    Raises:
+        FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the measured commands.
+        RecordError: a record cannot be used.
+    """
+    finding = find_gap(flights.believed, flights.naming, flights.held_out, progress, check=check)
+    return GapResult(
+        name=aircraft,
+        title=f"{flights.believed.aircraft.name}: does the simulation fly as the aircraft does?",
+        question="",
+        aircraft=aircraft,
+        records={**flights.naming, **flights.held_out},
+        finding=finding,
+        notes=flights.notes,
+    )

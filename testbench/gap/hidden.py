@@ -12,13 +12,13 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from testbench.aircraft import Aircraft, Amendment, SetProperty, SetText, load_aircraft
-from testbench.flight import FlightCondition, Manoeuvre, fly, trim
+from testbench.aircraft import Aircraft, Amendment, Insert, SetProperty, SetText, load_aircraft
+from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, trim
 from testbench.inputs import build
 from testbench.inputs.signal import InputSignal
-from testbench.record import FlightRecord
+from testbench.record import FlightRecord, FloatArray
 from testbench.scenario import Manoeuvre as ManoeuvreSpec
-from testbench.schema import Positive, Strict
+from testbench.schema import NonNegative, Positive, Strict
 from testbench.sensors import SensorSuite
 
 
@@ -49,13 +49,95 @@ class VaneGain(Strict):
     gain: Positive
 
 
+class LateCommand(Strict):
+    """The elevator command is sent this much after it is recorded, to the nearest frame."""
+
+    kind: Literal["late_command"]
+    delay_s: Positive
+
+
+class SlewedCommand(Strict):
+    """What is sent to the elevator servo changes no faster than this; the limit stands before the servo's lag."""
+
+    kind: Literal["slewed_command"]
+    rate_rad_s: Positive
+
+
+class CommandGain(Strict):
+    """The elevator is sent this multiple of the recorded change of the command."""
+
+    kind: Literal["command_gain"]
+    gain: float
+
+
+class SluggishMotor(Strict):
+    """The motor takes the throttle through a lag in two equal stages, half the given time constant each."""
+
+    kind: Literal["sluggish_motor"]
+    time_s: Positive
+
+
+class ShiftedWing(Strict):
+    """The aerodynamic centre and the accelerometers lie ahead of where they are believed, as if the CG were aft."""
+
+    kind: Literal["shifted_wing"]
+    ahead_m: float
+
+
+class Ballast(Strict):
+    """A point mass at the centre of gravity."""
+
+    kind: Literal["ballast"]
+    mass_kg: Positive
+
+
+class Roughness(Strict):
+    """More drag at zero lift."""
+
+    kind: Literal["roughness"]
+    CD0: float
+
+
+class RateFeedback(Strict):
+    """Pitch rate is fed to the elevator's trim input, rad per rad/s."""
+
+    kind: Literal["rate_feedback"]
+    gain_s: float
+
+
+class SensorError(Strict):
+    """The sensor of a channel has another scale, lag or delay."""
+
+    kind: Literal["sensor_error"]
+    channel: str
+    gain: Positive = 1.0
+    lag_s: NonNegative = 0.0
+    delay_s: NonNegative = 0.0
+
+
 class Nothing(Strict):
     """The believed model is right."""
 
     kind: Literal["nothing"]
 
 
-Hidden = Annotated[FlexibleWings | SlowServo | HighThrust | VaneGain | Nothing, Field(discriminator="kind")]
+Hidden = Annotated[
+    FlexibleWings
+    | SlowServo
+    | HighThrust
+    | VaneGain
+    | LateCommand
+    | SlewedCommand
+    | CommandGain
+    | SluggishMotor
+    | ShiftedWing
+    | Ballast
+    | Roughness
+    | RateFeedback
+    | SensorError
+    | Nothing,
+    Field(discriminator="kind"),
+]
 
 
 def measure_hidden(
@@ -85,10 +167,52 @@ def measure_hidden(
             progress(f"fly {spec.name}")
         coarse = build(spec.input, spec.duration_s, suite.rate_hz)
         u = np.repeat(coarse.u, round(rate / suite.rate_hz), axis=0)
-        signal = InputSignal(np.arange(u.shape[0]) / rate, u, coarse.channels)
+        sent = _sent(hidden, u, coarse.channels, 1.0 / rate)
+        signal = InputSignal(np.arange(u.shape[0]) / rate, sent, coarse.channels)
         truth = fly(real, trimmed, Manoeuvre(spec.name, signal, spec.settle_s), suite.rate_hz)
-        out[spec.name] = replace(sensors.measure(truth, seed + i), provenance={"manoeuvre": spec.name})
+        measured = replace(sensors.measure(truth, seed + i), provenance={"manoeuvre": spec.name})
+        if isinstance(hidden, (LateCommand, SlewedCommand, CommandGain, SluggishMotor, RateFeedback)):
+            measured = _as_issued(measured, u, coarse.channels, trimmed, spec.settle_s)
+        out[spec.name] = measured
     return out
+
+
+def _sent(hidden: Hidden, u: FloatArray, channels: Sequence[str], dt_s: float) -> FloatArray:
+    """Return what reaches the servos of the commands ``u`` (frames, m)."""
+    out = u.copy()
+    de = list(channels).index("de") if "de" in channels else None
+    if isinstance(hidden, LateCommand) and de is not None:
+        late = round(hidden.delay_s / dt_s)
+        out[:, de] = np.concatenate([np.full(late, u[0, de]), u[:, de]])[: len(u)]
+    elif isinstance(hidden, SlewedCommand) and de is not None:
+        most, x = hidden.rate_rad_s * dt_s, float(u[0, de])
+        for k, wanted in enumerate(u[:, de].tolist()):
+            x += min(most, max(-most, wanted - x))
+            out[k, de] = x
+    elif isinstance(hidden, CommandGain) and de is not None:
+        out[:, de] = hidden.gain * u[:, de]
+    elif isinstance(hidden, SluggishMotor) and "thr" in channels:
+        thr, share = list(channels).index("thr"), dt_s / (0.5 * hidden.time_s)
+        first = second = float(u[0, thr])
+        for k, wanted in enumerate(u[:, thr].tolist()):
+            first += min(1.0, share) * (wanted - first)
+            second += min(1.0, share) * (first - second)
+            out[k, thr] = second
+    return out
+
+
+def _as_issued(
+    record: FlightRecord, u: FloatArray, channels: Sequence[str], trimmed: TrimmedFlight, settle_s: float
+) -> FlightRecord:
+    """Return the record with the commands as they were issued, not as they reached the servos."""
+    data = record.data.copy()
+    frames = round(settle_s * trimmed.rate_hz)
+    issued = np.concatenate([np.zeros((frames, u.shape[1])), u, u[-1:]])[:: round(trimmed.rate_hz * record.dt_s)]
+    for i, name in enumerate(channels):
+        data[:, record.channels.index(f"{name}_cmd")] = trimmed.controls[name] + issued[: len(record), i]
+    if "de" not in channels:  # a feedback moves it all the same
+        data[:, record.channels.index("de_cmd")] = trimmed.controls["de"]
+    return replace(record, data=data)
 
 
 def _real(believed: Aircraft, hidden: Hidden, suite: SensorSuite, name: str) -> tuple[Aircraft, SensorSuite]:
@@ -103,4 +227,46 @@ def _real(believed: Aircraft, hidden: Hidden, suite: SensorSuite, name: str) -> 
     if isinstance(hidden, VaneGain):
         sensors = [replace(s, scale=hidden.gain) if s.channel == "alpha" else s for s in suite.sensors]
         return believed, replace(suite, sensors=tuple(sensors))
+    return _otherwise_real(believed, hidden, suite)
+
+
+def _otherwise_real(believed: Aircraft, hidden: Hidden, suite: SensorSuite) -> tuple[Aircraft, SensorSuite]:
+    if isinstance(hidden, ShiftedWing):
+        ahead = SetText("metrics/location[@name='AERORP']/x", -hidden.ahead_m)
+        placed = [
+            replace(s, position_m=(s.position_m[0] + hidden.ahead_m, *s.position_m[1:]))
+            if s.channel in ("ax", "ay", "az")
+            else s
+            for s in suite.sensors
+        ]
+        return believed.amended(Amendment("hidden", "hidden", (ahead,))), replace(suite, sensors=tuple(placed))
+    if isinstance(hidden, Ballast):
+        point = (
+            f'<pointmass name="ballast"> <weight unit="KG">{hidden.mass_kg!r}</weight> '
+            '<location unit="M"> <x>0</x> <y>0</y> <z>0</z> </location> </pointmass>'
+        )
+        loaded = believed.amended(Amendment("hidden", "hidden", (Insert("mass_balance", point),)))
+        mass = replace(believed.mass, mass_kg=believed.mass.mass_kg + hidden.mass_kg)
+        return replace(loaded, mass=mass), suite
+    if isinstance(hidden, Roughness):
+        path = "aerodynamics/axis[@name='DRAG']/function/product/sum"
+        rough = Insert(path, f"<value>{hidden.CD0!r}</value>")
+        return believed.amended(Amendment("hidden", "hidden", (rough,))), suite
+    if isinstance(hidden, RateFeedback):
+        gain = hidden.gain_s / believed.controls["de"].full
+        feedback = Insert(
+            "flight_control",
+            '<channel name="feedback"> <pure_gain name="feedback/pitch-rate"> <input>velocities/q-rad_sec</input> '
+            f"<gain>{gain!r}</gain> <output>fcs/pitch-trim-cmd-norm</output> </pure_gain> </channel>",
+            0,
+        )
+        return believed.amended(Amendment("hidden", "hidden", (feedback,))), suite
+    if isinstance(hidden, SensorError):
+        read = [
+            replace(s, scale=hidden.gain * s.scale, lag_s=s.lag_s + hidden.lag_s, delay_s=s.delay_s + hidden.delay_s)
+            if s.channel == hidden.channel
+            else s
+            for s in suite.sensors
+        ]
+        return believed, replace(suite, sensors=tuple(read))
     return believed, suite

@@ -1,28 +1,27 @@
-"""A hypothesis flown in JSBSim, and the linear differences around it on which fits run ten times faster."""
+"""A hypothesis flown in JSBSim, and what an effect changes around it, by linear predictions where they will do."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg import cho_factor, cho_solve
 
-from testbench.errors import LimitError, TrimError
+from testbench.errors import FlightAborted, LimitError, ModelError, TrimError
 from testbench.gap.believed import NUISANCES, Believed, tuning
+from testbench.gap.effects import Effect
 from testbench.record import FlightRecord, FloatArray
 
 _TUNING_STEP = 0.02
 _MAX_STEP = 0.15  # largest change of a nuisance factor per round, so that thrust and trim stay within reach
 _PRIOR = np.array(list(NUISANCES.values()))
+_NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
 
 
 @dataclass(frozen=True, eq=False)
 class Local:
-    """One hypothesis, its residuals as flown, and its neighbourhood.
-
-    Residuals of a neighbour are those flown here plus the difference of the two linear predictions. The difference of
-    two linear models is right to second order although neither is; where a fit comes to rest, the neighbour is the
-    point itself and the residual is JSBSim's.
+    """One hypothesis and its residuals as flown.
 
     Attributes:
         believed: the believed model without any effect.
@@ -30,7 +29,8 @@ class Local:
         records: the naming records.
         factors: (k,) nuisance factors of the point.
         exact: (samples,) residuals flown in JSBSim, in units of the noise.
-        linear: (samples,) linear prediction in the same units.
+        slopes: (samples, k) tangents taken over from another point, or None. Slopes that are a little off slow a
+            descent and shift where it comes to rest by a share of the errors; the residuals there are JSBSim's still.
     """
 
     believed: Believed
@@ -38,18 +38,23 @@ class Local:
     records: tuple[FlightRecord, ...]
     factors: FloatArray
     exact: FloatArray
-    linear: FloatArray
+    slopes: FloatArray | None = None
 
     @classmethod
-    def at(cls, believed: Believed, model: Believed, records: tuple[FlightRecord, ...], factors: FloatArray) -> Local:
+    def at(
+        cls,
+        believed: Believed,
+        model: Believed,
+        records: tuple[FlightRecord, ...],
+        factors: FloatArray,
+        slopes: FloatArray | None = None,
+    ) -> Local:
         """Fly ``model`` with its nuisances at ``factors``.
 
         Raises:
             FlightAborted, TrimError, LimitError: it cannot fly the measured commands.
         """
-        tuned = model.with_tuning(tuning(factors))
-        exact = np.concatenate([tuned.residuals(r).ravel() for r in records])
-        return cls(believed, model, records, factors, exact, _linear(tuned, records))
+        return cls(believed, model, records, factors, _flown(model.with_tuning(tuning(factors)), records), slopes)
 
     @property
     def chi2(self) -> float:
@@ -62,8 +67,15 @@ class Local:
         return 10.0 * np.concatenate([self.exact, (self.factors - 1.0) / _PRIOR])
 
     @cached_property
+    def linear(self) -> FloatArray:
+        """Linear prediction at the point (samples,), in units of the noise."""
+        return _linear(self.model.with_tuning(tuning(self.factors)), self.records)
+
+    @cached_property
     def tangents(self) -> FloatArray:
-        """Return d residuals / d factors at the point, (samples, k), central differences of the linear predictions."""
+        """Return d residuals / d factors, (samples, k): ``slopes``, or central differences of linear predictions."""
+        if self.slopes is not None:
+            return self.slopes
         columns = []
         for i in range(_PRIOR.size):
             step = _TUNING_STEP * np.eye(_PRIOR.size)[i]
@@ -73,12 +85,10 @@ class Local:
             columns.append((down - up) / (2.0 * _TUNING_STEP))
         return np.column_stack(columns)
 
-    def residuals(self, model: Believed) -> FloatArray | None:
-        """Return the residuals (samples,) of a neighbour at the same factors; None if it cannot be trimmed."""
-        try:
-            return self.exact + self.linear - _linear(model.with_tuning(tuning(self.factors)), self.records)
-        except (TrimError, LimitError):
-            return None
+    @cached_property
+    def _normal(self) -> tuple[FloatArray, tuple[FloatArray, bool]]:
+        J = np.vstack([self.tangents, np.diag(1.0 / _PRIOR)])
+        return J, cho_factor(J.T @ J)
 
     def tuned(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return residuals after re-tuning the nuisances, extended by the price of it, and the new factors (k,).
@@ -86,9 +96,9 @@ class Local:
         Minimises |r + J d|^2 + |(factors + d - 1) / s|^2 over d: maximum a posteriori with Gaussian priors of standard
         deviation s about the believed values.
         """
-        J = np.vstack([self.tangents, np.diag(1.0 / _PRIOR)])
+        J, factor = self._normal
         r = np.concatenate([residuals, (self.factors - 1.0) / _PRIOR])
-        d = -np.linalg.solve(J.T @ J, J.T @ r)
+        d = -np.asarray(cho_solve(factor, J.T @ r))
         return r + J @ d, self.factors + d
 
     def towards(self, factors: FloatArray) -> FloatArray:
@@ -96,13 +106,52 @@ class Local:
         step = factors - self.factors
         return self.factors + step * min(1.0, _MAX_STEP / max(float(np.max(np.abs(step))), 1e-12))
 
-    def cost(self, model: Believed) -> float:
-        """Return the sum of squares of a neighbour after re-tuning; infinite if it cannot be trimmed."""
-        residuals = self.residuals(model)
-        if residuals is None:
-            return float("inf")
-        left = self.tuned(residuals)[0]
-        return float(left @ left)
+    def moved(self, model: Believed, factors: FloatArray) -> Local | None:
+        """Fly another model at other factors with the tangents of this point; None if it cannot fly."""
+        try:
+            exact = _flown(model.with_tuning(tuning(factors)), self.records)
+        except _NOT_FLOWN:
+            return None
+        there = replace(self, model=model, factors=factors, exact=exact, slopes=self.tangents)
+        there.__dict__["_normal"] = self._normal  # the same tangents have the same normal equations
+        return there
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """What an effect changes in the residuals of a point, its nuisances held.
+
+    The difference of two linear predictions is right to second order although neither prediction is. Effects that a
+    linearisation at trim does not see, and those of sensors, which need no flight of their own, are taken from flights.
+    """
+
+    base: Local
+    effect: Effect
+    _known: dict[bytes, FloatArray | None] = field(default_factory=dict)
+
+    def model(self, x: FloatArray) -> Believed:
+        """Return the model of the point with the effect at the parameter values ``x`` (p,)."""
+        return self.base.model.with_effect(
+            self.effect, dict(zip([p.name for p in self.effect.parameters], x.tolist(), strict=True))
+        )
+
+    def at(self, x: FloatArray) -> FloatArray | None:
+        """Return residuals with the effect at ``x`` (p,) minus those of the point; None if that cannot be flown."""
+        key = x.tobytes()
+        if key not in self._known:
+            tuned = self.model(x).with_tuning(tuning(self.base.factors))
+            try:
+                if self.effect.flown:
+                    self._known[key] = _flown(tuned, self.base.records) - self.base.exact
+                else:
+                    self._known[key] = self.base.linear - _linear(tuned, self.base.records)
+            except _NOT_FLOWN:
+                self._known[key] = None
+        return self._known[key]
+
+
+def _flown(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:
+    return np.concatenate([model.residuals(r).ravel() for r in records])
 
 
 def _linear(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:

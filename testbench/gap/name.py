@@ -4,66 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
-from itertools import product
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.stats import chi2
 
-from testbench.errors import FlightAborted, LimitError, TrimError
-from testbench.gap.believed import NUISANCES, Believed, tuning
-from testbench.gap.effects import EFFECTS, Effect
-from testbench.gap.local import Local
-from testbench.record import FlightRecord, FloatArray
+from testbench.gap.believed import NUISANCES, Believed
+from testbench.gap.effects import Effect, library
+from testbench.gap.effects.base import together
+from testbench.gap.fit import FALSE_ALARM, EffectFit, Screened, descend, fit, promising, retune, screen, summarise
+from testbench.gap.local import Changes, Local
+from testbench.record import FlightRecord
 
-FALSE_ALARM = 1e-3  # probability of naming any effect where there is none, all effects of the library together
 ENOUGH = 0.90  # share of the excess that a named effect must explain, unless what is left is noise
-MAX_ROUNDS = 10  # rounds of fitting on linear differences and flying the result
-AT_REST = 0.1  # the rounds end when another one promises to lower chi-square by no more: far below any threshold
-HOPELESS = 0.5  # a fit that gains less than this share of the best one's gain is not followed to its end
-STARTS = 2  # the most promising starts of each effect are fitted
-TOO_CLOSE = 0.85  # a runner-up with this share of the best gain cannot be told apart
-
-
-@dataclass(frozen=True, eq=False)
-class EffectFit:
-    """One effect fitted to the naming records.
-
-    Attributes:
-        effect: the effect.
-        values: parameter -> estimate.
-        errors: parameter -> standard error.
-        chi2: weighted sum of squares left, nuisances re-tuned (prior included).
-        gain: fall of chi2 against the believed model with its nuisances re-tuned; 0 if it found nothing better.
-        threshold: gain that noise alone exceeds with probability FALSE_ALARM / size of the library.
-        share: share of the excess over the noise that it explains, 0 to 1; NaN if the excess itself is no more than
-            four standard deviations of the noise's chi-square.
-        tuning: nuisance -> re-tuned factor.
-    """
-
-    effect: Effect
-    values: Mapping[str, float]
-    errors: Mapping[str, float]
-    chi2: float
-    gain: float
-    threshold: float
-    share: float
-    tuning: Mapping[str, float]
-
-    @property
-    def significant(self) -> bool:
-        """True if noise would hardly ever gain as much."""
-        return self.gain > self.threshold
-
-    @property
-    def size(self) -> str:
-        """Parameters with their standard errors, in words."""
-        units = {p.name: p.unit for p in self.effect.parameters}
-        return ", ".join(
-            f"{n} = {v:.4g} ± {self.errors[n]:.2g}" + (f" {units[n]}" if units[n] != "1" else "")
-            for n, v in self.values.items()
-        )
+TOO_CLOSE = 0.85  # a runner-up with this share of the best gain cannot be told apart while more than noise is left
+TOLD_APART = 2.0 * np.log(1.0 / FALSE_ALARM)  # gain by which one of two effects must lead to exclude the other
+FOLLOWED = 0.25  # effects that promise less than this share of what the best one promises are not fitted,
+FOLLOWED_FAR = 0.1  # of effects with several parameters, of which screening tries few combinations, less than this
+PROMISING = 5.0  # nor are effects that promise a smaller gain than this, a third of any threshold; but
+AT_LEAST = 3  # this many always are
+FIRST_OF_TWO = 2  # of two effects, the first is sought among so many that explain most
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +31,13 @@ class Naming:
 
     Attributes:
         outcome: "no gap", "named", "set" (cannot be told apart) or "unexplained".
-        names: the named effect, or the set, best first; empty otherwise.
+        names: the named effect, or the set, best first; empty otherwise. Two effects at once are one name, "A + B".
         ranking: all effects, best first.
         chi2_believed: weighted sum of squares of the believed model, nothing re-tuned.
         chi2_tuned: the same after re-tuning the nuisances within their priors.
         samples: number of samples in those sums.
         sentence: the outcome in words.
+        rejected: effect that was not fitted -> why.
     """
 
     outcome: str
@@ -96,13 +56,28 @@ class Naming:
 
 
 def name_effect(
-    believed: Believed, records: Sequence[FlightRecord], progress: Callable[[str], None] | None = None
+    believed: Believed,
+    records: Sequence[FlightRecord],
+    progress: Callable[[str], None] | None = None,
+    effects: Mapping[str, Effect] | None = None,
+    pairs: bool = True,
 ) -> Naming:
     """Fit every effect of the library to ``records`` and decide which, if any, the believed model lacks.
 
     The noise is known from the sensor suite, so that twice the gain in log-likelihood is chi-square distributed with as
-    many degrees of freedom as the effect has parameters if there is no effect (Wilks 1938); Bonferroni's bound over the
-    library makes FALSE_ALARM hold for all of it. This holds in still air: turbulence is not modelled here.
+    many degrees of freedom as the effect has parameters if there is no effect (Wilks 1938); Bonferroni's bound over
+    all effects that these records could show makes FALSE_ALARM hold for all of them. This holds in still air, or in
+    turbulence if ``believed.whiten`` makes the residuals white.
+
+    Every effect is screened on linear predictions: what it would change at its starts, nuisances re-tuned, is set
+    against the residual. Those that promise most are fitted.
+
+    Args:
+        believed: aircraft, sensors and condition as believed.
+        records: measured records.
+        progress: called with a few words as each stage begins.
+        effects: the library, by name; that of the suite if not given.
+        pairs: where no single effect explains enough, two at once are tried.
 
     Raises:
         FlightAborted, TrimError, LimitError: the believed aircraft itself does not survive the measured commands.
@@ -110,141 +85,77 @@ def name_effect(
     say = progress or (lambda text: None)
     say("re-tune the believed model")
     start = Local.at(believed, believed, tuple(records), np.ones(len(NUISANCES)))
-    chi2_believed = float(start.exact @ start.exact)
-    tuned = _retune(start)
-    samples = int(start.exact.size)
-    fits: list[EffectFit] = []
-    rejected = {}
+    tuned = retune(start)
     say("screen the library")
-    for effect, starts in _screen(tuned):
-        say(f"fit {effect.title}")
-        if not starts:
-            rejected[effect.name] = "no start of this effect flies the measured commands"
+    screened = [screen(tuned, e) for e in (library(believed.suite) if effects is None else effects).values()]
+    rejected = {s.effect.name: s.why for s in screened if not s.seen}
+    tested = max(1, len(screened) - len(rejected))
+    fits: list[EffectFit] = []
+    followed = promising(screened, FOLLOWED, FOLLOWED_FAR, AT_LEAST)
+    for i, one in enumerate(followed):
+        if i >= AT_LEAST and one.promise < PROMISING:
             continue
-        hopeless = tuned.chi2 - HOPELESS * max((f.gain for f in fits), default=0.0)
-        fit = _fit(tuned, effect, starts, hopeless)
-        if fit is None:
-            rejected[effect.name] = "nothing on the way to its best fit flies the measured commands"
+        say(f"fit {one.effect.title}")
+        found = fit(one, tuned.chi2, max((f.gain for f in fits), default=0.0), tested)
+        if found is None:
+            rejected[one.effect.name] = "nothing on the way to its best fit flies the measured commands"
         else:
-            fits.append(fit)
-    ranking = tuple(sorted(fits, key=lambda f: -f.gain))
+            fits.append(found)
+    for one in screened:
+        if one.seen and one.effect.name not in {f.effect.name for f in fits} | set(rejected):
+            rejected[one.effect.name] = (
+                f"promises a gain of {one.promise:.3g} only, against {followed[0].promise:.3g} of "
+                f"{followed[0].effect.name}"
+            )
+    samples = int(start.exact.size)
+    if pairs:
+        fits += _two_at_once(tuned, screened, _ranked(fits, samples), samples, tested, say)
+    ranking = _ranked(fits, samples)
     outcome, names, sentence = _decide(ranking, tuned.chi2, samples)
+    chi2_believed = float(start.exact @ start.exact)
     return Naming(outcome, names, ranking, chi2_believed, tuned.chi2, samples, sentence, rejected)
 
 
-def _retune(local: Local) -> Local:
-    """Re-tune the nuisances of the model of ``local`` until they rest; return the best point."""
-    best = local
-    for _ in range(MAX_ROUNDS):
-        left, factors = local.tuned(local.exact)
-        if local.chi2 - float(left @ left) < AT_REST:
-            break
-        local = Local.at(local.believed, local.model, local.records, local.towards(factors))
-        best = min(best, local, key=lambda point: point.chi2)
-    return best
+def _ranked(fits: Sequence[EffectFit], samples: int) -> tuple[EffectFit, ...]:
+    return tuple(sorted(fits, key=lambda f: -_score(f, samples)))
 
 
-def _screen(tuned: Local) -> list[tuple[Effect, list[FloatArray]]]:
-    """Return every effect with the starts that can be flown, the most promising effect and start first."""
-    screened = []
-    for effect in EFFECTS.values():
-        starts = [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
-        costs = [tuned.cost(effect_model(tuned.believed, effect, x)) for x in starts]
-        order = [int(k) for k in np.argsort(costs) if np.isfinite(costs[k])]
-        screened.append((min(costs), effect, [starts[k] for k in order]))
-    return [(effect, starts) for _, effect, starts in sorted(screened, key=lambda item: item[0])]
-
-
-def effect_model(believed: Believed, effect: Effect, x: FloatArray) -> Believed:
-    """Return the believed model with ``effect`` at the parameter values ``x`` (p,)."""
-    return believed.with_effect(effect, dict(zip([p.name for p in effect.parameters], x.tolist(), strict=True)))
-
-
-def _fit(tuned: Local, effect: Effect, starts: Sequence[FloatArray], hopeless: float) -> EffectFit | None:
-    """Fit one effect from its most promising starts; return the best fit, or None if none could be flown.
-
-    A descent is not followed further once even its fit on the linear differences comes no lower than ``hopeless``.
-    """
-    names = [p.name for p in effect.parameters]
-    chi2_tuned, samples = tuned.chi2, tuned.exact.size
-    reached: list[_Descent] = []
-    for start in starts[:STARTS]:
-        descent = _descend(tuned, effect, start, hopeless)
-        if descent is not None:
-            reached.append(descent)
-    if not reached:
-        return None
-    best = min(reached, key=lambda f: f.chi2)
-    information = best.jacobian.T @ best.jacobian
-    errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0.0) * max(best.chi2 / samples, 1.0))
-    excess = chi2_tuned - samples
-    share = (chi2_tuned - best.chi2) / excess if excess > 4.0 * np.sqrt(2.0 * samples) else float("nan")
-    return EffectFit(
-        effect=effect,
-        values=dict(zip(names, best.x.tolist(), strict=True)),
-        errors=dict(zip(names, errors.tolist(), strict=True)),
-        chi2=best.chi2,
-        gain=max(chi2_tuned - best.chi2, 0.0),
-        threshold=float(chi2.isf(FALSE_ALARM / len(EFFECTS), len(names))),
-        share=float(np.clip(share, 0.0, 1.0)),
-        tuning=tuning(best.point.factors),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Descent:
-    """Where a descent came to rest: parameters, point, Jacobian (rows, p) and the sum of squares with priors."""
-
-    x: FloatArray
-    point: Local
-    jacobian: FloatArray
-    chi2: float
-
-
-def _descend(local: Local, effect: Effect, start: FloatArray, hopeless: float) -> _Descent | None:
-    """Descend from one start: fit on the linear differences, fly the result, repeat until it rests.
-
-    Returns None if nothing on the way could be flown.
-    """
-    bounds = ([p.low for p in effect.parameters], [p.high for p in effect.parameters])
-    scale = np.abs(start)
-    model = partial(effect_model, local.believed, effect)
-    best: _Descent | None = None
-    x, chi2_here = start, np.inf  # of the point that the round starts from; the first one starts without the effect
-    for _ in range(MAX_ROUNDS):
-        here = local
-
-        def objective(y: FloatArray, here: Local = here) -> FloatArray:
-            """Return the weighted residuals at ``y`` (p,), nuisances re-tuned, followed by those of its priors."""
-            residuals = here.residuals(model(y))
-            left = here.lost if residuals is None else here.tuned(residuals)[0]
-            return np.concatenate([left, effect.prior_residuals(y)])
-
-        found = least_squares(
-            objective, x, bounds=bounds, x_scale=scale, diff_step=1e-3, ftol=1e-6, xtol=1e-4, max_nfev=12
-        )
-        residuals = here.residuals(model(found.x))
-        if residuals is None:
-            break
-        factors = here.tuned(residuals)[1]
-        try:
-            local = Local.at(here.believed, model(found.x), here.records, here.towards(factors))
-        except (FlightAborted, TrimError, LimitError):
-            break
-        still = chi2_here - 2.0 * float(found.cost) < AT_REST
-        chi2_here = local.chi2 + float(np.sum(effect.prior_residuals(found.x) ** 2))
-        if best is None or chi2_here < best.chi2:
-            best = _Descent(found.x, local, found.jac, chi2_here)
-        x = found.x
-        if still or 2.0 * found.cost > hopeless:
-            break
-    return best
+def _two_at_once(
+    tuned: Local,
+    screened: Sequence[Screened],
+    ranking: Sequence[EffectFit],
+    samples: int,
+    tested: int,
+    say: Callable[[str], None],
+) -> list[EffectFit]:
+    """Return the best pairs of effects if no single one leaves noise only; parameters of both are fitted together."""
+    is_noise = chi2.isf(FALSE_ALARM, samples)
+    first = [f for f in ranking if f.significant and f.flown]
+    if not first or min(f.chi2 for f in first) <= is_noise:
+        return []
+    pairs: list[EffectFit] = []
+    for lead in first[:FIRST_OF_TWO]:
+        say(f"fit a second effect beside {lead.effect.title}")
+        factors = np.array([lead.tuning[n] for n in NUISANCES])
+        point = tuned.moved(tuned.model.with_effect(lead.effect, lead.values), factors)
+        if point is None:
+            continue
+        others = [screen(point, s.effect) for s in screened if s.seen and s.effect is not lead.effect]
+        best_gain = max((f.gain for f in (*pairs, *ranking)), default=0.0)
+        for other in promising(others, 0.5, 0.5, 1)[:3]:
+            both = together(lead.effect, other.effect)
+            begin = np.concatenate([np.array(list(lead.values.values())), other.starts[0]])
+            descent = descend(Changes(tuned, both), begin, tuned.chi2 - best_gain)
+            if descent is not None and descent.flown:
+                pairs.append(summarise(both, descent, tuned.chi2, tested**2))
+                best_gain = max(best_gain, pairs[-1].gain)
+    return pairs
 
 
 def _decide(ranking: Sequence[EffectFit], chi2_tuned: float, samples: int) -> tuple[str, tuple[str, ...], str]:
     """Return outcome, names and sentence."""
     is_noise = chi2.isf(FALSE_ALARM, samples)
-    significant = [f for f in ranking if f.significant]
+    significant = [f for f in ranking if f.significant and f.flown]
     if not significant:
         if chi2_tuned <= is_noise:
             return "no gap", (), (
@@ -256,15 +167,34 @@ def _decide(ranking: Sequence[EffectFit], chi2_tuned: float, samples: int) -> tu
             "but no effect of the library explains any of it"
         )  # fmt: skip
     best = significant[0]
-    close = [f for f in significant[1:] if f.gain >= TOO_CLOSE * best.gain]
+    close = [f for f in ranking if f is not best and f.flown and _indistinct(f, best, samples, best.chi2 <= is_noise)]
     if best.share < ENOUGH and best.chi2 > is_noise:
         return "unexplained", (), (
             f"unexplained: {best.effect.title} comes nearest, but explains only {100 * best.share:.0f} % of the excess"
         )  # fmt: skip
     if close:
         names = (best.effect.name, *(f.effect.name for f in close))
-        return "set", names, f"these cannot be told apart by these data: {', '.join(names)}"
+        told = "; ".join(f"{f.effect.title}, {f.size} (gain {f.gain:.4g})" for f in (best, *close))
+        return "set", names, (
+            f"one of these, which these data cannot tell apart: {told}. What separates them: {best.effect.separated_by}"
+        )  # fmt: skip
     explained = "what is left is noise"
     if np.isfinite(best.share):
         explained = f"explains {100 * best.share:.1f} % of the excess over noise"
     return "named", (best.effect.name,), f"{best.effect.title}: {best.size}; {explained}"
+
+
+def _score(fit: EffectFit, samples: int) -> float:
+    """Return the gain less ln(samples) for each parameter (Schwarz 1978): the simpler of two equal effects leads."""
+    return fit.gain - len(fit.values) * float(np.log(samples))
+
+
+def _indistinct(fit: EffectFit, best: EffectFit, samples: int, is_noise: bool) -> bool:
+    """Return whether ``fit`` may be the truth although ``best`` leads.
+
+    If the best effect leaves noise only, likelihoods decide: a wrong effect leads the true one by TOLD_APART with a
+    probability of FALSE_ALARM at most (Markov's bound on a likelihood ratio, effects of given size). If more than noise
+    is left, the form of the best one is not quite right, and then a share of the gain is all there is to go by.
+    """
+    behind = _score(best, samples) - _score(fit, samples)
+    return behind < TOLD_APART or (not is_noise and fit.gain >= TOO_CLOSE * best.gain)

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from testbench.errors import RecordError
+from testbench.gap.air import AirFound, in_air, listen, listen_again
 from testbench.gap.believed import NUISANCES, Believed
+from testbench.gap.check import DataCheck, check_data
 from testbench.gap.locate import ResidualMap, locate
 from testbench.gap.name import Naming, name_effect
 from testbench.record import FlightRecord, FloatArray
+
+MAX_SEARCHES = 3
+SAME_AIR = 0.15  # the search is made again if the rms of turbulence changes by more than this share of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,13 +55,25 @@ class Shrink:
 
 @dataclass(frozen=True, eq=False)
 class GapFinding:
-    """What the gap workflow found, where, and what adding it did on held-out manoeuvres."""
+    """What the gap workflow found, where, and what adding it did on held-out manoeuvres.
+
+    Attributes:
+        believed: what was believed, with the air that was found.
+        amended: the same with what was named.
+        maps: where the residual of the believed model sits, one per manoeuvre that was used to name.
+        naming: the outcome.
+        shrink: before and after, one per held-out manoeuvre.
+        air: what the residuals say of the air.
+        check: what the instruments say of each other, or None if that was not asked.
+    """
 
     believed: Believed
     amended: Believed
     maps: tuple[ResidualMap, ...]
     naming: Naming
     shrink: tuple[Shrink, ...]
+    air: AirFound
+    check: DataCheck | None = None
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -76,7 +93,7 @@ class GapFinding:
                     else "too little excess to judge by here"
                 )
             )
-        return tuple(out)
+        return (*out, self.air.sentence)
 
 
 def find_gap(
@@ -84,14 +101,20 @@ def find_gap(
     records: Mapping[str, FlightRecord],
     held_out: Mapping[str, FlightRecord],
     progress: Callable[[str], None] | None = None,
+    check: bool = False,
 ) -> GapFinding:
     """Find what the believed model lacks.
+
+    The instruments are checked against each other, the air is listened to, the library is searched, and what is found
+    is judged on the manoeuvres held out. The air is listened to again beside what was named; where it turns out to move
+    otherwise than believed, the search is made again in it.
 
     Args:
         believed: aircraft, sensors and condition as believed.
         records: name -> measured record, used to locate and to name.
         held_out: name -> measured record, used only to judge.
         progress: called with a few words as each stage begins.
+        check: check the instruments against each other first; takes about as long as the search itself.
 
     Raises:
         RecordError: a record is not measured, or lacks a channel of the believed suite.
@@ -101,15 +124,43 @@ def find_gap(
     for name, record in {**records, **held_out}.items():
         if record.kind != "measured":
             raise RecordError(f"the gap workflow takes measured records only, got '{name}' of kind '{record.kind}'")
+    naming_records = list(records.values())
+    checked = None
+    if check:
+        say("check the instruments against each other")
+        checked = check_data(believed, naming_records)
+    say("listen to the air")
+    air = listen(believed, naming_records)
+    believed, amended, naming, air = _search(believed, naming_records, air, say)
     say("locate the residual")
     maps = tuple(_map(believed, name, record) for name, record in records.items())
-    naming = name_effect(believed, list(records.values()), say)
-    amended = believed
-    if naming.best is not None:
-        amended = _tuned(believed, naming.best.tuning).with_effect(naming.best.effect, naming.best.values)
     say("judge on held-out manoeuvres")
     shrink = tuple(_shrink(believed, amended, name, record) for name, record in held_out.items())
-    return GapFinding(believed, amended, maps, naming, shrink)
+    return GapFinding(believed, amended, maps, naming, shrink, air, checked)
+
+
+def _search(
+    believed: Believed, records: Sequence[FlightRecord], air: AirFound, say: Callable[[str], None]
+) -> tuple[Believed, Believed, Naming, AirFound]:
+    """Return the believed and the amended model in the air that was found, the naming, and the air.
+
+    The rms of turbulence found beside a gap holds some of the gap: what is named first is taken out, and if the rms
+    changes, the search is made again.
+    """
+    for _ in range(MAX_SEARCHES):
+        flown_in = in_air(believed, air)
+        naming = name_effect(flown_in, records, say)
+        amended = flown_in
+        if naming.best is not None:
+            amended = _tuned(flown_in, naming.best.tuning).with_effect(naming.best.effect, naming.best.values)
+        if naming.outcome == "no gap":
+            break
+        say("listen to the air again")
+        again = listen_again(amended, records, air)
+        if again.moves == air.moves and abs(again.rms_m_s - air.rms_m_s) <= SAME_AIR * air.rms_m_s:
+            break
+        air = again
+    return flown_in, amended, naming, air
 
 
 def _tuned(believed: Believed, factors: Mapping[str, float]) -> Believed:

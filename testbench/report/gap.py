@@ -41,7 +41,7 @@ def write_gap(result: GapResult, folder: Path | str) -> list[Path]:
         amended=[str(path.relative_to(folder)) for path in amended],
         diff=next((p.read_text(encoding="utf-8") for p in amended if p.suffix == ".diff"), ""),
         false_alarm=FALSE_ALARM,
-        source_text=result.file.read_text(encoding="utf-8"),
+        source_text=result.file.read_text(encoding="utf-8") if result.file else "",
     )
     out.append(write_file(folder / PAGE, page))
     return out
@@ -68,7 +68,7 @@ def write_amended(result: GapResult, folder: Path) -> list[Path]:
         out.append(write_file(folder / "suite.diff", "\n".join(diff) + "\n"))
     condition = new.condition
     models = [b.aircraft.model_xml(b.rate_hz, condition.qbar_Pa, condition.V_m_s) for b in (old, new)]
-    name = result.scenario.aircraft
+    name = result.aircraft
     out.append(write_file(folder / name / f"{name}.xml", models[1]))
     for file, text in new.aircraft.engine_files.items():
         out.append(write_file(folder / name / "Engines" / file, text))
@@ -145,7 +145,7 @@ def print_gap(result: GapResult, console: Console, folder: Path | str | None = N
     from rich.table import Table as RichTable
     from rich.text import Text
 
-    console.print(Text(result.scenario.title, style="bold underline"))
+    console.print(Text(result.title, style="bold underline"))
     answer = RichTable.grid(padding=(0, 1))
     for i, sentence in enumerate(result.finding.sentences):
         answer.add_row("-", Text(sentence, style="bold" if i == 0 else ""))

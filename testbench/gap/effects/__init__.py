@@ -2,11 +2,85 @@
 
 from __future__ import annotations
 
-from testbench.gap.effects import actuator_lag, alpha_scale, thrust_line, wing_bending
+from testbench.gap.effects import (
+    actuator_lag,
+    alpha_dot,
+    asymmetric_rate_limit,
+    cg_shift,
+    clock_offset,
+    dead_band,
+    drag_increment,
+    elevator_mode,
+    free_play,
+    ground_effect,
+    inertia_error,
+    mass_error,
+    nonlinear_lift,
+    payload,
+    pitch_damper,
+    rate_limit,
+    second_order_actuator,
+    slipstream,
+    speed_effectiveness,
+    stall,
+    stall_hysteresis,
+    steady_wind,
+    surface_offset,
+    surface_scale,
+    thrust_lag,
+    thrust_line,
+    transport_delay,
+    wake_lag,
+    wing_bending,
+    wing_torsion,
+)
 from testbench.gap.effects.base import Effect, Parameter
+from testbench.gap.effects.sensor import sensor_effects
+from testbench.sensors import SensorSuite
 
-EFFECTS: dict[str, Effect] = {
-    module.EFFECT.name: module.EFFECT for module in (wing_bending, actuator_lag, thrust_line, alpha_scale)
+_OF_AIRCRAFT: dict[str, Effect] = {
+    module.EFFECT.name: module.EFFECT
+    for module in (
+        wing_bending,
+        wing_torsion,
+        elevator_mode,
+        actuator_lag,
+        second_order_actuator,
+        rate_limit,
+        asymmetric_rate_limit,
+        transport_delay,
+        free_play,
+        dead_band,
+        surface_scale,
+        surface_offset,
+        thrust_line,
+        thrust_lag,
+        slipstream,
+        cg_shift,
+        mass_error,
+        inertia_error,
+        payload,
+        drag_increment,
+        alpha_dot,
+        wake_lag,
+        stall,
+        stall_hysteresis,
+        nonlinear_lift,
+        speed_effectiveness,
+        ground_effect,
+        pitch_damper,
+        steady_wind,
+        clock_offset,
+    )
 }
 
-__all__ = ["EFFECTS", "Effect", "Parameter"]
+# The sensor errors listed here are those of the longitudinal channels; `library` makes those of any suite.
+EFFECTS: dict[str, Effect] = _OF_AIRCRAFT | sensor_effects(("V", "alpha", "q", "theta", "az"))
+
+
+def library(suite: SensorSuite) -> dict[str, Effect]:
+    """Return every effect that a belief with this suite may lack, by name."""
+    return _OF_AIRCRAFT | sensor_effects(suite.outputs)
+
+
+__all__ = ["EFFECTS", "Effect", "Parameter", "library"]

@@ -27,5 +27,6 @@ EFFECT = Effect(
     ),
     parameters=(Parameter("lag_rad_s", "rad/s", 2.0, 200.0, (30.0, 8.0)),),
     amend=amend,
-    separated_by="looks like a transport delay at low frequency; a sweep beyond 6 Hz shows the loss of amplitude",
+    mistaken_for="a transport delay or a rate limit at low frequency",
+    separated_by="a sweep beyond 6 Hz, which shows the loss of amplitude, at two amplitudes",
 )

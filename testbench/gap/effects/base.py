@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.errors import ModelError
 from testbench.record import FloatArray
 from testbench.sensors import SensorSuite
 
@@ -17,6 +18,7 @@ class Parameter:
     """One free quantity of an effect, within physical bounds, with the values that a fit starts from.
 
     ``prior`` is (value, relative standard deviation) where handbook knowledge bounds what flight data cannot separate.
+    ``none`` is the value at which the effect vanishes, or None if that depends on what is believed.
     """
 
     name: str
@@ -25,9 +27,12 @@ class Parameter:
     high: float
     starts: tuple[float, ...]
     prior: tuple[float, float] | None = None
+    none: float | None = None
 
 
-Amend = Callable[[Aircraft, SensorSuite, Mapping[str, float]], tuple[Aircraft, SensorSuite]]
+Values = Mapping[str, float]
+Amend = Callable[[Aircraft, SensorSuite, Values], tuple[Aircraft, SensorSuite]]
+Shape = Callable[[Sequence[str], FloatArray, float, Aircraft, Values], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -40,7 +45,14 @@ class Effect:
         physics: what happens, in two sentences.
         parameters: what a fit estimates.
         amend: returns aircraft and suite with the effect added; neither argument is changed.
-        separated_by: what it may be mistaken for, and what flight tells them apart.
+        mistaken_for: what it cannot be told from, and when.
+        separated_by: what flight or measurement tells them apart.
+        shape: (controls, commands (n, m) as deviations from trim, sample time, amended aircraft, values) -> what the
+            commands become. It stands for dynamics between command and surface that a linearisation at rest does not
+            see; only differences of linear predictions use it.
+        flown: True if what it changes shows in flights only, not in a linearisation at trim, or costs no flight.
+        parts: effects of which this one is put together (see :func:`together`); their parameters are this one's, called
+            EFFECT.PARAMETER.
     """
 
     name: str
@@ -48,9 +60,32 @@ class Effect:
     physics: str
     parameters: tuple[Parameter, ...]
     amend: Amend
+    mistaken_for: str
     separated_by: str
+    shape: Shape | None = None
+    flown: bool = False
+    parts: tuple[Effect, ...] = ()
 
     def prior_residuals(self, x: FloatArray) -> FloatArray:
         """Return ln(x / value) / deviation of every parameter that has a prior."""
         priors = [(v, p.prior) for v, p in zip(x, self.parameters, strict=True) if p.prior]
         return np.array([np.log(v / value) / deviation for v, (value, deviation) in priors])
+
+
+def together(*effects: Effect) -> Effect:
+    """Return the effect that consists of ``effects``, each with parameters of its own."""
+    return Effect(
+        name=" + ".join(e.name for e in effects),
+        title=" and ".join(e.title for e in effects),
+        physics=" ".join(e.physics for e in effects),
+        parameters=tuple(replace(p, name=f"{e.name}.{p.name}") for e in effects for p in e.parameters),
+        amend=_amend_all,
+        mistaken_for="; ".join(e.mistaken_for for e in effects),
+        separated_by="; ".join(e.separated_by for e in effects),
+        flown=any(e.flown for e in effects),
+        parts=effects,
+    )
+
+
+def _amend_all(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    raise ModelError("effects put together must be added one by one (Believed.with_effect), got one call for all")

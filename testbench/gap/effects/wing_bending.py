@@ -56,5 +56,6 @@ EFFECT = Effect(
         Parameter("lever", "1", -0.3, 0.3, (0.05,)),
     ),
     amend=amend,
-    separated_by="looks like unsteady lift below the mode; a sweep through the mode and an accelerometer show it",
+    mistaken_for="unsteady lift or errors of CL_alpha and Cm_q, below the mode",
+    separated_by="a sweep through the mode, with an accelerometer",
 )

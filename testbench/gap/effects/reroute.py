@@ -1,0 +1,101 @@
+"""An edit of the control system: what reads a command reads it after further components."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from testbench.aircraft import Insert
+from testbench.errors import ModelError
+
+ELEVATOR = "fcs/elevator-command-rad"
+THROTTLE = "fcs/throttle-cmd-norm"
+_STANDS_STILL = "<gt> <property>simulation/dt</property> <value>0</value> </gt>"
+
+
+@dataclass(frozen=True)
+class Reroute(Insert):
+    """Put the components of ``xml`` (children of its root) before the first component that reads ``command``.
+
+    All that read ``command`` read ``target`` from then on, except the channel of the simulator, which stays the
+    command itself. ``parent`` is not used.
+
+    Attributes:
+        command: JSBSim property.
+        target: property that the components end in.
+        memory: properties to declare, with value 0.
+    """
+
+    command: str = ""
+    target: str = ""
+    memory: tuple[str, ...] = ()
+
+    def apply(self, tree: ET.Element) -> None:
+        """Change ``tree`` in place; ModelError if no component reads the command."""
+        control = tree.find("flight_control")
+        channels = [] if control is None else control.findall("channel")
+        for channel in channels:
+            readers = [c for c in channel if any(_reads(p, self.command) for p in c.iter("property"))]
+            if not readers or control is None:
+                continue
+            for reader in readers:
+                for p in reader.iter("property"):
+                    if _reads(p, self.command):
+                        p.text = self.target
+            place = list(channel).index(readers[0])
+            for i, component in enumerate(ET.fromstring(self.xml)):
+                channel.insert(place + i, component)
+            for name in (*self.memory, self.target):
+                declared = ET.Element("property", {"value": "0"})
+                declared.text = name
+                control.insert(0, declared)
+            return
+        raise ModelError(f"a rerouted command must be read by a component of <flight_control>, got '{self.command}'")
+
+
+def _reads(element: ET.Element, name: str) -> bool:
+    return (element.text or "").strip() == name
+
+
+def reroute(command: str, label: str, body: str, before: Sequence[tuple[str, str]] = ()) -> Reroute:
+    """Return the edit that lets everything behind ``command`` read the JSBSim function ``body`` of it.
+
+    Args:
+        command: property.
+        label: name of the effect; properties are called gap/LABEL and gap/LABEL-NAME.
+        body: XML of one function term.
+        before: (name, body) of memories computed first, in this order; each keeps its value to the next frame.
+    """
+    components = [component(f"gap/{label}-{name}", term) for name, term in before]
+    components.append(component(f"gap/{label}", body))
+    memory = tuple(f"gap/{label}-{name}" for name, _ in before)
+    return Reroute(".", f"<c>{''.join(components)}</c>", None, command, f"gap/{label}", memory)
+
+
+def component(output: str, term: str) -> str:
+    """Return the XML of a component that computes ``term`` into the property ``output`` every frame."""
+    return (
+        f'<fcs_function name="{output}-component"> <function> <sum> {term} <value>0</value> </sum> </function> '
+        f"<output>{output}</output> </fcs_function>"
+    )
+
+
+def prop(name: str) -> str:
+    """Return the XML of a property."""
+    return f"<property>{name}</property>"
+
+
+def value(x: float) -> str:
+    """Return the XML of a number."""
+    return f"<value>{float(x)!r}</value>"
+
+
+def product(*terms: str) -> str:
+    """Return the XML of a product."""
+    return f"<product> {' '.join(terms)} </product>"
+
+
+def moving(term: str, still: str) -> str:
+    """Return the XML of ``term`` while time runs, and of ``still`` while it stands (trim, initial conditions)."""
+    return f"<ifthen> {_STANDS_STILL} {term} {still} </ifthen>"

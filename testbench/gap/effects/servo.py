@@ -1,0 +1,113 @@
+"""What lies between the elevator command and the surface, shared by the effects that change it."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from testbench.aircraft import Aircraft, Insert
+from testbench.errors import ModelError
+from testbench.gap.effects.reroute import component
+from testbench.record import FloatArray
+
+POSITION = "fcs/elevator-pos-rad"
+LAG = "fcs/elevator-lag-rad_sec"
+LIMIT = "fcs/elevator-rate-limit-rad_sec"
+_SUBSTEP_S = 0.002
+
+
+def declared(aircraft: Aircraft, name: str) -> float:
+    """Return the value of a declared property of the model, amendments included.
+
+    Raises:
+        ModelError: it is not declared.
+    """
+    tree = ET.fromstring(aircraft.model_xml(aircraft.rate_hz, 100.0, aircraft.design_V_m_s))
+    found = [e for e in tree.iter("property") if (e.text or "").strip() == name and "value" in e.attrib]
+    if not found:
+        raise ModelError(f"{aircraft.name} must declare {name}, it does not")
+    return float(found[0].get("value", "nan"))
+
+
+def through_servo(
+    u: FloatArray, column: int, dt_s: float, lag: float, move: Callable[[float, float, float], float]
+) -> FloatArray:
+    """Return commands that take a first-order servo of corner ``lag`` where ``u`` (n, m) takes another device.
+
+    ``move(position, command, step)`` is the device's position ``step`` s later. A command held over one sample moves
+    the servo by d+ = a d + (1 - a) c with a = exp(-lag dt), hence c = (d+ - a d) / (1 - a).
+    """
+    parts = max(1, round(dt_s / _SUBSTEP_S))
+    step, whole = dt_s / parts, math.exp(-lag * dt_s)
+    d, shaped = float(u[0, column]), []
+    for c in u[:, column].tolist():
+        before = d
+        for _ in range(parts):
+            d = move(d, c, step)
+        shaped.append((d - whole * before) / (1.0 - whole))
+    out = u.copy()
+    out[:, column] = shaped
+    return out
+
+
+@dataclass(frozen=True)
+class BehindServo(Insert):
+    """Let the aerodynamics read a component's output instead of the elevator's position.
+
+    Attributes:
+        target: property that the component ends in; declared with value 0.
+    """
+
+    target: str = ""
+
+    def apply(self, tree: ET.Element) -> None:
+        """Change ``tree`` in place; ModelError if no channel moves the elevator."""
+        control = tree.find("flight_control")
+        for channel in [] if control is None else control.findall("channel"):
+            if control is not None and any((e.text or "").strip() == POSITION for e in channel.iter("output")):
+                for p in (e for part in tree.findall("aerodynamics") for e in part.iter("property")):
+                    if (p.text or "").strip() == POSITION:
+                        p.text = self.target
+                channel.append(ET.fromstring(self.xml))
+                memory = ET.Element("property", {"value": "0"})
+                memory.text = self.target
+                control.insert(0, memory)
+                return
+        raise ModelError(f"a component behind the servo needs a channel that ends in {POSITION}, the model has none")
+
+
+def behind_servo(label: str, body: str) -> BehindServo:
+    """Return the edit that lets the aerodynamics read the function ``body`` (XML) for the elevator's position."""
+    return BehindServo(".", component(f"gap/{label}", body), None, f"gap/{label}")
+
+
+@dataclass(frozen=True)
+class OneSidedLimit(Insert):
+    """Give the elevator servo another rate limit in the negative direction (trailing edge up).
+
+    Attributes:
+        limit: rad/s.
+    """
+
+    limit: float = 0.0
+
+    def apply(self, tree: ET.Element) -> None:
+        """Change ``tree`` in place; ModelError if the servo has no limit to change."""
+        control = tree.find("flight_control")
+        servo = tree.find("flight_control/channel/fcs_function[@name='fcs/elevator-actuator']")
+        for bound in [] if servo is None else servo.iter("max"):
+            for p in bound.findall("product/property"):
+                if control is not None and (p.text or "").strip() == LIMIT:
+                    p.text = "gap/rate-limit-up"
+                    memory = ET.Element("property", {"value": repr(float(self.limit))})
+                    memory.text = p.text
+                    control.insert(0, memory)
+                    return
+        raise ModelError("an asymmetric rate limit needs an elevator servo with a limit, the model has none")
+
+
+def column_of(names: Sequence[str], name: str = "de") -> int | None:
+    """Return the column of a control among ``names``, or None."""
+    return list(names).index(name) if name in names else None

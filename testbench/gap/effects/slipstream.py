@@ -1,0 +1,35 @@
+"""The tail in the propeller's slipstream."""
+
+from __future__ import annotations
+
+from testbench.aircraft import Aircraft, Amendment
+from testbench.gap.effects.aero import pitching_moment, thrust_coefficient
+from testbench.gap.effects.base import Effect, Parameter, Values
+from testbench.gap.effects.reroute import product, prop, value
+from testbench.gap.effects.servo import POSITION
+from testbench.sensors import SensorSuite
+
+
+def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Add k T / (qbar S) times the tail's moments: of the elevator and of pitch rate."""
+    of_elevator = product(value(aircraft.coefficient("Cm_de")), prop(POSITION))
+    of_rate = product(value(aircraft.coefficient("Cm_q")), prop("velocities/q-aero-rad_sec"), prop("aero/ci2vel"))
+    edit = pitching_moment(
+        "slipstream", value(values["k"]), thrust_coefficient(), f"<sum> {of_elevator} {of_rate} </sum>"
+    )
+    return aircraft.amended(Amendment("slipstream", f"slipstream on the tail, k = {values['k']:.3g}", (edit,))), suite
+
+
+EFFECT = Effect(
+    name="slipstream",
+    title="slipstream on the tail",
+    physics=(
+        "The propeller's slipstream raises the dynamic pressure at the tail in proportion to thrust. "
+        "Elevator power and pitch damping grow with throttle and fall with airspeed."
+    ),
+    parameters=(Parameter("k", "1", -5.0, 30.0, (3.0, -1.0), none=0.0),),
+    amend=amend,
+    mistaken_for="a thrust line off the centre of gravity, where throttle moves and the elevator rests",
+    separated_by="the same elevator input at two throttle settings, and throttle steps with the elevator at trim",
+    flown=True,
+)

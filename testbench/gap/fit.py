@@ -1,0 +1,264 @@
+"""Screen and fit one effect: what it promises on linear differences, and the best that it does in flight."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import chi2
+
+from testbench.gap.believed import tuning
+from testbench.gap.effects import Effect
+from testbench.gap.local import Changes, Local
+from testbench.record import FloatArray
+
+FALSE_ALARM = 1e-3  # probability of naming any effect where there is none, all effects of the library together
+MAX_ROUNDS = 8  # rounds of fitting on linear differences and flying the result
+AT_REST = 0.1  # the rounds end when another one promises to lower chi-square by no more: far below any threshold,
+AT_REST_SHARE = 1e-4  # or by no more than this share of what has been gained
+HOPELESS = 0.7  # a fit that gains less than this share of the best one's gain is not followed to its end
+STARTS = 2  # the most promising starts of an effect with several parameters are fitted, of one with one the best
+INVISIBLE = 1e-2  # chi-square by which an effect changes the predictions at its starts: less cannot be seen
+
+
+@dataclass(frozen=True, eq=False)
+class EffectFit:
+    """One effect fitted to the naming records.
+
+    Attributes:
+        effect: the effect.
+        values: parameter -> estimate.
+        errors: parameter -> standard error.
+        chi2: weighted sum of squares left, nuisances re-tuned (prior included).
+        gain: fall of chi2 against the believed model with its nuisances re-tuned; 0 if it found nothing better.
+        threshold: gain that noise alone exceeds with probability FALSE_ALARM / number of effects that could be seen.
+        share: share of the excess over the noise that it explains, 0 to 1; NaN if the excess itself is no more than
+            four standard deviations of the noise's chi-square.
+        tuning: nuisance -> re-tuned factor.
+        flown: False if the fit was given up as hopeless on linear predictions, without a flight.
+    """
+
+    effect: Effect
+    values: Mapping[str, float]
+    errors: Mapping[str, float]
+    chi2: float
+    gain: float
+    threshold: float
+    share: float
+    tuning: Mapping[str, float]
+    flown: bool = True
+
+    @property
+    def significant(self) -> bool:
+        """True if noise would hardly ever gain as much."""
+        return self.gain > self.threshold
+
+    @property
+    def at_bound(self) -> bool:
+        """True if a parameter came to rest at a bound: the physical range does not hold what the data ask for."""
+        return any(
+            min(self.values[p.name] - p.low, p.high - self.values[p.name]) < 1e-3 * (p.high - p.low)
+            for p in self.effect.parameters
+            if p.none is None or abs(self.values[p.name] - p.none) > 1e-3 * (p.high - p.low)
+        )
+
+    @property
+    def size(self) -> str:
+        """Parameters with their standard errors, in words."""
+        units = {p.name: p.unit for p in self.effect.parameters}
+        return ", ".join(
+            f"{n} = {v:.4g} ± {self.errors[n]:.2g}" + (f" {units[n]}" if units[n] != "1" else "")
+            for n, v in self.values.items()
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """What an effect promises before it is fitted.
+
+    Attributes:
+        effect: the effect.
+        changes: what it changes.
+        starts: those that can be flown, the most promising first.
+        promise: gain of the best start, or of the best multiple of what it changes.
+        why: why these records cannot show it, or "".
+    """
+
+    effect: Effect
+    changes: Changes
+    starts: tuple[FloatArray, ...]
+    promise: float
+    why: str
+
+    @property
+    def seen(self) -> bool:
+        """True if these records could show it."""
+        return not self.why
+
+
+def screen(base: Local, effect: Effect) -> Screened:
+    """Set what ``effect`` changes at its starts, d, against the residual r, nuisances re-tuned in both.
+
+    A start promises the larger of |r|^2 - |r + d|^2 and (r'd)^2 / d'd, the gain of the best multiple of d (score test).
+    """
+    changes = Changes(base, effect)
+    starts = [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
+    r = base.tuned(base.exact)[0]
+    costs, promises = [], []
+    for x in starts:
+        change = changes.at(x)
+        left = np.full_like(r, np.inf) if change is None else base.tuned(base.exact + change)[0]
+        costs.append(float(left @ left))
+        if change is None:
+            continue
+        d = left - r
+        if d @ d > INVISIBLE:
+            promises.append(max(float(r @ r) - costs[-1], float(r @ d) ** 2 / float(d @ d)))
+    if not np.isfinite(costs).any():
+        return Screened(effect, changes, (), 0.0, "no start of this effect flies the measured commands")
+    if not promises:
+        return Screened(
+            effect,
+            changes,
+            (),
+            0.0,
+            "these records cannot show it: their channels, compared about their means, do not change",
+        )
+    order = [int(k) for k in np.argsort(costs) if np.isfinite(costs[k])]
+    return Screened(effect, changes, tuple(starts[k] for k in order), max(promises), "")
+
+
+def fit(screened: Screened, chi2_tuned: float, best_gain: float, tested: int) -> EffectFit | None:
+    """Fit one of ``tested`` effects from its most promising starts; return the best fit, or None if none flies.
+
+    Args:
+        screened: the effect and its starts.
+        chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
+        best_gain: of the fits so far. A descent ends once it gains no more than HOPELESS of it.
+        tested: number of effects that are tested.
+    """
+    effect = screened.effect
+    hopeless = chi2_tuned - HOPELESS * best_gain
+    reached: list[Descent] = []
+    for start in screened.starts[: STARTS if len(effect.parameters) > 1 else 1]:
+        descent = descend(screened.changes, start, hopeless)
+        if descent is not None:
+            reached.append(descent)
+            hopeless = min(hopeless, chi2_tuned - HOPELESS * (chi2_tuned - descent.chi2))
+    return summarise(effect, min(reached, key=lambda f: f.chi2), chi2_tuned, tested) if reached else None
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """Where a descent came to rest: parameters, factors, Jacobian (rows, p) and the sum of squares with priors."""
+
+    x: FloatArray
+    factors: FloatArray
+    jacobian: FloatArray
+    chi2: float
+    flown: bool
+
+
+def descend(changes: Changes, start: FloatArray, hopeless: float) -> Descent | None:
+    """Descend from one start: fit on the linear differences, fly the result, repeat until it rests.
+
+    Residuals near a point x0 that was flown: exact(x0) + change(x) - change(x0) + tangents (factors - factors0).
+
+    Returns None if nothing on the way could be flown.
+    """
+    effect, here = changes.effect, changes.base
+    bounds = ([p.low for p in effect.parameters], [p.high for p in effect.parameters])
+    scale = np.maximum(np.abs(start), 1e-3 * (np.array(bounds[1]) - np.array(bounds[0])))
+    known = np.zeros_like(here.exact)  # the change at the point flown last; the first one is the base itself
+    best: Descent | None = None
+    x, chi2_here = start, np.inf
+    for _ in range(MAX_ROUNDS):
+        objective = _Objective(changes, here, known)
+        found = least_squares(
+            objective, x, bounds=bounds, x_scale=scale, diff_step=1e-3, ftol=1e-5, xtol=1e-4, max_nfev=8
+        )
+        promised = 2.0 * float(found.cost)
+        change = changes.at(found.x)
+        if change is None:
+            break
+        factors = here.towards(here.tuned(here.exact + change - known)[1])
+        if promised > hopeless:
+            return best or Descent(found.x, factors, found.jac, promised, False)
+        moved = here.moved(changes.model(found.x), factors)
+        if moved is None:
+            break
+        before, here, known, x = chi2_here, moved, change, found.x
+        chi2_here = here.chi2 + float(np.sum(effect.prior_residuals(x) ** 2))
+        rest = max(AT_REST, AT_REST_SHARE * (changes.base.chi2 - chi2_here))
+        if best is None or chi2_here < best.chi2:
+            best = Descent(x, here.factors, found.jac, chi2_here, True)
+        if before - promised < rest or abs(chi2_here - promised) < rest:
+            break
+    return best
+
+
+@dataclass(frozen=True, eq=False)
+class _Objective:
+    """Weighted residuals at parameter values, nuisances re-tuned, followed by those of the priors."""
+
+    changes: Changes
+    here: Local
+    known: FloatArray
+
+    def __call__(self, x: FloatArray) -> FloatArray:
+        change = self.changes.at(x)
+        left = self.here.lost if change is None else self.here.tuned(self.here.exact + change - self.known)[0]
+        return np.concatenate([left, self.changes.effect.prior_residuals(x)])
+
+
+def summarise(effect: Effect, best: Descent, chi2_tuned: float, tested: int) -> EffectFit:
+    """Return the fit that a descent of one of ``tested`` effects ended in."""
+    names = [p.name for p in effect.parameters]
+    samples = best.jacobian.shape[0]
+    information = best.jacobian.T @ best.jacobian
+    errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0.0) * max(best.chi2 / samples, 1.0))
+    excess = chi2_tuned - samples
+    share = (chi2_tuned - best.chi2) / excess if excess > 4.0 * np.sqrt(2.0 * samples) else float("nan")
+    return EffectFit(
+        effect=effect,
+        values=dict(zip(names, best.x.tolist(), strict=True)),
+        errors=dict(zip(names, errors.tolist(), strict=True)),
+        chi2=best.chi2,
+        gain=max(chi2_tuned - best.chi2, 0.0),
+        threshold=float(chi2.isf(FALSE_ALARM / tested, len(names))),
+        share=float(np.clip(share, 0.0, 1.0)),
+        tuning=tuning(best.factors),
+        flown=best.flown,
+    )
+
+
+def retune(base: Local) -> Local:
+    """Re-tune the nuisances of the model of ``base`` until they rest; return the best point."""
+    best = here = base
+    for _ in range(MAX_ROUNDS):
+        left, factors = here.tuned(here.exact)
+        if here.chi2 - float(left @ left) < AT_REST:
+            break
+        moved = here.moved(here.model, here.towards(factors))
+        if moved is None:
+            break
+        here = moved
+        best = min(best, here, key=lambda point: point.chi2)
+    return best
+
+
+def promising(screened: Sequence[Screened], followed: float, followed_far: float, at_least: int) -> list[Screened]:
+    """Return those worth a fit, the most promising first.
+
+    Followed are the first ``at_least`` and those that promise a share ``followed`` of what the best one promises, or of
+    effects with several parameters, of which screening tries a few combinations only, ``followed_far``.
+    """
+    order = sorted((s for s in screened if s.seen), key=lambda s: -s.promise)
+    return [
+        s
+        for i, s in enumerate(order)
+        if i < at_least or s.promise > (followed if len(s.effect.parameters) == 1 else followed_far) * order[0].promise
+    ]

@@ -1,0 +1,209 @@
+"""Measured flights as a user hands them in: files in, records and what is believed of them out, checked at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from testbench.aircraft import Aircraft, load_aircraft
+from testbench.channels import CONTROLS
+from testbench.errors import RecordError, located
+from testbench.flight import FlightCondition
+from testbench.gap.believed import Believed, quiet_samples
+from testbench.logs import load_description, read_records
+from testbench.paths import find_scenario, suite_names
+from testbench.record import FlightRecord, load_record
+from testbench.sensors import SensorSuite, load_suite
+
+SAME_SPEED = 0.05  # records must start within this share of one airspeed: the believed aircraft is trimmed once
+SAME_RATE = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Flights:
+    """What a user hands in.
+
+    Attributes:
+        believed: aircraft, sensors and condition.
+        naming, held_out: name -> measured record.
+        notes: what was assumed or chosen for the user, in sentences.
+    """
+
+    believed: Believed
+    naming: Mapping[str, FlightRecord]
+    held_out: Mapping[str, FlightRecord]
+    notes: tuple[str, ...]
+
+
+def load_flights(
+    aircraft: str,
+    files: Sequence[Path | str],
+    hold_out: Sequence[Path | str] = (),
+    sensors: str | None = None,
+    wings: str = "flexible",
+    V_m_s: float | None = None,
+    h_m: float | None = None,
+    data_folder: Path | str | None = None,
+) -> Flights:
+    """Read measured flights and set up what is believed of them.
+
+    Args:
+        aircraft: name of the believed aircraft.
+        files: records of the testbench (NetCDF) or descriptions of recorded flights (TOML); of a description, records
+            for "validation" are held out.
+        hold_out: the same; all of their records are held out. If nothing is held out and there are two records or more,
+            the last one is.
+        sensors: believed suite, by name or as a file; if not given, the one that the records say made them.
+        wings: "flexible" or "rigid".
+        V_m_s, h_m: condition that the flights start from; if not given, the mean of V and h over the quiet flight before
+            the first command, and the aircraft's design altitude where h is not recorded.
+        data_folder: folder of the files that descriptions name.
+
+    Raises:
+        ModelError: no such aircraft.
+        ScenarioError, ChannelError: a description or suite is wrong.
+        RecordError: a file is none of the above, or a record does not hold what is needed; file and record are named.
+    """
+    believed_aircraft = load_aircraft(aircraft, wings)
+    naming: dict[str, FlightRecord] = {}
+    held: dict[str, FlightRecord] = {}
+    for given, always in [*((f, False) for f in files), *((f, True) for f in hold_out)]:
+        for name, use, record in _read(given, data_folder):
+            if name in naming or name in held:
+                raise RecordError(f"names of measured records must differ, got '{name}' twice ({given})")
+            (held if always or use == "validation" else naming)[name] = record
+    notes: list[str] = []
+    if not held and len(naming) > 1:
+        last = list(naming)[-1]
+        held[last] = naming.pop(last)
+        notes.append(f"nothing was held out, so the last record, '{last}', was: --hold-out chooses others")
+    if not naming:
+        raise RecordError(
+            "at least one record must be left to name with, got none: give records beside those of --hold-out"
+        )
+    if not held:
+        notes.append("nothing is held out: whether the gap shrinks elsewhere is not known; give --hold-out")
+    records = {**naming, **held}
+    suite = _suite(sensors, records, notes)
+    rate = _check(believed_aircraft, suite, records, notes)
+    condition = _condition(believed_aircraft, suite, records, V_m_s, h_m, notes)
+    believed = Believed(believed_aircraft, suite, condition, rate)
+    return Flights(believed, naming, held, tuple(notes))
+
+
+def _read(given: Path | str, data_folder: Path | str | None) -> Iterable[tuple[str, str, FlightRecord]]:
+    path = Path(given)
+    if path.suffix == ".nc":
+        if not path.is_file():
+            raise RecordError(f"a record must be a file that exists, got '{path}'")
+        record = load_record(path)
+        with located(path, "kind"):
+            if record.kind != "measured":
+                raise RecordError(
+                    "the gap workflow takes measured records only, got one of kind 'truth', which a real flight does not "
+                    "have; leave the files that end in _truth.nc out"
+                )
+        manoeuvre = record.provenance.get("manoeuvre")
+        return [(str(manoeuvre) if isinstance(manoeuvre, str) else path.stem, "", record)]
+    found = path if path.is_file() else find_scenario(Path("records") / path)
+    if not found.is_file():
+        raise RecordError(f"a record must be a file that exists, got '{path}'")
+    if found.suffix != ".toml":
+        raise RecordError(
+            f"records must be NetCDF of the testbench (.nc) or a description of recorded flights (.toml), got '{path}'; "
+            f"make records of a log with: testbench import {path} -o FOLDER"
+        )
+    return read_records(load_description(found), data_folder)
+
+
+def _suite(sensors: str | None, records: Mapping[str, FlightRecord], notes: list[str]) -> SensorSuite:
+    if sensors is not None:
+        return load_suite(sensors)
+    stated = {str(r.provenance.get("suite", "")) for r in records.values()}
+    if len(stated) == 1 and next(iter(stated)) in suite_names():
+        name = stated.pop()
+        notes.append(f"the sensors are believed to be those that the records name, {name}: --sensors chooses others")
+        return load_suite(name)
+    raise RecordError(
+        "what is believed of the sensors must be known, and these records do not say it; give --sensors with one of "
+        f"{', '.join(suite_names())}, or a suite file (.toml)"
+    )
+
+
+def _check(
+    aircraft: Aircraft, suite: SensorSuite, records: Mapping[str, FlightRecord], notes: list[str]
+) -> float:
+    """Check that every record holds what the believed suite says; return the rate to simulate at, Hz."""
+    rates = []
+    for name, record in records.items():
+        with located(None, f"record '{name}'"):
+            if record.outcome != "completed":
+                raise RecordError(f"a record must be complete, got one that was aborted: {record.reason}")
+            lacking = [c for c in suite.channels if c not in record]
+            if lacking:
+                raise RecordError(
+                    f"a record must hold every channel of the sensors believed, {suite.name}, but it lacks "
+                    f"{', '.join(lacking)} (it holds {', '.join(record.channels)}); give --sensors a suite without them"
+                )
+            if not any(f"{c}_cmd" in record for c in CONTROLS):
+                raise RecordError(
+                    "a record must hold a command such as de_cmd, because servos are part of what is believed, got "
+                    f"{', '.join(record.channels)}"
+                )
+            if abs(record.dt_s * suite.rate_hz - 1.0) > SAME_RATE:
+                raise RecordError(
+                    f"a record must have the rate of the sensors believed, {suite.rate_hz:g} Hz ({suite.name}), got "
+                    f"{1.0 / record.dt_s:g} Hz; correct rate_hz and the noise in a suite file of your own"
+                )
+            quiet_samples(record)
+            rates.append(1.0 / record.dt_s)
+    fewest = math.ceil(aircraft.rate_hz / rates[0] - SAME_RATE)
+    rate = round(fewest * rates[0] / SAME_RATE) * SAME_RATE
+    if abs(rate - aircraft.rate_hz) > 1e-6 * rate:
+        notes.append(
+            f"the aircraft is simulated at {rate:g} Hz, a multiple of the records' {rates[0]:g} Hz, in place of its own "
+            f"{aircraft.rate_hz:g} Hz"
+        )
+    return rate
+
+
+def _condition(
+    aircraft: Aircraft,
+    suite: SensorSuite,
+    records: Mapping[str, FlightRecord],
+    V_m_s: float | None,
+    h_m: float | None,
+    notes: list[str],
+) -> FlightCondition:
+    speeds = {n: _quiet_mean(suite, r, "V") for n, r in records.items() if "V" in r}
+    if V_m_s is None and len(speeds) < len(records):
+        raise RecordError("the airspeed must be known, but it is not recorded; give --V in m/s")
+    V = float(np.mean(list(speeds.values()))) if V_m_s is None else V_m_s
+    for name, speed in speeds.items():
+        if abs(speed - V) > SAME_SPEED * V:
+            raise RecordError(
+                f"records must start within {100 * SAME_SPEED:g} % of one airspeed, got {speed:.2f} m/s in '{name}' and "
+                f"{V:.2f} m/s {'in the mean of all' if V_m_s is None else 'from --V'}; ask for each speed on its own"
+            )
+    heights = [_quiet_mean(suite, r, "h") for r in records.values() if "h" in r]
+    if h_m is not None:
+        h = h_m
+    elif len(heights) == len(records):
+        h = float(np.mean(heights))
+    else:
+        h = aircraft.design_h_m
+        notes.append(f"the altitude is not recorded and taken to be the aircraft's design altitude, {h:g} m: --h tells")
+    if V_m_s is None:
+        notes.append(f"the condition, {V:.4g} m/s and {h:.4g} m, is that of the quiet flight before the first commands")
+    return FlightCondition(V, h)
+
+
+def _quiet_mean(suite: SensorSuite, record: FlightRecord, name: str) -> float:
+    """Return what a sensor reads in the quiet flight, less what is believed of its bias and scale."""
+    sensor = next((s for s in suite.sensors if s.channel == name), None)
+    bias, scale = (0.0, 1.0) if sensor is None else (sensor.bias, sensor.scale)
+    return (float(np.mean(record[name][: quiet_samples(record)])) - bias) / scale
