@@ -166,9 +166,13 @@ def _structured(
     settings = _settings(spec, "method", *Structured.model_fields)
     settings |= {"delays_s": dict(spec.delays_s), "held": spec.held}
     if spec.method != "equation_error" and all(s in r for s in structure.states for r in records):
-        first = equation_error.estimate(records, structure, delays_s=dict(spec.delays_s), held=spec.held)
-        found = {name: value for name, value in first.values.items() if name not in spec.start}
-        structure = structure.with_parameters(found)
+        try:
+            first = equation_error.estimate(records, structure, delays_s=dict(spec.delays_s), held=spec.held)
+        except EstimationError:
+            pass  # the structure's own start must do; what the data do not decide, the method itself says
+        else:
+            found = {name: value for name, value in first.values.items() if name not in spec.start}
+            structure = structure.with_parameters(found)
     model: IdentifiedModel = methods[spec.method](records, structure, **settings)
     return model
 

@@ -22,9 +22,8 @@ import numpy as np
 from testbench.errors import EstimationError
 from testbench.estimators.model import check_records, continuous_poles
 from testbench.estimators.parametric.accuracy import whiteness
-from testbench.estimators.parametric.gauss_newton import Minimum, Problem
+from testbench.estimators.parametric.gauss_newton import Minimum, Problem, minimise
 from testbench.estimators.parametric.kalman.gain import steady_covariance
-from testbench.estimators.parametric.kalman.search import minimise
 from testbench.estimators.predictor import Layout, Matrices, errors, orbit
 from testbench.estimators.residuals import coloured_information, corrected_covariance
 from testbench.estimators.state_accuracy import pole_accuracy
@@ -33,7 +32,8 @@ from testbench.record import FlightRecord, FloatArray
 
 _SETTLED = 1e-3  # relative change of the innovations' covariance between two rounds that ends them
 _ROUNDS = 40
-_EXACT = 1e-12  # innovations below this share of an output's size are rounding
+_EXACT = 1e-12  # floor of the innovations, as a share of an output's size
+_NOTHING = 1e-10  # innovations below this share are rounding: nothing is left to weigh
 _FREE_OF_NOISE = 1e-7  # start innovations below this share say nothing of a disturbance: K is not identifiable
 _LOST = 1e-8  # smallest over largest singular value of the scaled Jacobian below which a direction is undecided
 _COLOURED = 1e-3  # false-alarm probability of the whiteness test
@@ -257,6 +257,8 @@ def _search(
         )
         settled = bool(np.max(np.abs(np.diag(new) / np.diag(S) - 1.0)) < _SETTLED)
         S = new
+        if np.all(np.diag(S) <= _NOTHING**2):
+            return _Found(s, nuisances, basis, minimum._replace(converged=True), S, rounds, True)
 
 
 def _finish(

@@ -92,7 +92,10 @@ class Srivc(_Method):
 
 
 class Equivalent(_Method):
-    """A low-order equivalent model with delay, fitted to the frequency response from windows of these lengths."""
+    """A low-order equivalent model with delay, fitted to the frequency response from windows of these lengths.
+
+    ``hold`` says how inputs run between samples; if not given, commands are held and deflections run linearly.
+    """
 
     method: Literal["equivalent"]
     window_s: Annotated[tuple[Positive, ...], Field(min_length=1, strict=False)]
@@ -102,6 +105,7 @@ class Equivalent(_Method):
     common: bool = True
     weighting: Literal["loes", "likelihood"] = "likelihood"
     band_hz: Annotated[tuple[Positive, Positive], Field(strict=False)] | None = None
+    hold: Literal["zoh", "foh"] | None = None
 
     @model_validator(mode="after")
     def _proper(self) -> Equivalent:

@@ -4,37 +4,109 @@ import pickle
 import subprocess
 import sys
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
+from testbench.constants import DEG_RAD
 from testbench.errors import ChannelError, EstimationError
 from testbench.estimators import METHODS, estimate
 from testbench.estimators.model import IdentifiedModel
+from testbench.estimators.parametric.structures import longitudinal
 from testbench.record import FlightRecord
-from testbench.scenario import DsrE, TransferFunctions
+from testbench.scenario.estimators import (
+    DsrE,
+    EquationError,
+    Equivalent,
+    FilterError,
+    KalmanFilter,
+    OutputError,
+    PredictionError,
+    Srivc,
+    Subspace,
+    TransferFunctions,
+)
 
 DT = 0.1
 INPUTS = ("de",)
-OUTPUTS = ("theta", "q", "alpha")
-# alpha, q, theta: a short period of about 3.3 rad/s and a slow real root, both seen in every output
-A_S = np.array([[-1.5, 1.0, -0.2], [-8.0, -2.2, 0.3], [0.2, 1.0, -0.3]])
-B_S = np.array([[-0.1], [-8.0], [0.0]])
-A, B = cont2discrete((A_S, B_S, np.eye(3), np.zeros((3, 1))), DT)[:2]
-C = np.eye(3)[[2, 1, 0]]
-
-SPECS = {
-    "dsr_e": DsrE(method="dsr_e", past_horizon=8, future_horizon=6, order=3),
-    "transfer_function": TransferFunctions(method="transfer_function", poles=3, zeros=(0, 1, 2)),
+OUTPUTS = ("theta", "q", "alpha", "V")
+V0, ALPHA0 = 10.0, 0.06
+# A light, slow aircraft: short period of 3.5 rad/s, phugoid of 1.2 rad/s and damped, so that short records show both.
+DERIVATIVES = {
+    "X_V": -1.6,
+    "X_alpha": 3.0,
+    "X_de": -0.5,
+    "Z_V": -2.0,
+    "Z_alpha": -20.0,
+    "Z_q": -0.5,
+    "Z_de": -1.5,
+    "M_V": 0.02,
+    "M_alpha": -9.0,
+    "M_q": -1.8,
+    "M_de": -8.0,
 }
+STRUCTURE = longitudinal(V0, ALPHA0, ALPHA0, outputs=OUTPUTS, start=DERIVATIVES)
+MATRICES = STRUCTURE.matrices(STRUCTURE.values)
+A_S, B_S, C = MATRICES.A, MATRICES.B, MATRICES.C
+A, B = cont2discrete((A_S, B_S, np.eye(4), np.zeros((4, 1))), DT)[:2]
+POLES = np.linalg.eigvals(A_S)
+
+HORIZONS = {"past_horizon": 8, "future_horizon": 6, "order": 4}
+BUILT = {
+    "structure": "longitudinal",
+    "V_m_s": V0,
+    "alpha_deg": ALPHA0 / DEG_RAD,
+    "theta_deg": ALPHA0 / DEG_RAD,
+    "held": ("de",),
+}
+SPECS = {
+    "dsr_e": DsrE(method="dsr_e", **HORIZONS),
+    **{name: Subspace(method=name, **HORIZONS) for name in ("moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt")},
+    "prediction_error": PredictionError(method="prediction_error", **HORIZONS),
+    "transfer_function": TransferFunctions(method="transfer_function", poles=4, zeros=(0, 1, 2, 3)),
+    "srivc": Srivc(method="srivc", poles=(4,), zeros=(2, 3), hold="zoh"),
+    "equivalent": Equivalent(
+        method="equivalent",
+        window_s=(25.0,),
+        poles=4,
+        zeros=3,
+        delay=False,
+        weighting="loes",
+        band_hz=(0.08, 1.0),
+        hold="zoh",
+    ),
+    "equation_error": EquationError(method="equation_error", **BUILT),
+    "output_error": OutputError(method="output_error", **BUILT),
+    "filter_error": FilterError(method="filter_error", **BUILT),
+    "ekf": KalmanFilter(method="ekf", **BUILT),
+    "ukf": KalmanFilter(method="ukf", **BUILT),
+}
+STRUCTURED = ("equation_error", "output_error", "filter_error", "ekf", "ukf")
+SEQUENTIAL = ("ekf", "ukf")  # records one after the other, each from what those before have left
+SEARCHED = ("prediction_error", "srivc", "equivalent", "output_error", "filter_error")
+# Relative errors of poles and frequency response on exact data. Those beyond 1e-6 are in the nature of the method:
+# equation error differentiates samples, and what a held input does between them is not band-limited; a Kalman filter
+# still carries some of its wide initial beliefs after 50 s; windows leak, and held inputs alias.
+EXACT = {
+    **dict.fromkeys(METHODS, 1e-6),
+    "dsr_e": 1e-8,
+    "transfer_function": 1e-8,
+    "equation_error": 0.1,
+    "ekf": 1e-3,
+    "ukf": 2e-3,
+    "equivalent": 0.1,
+}
+LONGER = {"equivalent": 5}  # windows need records of several of their length
 METHOD = pytest.mark.parametrize("method", list(METHODS))
 
 
-def flight(seed, n=300, noise=0.0):
+def flight(seed, n=300, noise=0.0, longer=1):
     rng = np.random.default_rng(seed)
+    n = longer * n
     u = 0.05 * np.repeat(rng.standard_normal((n // 3 + 1, 1)), 3, axis=0)[:n]
-    x, y = 0.1 * rng.standard_normal(3), np.empty((n, 3))
+    x, y = 0.1 * rng.standard_normal(4), np.empty((n, 4))
     for k in range(n):
         y[k] = C @ x
         x = A @ x + B @ u[k]
@@ -42,14 +114,25 @@ def flight(seed, n=300, noise=0.0):
     return FlightRecord(np.arange(n) * DT, (*INPUTS, *OUTPUTS), np.hstack([u, y]), "measured")
 
 
+def flights(method, *lengths, noise=0.0):
+    return [flight(1 + i, n, noise, LONGER.get(method, 1)) for i, n in enumerate(lengths)]
+
+
 def run(method, records, outputs=OUTPUTS, validation=None):
     judges = [flight(99)] if validation is None else validation
     return estimate(SPECS[method], records, INPUTS, outputs, judges)
 
 
-def response(omega):
-    z = np.exp(1j * omega * DT)[:, None, None]
-    return C @ np.linalg.solve(z * np.eye(3) - A, B.astype(complex))
+@cache
+def found_from(method, *lengths, noise=0.0):
+    """The model of these flights, estimated once for all tests that judge it."""
+    return run(method, flights(method, *lengths, noise=noise))
+
+
+def response(omega, continuous):
+    """The aircraft's, or with the hold of its sampled input, which discrete models hold."""
+    s, (F, G) = (1j * omega, (A_S, B_S)) if continuous else (np.exp(1j * omega * DT), (A, B))
+    return C @ np.linalg.solve(s[:, None, None] * np.eye(4) - F, G.astype(complex))
 
 
 def sort(s):
@@ -57,12 +140,15 @@ def sort(s):
     return s[np.lexsort((np.round(s.imag, 7), np.round(s.real, 7)))]
 
 
+def off(poles, true=POLES):
+    """Return the largest distance of paired poles over the largest of them."""
+    a, b = sort(poles), sort(true)
+    return np.inf if a.shape != b.shape else float(np.abs(a - b).max() / np.abs(b).max())
+
+
 def same_poles(one, other, relative):
     assert one.keys() == other.keys()
-    for name in one:
-        a, b = sort(one[name]), sort(other[name])
-        assert a.shape == b.shape
-        assert np.all(np.abs(a - b) <= relative * np.abs(b).max())
+    assert all(off(one[name], other[name]) <= relative for name in one)
 
 
 def test_every_method_is_in_this_contract():
@@ -72,101 +158,134 @@ def test_every_method_is_in_this_contract():
 
 @METHOD
 def test_exact_data_are_recovered(method):
-    model = run(method, [flight(1), flight(2, n=200)])
+    model = found_from(method, 300, 200)
     assert isinstance(model, IdentifiedModel)
     assert (model.method, model.inputs, model.outputs) == (method, INPUTS, OUTPUTS)
     assert model.dt_s == pytest.approx(DT)
-    true = sort(np.linalg.eigvals(A_S))
-    for poles in model.poles().values():
-        assert np.abs(sort(poles) - true).max() < 1e-8
-    omega = np.geomspace(0.05, 0.95 * np.pi / DT, 40)
-    found, expected = model.frequency_response(omega), response(omega)
-    assert found.shape == (40, 3, 1)
-    assert np.all(np.abs(found - expected) < 1e-8 * np.abs(expected).max(axis=(0, 2))[:, None])
+    bound = EXACT[method]
+    assert all(off(poles) < bound for poles in model.poles().values())
+    omega = np.geomspace(0.6 if method == "equivalent" else 0.05, 0.95 * np.pi / DT, 40)
+    found, expected = model.frequency_response(omega), response(omega, model.continuous)
+    assert found.shape == (40, 4, 1)
+    assert np.all(np.abs(found - expected) < bound * np.abs(expected).max(axis=(0, 2))[:, None])
     unseen = flight(3)
     y = unseen.columns(OUTPUTS)
-    assert np.abs(model.simulate(unseen) - y).max() < 1e-8 * np.abs(y).max()
+    assert np.all(np.abs(model.simulate(unseen) - y).max(axis=0) < 2.0 * bound * np.abs(y).max(axis=0))
 
 
 @METHOD
 def test_poles_are_named_by_the_outputs(method):
-    names = list(run(method, [flight(1)]).poles())
+    names = list(found_from(method, 300, 200).poles())
     assert ", ".join(names) == ", ".join(OUTPUTS)
 
 
 @METHOD
 def test_the_order_of_records_does_not_matter(method):
-    records = [flight(1, noise=0.05), flight(2, n=240, noise=0.05), flight(4, n=150, noise=0.05)]
-    one, other = run(method, records), run(method, records[::-1])
-    same_poles(one.poles(), other.poles(), 1e-9)
-    omega = np.geomspace(0.1, 20.0, 20)
+    # A search that starts from sums in another order ends within its tolerance; a filter's linearisation depends on
+    # where it has been, by less than its errors (5 % noise).
+    bound = 0.1 if method in SEQUENTIAL else 1e-4 if method in SEARCHED else 1e-9
+    records = flights(method, 300, 200, noise=0.05)
+    one, other = found_from(method, 300, 200, noise=0.05), run(method, records[::-1])
+    same_poles(one.poles(), other.poles(), bound)
+    omega = np.geomspace(0.6, 20.0, 20)
     a, b = one.frequency_response(omega), other.frequency_response(omega)
-    assert np.abs(a - b).max() < 1e-9 * np.abs(a).max()
+    assert np.all(np.abs(a - b).max(axis=(0, 2)) < bound * np.abs(a).max(axis=(0, 2)))
+
+
+@METHOD
+def test_a_record_given_twice_says_nothing_new(method):
+    if method in SEQUENTIAL:
+        pytest.skip("a filter that runs through a record again believes what it has seen")
+    (r,) = flights(method, 300, noise=0.05)
+    # N4SID damps directions of the past in units of the innovations, whose deviation counts degrees of freedom.
+    bound = 1e-3 if method in SEARCHED else 1e-4 if method == "n4sid" else 1e-9
+    same_poles(found_from(method, 300, noise=0.05).poles(), run(method, [r, r]).poles(), bound)
 
 
 @METHOD
 def test_two_records_are_not_one_record_glued_together(method):
-    exact = [flight(1, n=90), flight(2, n=90)]
-    split = run(method, exact)
-    for poles in split.poles().values():
-        assert np.abs(sort(poles) - sort(np.linalg.eigvals(A_S))).max() < 1e-8
-    glued = FlightRecord(np.arange(180) * DT, exact[0].channels, np.vstack([r.data for r in exact]), "measured")
-    wrong = run(method, [glued])
-    assert any(np.abs(sort(p)[:1] - sort(np.linalg.eigvals(A_S))[:1]).max() > 1e-6 for p in wrong.poles().values())
+    exact, split = flights(method, 90, 90), found_from(method, 90, 90)
+    bound = max(EXACT[method], 1e-6) * (3.0 if EXACT[method] > 1e-6 else 1.0)  # short records bear more of their ends
+    assert all(off(poles) < bound for poles in split.poles().values())
+    whole = np.vstack([r.data for r in exact])
+    wrong = run(method, [FlightRecord(np.arange(len(whole)) * DT, exact[0].channels, whole, "measured")])
+    assert any(off(wrong.poles()[name], poles) > 1e-6 for name, poles in split.poles().items())
+
+
+@METHOD
+def test_samples_that_were_not_taken_do_not_count(method):
+    (clean,) = flights(method, 300)
+    valid, data = np.ones(clean.data.shape, bool), clean.data.copy()
+    for row, column in ((40, 1), (41, 1), (120, 2), (200, 3), (201, 4)):
+        valid[row, column], data[row, column] = False, data[row - 1, column]
+    found = run(method, [replace(clean, data=data, valid=valid)])
+    assert all(off(poles) < 2.0 * EXACT[method] for poles in found.poles().values())
 
 
 @METHOD
 def test_channels_in_another_order_change_nothing(method):
-    r = flight(1, noise=0.05)
-    model = run(method, [r])
-    shuffled = r.select(("alpha", "de", "theta", "q"))
-    again = run(method, [shuffled])
+    (r,), model = flights(method, 300, noise=0.05), found_from(method, 300, noise=0.05)
+    again = run(method, [r.select(("alpha", "de", "V", "theta", "q"))])
     same_poles(model.poles(), again.poles(), 1e-12)
-    turned = run(method, [r], outputs=("q", "alpha", "theta"))
-    omega = np.geomspace(0.1, 20.0, 20)
-    a = model.frequency_response(omega)[:, [1, 2, 0]]
-    assert np.abs(a - turned.frequency_response(omega)).max() < 1e-8 * np.abs(a).max()
+    turned = run(method, [r], outputs=("q", "V", "alpha", "theta"))
+    omega = np.geomspace(0.6, 20.0, 20)
+    a = model.frequency_response(omega)[:, [1, 3, 2, 0]]
+    bound = 1e-4 if method in SEARCHED else 1e-7
+    apart = np.abs(a - turned.frequency_response(omega)).max(axis=(0, 2))
+    assert np.all(apart < bound * np.abs(a).max(axis=(0, 2)))
 
 
 @METHOD
 @pytest.mark.parametrize("channel", ["de", "q"])
 def test_units_do_not_matter(method, channel):
-    def scaled(record):
-        return record.with_columns({channel: 1000.0 * record[channel]})
+    # The equations of a structure say that theta is the integral of q, so that an output alone cannot change its unit;
+    # they are linear, so that all channels may together.
+    scaled_channels = [channel] if method not in STRUCTURED or channel == "de" else [*INPUTS, *OUTPUTS]
 
-    r, judge = flight(1, noise=0.05), flight(99)
-    model = run(method, [r], validation=[judge])
+    def scaled(record):
+        return record.with_columns({name: 1000.0 * record[name] for name in scaled_channels})
+
+    (r,), judge = flights(method, 300, noise=0.05), flight(99)
+    model = found_from(method, 300, noise=0.05)
     other = run(method, [scaled(r)], validation=[scaled(judge)])
-    same_poles(model.poles(), other.poles(), 1e-6)
-    factor = np.where(np.array(OUTPUTS) == channel, 1000.0, 1.0)[:, None] / (1000.0 if channel == "de" else 1.0)
-    omega = np.geomspace(0.1, 20.0, 20)
-    a, b = factor * model.frequency_response(omega), other.frequency_response(omega)
-    assert np.all(np.abs(a - b) < 1e-6 * np.abs(a).max(axis=0))
+    bound = 1e-4 if method in SEARCHED else 1e-6
+    same_poles(model.poles(), other.poles(), bound)
+    up = np.where(np.isin(OUTPUTS, scaled_channels), 1000.0, 1.0)[:, None]
+    omega = np.geomspace(0.6, 20.0, 20)
+    a = up / (1000.0 if "de" in scaled_channels else 1.0) * model.frequency_response(omega)
+    apart = np.abs(a - other.frequency_response(omega)).max(axis=(0, 2))
+    assert np.all(apart < bound * np.abs(a).max(axis=(0, 2)))
 
 
 @METHOD
 def test_the_same_records_give_the_same_bytes(method):
-    records = [flight(1, noise=0.05), flight(2, noise=0.05)]
-    one, other = run(method, records), run(method, records)
+    records = flights(method, 300, 200, noise=0.05)
+    one, other = found_from(method, 300, 200, noise=0.05), run(method, records)
     assert pickle.dumps(one.to_dict()) == pickle.dumps(other.to_dict())
     assert np.array_equal(one.simulate(records[0]), other.simulate(records[0]))
 
 
 @METHOD
 def test_a_model_survives_pickling_and_keeps_its_records_unchanged(method):
-    r = flight(1, noise=0.05)
+    (r,) = flights(method, 300, noise=0.05)
     before = r.data.tobytes()
     model = run(method, [r])
     assert r.data.tobytes() == before
     again = pickle.loads(pickle.dumps(model))
     assert np.array_equal(again.simulate(r), model.simulate(r))
+    assert again.to_dict() == model.to_dict()
 
 
 @METHOD
-def test_status_goes_with_advice(method):
-    for noise in (0.0, 0.05, 3.0):
-        model = run(method, [flight(1, noise=noise)])
-        assert (model.status == "warning") == bool(model.advice)
+@pytest.mark.parametrize("noise", [0.0, 0.05, 3.0])
+def test_status_goes_with_advice(method, noise):
+    try:
+        model = found_from(method, 300, noise=noise)
+    except EstimationError:  # noise of three times the signal may be refused
+        if noise < 3.0:
+            raise
+        return
+    assert (model.status == "warning") == bool(model.advice)
 
 
 @METHOD
@@ -184,16 +303,18 @@ def test_an_input_that_never_moves_is_refused(method):
 
 @METHOD
 def test_too_little_data_are_refused(method):
-    with pytest.raises(EstimationError, match="more data"):
-        run(method, [flight(1, n=300).between(0.0, 1.4)])
+    # Four samples of four outputs are fewer than the 15 derivatives and 4 initial states of the structure.
+    short = flight(1).between(0.0, 0.4 if method in STRUCTURED else 1.4)
+    with pytest.raises(EstimationError, match=r"more data|longer record"):
+        run(method, [short])
     with pytest.raises(EstimationError, match="at least one record"):
         run(method, [])
 
 
 @METHOD
 def test_missing_channels_and_mixed_rates_are_refused(method):
-    with pytest.raises(ChannelError, match="needs channel 'beta'"):
-        estimate(SPECS[method], [flight(1)], INPUTS, ("q", "beta"), [])
+    with pytest.raises(ChannelError, match="needs channel 'az'"):
+        estimate(SPECS[method], [flight(1)], INPUTS, ("q", "az"), [])
     with pytest.raises(EstimationError, match="at least one output"):
         estimate(SPECS[method], [flight(1)], INPUTS, (), [])
     with pytest.raises(EstimationError, match="share one sample time"):
@@ -202,7 +323,7 @@ def test_missing_channels_and_mixed_rates_are_refused(method):
 
 def test_unknown_method_is_refused():
     with pytest.raises(EstimationError, match="did you mean 'dsr_e'"):
-        estimate(type("Spec", (), {"method": "dsr"})(), [flight(1)], INPUTS, OUTPUTS)
+        estimate(type("Spec", (), {"method": "dsr_ee"})(), [flight(1)], INPUTS, OUTPUTS)
 
 
 def test_importing_the_table_does_not_import_scipy():

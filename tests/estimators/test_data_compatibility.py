@@ -40,7 +40,7 @@ def body_from_earth(phi: float, theta: float, psi: float) -> np.ndarray:
     return roll @ pitch @ yaw
 
 
-def manoeuvre(duration_s: float = 12.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def manoeuvre(duration_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Rates and specific forces of a flight with bank, pitch and speed changes; states on the way at initial values."""
     t = np.arange(round(duration_s / DT) + 1) * DT
     phi = 0.5 * np.sin(0.9 * t)
@@ -60,15 +60,24 @@ def manoeuvre(duration_s: float = 12.0) -> tuple[np.ndarray, np.ndarray, np.ndar
     return t, np.column_stack([p, q, r, ax, ay, az]), np.array([u[0], v[0], w[0], phi[0], theta[0], psi[0], 300.0])
 
 
-@pytest.fixture(scope="module")
-def flight():
+def flown(duration_s: float):
     """Times, exact inputs, and the exact flight between them as a function of time."""
-    t, inputs, x0 = manoeuvre()
+    t, inputs, x0 = manoeuvre(duration_s)
     run = solve_ivp(
         equations, (0.0, t[-1]), x0, method="DOP853", args=(inputs, t), rtol=1e-10, atol=1e-10, max_step=DT,
         dense_output=True,
     )  # fmt: skip
     return t, inputs, run.sol
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return flown(12.0)
+
+
+@pytest.fixture(scope="module")
+def short_flight():
+    return flown(5.0)
 
 
 def read(flight, errors: dict[str, float] | None = None) -> FlightRecord:
@@ -107,8 +116,8 @@ SINGLE = {
 
 
 @pytest.mark.parametrize("name", SINGLE)
-def test_a_single_error_in_exact_data_is_recovered(flight, name):
-    result = estimate([read(flight, {name: SINGLE[name]})], only=[name])
+def test_a_single_error_in_exact_data_is_recovered(short_flight, name):
+    result = estimate([read(short_flight, {name: SINGLE[name]})], only=[name])
     # 1e-6 of the error or 1e-7 in SI units (Runge-Kutta at 25 Hz). Delays interpolate between samples of a flight that
     # has kinks in its rates: 5e-5 s.
     assert result.values[name] == pytest.approx(SINGLE[name], rel=1e-6, abs=5e-5 if name.endswith("delay") else 1e-7)

@@ -14,7 +14,8 @@ from testbench.estimators.data_compatibility import DataCompatibility, correct, 
 from testbench.flight.simulate import Manoeuvre, fly
 from testbench.inputs.signal import InputSignal
 from testbench.record import FlightRecord
-from testbench.sensors.sensor import Sensor, SensorSuite
+from testbench.sensors.sensor import Sensor
+from testbench.sensors.suite import SensorSuite
 
 G_SIMULATED_M_S2 = 9.7803  # the simulator flies over the equator
 NOISE = {
@@ -71,27 +72,27 @@ def outside(results: list[DataCompatibility], true: dict[str, float]) -> int:
     return count
 
 
-def test_an_eolo_with_errors_has_them_named_over_20_seeds(eolo_flight):
+def test_an_eolo_with_errors_has_them_named_over_10_seeds(eolo_flight):
     results = [
         estimate([measure(eolo_flight, seed, TRUE, LONGITUDINAL, 25.0)], gravity_m_s2=G_SIMULATED_M_S2)
-        for seed in range(20)
+        for seed in range(10)
     ]
-    # 40 estimates: more than 1 beyond 3 standard errors by chance with probability 0.006.
+    # 20 estimates: more than 1 beyond 3 standard errors by chance with probability 0.0014.
     assert outside(results, {n: TRUE[n] for n in ("q_bias", "ax_bias")}) <= 1
     # This flight moves alpha too little for 10 % of it to be significant; its estimate allows for it all the same.
     scales = [e for r in results for e in r.tested if e.name == "alpha_scale"]
-    assert len(scales) >= 15
+    assert len(scales) >= 7
     assert sum(abs(e.estimate - TRUE["alpha_scale"]) > 3.0 * e.standard_error for e in scales) <= 1
     assert max(r.residual_after["theta"] / NOISE["theta"] for r in results) < 1.2
 
 
-def test_an_eolo_without_errors_has_none_named_over_20_seeds(eolo_flight):
+def test_an_eolo_without_errors_has_none_named_over_10_seeds(eolo_flight):
     results = [
         estimate([measure(eolo_flight, seed, {}, LONGITUDINAL, 25.0)], gravity_m_s2=G_SIMULATED_M_S2)
-        for seed in range(100, 120)
+        for seed in range(100, 110)
     ]
-    # false_alarm = 0.01 each: more than 2 of 20 by chance with probability 0.001
-    assert sum(bool(r.errors) for r in results) <= 2
+    # false_alarm = 0.01 each: more than 1 of 10 by chance with probability 0.004
+    assert sum(bool(r.errors) for r in results) <= 1
 
 
 def test_a_taurus_with_all_channels(taurus_flight):
@@ -160,13 +161,13 @@ def attas(name: str) -> FlightRecord:
     return FlightRecord(table[:, 0], tuple(columns), data, "measured")
 
 
-def test_recorded_flights_agree_about_their_gyros_and_vanes():
-    results = [estimate([attas(name)], gravity_m_s2=9.80) for name in ("Elv1", "Elv2")]
-    for result in results:
-        assert result.structure.motion == "full"
-        # Measured: pitch-rate gyro 0.18 and 0.19 deg/s too much, vane of alpha 0.10 to 0.12 s late (or lagging).
-        assert result.values["q_bias"] == pytest.approx(0.185 * DEG_RAD, abs=0.02 * DEG_RAD)
-        late = result.values.get("alpha_delay", result.values.get("alpha_lag", 0.0))
-        assert 0.07 < late < 0.15
-        for name in ("theta", "phi", "alpha"):
-            assert result.residual_after[name] < 0.3 * result.residual_before[name]
+@pytest.mark.parametrize("name", ["Elv1", pytest.param("Elv2", marks=pytest.mark.slow)])
+def test_recorded_flights_agree_about_their_gyros_and_vanes(name):
+    result = estimate([attas(name)], gravity_m_s2=9.80)
+    assert result.structure.motion == "full"
+    # Measured: pitch-rate gyro 0.18 and 0.19 deg/s too much, vane of alpha 0.10 to 0.12 s late (or lagging).
+    assert result.values["q_bias"] == pytest.approx(0.185 * DEG_RAD, abs=0.02 * DEG_RAD)
+    late = result.values.get("alpha_delay", result.values.get("alpha_lag", 0.0))
+    assert 0.07 < late < 0.15
+    for channel in ("theta", "phi", "alpha"):
+        assert result.residual_after[channel] < 0.3 * result.residual_before[channel]

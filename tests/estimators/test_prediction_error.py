@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import flight_data
+from recorded import flight_data
 from scipy.signal import cont2discrete
 
 from testbench.errors import EstimationError, RecordError

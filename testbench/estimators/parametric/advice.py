@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from testbench.estimators.parametric.structure import LinearStructure
 from testbench.record import FloatArray
 
 _LOST = 1e-7  # smallest over largest singular value of the scaled sensitivities below which nothing is decided
 _NAMED = 0.3  # share of a null direction that makes a parameter worth naming
 _TOGETHER = 0.98  # correlation beyond which two estimates stand for one another
 _VAGUE = 0.5  # standard error relative to the value
+_EXACT = 1e-9  # median standard error relative to the value below which the records are free of noise
 _COLOURED = 1e-3  # false-alarm probability of the whiteness test
 
 
@@ -40,13 +42,22 @@ def advice_in_words(model: Any) -> Any:
             f"{', '.join(found['at_bound'])} ended on a bound: the value is the bound's, not the data's, and has no "
             "standard error; widen the bound or ask why the data want to leave it"
         )
+    # What is left of trim values may well be nothing; and rounding of noise-free records says nothing of a true zero.
+    linear = isinstance(model.structure, LinearStructure)
+    noisy = float(np.median(errors / np.maximum(np.abs(values), 1e-300))) > _EXACT
     vague = [
         f"{n} {v:.3g} +- {e:.2g}"
         for n, v, e in zip(names, values, errors, strict=True)
-        if e > _VAGUE * abs(v) and e > 0.0
+        if noisy and e > _VAGUE * abs(v) and e > 0.0 and not (linear and n.endswith("_0"))
     ]
     if vague:
         out.append(f"these data say little about {', '.join(vague)}: fix them at a believed value, or excite them more")
+    fast = [abs(s) for s in np.linalg.eigvals(model.linear().A) if abs(s) > np.pi / model.dt_s]
+    if fast:
+        out.append(
+            f"poles of {', '.join(f'{w:.4g}' for w in fast)} rad/s lie beyond the Nyquist frequency of "
+            f"{np.pi / model.dt_s:.4g} rad/s: these samples say of them only that they are fast; fix what makes them so"
+        )
     correlation = np.abs(np.triu(found["correlation"], 1))
     pairs = [f"{names[i]} and {names[j]} ({correlation[i, j]:.3f})" for i, j in np.argwhere(correlation > _TOGETHER)]
     if pairs:

@@ -33,10 +33,9 @@ from testbench.errors import EstimationError
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
-from testbench.estimators.parametric.gauss_newton import Minimum
+from testbench.estimators.parametric.gauss_newton import Minimum, minimise
 from testbench.estimators.parametric.kalman.innovations import Rows, innovations
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood, Part
-from testbench.estimators.parametric.kalman.search import minimise
 from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.output_error import held_inputs
@@ -50,6 +49,10 @@ _ROUNDS = 60
 _BELIEVED = 0.99  # eigenvalue of K C beyond which a measurement replaces the prediction
 _FOLLOWING = 4  # steps per round until R has settled
 _START = 0.1  # innovations to start from, relative to the outputs' size
+_WORSE = 2.0  # free-run error over the start's that is said; beyond _FAR and worse than a constant it is refused
+_FAR = 3.0
+_ROUNDING = 1e-6  # free-run error below this share of an output is rounding
+_NOTHING = 1e-10  # innovations below this share of every output's size are rounding
 
 
 class _Found(NamedTuple):
@@ -99,11 +102,14 @@ def estimate(
         ``process_noise`` by state: value and its standard error, unit of the state per square root of a second;
         ``process_noise_absent``: states whose process noise cannot be told from none;
         ``measurement_noise`` by output, standard deviation; ``gain`` (n, p) per record;
-        ``kc_eigenvalue``: the largest of K C, at most 1; 1 says that some channel is believed without reserve.
+        ``kc_eigenvalue``: the largest of K C, at most 1; 1 says that some channel is believed without reserve;
+        ``free_run_error`` and ``free_run_error_start``: (p,) output error of the simulation without filter, relative to
+        each output's motion, with the estimates and with the start values.
 
     Raises:
         EstimationError: nothing is free, fewer samples than unknowns, an unknown that no output feels (it is named), a
-            state name that is none, or start values at which the filter diverges.
+            state name that is none, start values at which the filter diverges, or an estimate out of the samples'
+            range: a pole beyond the Nyquist frequency, or a model that only its filter holds up.
         ChannelError: a record lacks a channel.
     """
     check_records(records, structure.inputs, structure.outputs)
@@ -149,8 +155,8 @@ def estimate(
         diagnostics=diagnostics,
         structure=structure,
         params=params,
-        covariance=_embedded(corrected, layout, params.size),
-        covariance_plain=_embedded(white, layout, params.size),
+        covariance=layout.embedded(corrected, params.size),
+        covariance_plain=layout.embedded(white, params.size),
         noise_covariance=np.diag(diagnostics["residual_std"] ** 2),
         held=tuple(hold.tolist()),
         delays_s=tuple(delays.tolist()),
@@ -163,12 +169,81 @@ def estimate(
         ),
         substeps=substeps,
     )
+    free = _free_run_errors(model, records), _free_run_errors(replace(model, params=structure.values), records)
+    _refuse_far(model, *free)
+    model = replace(
+        model, diagnostics={**model.diagnostics, "free_run_error": free[0], "free_run_error_start": free[1]}
+    )
     return _with_filter_advice(advice_in_words(model))
+
+
+def _free_run_errors(model: ParametricModel, records: Sequence[FlightRecord]) -> FloatArray:
+    """Return the root mean square of measured less simulated outputs over that of their motion, (p,); inf: diverges."""
+    miss, size, count = (np.zeros(len(model.outputs)) for _ in range(3))
+    for record in records:
+        part = record.select(model.outputs)
+        try:
+            with np.errstate(all="ignore"):
+                y = model.simulate(record)
+        except EstimationError:
+            return np.full(size.size, np.inf)
+        if not np.all(np.isfinite(y)):
+            return np.full(size.size, np.inf)
+        miss += np.sum(np.where(part.valid, part.data - y, 0.0) ** 2, axis=0)
+        size += np.sum(np.where(part.valid, part.data - part.data.mean(axis=0), 0.0) ** 2, axis=0)
+        count += part.valid.sum(axis=0)
+    return np.asarray(np.sqrt(miss / np.maximum(size, 1e-300)))
+
+
+def _refuse_far(model: ParametricModel, found: FloatArray, start: FloatArray) -> None:
+    """Check that the estimate has not left the range that samples can speak of.
+
+    With process noise on too few states the likelihood may rise without bound towards a model in which a state with
+    process noise is so fast that it is itself noise, or towards one that only the filter holds up.
+
+    Raises:
+        EstimationError: a pole is faster than the sampling can show and the start's was not, or an output's free run is
+            worse than a constant and far worse than the start's.
+    """
+    noisy = ", ".join(model.settings["process_noise"]) or "no state"
+    fix = "give process noise to more states (all if not named), or fix it, or use output error"
+    fastest, before = (
+        float(np.max(np.abs(np.linalg.eigvals(m.linear().A))))
+        for m in (model, replace(model, params=model.structure.values))
+    )
+    nyquist = np.pi / model.dt_s
+    if fastest > nyquist > before:
+        raise EstimationError(
+            f"poles must stay below the Nyquist frequency of {nyquist:.4g} rad/s for the data to decide them, but with "
+            f"process noise on {noisy} filter error runs to a pole of {fastest:.4g} rad/s (the start: {before:.4g}): a "
+            f"state that answers at once turns process noise into noise of its output; {fix}"
+        )
+    far = (found > 1.0) & (found > _FAR * start)
+    if np.any(far):
+        name = model.outputs[int(np.argmax(np.where(far, found / np.maximum(start, 1e-12), 0.0)))]
+        i = model.outputs.index(name)
+        raise EstimationError(
+            f"filter error must end in a model that flies the records without its filter at least about as well as the "
+            f"start does, but '{name}' is then off by {found[i]:.3g} times its own size (the start: {start[i]:.2g}): "
+            f"process noise on {noisy} takes the place of the model; {fix}"
+        )
 
 
 def _with_filter_advice(model: ParametricModel) -> ParametricModel:
     """Return the model with what its filter makes doubtful."""
     found, out = model.diagnostics, []
+    free, start = found["free_run_error"], found["free_run_error_start"]
+    worse = [
+        f"{name} ({100 * e:.0f} % of its motion, the start's {100 * s:.0f} %)"
+        for name, e, s in zip(model.outputs, free, start, strict=True)
+        if e > _WORSE * s and e > _ROUNDING
+    ]
+    if worse:
+        out.append(
+            f"without its filter the model follows the records less well than the start values do: {', '.join(worse)}; "
+            "the process noise may explain what the model should: compare with output error, or give process noise to "
+            "other states"
+        )
     if found["kc_eigenvalue"] > _BELIEVED:
         out.append(
             "the filter follows some channel nearly without reserve (largest eigenvalue of K C "
@@ -249,6 +324,8 @@ def _search(likelihood: FilterLikelihood, max_iterations: int) -> _Found:
         if settled or rounds == _ROUNDS:
             return _Found(minimum, parts, R, rounds, settled)
         new = np.diag(base.noise([part.v for part in parts]))
+        if np.all(new <= (_NOTHING * base.size) ** 2):  # data without noise: nothing left to weigh
+            return _Found(minimum._replace(converged=True), parts, new, rounds, True)
         settled = bool(np.max(np.abs(new - R) / R) < _SETTLED)
         change, previous = np.log(new / R), change
         along = float(change @ previous) / max(float(previous @ previous), 1e-300)
@@ -315,10 +392,3 @@ def _diagnose(likelihood: FilterLikelihood, found: _Found) -> tuple[dict[str, An
         "kc_eigenvalue": max(float(np.max(np.linalg.eigvals(product).real)) for product in products),
     }
     return diagnostics, white, corrected
-
-
-def _embedded(covariance: FloatArray, layout: Layout, k: int) -> FloatArray:
-    """Return the (k, k) covariance of all parameters, fixed ones zero."""
-    out = np.zeros((k, k))
-    out[np.ix_(layout.chosen, layout.chosen)] = covariance
-    return out

@@ -1,4 +1,8 @@
-"""Bounded least squares by Gauss-Newton steps with Levenberg-Marquardt damping."""
+"""Bounded least squares by Gauss-Newton steps with damping that follows how far the linear model can be believed.
+
+Innovations of a filter feel the parameters through its gain as well as directly, and with coloured residuals second
+derivatives count: undamped Gauss-Newton steps then overshoot to the other side of the valley again and again.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,8 @@ from numpy.typing import NDArray
 from testbench.errors import EstimationError
 from testbench.record import FloatArray
 
-_ROUNDING = 1e-9  # share of the cost that its differences may not show
+_POOR, _FINE = 0.25, 0.75  # real over predicted fall of the cost
+_ROUNDING = 1e-11  # of the cost
 Problem = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Point (k,) -> weighted residuals r (N,) and their Jacobian dr/dpoint (N, k); r not finite where the point is bad."""
 
@@ -30,12 +35,19 @@ class Minimum(NamedTuple):
 def minimise(
     problem: Problem, start: FloatArray, low: FloatArray, high: FloatArray, *, tolerance: float, max_iterations: int
 ) -> Minimum:
-    """Minimise r'r over low <= point <= high.
+    """Minimise r'r over low <= point <= high by Levenberg-Marquardt steps.
 
-    Steps solve the damped normal equations through a QR factorisation of [J; sqrt(lambda) diag(|J|)], so that the
-    scale of a parameter does not matter (J. J. More, 1978). Parameters that a step would push through a bound stay on
-    it while the gradient points outwards. It ends when a full step would lower the cost by less than
-    ``tolerance`` times the cost (or by less than rounding).
+    The damping, in units of the squared column lengths of the Jacobian, rises after a step that gave less than a
+    quarter of the fall that the linear model predicts, and falls after one that gave more than three quarters of it
+    (J. J. More, 1978).
+
+    Args:
+        problem: point -> residuals and their Jacobian.
+        start: where to start from.
+        low: bounds below; a parameter on its bound stays while the gradient points outwards.
+        high: bounds above.
+        tolerance: it ends when a full step would lower the cost by less than this share of it.
+        max_iterations: most steps that are taken.
 
     Raises:
         EstimationError: the start itself gives residuals that are not finite.
@@ -51,27 +63,35 @@ def minimise(
         gradient = J.T @ r
         held = ((point <= low) & (gradient > 0.0)) | ((point >= high) & (gradient < 0.0))
         moving = np.flatnonzero(~held)
-        Q, R = np.linalg.qr(J[:, moving])
+        # The triangle of [J r] holds Q'r in its last column: Q itself, as large as J, is not needed.
+        triangle = np.asarray(np.linalg.qr(np.column_stack([J[:, moving], r]), mode="r"))
+        R, target = triangle[: moving.size, :-1], triangle[: moving.size, -1]
         size = np.sqrt(np.sum(R**2, axis=0))
         size = np.where(size > 0.0, size, 1.0)
-        target = Q.T @ r
         promised = float(target @ target)  # what a full linear step would remove
         if promised <= tolerance * cost or not moving.size:
             converged = True
             break
-        accepted, tried = False, damping  # a gain within rounding is tried once only
-        while damping < 1e12 and (damping <= tried or promised > _ROUNDING * cost):
+        accepted = False
+        while damping < 1e12:
             stacked = np.vstack([R, np.sqrt(damping) * np.diag(size)])
             step = np.linalg.lstsq(stacked, -np.concatenate([target, np.zeros(moving.size)]), rcond=None)[0]
             trial = point.copy()
             trial[moving] = np.clip(point[moving] + step, low[moving], high[moving])
+            moved = target + R @ (trial[moving] - point[moving])
+            predicted = promised - float(moved @ moved)
+            if predicted <= 0.0 or (damping > 1e-4 and predicted < _ROUNDING * cost):
+                break
             r_new, J_new = problem(trial)
             new = float(r_new @ r_new) if np.all(np.isfinite(r_new)) and np.all(np.isfinite(J_new)) else np.inf
+            gain = (cost - new) / predicted
+            if gain < _POOR:
+                damping = max(4.0 * damping, 1e-3) if gain > 0.0 else max(10.0 * damping, 1e-3)
+            elif gain > _FINE:
+                damping = max(damping / 10.0, 1e-12)
             if new < cost:
                 point, r, J, cost, accepted = trial, r_new, J_new, new, True
-                damping = max(damping / 10.0, 1e-12)
                 break
-            damping = max(10.0 * damping, 1e-8)
         if not accepted:  # no descent left within rounding
             converged = promised <= 1e-6 * cost
             break

@@ -60,6 +60,12 @@ class Layout(NamedTuple):
         initial, offsets, biases = np.split(point[self.nuisances(record)], [self.initial, self.initial + self.offsets])
         return initial, offsets, biases
 
+    def embedded(self, covariance: FloatArray, k: int) -> FloatArray:
+        """Return the (k, k) covariance of all parameters from that of the free ones (f, f); fixed ones have zero."""
+        out = np.zeros((k, k))
+        out[np.ix_(self.chosen, self.chosen)] = covariance
+        return out
+
 
 def stretch(
     record: FlightRecord,

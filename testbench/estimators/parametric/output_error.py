@@ -263,8 +263,8 @@ def _model(
         diagnostics=diagnostics,
         structure=structure,
         params=found.params,
-        covariance=_embedded(corrected, layout, found.params.size),
-        covariance_plain=_embedded(white, layout, found.params.size),
+        covariance=layout.embedded(corrected, found.params.size),
+        covariance_plain=layout.embedded(white, found.params.size),
         noise_covariance=R,
         held=tuple(likelihood.held.tolist()),
         delays_s=delays_s,
@@ -277,10 +277,3 @@ def _model(
         ),
         substeps=likelihood.substeps,
     )
-
-
-def _embedded(covariance: FloatArray, layout: Layout, k: int) -> FloatArray:
-    """Return the (k, k) covariance of all parameters, fixed ones zero."""
-    out = np.zeros((k, k))
-    out[np.ix_(layout.chosen, layout.chosen)] = covariance
-    return out

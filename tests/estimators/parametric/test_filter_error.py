@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from conftest import flight_data
 from parametric_cases import FILTER_ERROR_HFB, HFB
+from recorded import flight_data
 from scipy.linalg import expm, solve_discrete_are
 
 from testbench.errors import EstimationError

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import flight_data
+from recorded import flight_data
 
 from testbench.errors import EstimationError
 from testbench.estimators.parametric import output_error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from conftest import flight_data
+from recorded import flight_data
 from scipy.linalg import expm
 from scipy.signal import lfilter
 

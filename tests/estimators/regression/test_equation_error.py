@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import flight_data
+from recorded import flight_data
 from regression_systems import DT, TERMS, TRUTH, motion, noise, record, signals, twin_otter
 
 from testbench.constants import DEG_RAD

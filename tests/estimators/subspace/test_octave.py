@@ -1,6 +1,7 @@
 """MOESP and N4SID against SLICOT's (GNU Octave, control package), on the same data; stored results."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from testbench.record import FlightRecord
 from tests.reference.octave_subspace import CASES, HORIZON, STORED, data
 
 
+@cache
 def poles_z(name, method, seed=None):
     u, y = data(name)
     if seed is not None:  # another draw of the noise

@@ -218,6 +218,13 @@ def estimate_by(
     G = _measurement_noise(records, structure.outputs, measurement_noise)
     dt = records[0].dt_s
     chosen = np.flatnonzero(structure.free)
+    taken = sum(int(r.select(structure.outputs).valid.sum()) for r in records)
+    unknowns = chosen.size + len(records) * len(structure.states)
+    if taken <= unknowns:
+        raise EstimationError(
+            f"a filter for {unknowns} unknown parameters and initial states needs more output samples than that, got "
+            f"{taken}; give more data or fix some parameters"
+        )
     noise = np.concatenate([F, drift]) ** 2 * dt
     plant = Plant(structure, chosen, structure.values, dt, substeps, noise, G**2)
     inputs = [delayed(r.columns(structure.inputs), r.dt_s, delays) for r in records]
