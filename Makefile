@@ -5,7 +5,7 @@ BIN = $(VENV)/bin
 # One thread per process: the matrices here are small, and two processes with two threads each stand in each other's way.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test test-slow benchmarks design-study clean
+.PHONY: demo test test-slow benchmarks campaign-cost design-study clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -22,6 +22,9 @@ benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/campaign_speed.py
 	$(BIN)/python tests/benchmarks/env_speed.py
 
+campaign-cost: $(VENV)/installed-dev
+	$(BIN)/python tests/benchmarks/campaign_cost.py
+
 design-study: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/design_study.py
 
@@ -31,7 +34,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	touch $@
 
 $(VENV)/installed-dev: $(VENV)/installed
-	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,envs,logs,parquet]" lupa mypy pytest pytest-xdist ruff
+	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,envs,logs,parquet,teaching]" lupa mypy playwright pytest pytest-xdist ruff
 	touch $@
 
 clean:

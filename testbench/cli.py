@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from testbench.errors import ScenarioError, TestbenchError
+from testbench.errors import RecordError, ScenarioError, TestbenchError
 
 if TYPE_CHECKING:
     from testbench.campaign import Campaign
@@ -43,6 +43,7 @@ simulation lacks.
     testbench plan eolo_envelope          # a campaign with flight cards to print
     testbench campaign run taurus_scatter # a scenario many times, over distributions of anything in it
     testbench aircraft eolo               # trims, modes over speed, derivatives of an aircraft
+    testbench studio                      # drag an input in a browser, see what it would tell
     testbench reproduce all               # the papers' tables and figures, printed and ours
     testbench exercise list               # teaching exercises, each student with an aircraft of their own
 
@@ -81,10 +82,14 @@ class Wings(str, Enum):
 
 
 class Export(str, Enum):
-    """Formats that records are exported to."""
+    """Formats that records and models are exported to."""
 
+    control = "control"
     csv = "csv"
+    json = "json"
+    jsbsim = "jsbsim"
     mat = "mat"
+    netcdf = "netcdf"
     parquet = "parquet"
 
 
@@ -167,20 +172,28 @@ def import_(
 
 @app.command()
 def export(
-    record: Annotated[Path, typer.Argument(help="Record of the testbench (NetCDF).", show_default=False)],
+    file: Annotated[
+        Path, typer.Argument(help="Record (NetCDF), or model (models/*.json of a run).", show_default=False)
+    ],
     to: Annotated[Export, typer.Option(help="Format.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="File; by default beside the record.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="File; by default beside the one exported.")] = None,
 ) -> None:
-    """Write a record as CSV, MAT or Parquet for other programs; samples that were not taken are left empty.
+    """Write a record (csv, mat, netcdf, parquet) or a model (these, control, json, jsbsim) for other programs.
 
-    Example: `testbench export results/eolo_alpha/records/x.nc --to csv`.
+    Samples of a record that were not taken are left empty. A model becomes its matrices, a Python module with a
+    python-control system, or a system of filters for JSBSim. Examples:
+    `testbench export results/eolo_alpha/records/x.nc --to csv`,
+    `testbench export results/eolo_alpha/models/x.json --to jsbsim`.
     """
-    from testbench.record import load_record
+    if file.suffix.lower() == ".json":
+        from testbench.report.export import SUFFIXES, export_model, load_matrices
 
-    path = out or record.with_suffix(f".{to.value}")
-    loaded = load_record(record)
-    save = {Export.csv: loaded.save_csv, Export.mat: loaded.save_mat, Export.parquet: loaded.save_parquet}[to]
-    print(f"Written: {save(path)}")
+        path = out or file.with_name(file.stem + SUFFIXES[to.value])
+        print(f"Written: {export_model(load_matrices(file), to.value, path)}")
+        return
+    from testbench.report.export import export_record
+
+    print(f"Written: {export_record(file, to.value, out)}")
 
 
 @app.command()
@@ -251,13 +264,15 @@ def response(
 @app.command()
 def gap(
     case: Annotated[
-        str, typer.Argument(help="The aircraft that is believed, or a gap case.", show_default=False)
-    ],
+        str | None, typer.Argument(help="The aircraft that is believed, or a gap case.", show_default=False)
+    ] = None,
     records: Annotated[
         list[Path] | None,
         typer.Argument(help="Measured records (.nc) or descriptions of them (.toml).", show_default=False),
     ] = None,
-    sensors: Annotated[str | None, typer.Option(help="Believed sensor suite; that of the records if not given.")] = None,
+    sensors: Annotated[
+        str | None, typer.Option(help="Believed sensor suite; that of the records if not given.")
+    ] = None,
     hold_out: Annotated[
         list[Path] | None, typer.Option("--hold-out", help="Record to judge on and not to name with; may be repeated.")
     ] = None,
@@ -265,6 +280,9 @@ def gap(
     airspeed: Annotated[float | None, typer.Option("--V", help="Airspeed at the start, m/s.")] = None,
     altitude: Annotated[float | None, typer.Option("--h", help="Altitude at the start, m.")] = None,
     data: Annotated[Path | None, typer.Option(help="Folder of the files that descriptions name.")] = None,
+    plan: Annotated[
+        Path | None, typer.Option(help="Scenario: which effects could its manoeuvres tell apart, and what to add?")
+    ] = None,
     out: OutOption = Path("results"),
     seed: SeedOption = None,
 ) -> None:
@@ -272,18 +290,27 @@ def gap(
 
     Measured manoeuvres are held against the believed aircraft and sensors: `testbench gap eolo flown/*.nc --sensors
     eolo_gap --wings rigid --hold-out flown/doublets.nc`. A case makes its own flights from a hidden truth: `testbench
-    gap flexible_wings`. The instruments are checked against each other first.
+    gap flexible_wings`. The instruments are checked against each other first. Before flight, `testbench gap --plan
+    eolo_alpha` says which effects the manoeuvres of a scenario could not tell apart.
     """
     from testbench.checks import find
+
+    if plan is not None:
+        _plan_gap(find(plan, "run"), out)
+        return
+    if case is None:
+        raise RecordError("the aircraft that is believed must be named, with its records, or a gap case, got nothing")
     from testbench.gap.case import run_flights, run_gap
     from testbench.gap.records import load_flights
+    from testbench.paths import aircraft_names
     from testbench.report import record_keeper
     from testbench.report.gap import print_gap, write_gap
 
     with _stages() as say:
-        if records:
+        if records or case in aircraft_names():
             say("read records")
-            flights = load_flights(case, records, hold_out or (), sensors, wings.value, airspeed, altitude, data)
+            held = hold_out or ()
+            flights = load_flights(case, records or (), held, sensors, wings.value, airspeed, altitude, data)
             folder = out / f"gap_{case}"
             result = run_flights(case, flights, say)
         else:
@@ -293,6 +320,20 @@ def gap(
         say("write report")
         write_gap(result, folder)
     print_gap(result, _console(), folder)
+
+
+def _plan_gap(file: Path, out: Path) -> None:
+    from testbench.gap.plan import plan_gap
+    from testbench.pipeline import load_scenario
+    from testbench.report.gap_plan import print_gap_plan, write_gap_plan
+
+    loaded = load_scenario(file)
+    folder = out / f"gap_plan_{loaded.name}"
+    with _stages() as say:
+        planned = plan_gap(loaded, say)
+        say("write report")
+        write_gap_plan(planned, folder)
+    print_gap_plan(planned, _console(), folder)
 
 
 @app.command()
@@ -433,6 +474,37 @@ def check(
             faults.append(str(error))
     if faults:
         raise ScenarioError(faults)
+
+
+@app.command()
+def studio(
+    aircraft: Annotated[list[str] | None, typer.Argument(help="Aircraft; all if none is named.")] = None,
+    write: Annotated[
+        Path | None, typer.Option(help="Write the page to this file instead; it needs no server.", show_default=False)
+    ] = None,
+    port: Annotated[int, typer.Option(help="Port on this machine; 0 for any that is free.")] = 8700,
+) -> None:
+    """Serve the interactive page: drag an input, see its spectrum, the response and what could be known from it.
+
+    The page answers on 127.0.0.1 only, until Ctrl-C. Example: `testbench studio eolo`.
+    """
+    from testbench.studio.models import studio_models
+    from testbench.studio.page import studio_page
+    from testbench.studio.serve import HOST, serving
+
+    with _stages() as say:
+        page = studio_page(studio_models(aircraft or (), say))
+    if write is not None:
+        write.parent.mkdir(parents=True, exist_ok=True)
+        write.write_text(page, encoding="utf-8")
+        print(f"Written: {write}")
+        return
+    with serving(page, port) as server:
+        print(f"Open http://{HOST}:{server.server_port}/ in a browser; Ctrl-C ends.", flush=True)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            print("Ended.")
 
 
 @app.command("list")
@@ -579,20 +651,28 @@ def exercise_start(
 
 @exercises.command("check")
 def exercise_check(
-    folder: Annotated[Path, typer.Argument(help="Folder that `start` wrote.", show_default=False)],
+    folders: Annotated[list[Path], typer.Argument(help="Folder that `start` wrote; or several.", show_default=False)],
     key_file: KeyOption = None,
 ) -> None:
     """Judge answers.toml: what is right, what is off by how much, and why. Exit status 1 if not all answers are right.
 
-    Example: `testbench exercise check short_period_anna`.
+    Of several folders, one line each is printed. Example: `testbench exercise check short_period_anna`.
     """
+    from testbench.exercises.check import Result, check_class
     from testbench.exercises.check import check as check_answers
     from testbench.exercises.seal import read_key
-    from testbench.exercises.show import print_result
+    from testbench.exercises.show import print_class, print_result
 
-    result = check_answers(folder, read_key(key_file))
-    print_result(result, _console(), folder)
-    if not result.passed:
+    key = read_key(key_file)
+    if len(folders) == 1:
+        result = check_answers(folders[0], key)
+        print_result(result, _console(), folders[0])
+        passed = result.passed
+    else:
+        results = check_class(folders, key)
+        print_class(results, _console())
+        passed = all(isinstance(r, Result) and r.passed for r in results.values())
+    if not passed:
         raise typer.Exit(1)
 
 

@@ -282,3 +282,31 @@ def test_an_exercise_is_listed_started_and_checked(tmp_path):
     assert_fails(
         command("exercise", "start", "doublets_length", "--student", "anna"), 2, "did you mean 'doublet_length'"
     )
+
+
+def test_a_table_is_imported_identified_from_and_its_model_exported(tmp_path):
+    """The chain by commands; what it finds is tested in tests/logs and tests/report."""
+    lines = ["time [s],de [deg],q [deg/s],theta [deg]"]
+    q = theta = 0.0
+    for k in range(900):
+        t = 0.02 * k
+        de = 2.0 * ((3.0 <= t < 4.0) - (4.0 <= t < 5.0))
+        lines.append(f"{t:.2f},{de},{q:.6f},{theta:.6f}")
+        theta, q = theta + 0.02 * q, q - 0.02 * (2.0 * q + 3.0 * theta + 10.0 * de)
+    (tmp_path / "flight.csv").write_text("\n".join(lines))
+    shown = command("import", "flight.csv", "-o", "log", cwd=tmp_path)
+    assert "1 manoeuvres found, 1 begin and end quietly" in shown.stdout
+    assert "flight_longitudinal.toml" in shown.stdout
+    assert command("identify", "log/flight_longitudinal.toml", cwd=tmp_path).returncode == 0
+    model = "results/flight_longitudinal/models/recorded_dsr_e.json"
+    assert "recorded_dsr_e_control.py" in command("export", model, "--to", "control", cwd=tmp_path).stdout
+    assert_fails(command("export", "log/01_de.nc", "--to", "jsbsim", cwd=tmp_path), 2, "records go to csv, mat")
+    assert_fails(command("import", "no.ulg", cwd=tmp_path), 2, "must be a file that exists")
+
+
+def test_the_studio_is_written_and_bad_names_are_refused(tmp_path):
+    done = command("studio", "taurus", "--write", "page/studio.html", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "What will this input tell?" in (tmp_path / "page" / "studio.html").read_text("utf-8")
+    assert_fails(command("studio", "taurs", cwd=tmp_path), 2, "did you mean 'taurus'?")
+    assert_fails(command("studio", "taurus", "--write", "page", cwd=tmp_path), 2, "page")

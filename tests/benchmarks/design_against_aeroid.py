@@ -30,7 +30,7 @@ from testbench.design.targets import targets
 from testbench.scenario import Multisine
 
 FREE = ("Z_alpha", "M_alpha", "M_q", "M_de")
-LINES = 8
+LINES = 5
 DURATION_S = 10.0
 
 
