@@ -1,0 +1,1 @@
+"""The papers' results once more, on simulated flights: every printed number beside ours, and why they part."""
