@@ -5,7 +5,7 @@ BIN = $(VENV)/bin
 # One thread per process: the matrices here are small, and two processes with two threads each stand in each other's way.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test test-slow benchmarks campaign-cost design-study clean
+.PHONY: demo test test-slow benchmarks campaign-cost design-study estimator-study clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -21,12 +21,26 @@ benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/design_speed.py
 	$(BIN)/python tests/benchmarks/campaign_speed.py
 	$(BIN)/python tests/benchmarks/env_speed.py
+	$(BIN)/python tests/benchmarks/subspace_speed.py
+	$(BIN)/python tests/benchmarks/output_error_speed.py
 
 campaign-cost: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/campaign_cost.py
 
 design-study: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/design_study.py
+
+# Writes results/estimators/*.csv; some 7 minutes of processor time. Interrupted: estimator_study.py --resume.
+estimator-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/subspace_inputs.py
+	$(BIN)/python tests/studies/f16_prediction.py
+	$(BIN)/python tests/studies/estimator_study.py
+
+env-study: $(VENV)/installed-rl
+	for task in eolo:6 taurus:2; do name=$${task%:*}; \
+	  $(BIN)/python -m testbench.envs.train --task $$name --hold $${task#*:} || exit 1; \
+	  $(BIN)/python -m testbench.envs.baselines --task $$name --agent results/envs/$${name}_agent.zip \
+	    --out results/envs/$$name.csv || exit 1; done
 
 $(VENV)/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -35,6 +49,10 @@ $(VENV)/installed: pyproject.toml constraints.txt
 
 $(VENV)/installed-dev: $(VENV)/installed
 	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,envs,logs,parquet,teaching]" lupa mypy playwright pytest pytest-xdist ruff
+	touch $@
+
+$(VENV)/installed-rl: $(VENV)/installed-dev
+	$(BIN)/python -m pip install -q -c constraints.txt -e ".[rl]"
 	touch $@
 
 clean:

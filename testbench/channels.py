@@ -58,6 +58,8 @@ _TABLE = (
     Channel("h", "h", "m", "altitude above sea level", "position/h-sl-ft", FT_M),
     Channel("hdot", "ḣ", "m/s", "climb rate", "velocities/h-dot-fps", FT_M),
     Channel("Vg", "Vg", "m/s", "ground speed", "velocities/vg-fps", FT_M),
+    Channel("v_north", "V_N", "m/s", "velocity over ground towards north", "velocities/v-north-fps", FT_M),
+    Channel("v_east", "V_E", "m/s", "velocity over ground towards east", "velocities/v-east-fps", FT_M),
     Channel("north", "x_N", "m", "distance flown towards north", "position/from-start-neu-n-ft", FT_M),
     Channel("east", "x_E", "m", "distance flown towards east", "position/from-start-neu-e-ft", FT_M),
     Channel("wind_north", "W_N", "m/s", "velocity of the air towards north", "atmosphere/total-wind-north-fps", FT_M),

@@ -157,6 +157,11 @@ def test_a_file_that_does_not_exist(verb, tmp_path):
         (("run", "gap/flexible_wings"), "is a gap scenario: use testbench gap"),
         (("gap", "eolo_alpha"), "is a scenario: use testbench run"),
         (("gap", "slow_servos"), "did you mean 'slow_servo'?"),
+        (("gap",), "the aircraft that is believed must be named"),
+        (("gap", "eolo"), "measured records of eolo must be given"),
+        (("gap", "eollo", "x.nc"), "did you mean 'eolo'?"),
+        (("gap", "eolo", "x.nc"), "a record must be a file that exists, got 'x.nc'"),
+        (("gap", "--plan", "gap/nothing"), "is a gap scenario: use testbench gap"),
         (("identify", "records/../eolo_alpha"), "is a scenario: use testbench run"),
         (("run", "eolo_alfa"), "did you mean 'eolo_alpha'?"),
         (("aircraft", "eollo"), "did you mean 'eolo'?"),
@@ -246,6 +251,9 @@ def test_a_campaign_flies_says_how_far_it_is_and_is_summarised_again(tmp_path):
     file = tmp_path / "three.toml"
     file.write_text(text.replace("runs = 24", "runs = 3"), encoding="utf-8")
     assert_fails(command("campaign", "status", file, cwd=tmp_path), 3, "must have a store, got none")
+    both = command("campaign", "run", file, "--workers", 1, "--scheduler", "tcp://127.0.0.1:9", cwd=tmp_path)
+    assert both.returncode == 2
+    assert "either --workers or --scheduler" in both.stderr
     done = command("campaign", "run", file, "--workers", 1, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "3 of 3 runs are done, none failed" in done.stdout
@@ -279,6 +287,10 @@ def test_an_exercise_is_listed_started_and_checked(tmp_path):
     assert_fails(command("exercise", "check", folder), 2, "did you mean 'step_s'?")
     again = command("exercise", "start", "doublet_length", "--student", "anna", cwd=tmp_path)
     assert_fails(again, 2, "new or empty folder")
+    several = command("exercise", "check", folder, tmp_path)
+    assert several.returncode == 1
+    for words in ("no question has this key", "name that"):
+        assert words in " ".join(several.stdout.split())
     assert_fails(
         command("exercise", "start", "doublets_length", "--student", "anna"), 2, "did you mean 'doublet_length'"
     )

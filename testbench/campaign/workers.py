@@ -158,6 +158,8 @@ def local_workers(count: int) -> Iterator[Workers]:
         "distributed.worker.preload": ["testbench.campaign.flying"],  # imported before the first batch comes
         "distributed.nanny.environ": threads,
         "distributed.nanny.pre-spawn-environ": threads,
+        "distributed.worker.profile.enabled": False,  # it would look at every thread each 10 ms
+        "distributed.admin.system-monitor.interval": "10s",
         "distributed.admin.tick.interval": "1s",
     }
     with dask.config.set(settings), _quiet():

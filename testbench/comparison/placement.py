@@ -3,11 +3,13 @@
 Sensors with independent noise and an unknown offset each add up in the Fisher information, M = M_0 + sum_i M_i, so
 that M_i is computed once per station and kind, and every set costs one sum. The set is built by adding, each
 time, the sensor that helps most, and then exchanging single sensors for better ones until none is left
-(V. V. Fedorov, Theory of Optimal Experiments, 1972; D. C. Kammer, Journal of Guidance 14(2), 1991).
+(V. V. Fedorov, Theory of Optimal Experiments, 1972; D. C. Kammer, Journal of Guidance 14(2), 1991). Where there are
+few sets, all of them are tried.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -26,6 +28,7 @@ from testbench.scenario.compare import Placement
 from testbench.sensors import Sensor, SensorSuite
 
 Cost = Callable[[FloatArray], float]
+_TRIED = 2000  # sets that are all tried: about a second
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,7 @@ class Placed:
             without and with the chosen sensors.
         exchanged: how many exchanges followed the greedy choice.
         sets: how many sets there are.
+        all_tried: whether every one of them was tried, so that this is the best of all.
     """
 
     asked: Placement
@@ -67,6 +71,7 @@ class Placed:
     after: FloatArray
     exchanged: int
     sets: int
+    all_tried: bool
 
 
 def place(
@@ -97,7 +102,10 @@ def place(
         return cost(M, aims.gradient, asked.criterion)
 
     groups = _groups(asked, spots)
+    sets = math.prod(comb(len(members), count) for members, count in groups)
     chosen, swaps = best_set(base_part, parts, groups, value)
+    if sets <= _TRIED:
+        chosen, _ = brute_force(base_part, parts, groups, value)
     total, path, order = base_part, [value(base_part)], []
     remaining = list(chosen)
     while remaining:  # in the order of their gain
@@ -108,8 +116,8 @@ def place(
         path.append(value(total))
     before, after = (aims.errors(accuracy(M)) * in_percent(aims) for M in (base_part, total))
     alone = {spot: value(base_part + part) for spot, part in zip(spots, parts, strict=True)}
-    sets = int(np.prod([comb(len(members), count) for members, count in groups], dtype=float))
-    return Placed(asked, base.name, tuple(order), alone, tuple(path), aims.names, before, after, swaps, sets)
+    best = sets <= _TRIED
+    return Placed(asked, base.name, tuple(order), alone, tuple(path), aims.names, before, after, swaps, sets, best)
 
 
 def informations(

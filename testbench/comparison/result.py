@@ -11,10 +11,24 @@ import numpy as np
 
 from testbench.comparison.placement import Placed
 from testbench.comparison.seen import Known, Prediction
-from testbench.comparison.statistics import Interval, Paired, holm, paired, root_mean_square, seeds_needed
+from testbench.comparison.statistics import (
+    Interval,
+    Paired,
+    holm,
+    mean_interval,
+    paired,
+    paired_misses,
+    root_mean_square,
+    scatter_interval,
+    seeds_needed,
+)
 from testbench.record import FloatArray
 from testbench.scenario.compare import BEST_CASE, CompareScenario
 from testbench.sensors import SensorSuite
+
+_WN = "wn of "
+FAR = 20.0
+"""Predicted standard error, percent, above which a linear bound says little; judgement."""
 
 
 class CaseKey(NamedTuple):
@@ -26,11 +40,26 @@ class CaseKey(NamedTuple):
 
 
 class Quantity(NamedTuple):
-    """What an error is of: ``kind`` "prediction", "mode" or "parameter"; ``unit`` "%" or "" (damping ratios)."""
+    """What an error is of.
+
+    ``kind`` is "prediction", "mode", "parameter" or, among gains, "missed": how often a mode is not found at all;
+    ``unit`` is "%" or "" (damping ratios).
+    """
 
     kind: str
     name: str
     unit: str = "%"
+
+
+class Agreement(NamedTuple):
+    """How many scatters of the best case have the predicted one ``inside`` their 95 % interval.
+
+    Out of ``total``; of ``far`` more, whose predicted errors are too large, nothing is said.
+    """
+
+    inside: int
+    total: int
+    far: int
 
 
 @dataclass(frozen=True)
@@ -50,7 +79,8 @@ class Summary:
         found: in how many repetitions there is such a figure (a mode was found, a prediction stayed finite).
         of: repetitions.
         rms: root mean square error with its 95 % interval; None for fewer than two.
-        bias, scatter: mean error and standard deviation; None for predictions, whose errors have no sign.
+        mean, scatter: mean error with its 95 % interval and standard deviation; None for predictions, whose errors have
+            no sign.
         predicted: standard error by information; None where it speaks of another thing.
     """
 
@@ -59,7 +89,7 @@ class Summary:
     found: int
     of: int
     rms: Interval | None
-    bias: float | None
+    mean: Interval | None
     scatter: float | None
     predicted: float | None
 
@@ -71,7 +101,8 @@ class Gain:
     Attributes:
         case: of the suite.
         quantity: what the error is of.
-        before, after: median size of the error with the first suite and with this one.
+        before, after: median size of the error with the first suite and with this one; share of repetitions that
+            miss a mode.
         paired: size of the error with the first suite minus that with this one.
         p_holm: probability by chance, corrected for all gains of the comparison; None: too few pairs.
         predicted: ratio of the standard errors by information, this suite over the first; None: not predicted.
@@ -140,7 +171,7 @@ class CompareResult:
                         found.size,
                         errors.size,
                         root_mean_square(found),
-                        float(np.mean(found)) if signed else None,
+                        mean_interval(found) if signed else None,
                         float(np.std(found, ddof=1)) if signed else None,
                         self._predicted(case, quantity),
                     )
@@ -149,7 +180,11 @@ class CompareResult:
 
     @cached_property
     def gains(self) -> tuple[Gain, ...]:
-        """One entry per suite but the first, input, estimator and quantity that both suites give."""
+        """One entry per suite but the first, input, estimator and quantity that both suites give.
+
+        Errors of a mode can be compared only where both suites find it; where one of them misses it, how often is
+        compared too.
+        """
         out: list[Gain] = []
         for case, quantities in self.errors.items():
             base = case._replace(suite=self.suites[0].name)
@@ -164,6 +199,11 @@ class CompareResult:
                 first, this = (float(np.median(np.abs(e[both]))) if both.any() else np.nan for e in (before, errors))
                 found = paired(differences, self.scenario.test)
                 out.append(Gain(case, quantity, first, this, found, None, self._ratio(case, base, quantity)))
+                if quantity.kind == "mode" and quantity.name.startswith(_WN) and not both.all():
+                    lost = ~np.isfinite(before), ~np.isfinite(errors)
+                    share = [100.0 * float(np.mean(m)) for m in lost]
+                    missed = Quantity("missed", quantity.name.removeprefix(_WN))
+                    out.append(Gain(case, missed, share[0], share[1], paired_misses(*lost), None, None))
         tested = [k for k, g in enumerate(out) if g.paired.p is not None]
         corrected = holm([out[k].paired.p or 0.0 for k in tested])
         for k, p in zip(tested, corrected, strict=True):
@@ -187,17 +227,20 @@ class CompareResult:
         return after / before
 
     @property
-    def agreement(self) -> tuple[int, int]:
-        """Of the best case: how many scatters lie within the 95 % interval about the predicted one, and of how many.
+    def agreement(self) -> Agreement:
+        """Hold the scatter of the best case against the predicted one.
 
-        A sample standard deviation of n errors scatters as sqrt(chi2 / (n - 1)).
+        A sample standard deviation of n errors scatters as sqrt(chi2 / (n - 1)). Where the predicted one exceeds
+        :data:`FAR`, the model is no longer linear in its parameters over the errors, and the bound says little.
         """
-        from testbench.comparison.statistics import scatter_interval
-
-        inside = total = 0
+        inside = total = far = 0
         for s in self.summaries:
-            if s.case.estimator == BEST_CASE and s.scatter is not None and s.predicted is not None and s.found > 2:
-                low, high = scatter_interval(s.scatter, s.found)
-                total += 1
-                inside += low <= s.predicted <= high
-        return inside, total
+            if s.case.estimator != BEST_CASE or s.scatter is None or s.predicted is None or s.found <= 2:
+                continue
+            if s.predicted > (FAR if s.quantity.unit else 0.01 * FAR):
+                far += 1
+                continue
+            low, high = scatter_interval(s.scatter, s.found)
+            total += 1
+            inside += low <= s.predicted <= high
+        return Agreement(inside, total, far)

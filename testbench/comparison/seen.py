@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
@@ -212,8 +213,10 @@ def predict(
     """Return what a manoeuvre tells through a suite.
 
     With exactly known inputs this is the Cramer-Rao bound of the linearised aircraft. Noise of a measured input passes
-    through the aircraft into the residuals; output error weighs them as if it did not, and its covariance is
-    M^-1 (M + sum_j sigma_j^2 Z_j' Z_j) M^-1, Z_j (N, k) being the effect of each sample of that noise on the score.
+    through the aircraft into the residuals. Output error takes it for noise of the sensors: it weighs each sensor i,
+    whose information is M_i, by w_i = sigma_i^2 / (variance of its residual), and its covariance is
+    M^-1 (sum_i w_i^2 M_i + sum_j Z_j' Z_j) M^-1 with M = sum_i w_i M_i, Z_j = sum_i w_i Z_ij (N, k) being the effect of
+    each sample of the noise of input j, one sigma, on the score.
 
     Args:
         known: the aircraft, and what is looked at.
@@ -231,12 +234,12 @@ def predict(
     noise = {name: suite.noise_std[name] for name in inputs if suite.noise_std[name] > 0.0}
     trim_samples = {"trim": round(manoeuvre.settle_s * suite.rate_hz), "mean": experiment.samples}.get(bias, 0)
     scores = _scores(known, experiment, u, noise, trim_samples)
-    found = _accuracy(parts.sum(axis=0), [z.sum(axis=0) for z in scores])
+    found = _accuracy(parts, scores)
     std = aims.errors(found)
     without = {}
     for i, sensor in enumerate(sensors):
         rest = [k for k in range(len(sensors)) if k != i]
-        less = aims.errors(_accuracy(parts[rest].sum(axis=0), [z[rest].sum(axis=0) for z in scores]))
+        less = aims.errors(_accuracy(parts[rest], [Scores(s.effect[rest], s.variance[rest]) for s in scores]))
         with np.errstate(invalid="ignore"):
             without[sensor.channel] = less / std
     return Prediction(aims.names, std * in_percent(aims), without, found)
@@ -253,10 +256,22 @@ def _by_sensor(experiment: Experiment, u: FloatArray) -> FloatArray:
     return W.reshape(-1, len(experiment.sensors), W.shape[1])
 
 
+class Scores(NamedTuple):
+    """What the noise of one measured input does, sensor by sensor.
+
+    Attributes:
+        effect: (p, N, k) effect of each of its samples, one sigma, on each sensor's score.
+        variance: (p,) variance that it adds to each sensor's residual, in units of the sensor's own.
+    """
+
+    effect: FloatArray
+    variance: FloatArray
+
+
 def _scores(
     known: Known, experiment: Experiment, u: FloatArray, noise: Mapping[str, float], trim_samples: int
-) -> list[FloatArray]:
-    """Return, per noisy input, the effect (p, N, k) of each sample of its noise, one sigma, on each sensor's score."""
+) -> list[Scores]:
+    """Return what the noise of each noisy input does to the sensors' scores and residuals."""
     if not noise:
         return []
     structure = structure_seen(known, experiment.sensors, list(noise))
@@ -273,16 +288,18 @@ def _scores(
         Z = irfft(np.conj(rfft(h, size, axis=0))[:, :, None] * spectrum, size, axis=0)[:N].transpose(1, 0, 2)
         if trim_samples:
             Z[:, :trim_samples] -= Z.sum(axis=1, keepdims=True) / trim_samples
-        out.append(Z)
+        out.append(Scores(Z, np.sum(h**2, axis=0)))
     return out
 
 
-def _accuracy(information: FloatArray, scores: Sequence[FloatArray]) -> Accuracy:
-    """Return what output error reaches with noisy inputs; ``scores`` (N, k) of each."""
-    exact = accuracy(information)
+def _accuracy(parts: FloatArray, scores: Sequence[Scores]) -> Accuracy:
+    """Return what output error reaches through sensors of information ``parts`` (p, k, k) with noisy inputs."""
     if not scores:
-        return exact
-    middle = information + np.sum([Z.T @ Z for Z in scores], axis=0)
+        return accuracy(parts.sum(axis=0))
+    weight = 1.0 / (1.0 + np.sum([s.variance for s in scores], axis=0))
+    exact = accuracy(np.einsum("p,pij->ij", weight, parts))
+    effects = [np.einsum("p,pnk->nk", weight, s.effect) for s in scores]
+    middle = np.einsum("p,pij->ij", weight**2, parts) + np.sum([Z.T @ Z for Z in effects], axis=0)
     covariance = exact.covariance @ middle @ exact.covariance
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     return Accuracy(np.where(np.isinf(exact.std), np.inf, std), covariance)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.record import FloatArray
 
@@ -57,6 +58,13 @@ def root_mean_square(errors: FloatArray) -> Interval | None:
     return Interval(math.sqrt(mean), math.sqrt(mean) / factor, math.sqrt(mean) * factor)
 
 
+def mean_interval(errors: FloatArray) -> Interval:
+    """Return the mean of two or more errors (n,) and its interval by Student's t."""
+    mean, n = float(np.mean(errors)), len(errors)
+    half = _student(n) * float(np.std(errors, ddof=1)) / math.sqrt(n)
+    return Interval(mean, mean - half, mean + half)
+
+
 def scatter_interval(std: float, n: int) -> tuple[float, float]:
     """Return the 95 % interval of a standard deviation from n normal samples: std sqrt((n - 1) / chi2)."""
     from scipy.stats import chi2
@@ -79,6 +87,33 @@ def paired(differences: FloatArray, test: Test) -> Paired:
     if test == "t":
         return _t(d)
     return Paired(d.size, _hodges_lehmann(d), _signed_rank_p(d))
+
+
+def paired_misses(before: NDArray[np.bool_], after: NDArray[np.bool_]) -> Paired:
+    """Compare how often something is missed, pair by pair (n,): the difference is in percent of the pairs.
+
+    p is that of McNemar's test, exact: only pairs that differ count, either way with probability a half
+    (Q. McNemar, Psychometrika 12, 1947). The interval takes b - c, the shares of pairs missed before alone and after
+    alone, each within its interval of Clopper and Pearson at 97.5 %, so that both hold together with 95 % or more.
+    """
+    from scipy.stats import binom
+
+    n = len(before)
+    if n < LEAST_PAIRS:
+        return Paired(n, None, None)
+    b, c = int(np.sum(before & ~after)), int(np.sum(~before & after))
+    p = min(1.0, 2.0 * float(binom.cdf(min(b, c), b + c, 0.5)))
+    (b_low, b_high), (c_low, c_high) = (share_interval(k, n, 1.0 - 0.5 * (1.0 - CONFIDENCE)) for k in (b, c))
+    return Paired(n, Interval(100.0 * (b - c) / n, 100.0 * (b_low - c_high), 100.0 * (b_high - c_low)), p)
+
+
+def share_interval(k: int, n: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Return the interval of a probability after k of n (C. J. Clopper and E. S. Pearson, Biometrika 26, 1934)."""
+    from scipy.stats import beta
+
+    tail = 0.5 * (1.0 - confidence)
+    low = 0.0 if k == 0 else float(beta.ppf(tail, k, n - k + 1))
+    return low, 1.0 if k == n else float(beta.ppf(1.0 - tail, k + 1, n - k))
 
 
 def holm(p: Sequence[float]) -> list[float]:
@@ -104,11 +139,10 @@ def seeds_needed(questions: int, level: float) -> int:
 def _t(d: FloatArray) -> Paired:
     from scipy.stats import t as student
 
-    mean, se = float(np.mean(d)), float(np.std(d, ddof=1)) / math.sqrt(d.size)
-    half = _student(d.size) * se
+    found, se = mean_interval(d), float(np.std(d, ddof=1)) / math.sqrt(d.size)
     if se == 0.0:
-        return Paired(d.size, Interval(mean, mean, mean), 1.0 if mean == 0.0 else 0.0)
-    return Paired(d.size, Interval(mean, mean - half, mean + half), float(2.0 * student.sf(abs(mean) / se, d.size - 1)))
+        return Paired(d.size, found, 1.0 if found.value == 0.0 else 0.0)
+    return Paired(d.size, found, float(2.0 * student.sf(abs(found.value) / se, d.size - 1)))
 
 
 def _student(n: int) -> float:

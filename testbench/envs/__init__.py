@@ -6,7 +6,8 @@
     testbench.envs.register()
     env = gymnasium.make("testbench/ExcitationDesign-v0", task="taurus")
 
-Needs the extra ``rl``. Nothing is registered, and gymnasium is not imported, before :func:`register` is called.
+Needs the extra ``envs`` (``rl`` to train agents, too). Nothing is registered, and gymnasium is not imported, before
+:func:`register` is called.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ ENTRY_POINT = "testbench.envs.excitation:ExcitationDesign"
 DEFAULT = "testbench/ExcitationDesign-v0"
 AIRCRAFT = ("eolo", "taurus", "b1")
 ACTIONS = ("continuous", "discrete")
+
+NEEDS_GYMNASIUM = "environments need gymnasium, which is not installed; pip install flight-testbench[envs]"
 
 __all__ = ["ACTIONS", "AIRCRAFT", "DEFAULT", "environment_names", "register"]
 
@@ -33,9 +36,12 @@ def register() -> tuple[str, ...]:
     """Register the environments with Gymnasium and return their ids; doing so twice does no harm.
 
     Raises:
-        ImportError: Gymnasium is not installed: install the extra ``rl``.
+        ImportError: Gymnasium is not installed; the message says how to install it.
     """
-    import gymnasium
+    try:
+        import gymnasium
+    except ImportError as error:
+        raise ImportError(NEEDS_GYMNASIUM) from error
 
     names = environment_names()
     for name, arguments in names.items():

@@ -1,6 +1,9 @@
 """What an agent has to beat: random commands, the textbook's doublet and 3-2-1-1, and the designed input.
 
     python -m testbench.envs.baselines --task taurus
+    python -m testbench.envs.baselines --task eolo --agent results/envs/eolo_agent.zip --out results/envs/eolo.csv
+
+The second adds an agent that ``testbench.envs.train`` trained, and writes the table.
 
 All but the random commands are known before the flight. They are scaled to the largest amplitude at which the linear
 prediction uses up no more than ``near`` of any limit, beyond which nearing one costs, or to the amplitude of a full
@@ -10,8 +13,9 @@ action if that is less; their one free time, the length of a step in whole decis
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +23,8 @@ import numpy as np
 from testbench.design.information import cost
 from testbench.design.switching import design_switching, switching
 from testbench.envs.excitation import ExcitationDesign
-from testbench.errors import LimitError
+from testbench.envs.train import agent_actions
+from testbench.errors import LimitError, RecordError, TestbenchError
 from testbench.inputs.multistep import PATTERNS
 from testbench.record import FloatArray
 
@@ -79,8 +84,8 @@ def multistep_plan(env: ExcitationDesign, pattern: Sequence[float]) -> Plan:
 def designed_plan(env: ExcitationDesign, starts: Sequence[Plan] = (), seed: int = 0) -> Plan:
     """Return the switching input of least cost: coordinate exchange over steps of whole decisions.
 
-    One form covers the flight by steps so long that there are no more than 48 in all; the other repeats a sequence of
-    decisions. See :mod:`testbench.design.switching`.
+    Three forms cover the flight, by steps so long that there are no more than 48 in all, half as long again, and twice
+    as long; the other repeats a sequence of decisions. See :mod:`testbench.design.switching`.
 
     Args:
         env: the environment.
@@ -91,7 +96,8 @@ def designed_plan(env: ExcitationDesign, starts: Sequence[Plan] = (), seed: int 
     R = problem.experiment.stride * round(env.decision_s * problem.rate_hz / problem.experiment.stride)
     begin, most = round(problem.start_s * problem.rate_hz), max(_BLOCKS // m, 1)
     long = -(-env.steps // most)
-    forms = {(long, env.steps // long, 1), (1, min(most, env.steps), max(env.steps // most, 1))}
+    wider = [n for n in (long, long + long // 2, 2 * long) if n <= env.steps]
+    forms = {*((n, env.steps // n, 1) for n in wider), (1, min(most, env.steps), max(env.steps // most, 1))}
     plans = []
     for n, count, repeats in sorted(forms):
         form = switching(
@@ -145,13 +151,24 @@ def fly_plan(env: ExcitationDesign, actions: FloatArray, seed: int) -> tuple[flo
     return total, info
 
 
-def baselines(env: ExcitationDesign, seed: int = 0, flights: int = 10) -> list[Row]:
+def baselines(
+    env: ExcitationDesign,
+    seed: int = 0,
+    flights: int = 10,
+    agent: Path | None = None,
+    settings: Mapping[str, Any] | None = None,
+) -> list[Row]:
     """Fly every baseline in a continuous environment and return what each earned, the best last.
 
     Args:
         env: the environment, with continuous actions.
         seed: of the sensors, of the random commands and of the design.
-        flights: of each random baseline.
+        flights: of each random baseline, and of the agent.
+        agent: file of a trained agent, to fly beside them.
+        settings: what the environment was made with; needed for the agent, whose own decisions are longer.
+
+    Raises:
+        RecordError: there is no such agent, or it is one of another task.
     """
     rng = np.random.default_rng(seed)
     doublet, multistep = multistep_plan(env, _DOUBLET), multistep_plan(env, PATTERNS["3211"])
@@ -165,6 +182,9 @@ def baselines(env: ExcitationDesign, seed: int = 0, flights: int = 10) -> list[R
         ("3-2-1-1", multistep.words, [multistep.actions]),
         ("designed", designed.words, [designed.actions]),
     ]
+    if agent is not None:
+        flown_by = [agent_actions(env, agent, seed + i, settings or {"task": "eolo"}) for i in range(flights)]
+        ways.append(("trained agent", f"a command per {flown_by[0][0]:g} s", [actions for _, actions in flown_by]))
     rows = []
     for name, words, plans in ways:
         flown = [fly_plan(env, actions, seed + i) for i, actions in enumerate(plans)]
@@ -198,20 +218,51 @@ def as_text(rows: Sequence[Row]) -> str:
     return "\n".join(lines)
 
 
+def as_csv(rows: Sequence[Row]) -> str:
+    """Return the table as CSV, 4 significant digits."""
+    lines = ["input,return_nats,cost,worst_error_over_wanted,largest_use_of_a_limit,completed,words"]
+    for r in rows:
+        numbers = ",".join(f"{x:.4g}" for x in (r.total, r.cost, r.worst, r.use, r.completed))
+        lines.append(f'{r.name},{numbers},"{r.words}"')
+    return "\n".join(lines) + "\n"
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Print the table of one task."""
+    """Print the table of one task, and write it if asked to."""
     parser = argparse.ArgumentParser(prog="python -m testbench.envs.baselines", description="What an agent must beat.")
     parser.add_argument("--task", default="eolo", help="aircraft, or path of a design scenario")
     parser.add_argument("--wings", default="rigid", choices=("rigid", "flexible"))
     parser.add_argument("--dynamics", default="linear", choices=("linear", "jsbsim"))
     parser.add_argument("--criterion", default="D", choices=("D", "worst", "A", "E"))
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--flights", type=int, default=10, help="of each random input")
+    parser.add_argument("--flights", type=int, default=10, help="of each random input, and of the agent")
+    parser.add_argument("--agent", type=Path, default=None, help="file of an agent trained by testbench.envs.train")
+    parser.add_argument("--out", type=Path, default=None, help="file for the table (CSV)")
     given = parser.parse_args(arguments)
-    env = ExcitationDesign(given.task, dynamics=given.dynamics, wings=given.wings, criterion=given.criterion)
+    settings = {n: getattr(given, n) for n in ("task", "wings", "dynamics", "criterion")}
+    try:
+        _print(settings, given)
+    except TestbenchError as error:
+        raise SystemExit(f"error: {error}") from error
+
+
+def _print(settings: Mapping[str, Any], given: argparse.Namespace) -> None:
+    if given.flights < 1:
+        raise LimitError(f"flights must be at least 1, got {given.flights}")
+    env = ExcitationDesign(**settings)
     aircraft, steps = env.task.aircraft.name, env.steps
     print(f"{aircraft}: {steps} decisions of {env.decision_s:g} s, {given.dynamics} dynamics, cost {given.criterion}")
-    print(as_text(baselines(env, given.seed, given.flights)))
+    rows = baselines(env, given.seed, given.flights, given.agent, settings)
+    print(as_text(rows))
+    if given.out is not None:
+        try:
+            given.out.parent.mkdir(parents=True, exist_ok=True)
+            given.out.write_text(as_csv(rows), encoding="utf-8")
+        except OSError as error:
+            raise RecordError(
+                f"a table must be written to a folder that can be written to, got '{given.out}': {error}"
+            ) from error
+        print(f"Written: {given.out}")
 
 
 if __name__ == "__main__":

@@ -11,6 +11,8 @@ from testbench.envs.tasks import Task
 from testbench.flight.step import SteppedFlight
 from testbench.record import FlightRecord, FloatArray
 
+_FORGOTTEN = 40.0  # time constants after which a lag remembers 4e-18 of a value
+
 
 class Piece(NamedTuple):
     """What one decision brought.
@@ -64,6 +66,8 @@ class JSBSimFlight:
         prediction = problem.prediction
         self._sensors = problem.experiment.sensors
         self._stride = problem.experiment.stride
+        memory = max(_FORGOTTEN * s.lag_s + s.delay_s for s in self._sensors) * problem.rate_hz
+        self._memory = self._stride * int(np.ceil((memory + 2.0) / self._stride))
         self._limited = [n for n in prediction.names if " of " not in n]
         needed = [*(n for s in self._sensors for n in s.needs), *self._limited, *problem.controls, "theta", "phi"]
         self._channels = tuple(dict.fromkeys(needed))
@@ -77,37 +81,50 @@ class JSBSimFlight:
         flight = SteppedFlight(task.aircraft, task.trimmed, task.problem.controls, self._channels, task.problem.rate_hz)
         self._flight = flight
         self._trim = np.array([task.trimmed.controls[c] for c in task.problem.controls])
-        start = flight.read()[None]
-        self._rows = np.vstack([start, flight.advance(self._trim, quiet * self._stride)])
-        return self._seen()[:quiet]
+        start = flight.read()
+        samples = task.problem.experiment.samples * self._stride
+        self._rows = np.empty((samples + self._lifted.R + 1, len(self._channels)))
+        self._rows[0] = start
+        self._count = quiet * self._stride + 1
+        self._rows[1 : self._count] = flight.advance(self._trim, self._count - 1)
+        return self._seen(0, quiet)
 
     def fly(self, u: FloatArray) -> Piece:
         """Fly one decision with commands (m,), deviations from trim, SI."""
         assert self._flight is not None
         linear = self._linear.fly(u)
         new = self._flight.advance(self._trim + u, self._lifted.R)
-        before = len(self._rows) - 1
+        before, R = self._count - 1, self._lifted.R
         ended = self._flight.reason
         if ended:  # hold the last state, so that the observation keeps its shape
-            last = new[-1:] if len(new) else self._rows[-1:]
-            new = np.vstack([new, np.repeat(last, self._lifted.R - len(new), axis=0)])
-        self._rows = np.vstack([self._rows, new])
-        seen = self._seen()[before // self._stride : before // self._stride + self._lifted.r]
+            last = new[-1:] if len(new) else self._rows[before : before + 1]
+            new = np.vstack([new, np.repeat(last, R - len(new), axis=0)])
+        self._rows[self._count : self._count + R] = new
+        self._count += R
+        seen = self._seen(before // self._stride, self._lifted.r)
         return Piece(seen, linear.sensitivities, self._use(new, self._rows[before], u), ended)
 
     def attitude(self) -> tuple[float, float]:
         """Return pitch and bank now, rad."""
-        return float(self._rows[-1, self._columns["theta"]]), float(self._rows[-1, self._columns["phi"]])
+        return float(self._rows[self._count - 1, self._columns["theta"]]), float(
+            self._rows[self._count - 1, self._columns["phi"]]
+        )
 
-    def _seen(self) -> FloatArray:
-        """Return what the sensors feel over the flight so far (n, p)."""
+    def _seen(self, first: int, count: int) -> FloatArray:
+        """Return what the sensors feel over samples ``first`` to ``first + count`` (count, p).
+
+        They are shown no more of the flight than their lags and delays remember.
+        """
+        begin = max(0, first * self._stride - self._memory)
+        rows = self._rows[begin : (first + count) * self._stride]
         record = FlightRecord(
-            t_s=np.arange(len(self._rows)) / self._task.problem.rate_hz,
+            t_s=(begin + np.arange(len(rows))) / self._task.problem.rate_hz,
             channels=self._channels,
-            data=self._rows,
+            data=rows,
             kind="truth",
         )
-        return np.stack([s.respond(record)[:: self._stride] for s in self._sensors], axis=1)
+        skip = first - begin // self._stride
+        return np.stack([s.respond(record)[:: self._stride][skip : skip + count] for s in self._sensors], axis=1)
 
     def _use(self, rows: FloatArray, before: FloatArray, u: FloatArray) -> FloatArray:
         """Return the use of the limits (R, 2, c) over new rows."""

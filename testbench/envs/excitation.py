@@ -36,6 +36,7 @@ LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Commands of the discrete version, in shares of the amplitude; action 0 holds the command, action i + 1 steps to i."""
 
 _RATE_TOLERANCE = 1e-6
+_FAR = 1e4  # in units of the observation: a flight ends within the decision that takes it beyond a limit, which is 1
 
 
 class ExcitationDesign(gymnasium.Env[Observation, Any]):
@@ -130,7 +131,7 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
         self._slow = bool(np.any(self._every > 1) or any(s.dropout > 0.0 for s in self._sensors))
         m, t = len(problem.controls), len(problem.targets.names)
         size = stack * p + m + 1 + t
-        low, high = np.full(size, -np.inf, np.float32), np.full(size, np.inf, np.float32)
+        low, high = np.full(size, -_FAR, np.float32), np.full(size, _FAR, np.float32)
         low[stack * p : stack * p + m], high[stack * p : stack * p + m] = -1.0, 1.0
         low[stack * p + m :], high[stack * p + m :] = 0.0, 1.0
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float32)
@@ -146,7 +147,8 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
         self._uses = np.zeros(self.steps)
         self._costs = np.ones(self.steps + 1)
         self._step, self._over, self._largest = 0, True, 0.0
-        self._now = np.zeros(m)
+        self._now, self._left = np.zeros(m), np.ones(1)
+        self._columns = np.arange(p)
 
     def _display(self) -> tuple[FloatArray, FloatArray]:
         """Return what the observation subtracts from the sensors and divides by (p,) each."""
@@ -268,15 +270,15 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
         if self._source is None:
             y = self._seen[start:stop] + self._error[start:stop]
         else:
-            rows, columns = self._source[start:stop], np.arange(self._seen.shape[1])
+            rows, columns = self._source[start:stop], self._columns
             y = self._seen[rows, columns] + self._error[rows, columns]
         self._shown[start:stop] = np.rint(y * self._counts) * self._step_shown - self._centre_shown
 
     def _observe(self) -> Observation:
         done = self._quiet + self._step * self._r
-        left = 1.0 - self._step / self.steps
-        parts = (self._shown[done - self._stack : done].ravel(), self._now, (left,), 1.0 / (1.0 + self._relative))
-        return np.concatenate(parts).astype(np.float32)
+        self._left[0] = 1.0 - self._step / self.steps
+        parts = (self._shown[done - self._stack : done].ravel(), self._now, self._left, 1.0 / (1.0 + self._relative))
+        return np.concatenate(parts, dtype=np.float32, casting="same_kind")
 
     def _which(self, piece: Piece) -> str:
         """Return the limit that was broken, in words."""

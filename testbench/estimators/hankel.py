@@ -75,10 +75,9 @@ def block_factor(
     """
     width = length * series[0].shape[1]
     columns = sum(max(s.size - lead, 0) for s in starts)
-    if columns >= _LONG * width:
-        R = _gram_factor(series, starts, length, lead)
-        if R is not None:
-            return R, columns
+    quick = quick_factor(series, starts, length, lead)
+    if quick is not None:
+        return quick, columns
     R = np.zeros((0, width))
     for z, first in zip(series, starts, strict=True):
         if first.size <= lead:
@@ -88,6 +87,15 @@ def block_factor(
             part = triangle(part, np.hstack([trend(at, first, lead), rows]) if lead else rows)
         R = triangle(R, part[lead:, lead:]) if lead else part
     return R, columns
+
+
+def quick_factor(
+    series: Sequence[FloatArray], starts: Sequence[NDArray[np.intp]], length: int, lead: int = 0
+) -> FloatArray | None:
+    """Return the R factor of :func:`block_factor` by way of the Gram matrix, None for short or ill-conditioned data."""
+    if sum(max(s.size - lead, 0) for s in starts) < _LONG * length * series[0].shape[1]:
+        return None
+    return _gram_factor(series, starts, length, lead)
 
 
 def trend(at: NDArray[np.intp], first: NDArray[np.intp], lead: int) -> FloatArray:

@@ -15,7 +15,11 @@ from testbench.exercises.start import Started, reopen
 
 Outcome = Literal["right", "near", "wrong", "missing"]
 _NEAR = 3.0  # times the tolerance: a wrong number, but no wrong idea
-_SLIP = 0.04  # relative: as close to the value of a known mistake as estimates from good records come
+# Relative: how close to the value of a known mistake an estimate comes that makes it, at most. A slip of units or of a
+# factor two is only named where it is nearly exact, for anything may lie near twice the right value.
+_MISTAKE, _SLIP = 0.15, 0.07
+_CLOSE = 0.04
+_SIGNED = ("1/s2", "1/s", "rad", "deg")
 _DEGREES = math.degrees(1.0)
 
 
@@ -109,7 +113,8 @@ def _number(question: Number, given: Any, right: Answer) -> Verdict:
         return Verdict(question, value, "right", "")
     by = off_by(value, truth, question.unit)
     # A mistake is recognised before "near": a slip that happens to lie close is still that slip.
-    slip = recognise(value, truth, band, right.mistakes) or recognise(value, truth, band, [*slips(question, truth)])
+    slip = recognise(value, truth, band, right.mistakes, _MISTAKE)
+    slip = slip or recognise(value, truth, band, [*slips(question, truth)], _SLIP)
     if slip is not None:
         return Verdict(question, value, "wrong", f"{by}; {slip}")
     if abs(error) <= _NEAR * band:
@@ -129,9 +134,11 @@ def off_by(value: float, truth: float, unit: str) -> str:
     return f"too large by a factor of {ratio:.3g}" if ratio > 1.0 else f"too small by a factor of {1.0 / ratio:.3g}"
 
 
-def recognise(value: float, truth: float, band: float, mistakes: Sequence[Mistake]) -> str | None:
-    """Return why ``value`` is wrong if it is the value of a known mistake, within the answer's own tolerance."""
-    tolerance = max(_SLIP, min(band / abs(truth), 0.15) if truth else 0.0)
+def recognise(
+    value: float, truth: float, band: float, mistakes: Sequence[Mistake], widest: float = _MISTAKE
+) -> str | None:
+    """Return why ``value`` is wrong if it is that of a known mistake, within the answer's tolerance or ``widest``."""
+    tolerance = max(_CLOSE, min(band / abs(truth), widest) if truth else 0.0)
     found = [
         (abs(value - float(m.value)) / abs(float(m.value)), m.why)
         for m in mistakes
@@ -166,11 +173,7 @@ def slips(question: Number, truth: float) -> Iterator[Mistake]:
         yield Mistake(truth / 100.0, "this is a fraction; it is asked for in percent")
     if unit == "1":
         yield Mistake(truth * 100.0, "this is in percent; it is asked for as a fraction of one")
-    yield Mistake(
-        -truth,
-        "right but for the sign: elevator is positive trailing edge down (nose down), z points down"
-        if unit != "%"
-        else "right but for the sign",
-    )
+    signs = ": elevator is positive trailing edge down (nose down), z points down" if unit in _SIGNED else ""
+    yield Mistake(-truth, f"right but for the sign{signs}")
     yield Mistake(2.0 * truth, "twice the right value: was a whole taken for a half, or a variance for something else?")
     yield Mistake(0.5 * truth, "half the right value: was a half taken for a whole?")

@@ -51,7 +51,7 @@ def print_started(started: Started, console: Console) -> None:
 
 
 def print_class(results: Mapping[Path, Result | TestbenchError], console: Console) -> None:
-    """Print one line per folder: whose it is, how many answers are right, and which are not; or why it was not judged."""
+    """Print one line per folder: student, exercise, how many answers are right and which are not, or the error."""
     from rich.table import Table
     from rich.text import Text
 

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm, solve_discrete_are
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
@@ -31,8 +32,11 @@ FALSE_ALARM = 1e-3  # probability of hearing turbulence in still air
 _RMS_M_S = (0.01, 3.0)  # vertical rms that is looked for
 _HEIGHTS_M = (15.0, 60.0, 250.0, 700.0)  # above ground; all lengths are 1750 ft from 2000 ft on
 _LATERAL = {"beta", "v", "p", "r", "phi", "psi", "ay", "pdot", "rdot"}
+Taken = NDArray[np.bool_]  # which samples were taken
 _INERTIAL = {"h", "hdot", "Vg", "phi", "theta", "psi"}  # channels and states that do not feel the air directly
-_UNMODELLED = 1e-5  # process noise per step on every state of the aircraft: keeps the filter stable where it feels nothing
+_UNMODELLED = (
+    1e-5  # process noise per step on every state of the aircraft: keeps the filter stable where it feels nothing
+)
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ class AirFound:
         gain: twice the log-likelihood that turbulence gains in the quiet flight.
         threshold: what noise alone exceeds with probability FALSE_ALARM.
         quiet_s: quiet flight that was listened to, all records together.
-        in_quiet: False if it was found in all of the records, beside what an effect explains.
+        in_quiet: False if it was found over all of the records, where it explains more than any effect.
     """
 
     moves: bool
@@ -66,7 +70,9 @@ class AirFound:
                 f"no turbulence shows in the {self.quiet_s:.3g} s of quiet flight before the commands ({heard}); the "
                 "residuals are held against the noise of the sensors alone"
             )
-        where = "the quiet flight before the commands" if self.in_quiet else "what no effect explains"
+        where = (
+            "the quiet flight before the commands" if self.in_quiet else "the residual, more than any effect explains,"
+        )
         return (
             f"the air moved: {where} shows turbulence ({heard}), over all records of {self.rms_m_s:.2g} m/s rms; every "
             "test is made on residuals whitened by a Kalman filter of the believed aircraft in it"
@@ -105,17 +111,28 @@ def measure(model: Believed, records: Sequence[FlightRecord], heard: AirFound) -
     return replace(heard, rms_m_s=rms, height_m=height)
 
 
-def listen_again(model: Believed, records: Sequence[FlightRecord], heard: AirFound) -> AirFound:
-    """Return what the residuals of ``model``, which holds what was named, say of the air over all of the records.
+def listen_again(
+    believed: Believed, amended: Believed, records: Sequence[FlightRecord], heard: AirFound, gain: float
+) -> AirFound:
+    """Return what all of the records say of the air, once something was named.
 
-    Light turbulence does not show in a second or two of quiet flight; what was named in it may be turbulence alone.
+    Where turbulence was heard, its rms is measured anew beside what was named, as a gap adds to it. Where it was not,
+    light turbulence may still be all there is: it does not show in a second or two of quiet flight. It is taken for
+    the better explanation if it gains more likelihood on the believed model than what was named.
+
+    Args:
+        believed: without what was named.
+        amended: with it.
+        records: those that it was named from.
+        heard: what the quiet flight said.
+        gain: fall of chi-square by what was named, 0 if nothing was.
     """
     if heard.moves:
-        return measure(model, records, heard)
-    rms, gain = _likeliest(model, _plain_residuals(model, records), heard.height_m)
-    if gain <= heard.threshold:
+        return measure(amended, records, heard)
+    rms, of_turbulence = _likeliest(believed, _plain_residuals(believed, records), heard.height_m)
+    if of_turbulence <= max(heard.threshold, gain):
         return heard
-    return measure(model, records, replace(heard, moves=True, rms_m_s=rms, gain=gain, in_quiet=False))
+    return measure(believed, records, replace(heard, moves=True, rms_m_s=rms, gain=of_turbulence, in_quiet=False))
 
 
 def _plain_residuals(model: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:
@@ -156,7 +173,7 @@ def _cost(gusts: GustFilter, residuals: Sequence[tuple[FlightRecord, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class _GustModel:
-    """x+ = F x + noise of covariance rms^2 Q + Q0, y = H x + white noise of variance 1: residuals in units of the noise.
+    """x+ = F x + noise of covariance rms^2 Q + Q0, y = H x + white noise of variance 1: residuals in noise units.
 
     The states are the aircraft's own, as they would be in still air (x - E g is what the air feels, g the gust), those
     of the gust's forming filters, and those of sensor lags; the first ``moving`` are the aircraft's.
@@ -221,9 +238,7 @@ class _GustModel:
         return cls(F, Q, Q0, H, n)
 
 
-def _outputs(
-    believed: Believed, C: FloatArray, outputs: Sequence[str], E: FloatArray
-) -> tuple[FloatArray, FloatArray]:
+def _outputs(believed: Believed, C: FloatArray, outputs: Sequence[str], E: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return what the sensors read, in units of their noise, of states (p, n) and of gust states (p, 5)."""
     trim = believed.trimmed.state
     own, gust = [], []
@@ -243,7 +258,7 @@ def _outputs(
 
 
 def _sampled(M: FloatArray, B: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
-    """Return transition and noise covariance over one sample of ẋ = M x + B n (C. F. Van Loan, IEEE TAC 23(3), 1978)."""
+    """Return transition and noise covariance over a sample of ẋ = M x + B n (C. F. Van Loan, IEEE TAC 23(3), 1978)."""
     size = M.shape[0]
     block = np.zeros((2 * size, 2 * size))
     block[:size, :size], block[:size, size:], block[size:, size:] = -M, B @ B.T, M.T
@@ -301,7 +316,7 @@ class GustFilter:
             float(np.linalg.slogdet(W[np.ix_(v, v)])[1]) for (_, W), v in zip(self._varying(valid), valid, strict=True)
         )
 
-    def _valid(self, record: FlightRecord, p: int) -> np.ndarray:  # type: ignore[type-arg]
+    def _valid(self, record: FlightRecord, p: int) -> Taken:
         index = [k for k, n in enumerate(record.channels) if n.removesuffix("_cmd") not in CONTROLS]
         return record.valid[:, index[:p]]
 
@@ -311,7 +326,7 @@ class GustFilter:
         H = self.model.H
         return _gain(self.model.F, self.P, H, np.ones(H.shape[0], bool))
 
-    def _innovations(self, y: FloatArray, valid: np.ndarray) -> FloatArray:  # type: ignore[type-arg]
+    def _innovations(self, y: FloatArray, valid: Taken) -> FloatArray:
         F, H = self.model.F, self.model.H
         if valid.all():
             K, W = self._steady
@@ -324,7 +339,7 @@ class GustFilter:
             x = F @ x + K @ e
         return out
 
-    def _varying(self, valid: np.ndarray) -> list[tuple[FloatArray, FloatArray]]:  # type: ignore[type-arg]
+    def _varying(self, valid: Taken) -> list[tuple[FloatArray, FloatArray]]:
         """Return gain and S^(-1/2) at every sample, zero for samples that were not taken."""
         key = valid.tobytes()
         if key not in self._gains:
@@ -337,7 +352,7 @@ class GustFilter:
             self._gains[key] = gains
         return self._gains[key]
 
-    def _free(self, valid: np.ndarray) -> FloatArray:  # type: ignore[type-arg]
+    def _free(self, valid: Taken) -> FloatArray:
         """Return an orthonormal basis of what biases and the aircraft's initial state put into whitened residuals."""
         n, p = valid.shape
         columns = [self._innovations(np.tile(np.eye(p)[j], (n, 1)) * valid, valid).ravel() for j in range(p)]
@@ -355,7 +370,7 @@ class GustFilter:
         return np.asarray(U[:, s > 1e-6 * s[0]])
 
 
-def _gain(F: FloatArray, P: FloatArray, H: FloatArray, taken: np.ndarray) -> tuple[FloatArray, FloatArray]:  # type: ignore[type-arg]
+def _gain(F: FloatArray, P: FloatArray, H: FloatArray, taken: Taken) -> tuple[FloatArray, FloatArray]:
     """Return the predictor's gain (n, p) and S^(-1/2) (p, p), zero in the columns of samples that were not taken."""
     K, W = np.zeros((F.shape[0], H.shape[0])), np.zeros((H.shape[0], H.shape[0]))
     h = H[taken]

@@ -100,7 +100,7 @@ class Believed:
         names, u = commands(record)
         held = np.repeat(u[:-1], round(self.rate_hz * record.dt_s), axis=0)  # the last command acts after the record
         truth = _flown(self._key, names, held.shape, held.tobytes(), 1.0 / record.dt_s, self._needed)
-        return self._ideal_suite.measure(truth, 0).columns(self.outputs)
+        return self._read(truth)
 
     def predict_linear(self, record: FlightRecord) -> FloatArray:
         """Return the same from the aircraft linearised at trim: ten times faster, and right for small deviations.
@@ -121,8 +121,18 @@ class Believed:
         rows = [model.outputs.index(c) for c in self._needed]
         outputs = x @ model.C[rows].T + u @ model.D[np.ix_(rows, columns)].T
         outputs += [_trimmed(self._rest_key).state[c] for c in self._needed]
-        truth = FlightRecord(t_s=record.t_s, channels=self._needed, data=outputs, kind="truth")
-        return self._ideal_suite.measure(truth, 0).columns(self.outputs)
+        return self._read(FlightRecord(t_s=record.t_s, channels=self._needed, data=outputs, kind="truth"))
+
+    def _read(self, truth: FlightRecord) -> FloatArray:
+        """Return what sensors without noise make of a truth (n, outputs), logged at the suite's rate.
+
+        The same as ``SensorSuite.measure`` of sensors that have no noise, without drawing any.
+        """
+        if "psi" in self.outputs or any(s.rate_hz is not None for s in self._ideal_suite.sensors):
+            return self._ideal_suite.measure(truth, 0).columns(self.outputs)
+        stride = self.suite.check_log_rate(1.0 / truth.dt_s)
+        by_channel = {s.channel: s.respond(truth)[::stride] for s in self._ideal_suite.sensors}
+        return np.column_stack([by_channel[n] for n in self.outputs])
 
     @cached_property
     def _linear(self) -> LinearModel:

@@ -162,9 +162,7 @@ def run_gap(
             progress,
             check=check,
         )
-    return GapResult(
-        file.stem, scenario.title, scenario.question, scenario.aircraft, records, finding, seed, file
-    )
+    return GapResult(file.stem, scenario.title, scenario.question, scenario.aircraft, records, finding, seed, file)
 
 
 def run_flights(

@@ -1,18 +1,25 @@
-"""Check the data first: errors of instruments and wind from kinematics alone, before anything is said of aerodynamics."""
+"""Check the data first: errors of instruments and wind from kinematics alone, before any aerodynamics."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
 
 from testbench.errors import ChannelError, EstimationError
 from testbench.estimators import data_compatibility
 from testbench.estimators.data_compatibility import DataCompatibility, InstrumentError
+from testbench.estimators.parametric.kinematics import motion_of
 from testbench.gap.believed import Believed
 from testbench.record import FlightRecord
 from testbench.sensors import Sensor
 
-RATE_HZ = 50.0  # records are thinned to about this rate: kinematics need no more, and the search takes half as long
+PIECE_S = (
+    8.0  # records are cut into pieces of no more: the noise of the inertial unit, integrated, does not add up over
+)
 FALSE_ALARM = 0.01  # probability of finding any error of an instrument where there is none
 _GRAVITY = 0.05  # m/s2, by which an accelerometer's bias may be local gravity
 
@@ -24,7 +31,8 @@ class DataCheck:
     Attributes:
         result: errors of the instruments, or None if the records cannot be checked.
         why_not: why they cannot.
-        news: errors that the believed suite does not hold, as (words, believed value).
+        news: errors that the believed suite does not hold, and what it holds: biases and scales beyond those believed,
+            lags and delays as a whole.
     """
 
     result: DataCompatibility | None
@@ -42,7 +50,7 @@ class DataCheck:
         else:
             out = [
                 f"kinematics alone, without any aerodynamics, say that {error.words} "
-                f"(believed: {value:.3g}; {error.significance:.1f} standard errors)"
+                f"({_beside(error.name, value)}{error.significance:.1f} standard errors)"
                 + (f"; as well explained by: {' or '.join(error.alternatives)}" if error.alternatives else "")
                 for error, value in self.news
             ]
@@ -57,28 +65,61 @@ class DataCheck:
 
 
 def check_data(believed: Believed, records: Sequence[FlightRecord]) -> DataCheck:
-    """Hold the records against rigid-body kinematics, and the errors found against what is believed of the sensors.
+    """Hold the records against rigid-body kinematics, less what is believed of the biases and scales of the sensors.
 
-    A lag and a delay are taken together: kinematics tell their sum better than either.
+    A lag and a delay are taken together: kinematics tell their sum better than either. Without a forward accelerometer,
+    a vane and an attitude that are off by the same angle look like an aircraft turned by it, almost: the attitude is
+    believed then.
     """
-    thinned = [r.decimate(max(1, round(1.0 / (r.dt_s * RATE_HZ)))) for r in records]
+    pieces = [piece for record in records for piece in _cut(_corrected(believed, record))]
+    common = [n for n in records[0].channels if all(n in r for r in records)]
     positions = {
         s.channel: s.position_m for s in believed.suite.sensors if s.channel in ("ax", "ay", "az") and any(s.position_m)
     }
     try:
-        result = data_compatibility.estimate(thinned, positions_m=positions or None, false_alarm=FALSE_ALARM)
+        without = ("theta_bias",) if motion_of(common) == "vertical" else ()
+        result = data_compatibility.estimate(
+            pieces, without=without, positions_m=positions or None, false_alarm=FALSE_ALARM
+        )
     except (ChannelError, EstimationError) as error:
         return DataCheck(None, str(error), ())
     sensors = {s.channel: s for s in believed.suite.sensors}
     news = []
-    for error in result.errors:
-        of, _, kind = error.name.rpartition("_")
+    for found in result.errors:
+        of, _, kind = found.name.rpartition("_")
         value = _believed(sensors.get(of), kind)
+        none = value if kind in ("lag", "delay") else 1.0 if kind == "scale" else 0.0
         slack = _GRAVITY if kind == "bias" and of in ("ax", "ay", "az") else 0.0
-        away = abs(error.estimate - value) - slack
-        if away > result.diagnostics["threshold"] * error.standard_error:
-            news.append((error, value))
+        away = abs(found.estimate - none) - slack
+        if away > result.diagnostics["threshold"] * found.standard_error:
+            news.append((found, value))
     return DataCheck(result, "", tuple(news))
+
+
+def _corrected(believed: Believed, record: FlightRecord) -> FlightRecord:
+    """Return the record less the biases and scales that are believed of its sensors."""
+    return record.with_columns(
+        {
+            s.channel: (record[s.channel] - s.bias) / s.scale
+            for s in believed.suite.sensors
+            if s.channel in record and (s.bias, s.scale) != (0.0, 1.0)
+        }
+    )
+
+
+def _beside(name: str, value: float) -> str:
+    """Return what is believed of an error already, in words, if anything is."""
+    kind = name.rpartition("_")[2]
+    if value == (1.0 if kind == "scale" else 0.0):
+        return ""
+    return f"believed: {value:.3g} s; " if kind in ("lag", "delay") else f"beyond the {value:.3g} believed; "
+
+
+def _cut(record: FlightRecord) -> list[FlightRecord]:
+    """Return the record in pieces of equal length, none longer than PIECE_S."""
+    count = max(1, math.ceil(record.duration_s / PIECE_S))
+    ends = np.linspace(float(record.t_s[0]), float(record.t_s[-1]) + record.dt_s, count + 1)
+    return [record.between(a, b) for a, b in pairwise(ends.tolist())]
 
 
 def _believed(sensor: Sensor | None, kind: str) -> float:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -16,7 +17,8 @@ from testbench.gap.local import Changes, Local
 from testbench.record import FloatArray
 
 FALSE_ALARM = 1e-3  # probability of naming any effect where there is none, all effects of the library together
-MAX_ROUNDS = 8  # rounds of fitting on linear differences and flying the result
+FRESH_TANGENTS = (2, 5)  # before these rounds tangents of the nuisances are taken anew, where the descent has come to
+MAX_ROUNDS = 10  # rounds of fitting on linear differences and flying the result
 AT_REST = 0.1  # the rounds end when another one promises to lower chi-square by no more: far below any threshold,
 AT_REST_SHARE = 1e-4  # or by no more than this share of what has been gained
 HOPELESS = 0.7  # a fit that gains less than this share of the best one's gain is not followed to its end
@@ -103,32 +105,48 @@ def screen(base: Local, effect: Effect) -> Screened:
     """Set what ``effect`` changes at its starts, d, against the residual r, nuisances re-tuned in both.
 
     A start promises the larger of |r|^2 - |r + d|^2 and (r'd)^2 / d'd, the gain of the best multiple of d (score test).
+    Where one parameter is a size that may have either sign, the start is moved to that multiple.
     """
-    changes = Changes(base, effect)
+    changes, size = Changes(base, effect), _size(effect)
     starts = [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
+    if size is not None:  # the other sign changes the residuals by minus as much
+        starts = [s for s in starts if s[size] == effect.parameters[size].starts[0]]
     r = base.tuned(base.exact)[0]
-    costs, promises = [], []
+    flies, found = False, []
     for x in starts:
         change = changes.at(x)
-        left = np.full_like(r, np.inf) if change is None else base.tuned(base.exact + change)[0]
-        costs.append(float(left @ left))
         if change is None:
             continue
+        flies = True
+        left = base.tuned(base.exact + change)[0]
         d = left - r
-        if d @ d > INVISIBLE:
-            promises.append(max(float(r @ r) - costs[-1], float(r @ d) ** 2 / float(d @ d)))
-    if not np.isfinite(costs).any():
-        return Screened(effect, changes, (), 0.0, "no start of this effect flies the measured commands")
-    if not promises:
-        return Screened(
-            effect,
-            changes,
-            (),
-            0.0,
-            "these records cannot show it: their channels, compared about their means, do not change",
-        )
-    order = [int(k) for k in np.argsort(costs) if np.isfinite(costs[k])]
-    return Screened(effect, changes, tuple(starts[k] for k in order), max(promises), "")
+        if d @ d <= INVISIBLE:
+            continue
+        multiple, cost = -float(r @ d) / float(d @ d), float(left @ left)
+        scored = multiple**2 * float(d @ d)
+        if size is not None:
+            x, cost = _multiplied(x, effect, size, multiple), float(r @ r) - scored
+        found.append((cost, max(float(r @ r) - cost, scored), x))
+    if not found:
+        why = "these records cannot show it: their channels, compared about their means, do not change"
+        return Screened(effect, changes, (), 0.0, why if flies else "no start of it flies the measured commands")
+    found.sort(key=lambda f: f[0])
+    return Screened(effect, changes, tuple(f[2] for f in found), max(f[1] for f in found), "")
+
+
+def _size(effect: Effect) -> int | None:
+    """Return the parameter that is a size of either sign, if there is exactly one."""
+    sizes = [i for i, p in enumerate(effect.parameters) if p.none is not None and p.low < p.none < p.high]
+    return sizes[0] if len(sizes) == 1 else None
+
+
+def _multiplied(x: FloatArray, effect: Effect, size: int, multiple: float) -> FloatArray:
+    """Return the start with a multiple of its size, not quite zero and not beyond its bounds."""
+    p, out = effect.parameters[size], x.copy()
+    none = p.none or 0.0
+    step = math.copysign(float(np.clip(abs(multiple), 0.02, 5.0)), multiple)
+    out[size] = np.clip(none + step * (x[size] - none), 0.98 * p.low + 0.02 * none, 0.98 * p.high + 0.02 * none)
+    return out
 
 
 def fit(screened: Screened, chi2_tuned: float, best_gain: float, tested: int) -> EffectFit | None:
@@ -175,7 +193,9 @@ def descend(changes: Changes, start: FloatArray, hopeless: float) -> Descent | N
     known = np.zeros_like(here.exact)  # the change at the point flown last; the first one is the base itself
     best: Descent | None = None
     x, chi2_here = start, np.inf
-    for _ in range(MAX_ROUNDS):
+    for k in range(MAX_ROUNDS):
+        if k in FRESH_TANGENTS:
+            here = replace(here, slopes=None)
         objective = _Objective(changes, here, known)
         found = least_squares(
             objective, x, bounds=bounds, x_scale=scale, diff_step=1e-3, ftol=1e-5, xtol=1e-4, max_nfev=8
@@ -248,6 +268,12 @@ def retune(base: Local) -> Local:
         here = moved
         best = min(best, here, key=lambda point: point.chi2)
     return best
+
+
+def within_priors(point: Local) -> float:
+    """Return the probability that nuisances drawn from their priors lie as far from the believed values as here."""
+    price = point.chi2 - float(point.exact @ point.exact)
+    return float(chi2.sf(price, point.factors.size))
 
 
 def promising(screened: Sequence[Screened], followed: float, followed_far: float, at_least: int) -> list[Screened]:

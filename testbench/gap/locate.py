@@ -1,4 +1,4 @@
-"""Where simulation and measurement disagree: residual energy by manoeuvre, channel, time and frequency."""
+"""Where simulation and measurement disagree: residual energy by manoeuvre, channel, time, frequency, region."""
 
 from __future__ import annotations
 
@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from testbench.record import FloatArray
+from testbench.channels import channel
+from testbench.constants import DEG_RAD
+from testbench.record import FlightRecord, FloatArray
 
 BANDS_HZ = ((0.0, 0.5), (0.5, 1.5), (1.5, 3.0), (3.0, 6.0), (6.0, 12.0), (12.0, 50.0))
 
@@ -58,3 +60,80 @@ def locate(
     length = max(1, round(window_s / dt_s))
     by_time = np.stack([(residuals[i : i + length] ** 2).mean(axis=0) for i in range(0, n - length + 1, length)])
     return ResidualMap(name, tuple(channels), by_band, by_time, length * dt_s)
+
+
+_REGIONS = ("alpha", "V", "q", "de_cmd", "thr_cmd")
+_BINS = 6
+_SMOOTH_S = 0.2  # the measured region is smoothed over this time: its own noise must not pick the bin
+_FEWEST = 20  # samples in a bin that says anything
+
+
+@dataclass(frozen=True, eq=False)
+class RegionMap:
+    """Residual energy over one quantity of the flight, all manoeuvres together, in units of the noise energy.
+
+    Attributes:
+        quantity: channel that was measured or commanded.
+        edges: (b + 1,) edges of the bins, SI.
+        channels: (p,) outputs.
+        energy: (b, p) mean squared residual in each bin; NaN where there are too few samples.
+        samples: (b,) number of samples.
+    """
+
+    quantity: str
+    edges: FloatArray
+    channels: tuple[str, ...]
+    energy: FloatArray
+    samples: FloatArray
+
+    @property
+    def contrast(self) -> float:
+        """Largest energy of a bin over that of the whole, over all channels; 0 if there is but one bin."""
+        if np.isfinite(self.energy[:, 0]).sum() < 2:
+            return 0.0
+        weights = self.samples[:, None] / self.samples.sum()
+        whole = np.nansum(self.energy * weights, axis=0)
+        return float(np.nanmax((self.energy - 1.0) / np.maximum(np.max(whole), 1.0)))
+
+    @property
+    def sentence(self) -> str:
+        """Where in the flight envelope the residual is largest, in words."""
+        b, c = np.unravel_index(int(np.nanargmax(self.energy)), self.energy.shape)
+        low, high = self.edges[int(b)], self.edges[int(b) + 1]
+        unit = channel(self.quantity).unit
+        factor, shown = (1.0 / DEG_RAD, unit.replace("rad", "deg")) if unit.startswith("rad") else (1.0, unit)
+        return (
+            f"over the flight region it is largest at {self.quantity} from {low * factor:.3g} to {high * factor:.3g}"
+            f"{'' if shown == '1' else ' ' + shown}: {self.energy[b, c]:.3g} times the noise in {self.channels[int(c)]}"
+        )
+
+
+def locate_regions(
+    records: Sequence[FlightRecord], residuals: Sequence[FloatArray], channels: Sequence[str]
+) -> tuple[RegionMap, ...]:
+    """Return where in alpha, V, pitch rate, elevator and throttle the residuals (n, p) have their energy.
+
+    A quantity that no record holds, or that hardly moves, is left out.
+    """
+    energy = np.concatenate([r**2 for r in residuals])
+    out = []
+    for name in _REGIONS:
+        if not all(name in r for r in records):
+            continue
+        x = np.concatenate([_smooth(r[name], r.dt_s) for r in records])
+        low, high = np.percentile(x, [0.5, 99.5])
+        if high - low < 1e-6:
+            continue
+        edges = np.linspace(low, high, _BINS + 1)
+        index = np.clip(np.digitize(x, edges) - 1, 0, _BINS - 1)
+        samples = np.bincount(index, minlength=_BINS).astype(float)
+        sums = np.stack([np.bincount(index, e, _BINS) for e in energy.T], axis=1)
+        mean = np.where(samples[:, None] >= _FEWEST, sums / np.maximum(samples[:, None], 1.0), np.nan)
+        out.append(RegionMap(name, edges, tuple(channels), mean, samples))
+    return tuple(out)
+
+
+def _smooth(x: FloatArray, dt_s: float) -> FloatArray:
+    length = max(1, round(_SMOOTH_S / dt_s))
+    padded = np.pad(x, (length // 2, length - 1 - length // 2), mode="edge")
+    return np.convolve(padded, np.full(length, 1.0 / length), mode="valid")

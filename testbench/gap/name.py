@@ -11,7 +11,18 @@ from scipy.stats import chi2
 from testbench.gap.believed import NUISANCES, Believed
 from testbench.gap.effects import Effect, library
 from testbench.gap.effects.base import together
-from testbench.gap.fit import FALSE_ALARM, EffectFit, Screened, descend, fit, promising, retune, screen, summarise
+from testbench.gap.fit import (
+    FALSE_ALARM,
+    EffectFit,
+    Screened,
+    descend,
+    fit,
+    promising,
+    retune,
+    screen,
+    summarise,
+    within_priors,
+)
 from testbench.gap.local import Changes, Local
 from testbench.record import FlightRecord
 
@@ -22,7 +33,11 @@ FOLLOWED = 0.25  # effects that promise less than this share of what the best on
 FOLLOWED_FAR = 0.1  # of effects with several parameters, of which screening tries few combinations, less than this
 PROMISING = 5.0  # nor are effects that promise a smaller gain than this, a third of any threshold; but
 AT_LEAST = 3  # this many always are
-FIRST_OF_TWO = 2  # of two effects, the first is sought among so many that explain most
+TOGETHER = 0.97  # two effects at once must explain this share, or leave noise only
+# Where re-tuning leaves the priors with a probability below this, something that the model lacks has strained it, and
+# effects are sought from the believed values.
+STRAINED = 0.01
+LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +101,9 @@ def name_effect(
     say("re-tune the believed model")
     start = Local.at(believed, believed, tuple(records), np.ones(len(NUISANCES)))
     tuned = retune(start)
+    base = start if within_priors(tuned) < STRAINED else tuned
     say("screen the library")
-    screened = [screen(tuned, e) for e in (library(believed.suite) if effects is None else effects).values()]
+    screened = [screen(base, e) for e in (library(believed.suite) if effects is None else effects).values()]
     rejected = {s.effect.name: s.why for s in screened if not s.seen}
     tested = max(1, len(screened) - len(rejected))
     fits: list[EffectFit] = []
@@ -109,7 +125,7 @@ def name_effect(
             )
     samples = int(start.exact.size)
     if pairs:
-        fits += _two_at_once(tuned, screened, _ranked(fits, samples), samples, tested, say)
+        fits += _two_at_once(base, tuned.chi2, screened, _ranked(fits, samples), samples, tested, say)
     ranking = _ranked(fits, samples)
     outcome, names, sentence = _decide(ranking, tuned.chi2, samples)
     chi2_believed = float(start.exact @ start.exact)
@@ -121,7 +137,8 @@ def _ranked(fits: Sequence[EffectFit], samples: int) -> tuple[EffectFit, ...]:
 
 
 def _two_at_once(
-    tuned: Local,
+    base: Local,
+    chi2_tuned: float,
     screened: Sequence[Screened],
     ranking: Sequence[EffectFit],
     samples: int,
@@ -129,15 +146,14 @@ def _two_at_once(
     say: Callable[[str], None],
 ) -> list[EffectFit]:
     """Return the best pairs of effects if no single one leaves noise only; parameters of both are fitted together."""
-    is_noise = chi2.isf(FALSE_ALARM, samples)
-    first = [f for f in ranking if f.significant and f.flown]
-    if not first or min(f.chi2 for f in first) <= is_noise:
+    first = [f for f in ranking if f.significant and f.flown and f.share >= LEADS]
+    if not first or _explains(first[0], samples, ENOUGH):
         return []
     pairs: list[EffectFit] = []
-    for lead in first[:FIRST_OF_TWO]:
+    for lead in first[:1]:
         say(f"fit a second effect beside {lead.effect.title}")
         factors = np.array([lead.tuning[n] for n in NUISANCES])
-        point = tuned.moved(tuned.model.with_effect(lead.effect, lead.values), factors)
+        point = base.moved(base.model.with_effect(lead.effect, lead.values), factors)
         if point is None:
             continue
         others = [screen(point, s.effect) for s in screened if s.seen and s.effect is not lead.effect]
@@ -145,11 +161,18 @@ def _two_at_once(
         for other in promising(others, 0.5, 0.5, 1)[:3]:
             both = together(lead.effect, other.effect)
             begin = np.concatenate([np.array(list(lead.values.values())), other.starts[0]])
-            descent = descend(Changes(tuned, both), begin, tuned.chi2 - best_gain)
+            descent = descend(Changes(base, both), begin, chi2_tuned - best_gain)
             if descent is not None and descent.flown:
-                pairs.append(summarise(both, descent, tuned.chi2, tested**2))
-                best_gain = max(best_gain, pairs[-1].gain)
+                found = summarise(both, descent, chi2_tuned, tested**2)
+                if _explains(found, samples, TOGETHER):
+                    pairs.append(found)
+                    best_gain = max(best_gain, found.gain)
     return pairs
+
+
+def _explains(fit: EffectFit, samples: int, share: float) -> bool:
+    """Return whether an effect explains a share of the excess, or leaves noise only."""
+    return fit.chi2 <= chi2.isf(FALSE_ALARM, samples) or fit.share >= share
 
 
 def _decide(ranking: Sequence[EffectFit], chi2_tuned: float, samples: int) -> tuple[str, tuple[str, ...], str]:
@@ -194,7 +217,11 @@ def _indistinct(fit: EffectFit, best: EffectFit, samples: int, is_noise: bool) -
 
     If the best effect leaves noise only, likelihoods decide: a wrong effect leads the true one by TOLD_APART with a
     probability of FALSE_ALARM at most (Markov's bound on a likelihood ratio, effects of given size). If more than noise
-    is left, the form of the best one is not quite right, and then a share of the gain is all there is to go by.
+    is left, the form of the best one is not quite right, and then a share of the gain is all there is to go by. A more
+    general form of the best one is another name only if its further parameters gain more than noise would.
     """
+    if best.effect.name in fit.effect.contains:
+        extra = len(fit.values) - len(best.values)
+        return fit.gain - best.gain > chi2.isf(FALSE_ALARM, max(extra, 1))
     behind = _score(best, samples) - _score(fit, samples)
     return behind < TOLD_APART or (not is_noise and fit.gain >= TOO_CLOSE * best.gain)

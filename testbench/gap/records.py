@@ -59,8 +59,8 @@ def load_flights(
             the last one is.
         sensors: believed suite, by name or as a file; if not given, the one that the records say made them.
         wings: "flexible" or "rigid".
-        V_m_s, h_m: condition that the flights start from; if not given, the mean of V and h over the quiet flight before
-            the first command, and the aircraft's design altitude where h is not recorded.
+        V_m_s: airspeed that the flights start from; if not given, its mean over the quiet flight before the commands.
+        h_m: altitude, likewise; the aircraft's design altitude where h is not recorded.
         data_folder: folder of the files that descriptions name.
 
     Raises:
@@ -69,9 +69,15 @@ def load_flights(
         RecordError: a file is none of the above, or a record does not hold what is needed; file and record are named.
     """
     believed_aircraft = load_aircraft(aircraft, wings)
+    if not files:
+        raise RecordError(f"measured records of {aircraft} must be given (.nc, or descriptions .toml), got none")
     naming: dict[str, FlightRecord] = {}
     held: dict[str, FlightRecord] = {}
-    for given, always in [*((f, False) for f in files), *((f, True) for f in hold_out)]:
+    kept = {Path(f).resolve() for f in hold_out}  # a pattern such as flown/*.nc names those held out, too
+    for given, always in [
+        *((f, False) for f in files if Path(f).resolve() not in kept),
+        *((f, True) for f in hold_out),
+    ]:
         for name, use, record in _read(given, data_folder):
             if name in naming or name in held:
                 raise RecordError(f"names of measured records must differ, got '{name}' twice ({given})")
@@ -104,8 +110,8 @@ def _read(given: Path | str, data_folder: Path | str | None) -> Iterable[tuple[s
         with located(path, "kind"):
             if record.kind != "measured":
                 raise RecordError(
-                    "the gap workflow takes measured records only, got one of kind 'truth', which a real flight does not "
-                    "have; leave the files that end in _truth.nc out"
+                    "the gap workflow takes measured records only, got one of kind 'truth', which a real flight does "
+                    "not have; leave the files that end in _truth.nc out"
                 )
         manoeuvre = record.provenance.get("manoeuvre")
         return [(str(manoeuvre) if isinstance(manoeuvre, str) else path.stem, "", record)]
@@ -114,8 +120,8 @@ def _read(given: Path | str, data_folder: Path | str | None) -> Iterable[tuple[s
         raise RecordError(f"a record must be a file that exists, got '{path}'")
     if found.suffix != ".toml":
         raise RecordError(
-            f"records must be NetCDF of the testbench (.nc) or a description of recorded flights (.toml), got '{path}'; "
-            f"make records of a log with: testbench import {path} -o FOLDER"
+            f"records must be NetCDF of the testbench (.nc) or a description of recorded flights (.toml), got "
+            f"'{path}'; make records of a log with: testbench import {path} -o FOLDER"
         )
     return read_records(load_description(found), data_folder)
 
@@ -134,9 +140,7 @@ def _suite(sensors: str | None, records: Mapping[str, FlightRecord], notes: list
     )
 
 
-def _check(
-    aircraft: Aircraft, suite: SensorSuite, records: Mapping[str, FlightRecord], notes: list[str]
-) -> float:
+def _check(aircraft: Aircraft, suite: SensorSuite, records: Mapping[str, FlightRecord], notes: list[str]) -> float:
     """Check that every record holds what the believed suite says; return the rate to simulate at, Hz."""
     rates = []
     for name, record in records.items():
@@ -165,8 +169,8 @@ def _check(
     rate = round(fewest * rates[0] / SAME_RATE) * SAME_RATE
     if abs(rate - aircraft.rate_hz) > 1e-6 * rate:
         notes.append(
-            f"the aircraft is simulated at {rate:g} Hz, a multiple of the records' {rates[0]:g} Hz, in place of its own "
-            f"{aircraft.rate_hz:g} Hz"
+            f"the aircraft is simulated at {rate:g} Hz, a multiple of the records' {rates[0]:g} Hz, in place of its "
+            f"own {aircraft.rate_hz:g} Hz"
         )
     return rate
 
@@ -186,8 +190,8 @@ def _condition(
     for name, speed in speeds.items():
         if abs(speed - V) > SAME_SPEED * V:
             raise RecordError(
-                f"records must start within {100 * SAME_SPEED:g} % of one airspeed, got {speed:.2f} m/s in '{name}' and "
-                f"{V:.2f} m/s {'in the mean of all' if V_m_s is None else 'from --V'}; ask for each speed on its own"
+                f"records must start within {100 * SAME_SPEED:g} % of one airspeed, got {speed:.2f} m/s in '{name}' "
+                f"and {V:.2f} m/s {'in the mean of all' if V_m_s is None else 'from --V'}; ask for each speed alone"
             )
     heights = [_quiet_mean(suite, r, "h") for r in records.values() if "h" in r]
     if h_m is not None:

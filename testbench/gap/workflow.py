@@ -11,11 +11,12 @@ from testbench.errors import RecordError
 from testbench.gap.air import AirFound, in_air, listen, listen_again
 from testbench.gap.believed import NUISANCES, Believed
 from testbench.gap.check import DataCheck, check_data
-from testbench.gap.locate import ResidualMap, locate
+from testbench.gap.fit import FALSE_ALARM
+from testbench.gap.locate import RegionMap, ResidualMap, locate, locate_regions
 from testbench.gap.name import Naming, name_effect
+from testbench.gap.plan import separate
 from testbench.record import FlightRecord, FloatArray
 
-MAX_SEARCHES = 3
 SAME_AIR = 0.15  # the search is made again if the rms of turbulence changes by more than this share of it
 
 
@@ -64,6 +65,8 @@ class GapFinding:
         naming: the outcome.
         shrink: before and after, one per held-out manoeuvre.
         air: what the residuals say of the air.
+        regions: where in the flight envelope the residual of the believed model sits.
+        next_flight: the manoeuvre that would tell the rest apart, in words; "" if nothing is left to tell apart.
         check: what the instruments say of each other, or None if that was not asked.
     """
 
@@ -73,14 +76,17 @@ class GapFinding:
     naming: Naming
     shrink: tuple[Shrink, ...]
     air: AirFound
+    regions: tuple[RegionMap, ...] = ()
+    next_flight: str = ""
     check: DataCheck | None = None
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """The answer in words."""
-        out = [self.naming.sentence]
+        out = [self.naming.sentence, *self._evidence(), *([self.next_flight] if self.next_flight else [])]
         if self.naming.outcome != "no gap":
             out += [m.sentence for m in self.maps]
+            out += [max(self.regions, key=lambda r: r.contrast).sentence] if self.regions else []
         for s in self.shrink if self.naming.best else ():
             k = int(np.argmax(s.energy_before))
             out.append(
@@ -93,7 +99,29 @@ class GapFinding:
                     else "too little excess to judge by here"
                 )
             )
-        return (*out, self.air.sentence)
+        news = self.check.sentences if self.check is not None and self.check.news else ()
+        return (*out, self.air.sentence, *news)
+
+    def _evidence(self) -> list[str]:
+        best = self.naming.best
+        if best is None:
+            return []
+        out = [
+            f"evidence: it lowers chi-square by {best.gain:.4g}, where noise alone reaches {best.threshold:.3g} once "
+            f"in {1.0 / FALSE_ALARM:.0f} cases"
+        ]
+        others = [f for f in self.naming.ranking if f.effect.name not in self.naming.names]
+        if others:
+            second = max(others, key=lambda f: f.gain)
+            share = 100.0 * second.gain / best.gain
+            out[0] += f"; the runner-up, {second.effect.title}, lowers it by {second.gain:.4g} ({share:.0f} %)"
+        far = [f"{n} {f:.3g}" for n, f in best.tuning.items() if abs(f - 1.0) > 2.0 * NUISANCES[n]]
+        if far:
+            out.append(
+                f"re-tuned beside it by more than twice what is believed of them: {', '.join(far)} times the believed "
+                "value; the effect may not be the whole story"
+            )
+        return out
 
 
 def find_gap(
@@ -134,9 +162,15 @@ def find_gap(
     believed, amended, naming, air = _search(believed, naming_records, air, say)
     say("locate the residual")
     maps = tuple(_map(believed, name, record) for name, record in records.items())
+    regions = locate_regions(naming_records, [believed.residuals(r) for r in naming_records], believed.outputs)
+    next_flight = ""
+    if naming.outcome == "set":
+        say("seek the manoeuvre that would tell the rest apart")
+        alike = [f for f in naming.ranking if f.effect.name in naming.names]
+        next_flight = separate(believed, naming_records, alike)
     say("judge on held-out manoeuvres")
     shrink = tuple(_shrink(believed, amended, name, record) for name, record in held_out.items())
-    return GapFinding(believed, amended, maps, naming, shrink, air, checked)
+    return GapFinding(believed, amended, maps, naming, shrink, air, regions, next_flight, checked)
 
 
 def _search(
@@ -145,18 +179,20 @@ def _search(
     """Return the believed and the amended model in the air that was found, the naming, and the air.
 
     The rms of turbulence found beside a gap holds some of the gap: what is named first is taken out, and if the rms
-    changes, the search is made again.
+    changes, the search is made once more.
     """
-    for _ in range(MAX_SEARCHES):
+    for last in (False, True):
         flown_in = in_air(believed, air)
         naming = name_effect(flown_in, records, say)
         amended = flown_in
         if naming.best is not None:
             amended = _tuned(flown_in, naming.best.tuning).with_effect(naming.best.effect, naming.best.values)
-        if naming.outcome == "no gap":
+        if naming.outcome == "no gap" or last:
             break
         say("listen to the air again")
-        again = listen_again(amended, records, air)
+        best = naming.best or next(iter(naming.ranking), None)
+        tuned = _tuned(believed, best.tuning) if best is not None else believed
+        again = listen_again(tuned, amended, records, air, best.gain if best is not None else 0.0)
         if again.moves == air.moves and abs(again.rms_m_s - air.rms_m_s) <= SAME_AIR * air.rms_m_s:
             break
         air = again

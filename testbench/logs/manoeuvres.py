@@ -86,12 +86,18 @@ def find_manoeuvres(record: FlightRecord, controls: Sequence[str], lead_s: float
             said.append(f"{name}: moves for more than {100 * BUSIEST:g} % of the record, not used to find manoeuvres")
             continue
         said.append(
-            f"{name}: moves where its range within {WINDOW_S:g} s exceeds {threshold:.3g} {channel(name).unit}, "
-            f"{len(found)} times"
+            f"{name}: moves where its range within {WINDOW_S:g} s exceeds {_sized(name, threshold)}, {len(found)} times"
         )
         spans += [(a, b, name) for a, b in _large(x, found, round(tail_s / dt))]
     groups = _joined(sorted(spans), round(JOIN_S / dt))
     return Search(tuple(_cut(record, groups, i, known, lead_s, tail_s) for i in range(len(groups))), tuple(said))
+
+
+def _sized(name: str, value: float) -> str:
+    """Return a size with its unit, degrees for angles."""
+    if channel(name).unit == "rad":
+        return f"{value / DEG_RAD:.3g} deg"
+    return f"{value:.3g}" + ("" if channel(name).unit == "1" else f" {channel(name).unit}")
 
 
 def _smallest(record: FlightRecord, name: str) -> float:

@@ -49,7 +49,11 @@ _NAMES = {
     "roll_rate": "p", "pitch_rate": "q", "yaw_rate": "r", "roll": "phi", "bank": "phi", "pitch": "theta", "yaw": "psi",
     "heading": "psi", "altitude": "h", "elevator": "de", "aileron": "da", "rudder": "dr", "throttle": "thr",
     "dynamic_pressure": "qbar",
+    # as DLR's records and the book of R. V. Jategaonkar name them
+    "tascg": "V", "alfcg": "alpha", "betcg": "beta", "the": "theta", "delv": "de", "dail": "da", "drud": "dr",
+    "pdyn": "qbar", "axcg": "ax", "aycg": "ay", "azcg": "az",
 }  # fmt: skip
+_ANY_CASE = {name.lower(): name for name in CHANNELS if name.lower() not in ("u", "v", "h")}  # V and v are two channels
 _CLOCKS = ("t", "time", "t_s", "time_s", "timestamp", "times")
 
 
@@ -121,6 +125,8 @@ def _salvage(path: Path, kind: str, error: RecordError, warnings: list[str]) -> 
 
 
 def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Rule, ...]]:
+    if table.stated.get("kind") == "truth":
+        raise RecordError(f"a log must be measured, but '{path}' says of itself that it is a simulated truth")
     labels = [name.strip().lower().replace(" ", "_") for name in table.names]
     clock = next((i for i, label in enumerate(labels) if label in _CLOCKS), None)
     if clock is None:
@@ -134,7 +140,7 @@ def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Ru
         raise RecordError(f"the unit of time in '{path}' must be one of {', '.join(TIME_UNITS)}, got '{unit}'")
     rules, columns = [], {}
     for i, label in enumerate(labels):
-        name = table.names[i] if table.names[i] in CHANNELS else _NAMES.get(label)
+        name = table.names[i] if table.names[i] in CHANNELS else _NAMES.get(label, _ANY_CASE.get(label))
         if i == clock or name is None or table.names[i] in columns:
             continue
         columns[table.names[i]] = table.numbers(i + 1)

@@ -39,6 +39,7 @@ class CampaignResult:
         stopped: number of runs after which the stopping rule was met, or None.
         seconds: processor time of all finished runs.
         size: of the store, bytes.
+        records_size: of the time histories, bytes.
     """
 
     campaign: Campaign
@@ -47,6 +48,7 @@ class CampaignResult:
     stopped: int | None
     seconds: float
     size: int
+    records_size: int = 0
 
 
 def read_campaign(campaign: Campaign, store: Store) -> CampaignResult:
@@ -54,8 +56,15 @@ def read_campaign(campaign: Campaign, store: Store) -> CampaignResult:
     from testbench.campaign import summarise
 
     stopped = store.meta("stopped")
+    seconds, size = store.seconds()
     return CampaignResult(
-        campaign, store.counts(), summarise(store.rows()), None if stopped is None else int(stopped), *store.seconds()
+        campaign,
+        store.counts(),
+        summarise(store.rows()),
+        None if stopped is None else int(stopped),
+        seconds,
+        size,
+        sum(path.stat().st_size for path in store.path.parent.glob("records/*.nc")),
     )
 
 
@@ -93,7 +102,6 @@ def answer(result: CampaignResult) -> list[tuple[str, str]]:
     """Return the answer as (kind, sentence), kind "lead", "finding" or "doubt"."""
     counts, summary = result.counts, result.summary
     out = [("lead", _lead(result))]
-    biased = sorted((a for a in summary.accuracies if a.biased and a.n > 1), key=_relative, reverse=True)
     fair = sum(1 for a in summary.accuracies if not a.biased and a.n > 1)
     if summary.accuracies:
         out.append(
@@ -102,7 +110,7 @@ def answer(result: CampaignResult) -> list[tuple[str, str]]:
                 f"{fair} of {len(summary.accuracies)} estimates show no bias beyond its 95 % confidence interval",
             )
         )
-    for a in biased[:_LINES]:
+    for a in most_biased(summary):
         share = f", {number(100 * a.bias / abs(a.true_mean), 2)} % of the true value" if a.true_mean else ""
         out.append(
             (
@@ -147,6 +155,12 @@ def _lead(result: CampaignResult) -> str:
     return text
 
 
+def most_biased(summary: Summary) -> list[Accuracy]:
+    """Return the estimates, three at most, whose bias is beyond its interval and largest against the true value."""
+    biased = [a for a in summary.accuracies if a.biased and a.n > 1]
+    return sorted(biased, key=_relative, reverse=True)[:_LINES]
+
+
 def _relative(a: Accuracy) -> float:
     return abs(a.bias / a.true_mean) if a.true_mean else math.inf
 
@@ -158,10 +172,11 @@ def cost_sentence(result: CampaignResult) -> str:
         return "nothing is finished yet, so that nothing can be said of the cost"
     each = result.seconds / n
     hours = each * _MILLION / 3600.0
-    size = result.size / n * _MILLION / 1e9
+    size, records = (number(x / n * _MILLION / 1e9, 2) for x in (result.size, result.records_size))
+    histories = f" and {records} GB of time histories" if result.records_size else ""
     return (
         f"a run takes {number(1e3 * each)} ms of one processor; a million like it {number(hours)} processor hours, "
-        f"{number(hours / 100.0)} h on 100 processors, and about {number(size, 2)} GB of store"
+        f"{number(hours / 100.0)} h on 100 processors, and about {size} GB of store{histories}"
     )
 
 

@@ -22,7 +22,7 @@ _TALL_IN, _GAP_IN = 1.75, 0.78
 
 
 def campaign_plates(summary: Summary) -> list[Plate]:
-    """Return the figures that the runs have the data for; of many estimates, six with the fewest missing."""
+    """Return the figures that the runs have the data for, of at most six estimates."""
     from testbench.report.campaign import errors
 
     chosen = _chosen(summary)
@@ -66,10 +66,15 @@ def campaign_plates(summary: Summary) -> list[Plate]:
 
 
 def _chosen(summary: Summary) -> list[str]:
-    """Return up to six estimates: those whose errors the method states come first, then those found most often."""
+    """Return up to six estimates: the most biased ones, of which the answer speaks, then those whose errors the method
+    states, then those found most often.
+    """
+    from testbench.report.campaign import most_biased
+
     have = [a for a in summary.accuracies if a.n > 1]
-    ranked = sorted(have, key=lambda a: (not np.isfinite(a.stated), a.missing))[:_MOST]
-    return sorted(a.name for a in ranked)
+    ranked = sorted(have, key=lambda a: (not np.isfinite(a.stated), a.missing))
+    names = dict.fromkeys(a.name for a in (*most_biased(summary), *ranked))
+    return sorted(list(names)[:_MOST])
 
 
 def _panels(names: list[str], draw: Callable[[Axes, str], None], x: str, y: str) -> Callable[[bool], Figure]:
@@ -127,6 +132,7 @@ def _histogram(axes: Axes, values: FloatArray, zero: bool) -> None:
     axes.axvline(mean, color=COLOURS[1], linestyle=(0, (4, 2)), linewidth=1.3)
     if zero:
         axes.axvline(0.0, color=INK, linewidth=0.9)
+        axes.margins(x=0.06)  # off the axis, where it could not be seen
 
 
 def _half(values: FloatArray) -> float:

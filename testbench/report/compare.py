@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from testbench.report.compare_answer import added, compare_sentences, quantity_words
+from testbench.report.compare_answer import added, compare_sentences, more_of, per_hundred, quantity_words, worth
 from testbench.report.labels import number
 from testbench.report.tables import Column, Table, Value
 from testbench.report.write import PAGE, write_file, write_plates, write_tables
@@ -58,19 +58,31 @@ def suite_table(result: CompareResult) -> Table:
     return Table(
         "suites",
         "The sensor suites",
-        "Price and mass of all sensors, with mounting and cable; a dash where one is not known.",
+        "Price and mass of all sensors, with mounting and cable; a dash where one is not known. By information, and on "
+        "the geometric mean of the standard errors that every suite tells: what the added sensors divide them by, and "
+        "what they would for 100 € or 100 g at the same rate.",
         (
             Column("suite", "suite"),
             Column("rate", "rate", "Hz", given=True),
             Column("adds", "adds to the first"),
             Column("price", "price", "€", given=True, digits=6),
             Column("mass", "mass", "g", given=True, digits=6),
+            Column("divides", "divided by", "", "standard errors", digits=3),
+            Column("per_100_eur", "for 100 €", "", "standard errors", digits=3),
+            Column("per_100_g", "for 100 g", "", "standard errors", digits=3),
         ),
-        tuple(
-            (s.name, s.rate_hz, added(result, s) if k else "", s.price_eur, s.mass_g)
-            for k, s in enumerate(result.suites)
-        ),
+        tuple(_suite_row(result, k) for k in range(len(result.suites))),
     )
+
+
+def _suite_row(result: CompareResult, k: int) -> tuple[Value, ...]:
+    s, base = result.suites[k], result.suites[0]
+    factor = worth(result, s) if k else None
+    rates = (
+        per_hundred(factor, more_of(s.price_eur, base.price_eur)),
+        per_hundred(factor, more_of(s.mass_g, base.mass_g)),
+    )
+    return (s.name, s.rate_hz, added(result, s) if k else "", s.price_eur, s.mass_g, factor, *rates)
 
 
 def gain_table(result: CompareResult) -> Table:
@@ -84,7 +96,9 @@ def gain_table(result: CompareResult) -> Table:
         f"Size of the error with the first suite minus that with this one, in the same flight with the same noise: "
         f"{what} and 95 % interval. p: {test}; p corrected: for all questions of this table together (Holm). A gain is "
         f"called sure where that is at most {s.level:g}. Information: ratio of the predicted standard errors, this "
-        "suite over the first. Errors of damping ratios are absolute, all others percent of the true value; of "
+        "suite over the first. Where a mode is missed in some repetitions, how often is compared too, in percent: "
+        "McNemar's test, exact, and a 95 % interval of Clopper and Pearson. Errors of damping ratios are absolute, "
+        "all others percent of the true value; of "
         "predictions, of the rms.",
         (
             Column("suite", "suite"),
@@ -112,8 +126,7 @@ def gain_table(result: CompareResult) -> Table:
 def _gain_row(result: CompareResult, g: Gain) -> tuple[Value, ...]:
     d, base = g.paired.difference, result.suites[0]
     suite = next(s for s in result.suites if s.name == g.case.suite)
-    price = None if suite.price_eur is None or base.price_eur is None else suite.price_eur - base.price_eur
-    mass = None if suite.mass_g is None or base.mass_g is None else suite.mass_g - base.mass_g
+    price, mass = more_of(suite.price_eur, base.price_eur), more_of(suite.mass_g, base.mass_g)
     sure = None if g.p_holm is None else g.significant(result.scenario.level)
     return (
         g.case.suite,
@@ -168,7 +181,7 @@ def error_table(result: CompareResult) -> Table:
                 s.rms.value if s.rms else None,
                 s.rms.low if s.rms else None,
                 s.rms.high if s.rms else None,
-                s.bias,
+                s.mean.value if s.mean else None,
                 s.scatter,
                 _finite(s.predicted),
             )
@@ -232,12 +245,17 @@ def placement_tables(result: CompareResult) -> list[Table]:
     p = result.placed
     if p is None:
         return []
+    how = (
+        f"the best of all {p.sets} sets, each of them tried"
+        if p.all_tried
+        else f"found by adding and exchanging among {number(p.sets)} sets ({p.exchanged} exchanges), such that no "
+        "exchange of one sensor betters it"
+    )
     path = Table(
         "placement",
         f"Best stations along the wing, beside {p.base}",
         f"In the order of their gain. Criterion {p.asked.criterion}: in units of {p.asked.wn_percent:g} % of a "
-        f"frequency and {p.asked.zeta:g} of a damping ratio; found by adding and exchanging among {number(p.sets)} "
-        f"sets ({p.exchanged} exchanges).",
+        f"frequency and {p.asked.zeta:g} of a damping ratio; {how}.",
         (Column("sensor", "sensor"), Column("criterion", "criterion with it", digits=3)),
         (("none", _finite(p.path[0])), *((s.words, _finite(c)) for s, c in zip(p.spots, p.path[1:], strict=True))),
     )

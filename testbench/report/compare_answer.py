@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from testbench.comparison.result import FAR
 from testbench.report.labels import number, symbol
+from testbench.scenario.compare import BEST_CASE
 
 if TYPE_CHECKING:
     from testbench.comparison.result import CompareResult, Gain, Quantity
@@ -15,11 +17,19 @@ if TYPE_CHECKING:
 
 _AGREE = 0.75  # share of predicted standard errors inside the intervals; judgement
 _NAMED = 3  # gains and losses that are named one by one
+_KINDS = {
+    "prediction": "of predictions",
+    "mode": "of modes",
+    "missed": "of missing a mode",
+    "parameter": "of parameters",
+}
 _TEST = {"wilcoxon": "Wilcoxon's signed rank test", "t": "Student's paired t test"}
 
 
 def quantity_words(quantity: Quantity) -> str:
     """Return what an error is of: "prediction of θ", "wn of short period", "M_alpha"."""
+    if quantity.kind == "missed":
+        return f"missing the {quantity.name}"
     return f"prediction of {symbol(quantity.name)}" if quantity.kind == "prediction" else quantity.name
 
 
@@ -31,11 +41,8 @@ def added(result: CompareResult, suite: SensorSuite) -> str:
     text = _listed(more) if more else "nothing"
     if less:
         text += f", without {_listed(less)}"
-    cost = [
-        f"{a - b:g} {unit}"
-        for a, b, unit in ((suite.price_eur, base.price_eur, "€"), (suite.mass_g, base.mass_g, "g"))
-        if a is not None and b is not None
-    ]
+    costs = more_of(suite.price_eur, base.price_eur), more_of(suite.mass_g, base.mass_g)
+    cost = [f"{value:g} {unit}" for value, unit in zip(costs, ("€", "g"), strict=True) if value is not None]
     return f"{text} ({', '.join(cost)})" if cost else text
 
 
@@ -47,36 +54,49 @@ def compare_sentences(result: CompareResult) -> list[str]:
             out.append(_by_simulation(result, suite))
         out.append(_by_information(result, suite))
     if result.errors:
-        inside, total = result.agreement
-        if total:
-            word = "agree" if inside >= _AGREE * total else "part"
-            out.append(
-                f"information and simulation {word}: {inside} of the {total} standard errors predicted for the best "
-                f"case lie within the 95 % interval of the scatter found (by chance alone {0.95 * total:.0f} would)"
-            )
-        out += _never_found(result)
+        out.append(_meaning(result))
+    out += _for_the_price(result)
+    if result.errors:
+        out += _agreement(result)
+        out += _biases(result) + _never_found(result)
     if result.placed is not None:
         out.append(_placement(result))
     return out + _doubts(result)
 
 
 def _by_simulation(result: CompareResult, suite: SensorSuite) -> str:
-    s = result.scenario
-    gains = [g for g in result.gains if g.case.suite == suite.name and g.paired.difference is not None]
-    sure = [g for g in gains if g.significant(s.level)]
+    """Return how many errors a suite makes surely smaller or larger, kind by kind, and the foremost of them."""
+    gains = [g for g in result.gains if g.case.suite == suite.name and g.p_holm is not None]
+    sure = [g for g in gains if g.significant(result.scenario.level)]
     better = sorted((g for g in sure if _difference(g) > 0.0), key=lambda g: -_share(g))
     worse = sorted((g for g in sure if _difference(g) <= 0.0), key=_share)
     text = (
-        f"adding {added(result, suite)} to {result.suites[0].name} makes {len(better)} of {len(gains)} errors smaller "
-        f"and {len(worse)} larger beyond chance ({_TEST[s.test]} on {s.seeds} pairs, {100 * s.level:g} % for all "
-        f"{len(result.gains)} questions together, Holm)"
+        f"adding {added(result, suite)} to {result.suites[0].name} surely makes {len(better) or 'none'} of "
+        f"{len(gains)} errors smaller and {len(worse) or 'none'} larger"
     )
+    parts = []
+    for kind, words in _KINDS.items():
+        asked = sum(g.quantity.kind == kind for g in gains)
+        if asked:
+            parts.append(f"{sum(g.quantity.kind == kind for g in better) or 'none'} of {asked} {words}")
+    if better:
+        text += f" ({', '.join(parts)})"
     for word, found in (("smaller", better), ("larger", worse)):
         if found:
             named = [_named(result, g) for g in found[:_NAMED]]
             rest = f", and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
             text += f"; {word}: {'; '.join(named)}{rest}"
     return text
+
+
+def _meaning(result: CompareResult) -> str:
+    """Return what "surely" means."""
+    s, tested = result.scenario, sum(g.p_holm is not None for g in result.gains)
+    missed = " (McNemar's where modes are missed)" if any(g.quantity.kind == "missed" for g in result.gains) else ""
+    return (
+        f'"surely" is beyond chance by {_TEST[s.test]}{missed} on up to {s.seeds} pairs of the same flight and noise: '
+        f"the chance of even one false finding among all {tested} questions is at most {100 * s.level:g} % (Holm)"
+    )
 
 
 def _named(result: CompareResult, gain: Gain) -> str:
@@ -111,6 +131,18 @@ def _by_information(result: CompareResult, suite: SensorSuite) -> str:
     )
 
 
+def _agreement(result: CompareResult) -> list[str]:
+    inside, total, far = result.agreement
+    if not total:
+        return []
+    word = "agree" if inside >= _AGREE * total else "part"
+    rest = f"; {far} predicted above {FAR:g} %, where a linear bound says little, are left out" if far else ""
+    return [
+        f"information and simulation {word}: {inside} of the {total} standard errors predicted for the best case lie "
+        f"within the 95 % interval of the scatter found (by chance alone {0.95 * total:.0f} would){rest}"
+    ]
+
+
 def _never_found(result: CompareResult) -> list[str]:
     by_mode: dict[tuple[str, str], list[tuple[int, int]]] = {}
     for s in result.summaries:
@@ -120,8 +152,62 @@ def _never_found(result: CompareResult) -> list[str]:
     for (mode, estimator), counts in by_mode.items():
         found, of = (sum(c[k] for c in counts) for k in (0, 1))
         if found < of:
-            out.append(f"{estimator} finds the {mode} in {found} of {of} repetitions; only those count in its errors")
-    return out
+            out.append(f"{estimator} finds the {mode} in {found} of {of}")
+    return [f"errors of a mode count only where it is found: {'; '.join(out)}"] if out else []
+
+
+def _biases(result: CompareResult) -> list[str]:
+    """Say how many mean errors of the best case are not zero: of these information knows nothing."""
+    signed = [s for s in result.summaries if s.case.estimator == BEST_CASE and s.mean is not None]
+    off = [s for s in signed if s.mean is not None and (s.mean.low > 0.0 or s.mean.high < 0.0)]
+    if not off:
+        return []
+    return [
+        f"of bias information knows nothing: {len(off)} of {len(signed)} mean errors of the best case lie beyond their "
+        "95 % interval about zero (a flight that is not quite linear, noise of measured inputs)"
+    ]
+
+
+def worth(result: CompareResult, suite: SensorSuite) -> float | None:
+    """Return by what factor information divides the standard errors, the geometric mean over all inputs and quantities
+    that every suite tells; None if there are none.
+    """
+    logs = []
+    for name in result.manoeuvres:
+        found = {s.name: result.predictions[name, s.name] for s in result.suites}
+        for quantity in found[suite.name].names:
+            std = {s: p.of(quantity) for s, p in found.items()}
+            if all(v is not None and np.isfinite(v) and v > 0.0 for v in std.values()):
+                before, after = std[result.suites[0].name], std[suite.name]
+                logs.append(float(np.log((before or 1.0) / (after or 1.0))))
+    return float(np.exp(np.mean(logs))) if logs else None
+
+
+def more_of(a: float | None, b: float | None) -> float | None:
+    """Return a - b, or None where one of them is not known."""
+    return None if a is None or b is None else a - b
+
+
+def per_hundred(factor: float | None, amount: float | None) -> float | None:
+    """Return the factor that 100 of a cost buy at the rate of ``amount``: factor^(100 / amount)."""
+    return None if factor is None or amount is None or amount <= 0.0 else factor ** (100.0 / amount)
+
+
+def _for_the_price(result: CompareResult) -> list[str]:
+    """Name the suite whose sensors divide the standard errors by most per euro and per gram."""
+    out, base = [], result.suites[0]
+    for what, unit in (("price_eur", "€"), ("mass_g", "g")):
+        rates = {}
+        for s in result.suites[1:]:
+            rate = per_hundred(worth(result, s), more_of(getattr(s, what), getattr(base, what)))
+            if rate is not None:
+                rates[s.name] = rate
+        if len(rates) > 1:
+            best = max(rates, key=lambda n: rates[n])
+            out.append(f"{best} per {unit} (divided by {number(rates[best])} for every 100 {unit})")
+    if not out:
+        return []
+    return [f"most for its cost, by information and on the geometric mean of all standard errors: {'; '.join(out)}"]
 
 
 def _placement(result: CompareResult) -> str:

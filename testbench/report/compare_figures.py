@@ -31,13 +31,15 @@ if TYPE_CHECKING:
     from testbench.comparison.result import CompareResult
 
 _ROW_IN = 0.3
+_DOT_IN = 0.085
+_NOTE_ROOM = 0.55  # share of an axis' end beyond which a note stands above its interval
 _ROOM = 0.6  # share of the smallest value that an axis begins at
 _KINDS = ("prediction", "mode", "parameter")
 _HUNDREDTHS = 100.0  # damping ratios are drawn in hundredths, beside percent
 
 
 class Dot(NamedTuple):
-    """One figure in a panel: which row and suite, its value and interval, and whether it is predicted."""
+    """One figure in a panel: which row and suite, its value and interval, whether it is predicted, and a word on it."""
 
     row: str
     suite: int
@@ -45,6 +47,7 @@ class Dot(NamedTuple):
     low: float
     high: float
     predicted: bool
+    note: str = ""
 
 
 def compare_plates(result: CompareResult) -> list[Plate]:
@@ -58,7 +61,8 @@ def compare_plates(result: CompareResult) -> list[Plate]:
                 "Errors through each suite",
                 f"Root mean square over {result.scenario.seeds} repetitions with 95 % interval, percent; damping "
                 "ratios in hundredths. Open signs: standard errors that information predicts, beside the estimator "
-                "that they speak of.",
+                'that they speak of. "sure": the difference to the first suite is more than chance, all questions of '
+                "the comparison taken together. 9/12: found in 9 of 12 repetitions.",
                 partial(_panels, _error_panels(result), suites),
             )
         )
@@ -90,6 +94,7 @@ def _error_panels(result: CompareResult) -> dict[str, list[Dot]]:
 
     index = {s.name: k for k, s in enumerate(result.suites)}
     out: dict[str, list[Dot]] = {}
+    sure = {(g.case, g.quantity) for g in result.gains if g.significant(result.scenario.level)}
     kinds, order = _KINDS.index, list(dict.fromkeys(s.case.estimator for s in result.summaries))
     for s in sorted(result.summaries, key=lambda s: (order.index(s.case.estimator), kinds(s.quantity.kind))):
         title = f"{s.case.estimator}, {s.case.manoeuvre}" if len(result.manoeuvres) > 1 else s.case.estimator
@@ -97,10 +102,15 @@ def _error_panels(result: CompareResult) -> dict[str, list[Dot]]:
         k, factor = index[s.case.suite], 1.0 if s.quantity.unit else _HUNDREDTHS
         name = f"prediction of {symbol(s.quantity.name)}" if s.quantity.kind == "prediction" else s.quantity.name
         if s.rms is not None:
-            dots.append(Dot(name, k, factor * s.rms.value, factor * s.rms.low, factor * s.rms.high, False))
+            words = ["sure"] if (s.case, s.quantity) in sure else []
+            words += [f"{s.found}/{s.of}"] if s.found < s.of else []
+            low, high = factor * s.rms.low, factor * s.rms.high
+            dots.append(Dot(name, k, factor * s.rms.value, low, high, False, " ".join(words)))
+        else:
+            dots.append(Dot(name, k, np.nan, np.nan, np.nan, False, f"{s.found}/{s.of}"))
         if s.case.estimator == BEST_CASE and s.predicted is not None and np.isfinite(s.predicted):
             dots.append(Dot(name, k, factor * s.predicted, factor * s.predicted, factor * s.predicted, True))
-    return {title: dots for title, dots in out.items() if dots}
+    return {title: dots for title, dots in out.items() if any(np.isfinite(d.value) for d in dots)}
 
 
 def _information_panels(result: CompareResult) -> dict[str, list[Dot]]:
@@ -120,7 +130,8 @@ def _panels(panels: dict[str, list[Dot]], suites: Sequence[str], wide: bool) -> 
     across = min(2, len(titles)) if wide else 1
     rows = [titles[k : k + across] for k in range(0, len(titles), across)]
     names = {t: list(dict.fromkeys(d.row for d in panels[t])) for t in titles}
-    heights = [max(0.9, _ROW_IN * max(len(names[t]) for t in row) + 0.2) for row in rows]
+    row_in = max(_ROW_IN, _DOT_IN * len(suites) + 0.1)
+    heights = [max(0.9, row_in * max(len(names[t]) for t in row) + 0.2) for row in rows]
     top = legend_in(suites, wide) + 0.35
     figure = new_figure(wide, top + sum(heights) + 0.62 * len(rows))
     left = 2.1 if wide else 1.55
@@ -146,20 +157,40 @@ def _handles(suites: Sequence[str]) -> list[Any]:
 
 
 def _dots(axes: Axes, dots: Sequence[Dot], names: Sequence[str], suites: int) -> None:
-    floor = _ROOM * min(d.value for d in dots)
+    drawn = [d for d in dots if np.isfinite(d.value)]
+    floor = _ROOM * min(d.value for d in drawn)
     step = 0.7 / max(suites, 1)
+    notes: list[tuple[float, float, str, str]] = []
     for d in dots:
         y = names.index(d.row) + step * (d.suite - 0.5 * (suites - 1)) + (0.12 * step if d.predicted else 0.0)
         colour, marker = COLOURS[d.suite % 6], marker_look(d.suite)[1]
         x = d.value
+        if not np.isfinite(x):  # found too seldom for an error
+            notes.append((floor, y, d.note, colour))
+            continue
         if d.high > d.low:
             axes.plot([max(d.low, floor), max(d.high, floor)], [y, y], color=colour, linewidth=1.2)
         face = "white" if d.predicted else colour
+        if d.note:
+            notes.append((max(d.high, x), y, d.note, colour))
         axes.plot([x], [y], marker=marker, markersize=4.5, markerfacecolor=face, color=colour, linestyle="", zorder=3)
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_yticks(range(len(names)), [_short(n) for n in names])
     axes.grid(visible=False, axis="y")
-    axes.set_xlim(floor, min(1.4 * max(d.high for d in dots), 3.0 * max(d.value for d in dots)))
+    end = min(1.4 * max(d.high for d in drawn), 3.0 * max(d.value for d in drawn))
+    axes.set_xlim(floor, end)
+    for x, y, words, colour in notes:
+        inside = x < _NOTE_ROOM * end
+        axes.annotate(
+            words,
+            (min(x, end), y),
+            xytext=(3, 0) if inside else (-3, 3),
+            ha="left" if inside else "right",
+            textcoords="offset points",
+            va="center",
+            color=colour,
+            fontsize=6.5,
+        )
     log_axis(axes, "x", powers=False)
 
 

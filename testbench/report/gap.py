@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from testbench.gap.name import FALSE_ALARM
+from testbench.gap.export import aircraft_files
+from testbench.gap.fit import FALSE_ALARM
 from testbench.report.labels import file_stem, symbol
 from testbench.report.tables import Column, Table
 from testbench.report.write import PAGE, write_file, write_plates, write_tables
@@ -22,10 +23,11 @@ def write_gap(result: GapResult, folder: Path | str) -> list[Path]:
     Raises:
         RecordError: the folder cannot be written to.
     """
+    from testbench.report.compatibility import compatibility_tables
     from testbench.report.gap_figures import gap_plates
     from testbench.report.html import render
 
-    folder = Path(folder)
+    folder, check = Path(folder), result.finding.check
     tables = gap_tables(result)
     out = write_tables(tables, folder)
     paths, pictures = write_plates(gap_plates(result), folder)
@@ -38,6 +40,9 @@ def write_gap(result: GapResult, folder: Path | str) -> list[Path]:
         answer=result.finding.sentences,
         tables=tables,
         pictures=pictures,
+        air=result.finding.air.sentence,
+        data_check=check.sentences if check else (),
+        check_tables=compatibility_tables(check.result) if check and check.result else [],
         amended=[str(path.relative_to(folder)) for path in amended],
         diff=next((p.read_text(encoding="utf-8") for p in amended if p.suffix == ".diff"), ""),
         false_alarm=FALSE_ALARM,
@@ -48,9 +53,9 @@ def write_gap(result: GapResult, folder: Path | str) -> list[Path]:
 
 
 def write_amended(result: GapResult, folder: Path) -> list[Path]:
-    """Write what the named effect changes: the JSBSim model (flies in stock JSBSim) or the sensor suite, with a diff.
+    """Write what was named and re-tuned: the sensor suite, and the aircraft's folder with a model for stock JSBSim.
 
-    Nothing is written if nothing was named.
+    Each comes with a diff, and only if it changed; nothing is written if nothing was named.
     """
     import difflib
 
@@ -66,13 +71,13 @@ def write_amended(result: GapResult, folder: Path) -> list[Path]:
         diff = difflib.unified_diff(before, after, "believed suite", "amended suite", lineterm="")
         out.append(write_file(folder / f"{file_stem(new.suite.name)}.toml", suites[1]))
         out.append(write_file(folder / "suite.diff", "\n".join(diff) + "\n"))
-    condition = new.condition
-    models = [b.aircraft.model_xml(b.rate_hz, condition.qbar_Pa, condition.V_m_s) for b in (old, new)]
     name = result.aircraft
-    out.append(write_file(folder / name / f"{name}.xml", models[1]))
-    for file, text in new.aircraft.engine_files.items():
-        out.append(write_file(folder / name / "Engines" / file, text))
-    before, after = (m.splitlines() for m in models)
+    models = [aircraft_files(b.aircraft, name, b.rate_hz, b.condition) for b in (old, new)]
+    if models[0] == models[1]:
+        return out
+    for path, text in models[1].items():
+        out.append(write_file(folder / name / path, text))
+    before, after = (m[f"{name}.xml"].splitlines() for m in models)
     lines = difflib.unified_diff(before, after, "believed model", "amended model", lineterm="", n=2)
     out.append(write_file(folder / "model.diff", "\n".join(lines) + "\n"))
     return out

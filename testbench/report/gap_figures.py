@@ -10,6 +10,7 @@ from testbench.gap.locate import BANDS_HZ
 from testbench.report.labels import axis_label, shown_unit, symbol
 from testbench.report.plot import (
     COLOURS,
+    FAINT,
     INK,
     MEASURED,
     QUIET,
@@ -41,13 +42,88 @@ _SEGMENTS = 8  # of a residual spectrum, averaged
 
 def gap_plates(result: GapResult) -> list[Plate]:
     """Return the figures of a gap case: maps, ranking, and before and after on each held-out manoeuvre."""
-    out = [_map_plate(result)]
+    out = [_answer_plate(result)] if result.finding.shrink and result.finding.naming.best is not None else []
+    out += [_map_plate(result), _region_plate(result)] if result.finding.regions else [_map_plate(result)]
     if any(f.gain > 0.0 for f in result.finding.naming.ranking):
         out.append(_ranking_plate(result))
     if result.finding.naming.best is not None:
         for k, shrink in enumerate(result.finding.shrink, 1):
             out += [_history_plate(result, shrink, k), _spectrum_plate(result, shrink, k)]
     return out
+
+
+def _answer_plate(result: GapResult) -> Plate:
+    """Return the one figure that shows the answer: the worst held-out channel, and all channels' energies."""
+    finding = result.finding
+    shrink = max(finding.shrink, key=lambda s: float(s.energy_before.max()))
+    outputs = finding.believed.outputs
+    k = int(np.argmax(shrink.energy_before))
+    t = shrink.record.t_s
+
+    def make(wide: bool) -> Figure:
+        """Draw measurement and both models beside the energies of their residuals."""
+        handles = line_handles([], [("measured", MEASURED), ("believed model", _BEFORE), ("amended model", _AFTER)])
+        top = legend_in([h.get_label() for h in handles], wide) + 0.28
+        heights = [2.1] if wide else [1.9, 0.28 * len(outputs) + 0.2]
+        figure = new_figure(wide, top + sum(heights) + 0.62 * (len(heights) - 1) + 0.55)
+        panels = grid(figure, top, heights, (1.6, 1.0) if wide else (1.0,), gap_in=0.62, between_in=0.75).ravel()
+        axes, bars = panels[0], panels[1]
+        factor = shown_unit(outputs[k])[0]
+        axes.plot(*envelope(t, factor * shrink.record[outputs[k]]), color=MEASURED, linewidth=1.0)
+        axes.plot(t, factor * shrink.before[:, k], color=_BEFORE, linestyle=(0, (5, 1.5)), linewidth=1.3)
+        axes.plot(t, factor * shrink.after[:, k], color=_AFTER, linewidth=1.3)
+        label(axes, "t, s", axis_label(outputs[k]), shrink.manoeuvre)
+        time_axis(axes)
+        rows = np.arange(len(outputs))
+        low = 0.5
+        for energy, colour, shift in ((shrink.energy_before, _BEFORE, -0.19), (shrink.energy_after, _AFTER, 0.19)):
+            bars.barh(rows + shift, np.maximum(energy - low, 0.0), left=low, height=0.36, color=colour)
+        bars.axvline(1.0, color=INK, linewidth=0.9, linestyle=(0, (2, 2)))
+        bars.set_yticks(rows, [symbol(o) for o in outputs])
+        bars.set_ylim(len(outputs) - 0.4, -0.6)
+        bars.grid(axis="y", visible=False)
+        bars.set_xlim(low, max(2.0, 1.5 * float(shrink.energy_before.max())))
+        log_axis(bars, "x", powers=False)
+        label(bars, "mean squared residual, noise = 1")
+        legend(figure, handles)
+        return figure
+
+    caption = (
+        f"The manoeuvre '{shrink.manoeuvre}' was used neither to name nor to fit. Left: {symbol(outputs[k])}, in which "
+        "the believed model is furthest off. Right: residuals of all channels; the dashed line is the noise floor."
+    )
+    return Plate("answer", "What the amendment does to a flight that it has not seen", caption, make)
+
+
+def _region_plate(result: GapResult) -> Plate:
+    """Return maps of residual energy over the flight region: one quantity per panel, channel by bin."""
+    regions = result.finding.regions
+
+    def make(wide: bool) -> Figure:
+        """Draw one map per quantity."""
+        per_row = min(3, len(regions)) if wide else 1
+        rows = -(-len(regions) // per_row)
+        height = 0.19 * len(regions[0].channels) + 0.25
+        figure = new_figure(wide, 0.95 + rows * height + (rows - 1) * 0.66 + 0.55)
+        panels = grid(figure, 0.95, [height] * rows, (1.0,) * per_row, gap_in=0.66, between_in=0.55).ravel()
+        image = None
+        for axes in panels[len(regions) :]:
+            axes.set_visible(False)
+        for axes, region in zip(panels, regions, strict=False):
+            image = _draw_energy(axes, region.channels, region.energy)
+            factor = shown_unit(region.quantity)[0]
+            ticks = [0, len(region.edges) // 2, len(region.edges) - 1]
+            axes.set_xticks([k - 0.5 for k in ticks], [f"{factor * region.edges[k]:.3g}" for k in ticks])
+            label(axes, axis_label(region.quantity))
+        _energy_bar(figure, image)
+        return figure
+
+    caption = (
+        "The same residuals by where in the flight envelope they were measured, all manoeuvres together: angle of "
+        "attack, airspeed, pitch rate, and the commands. A gap that sits at one end of a quantity depends on it; grey "
+        "holds too few samples."
+    )
+    return Plate("residual_regions", "Where in the flight region the residual sits", caption, make)
 
 
 def _map_plate(result: GapResult) -> Plate:
@@ -69,12 +145,7 @@ def _map_plate(result: GapResult) -> Plate:
             panels[r, 1].xaxis.set_major_locator(MaxNLocator(integer=True))
             label(panels[r, 0], "frequency, Hz", "", m.manoeuvre)
             label(panels[r, 1], f"t, windows of {m.window_s:g} s", "", "" if wide else m.manoeuvre)
-        width, tall = figure.get_size_inches()
-        bar = figure.add_axes((0.66 / width, 1.0 - 0.36 / tall, 1.8 / width, 0.09 / tall))
-        colours = figure.colorbar(image, cax=bar, orientation="horizontal", ticks=[1, 3, 10, 30, 100])
-        colours.ax.set_xticklabels(["1", "3", "10", "30", "≥100"])
-        colours.ax.set_title("residual energy, noise = 1", fontsize=8, color=QUIET)
-        colours.outline.set_visible(False)
+        _energy_bar(figure, image)
         return figure
 
     caption = (
@@ -84,13 +155,27 @@ def _map_plate(result: GapResult) -> Plate:
     return Plate("residual_maps", "Where the residual sits", caption, make)
 
 
+def _energy_bar(figure: Figure, image: Any) -> None:
+    width, tall = figure.get_size_inches()
+    bar = figure.add_axes((0.66 / width, 1.0 - 0.36 / tall, 1.8 / width, 0.09 / tall))
+    colours = figure.colorbar(image, cax=bar, orientation="horizontal", ticks=[1, 3, 10, 30, 100])
+    colours.ax.set_xticklabels(["1", "3", "10", "30", "≥100"])
+    colours.ax.set_title("residual energy, noise = 1", fontsize=8, color=QUIET)
+    colours.outline.set_visible(False)
+
+
 def _draw_map(axes: Axes, m: ResidualMap, energy: FloatArray) -> Any:
+    return _draw_energy(axes, m.channels, energy)
+
+
+def _draw_energy(axes: Axes, channels: tuple[str, ...], energy: FloatArray) -> Any:
     from matplotlib.colors import LogNorm
 
     image = axes.imshow(
         np.clip(energy.T, 1.0, _TOP_ENERGY), aspect="auto", cmap="Blues", norm=LogNorm(1.0, _TOP_ENERGY)
     )
-    axes.set_yticks(range(len(m.channels)), [symbol(c) for c in m.channels])
+    axes.set_facecolor(FAINT)  # what is not a number shows it
+    axes.set_yticks(range(len(channels)), [symbol(c) for c in channels])
     axes.grid(False)
     axes.tick_params(length=0)
     return image

@@ -2,7 +2,8 @@
 
 Run as a script: 100 000 samples (and 5000 for peers whose memory grows with the square of that), 2 inputs, 5 outputs,
 order 4, horizons 20, one thread of BLAS. Peers: SLICOT's moen4 through GNU Octave, SIPPY, nfoursid; those that are
-absent are left out and named. The laws: no slower than moen4, and ten times as fast as the other two.
+absent are left out and named. The laws: no slower than moen4, and ten times as fast as the other two. Memory: the peak
+beyond the record itself, in multiples of the record's 56 bytes per sample, which must not rise with its length.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import statistics
 import subprocess
 import tempfile
 import time
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -34,7 +36,7 @@ pkg load control
 z = csvread ("{file}");
 data = iddata (z(:, 3:end), z(:, 1:2), 0.02);
 for k = 1:{rounds}
-  tic; moen4 (data, "n", {order}, "s", {horizon}); printf ("%.6f\\n", toc);
+  t = cputime; moen4 (data, "n", {order}, "s", {horizon}); printf ("%.6f\\n", cputime - t);
 endfor
 """
 
@@ -56,9 +58,9 @@ def median_seconds(action: Callable[[], object], rounds: int = ROUNDS) -> float:
     """Return the median time of an action."""
     times = []
     for _ in range(rounds):
-        start = time.perf_counter()
+        start = time.process_time()
         action()
-        times.append(time.perf_counter() - start)
+        times.append(time.process_time() - start)
     return statistics.median(times)
 
 
@@ -72,6 +74,21 @@ def ours(z: np.ndarray) -> dict[str, float]:
     }
     times["dsr_e"] = median_seconds(lambda: dsr_e.estimate([record], INPUTS, OUTPUTS, **settings), rounds=3)
     return times
+
+
+def peak_over_record(samples: int, method: str) -> float:
+    """Return the peak of the memory that an estimate takes, over the size of its record."""
+    z = simulated(samples)
+    record = FlightRecord(np.arange(len(z)) * 0.02, (*INPUTS, *OUTPUTS), z, "measured")
+    settings = {"past_horizon": HORIZON, "future_horizon": HORIZON, "order": ORDER}
+    tracemalloc.start()
+    if method == "dsr_e":
+        dsr_e.estimate([record], INPUTS, OUTPUTS, **settings)
+    else:
+        estimate([record], INPUTS, OUTPUTS, method=method, **settings)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak / z.nbytes
 
 
 def octave(z: np.ndarray) -> float | None:
@@ -118,7 +135,29 @@ def show(title: str, times: dict[str, float | None]) -> None:
         print(f"  {name:10s} " + ("absent" if seconds is None else f"{1e3 * seconds:8.1f} ms"))
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Print times and memory; end with an error where a law is broken."""
     long, short = simulated(100_000), simulated(5000)
-    show("100 000 samples", {"moen4": octave(long), **ours(long)})
-    show("5000 samples", {**python_peers(short), **ours(short)})
+    fast, peer = ours(long), octave(long)
+    show("100 000 samples", {"moen4": peer, **fast})
+    broken = [f"{name} is slower than moen4" for name, seconds in fast.items() if peer is not None and seconds > peer]
+    fast, peers = ours(short), python_peers(short)
+    show("5000 samples", {**peers, **fast})
+    broken += [
+        f"{name} is less than ten times as fast as {other}"
+        for other, theirs in peers.items()
+        for name, seconds in fast.items()
+        if theirs is not None and seconds > 0.1 * theirs
+    ]
+    print("peak of memory over the record, 25 000 and 100 000 samples")
+    for method in ("moesp", "pbsid_opt", "dsr_e"):
+        low, high = (peak_over_record(samples, method) for samples in (25_000, 100_000))
+        print(f"  {method:10s} {low:6.2f} {high:6.2f}")
+        if high > 1.1 * low:
+            broken.append(f"the memory of {method} rises faster than the number of samples")
+    if broken:
+        raise SystemExit("; ".join(broken))
+
+
+if __name__ == "__main__":
+    main()

@@ -18,6 +18,7 @@ from short_campaigns import SHORT
 
 from testbench.campaign import DIED, Store, fly_campaign, load_campaign, summarise
 from testbench.campaign.flying import Job, Outcome, fly_batch
+from testbench.campaign.workers import Died, Lost, Workers
 from testbench.errors import CampaignError, EstimationError
 from testbench.record import load_record
 from testbench.report.campaign import runs_csv
@@ -137,6 +138,52 @@ def test_a_run_that_kills_its_process_is_recorded_and_the_campaign_goes_on(short
     assert failed.reason == DIED
     assert "condition.V_m_s" in failed.inputs
     assert (tmp_path / "11").exists()
+
+
+class Deadly:
+    """Workers in this process: a batch with run 5 kills them ``times`` times, the third batch is lost once."""
+
+    place = "here"
+
+    def __init__(self, times: int) -> None:
+        self.times, self.deaths, self.batches = times, 0, []
+
+    def count(self) -> int:
+        return 1
+
+    def submit(self, task, job, runs):
+        self.batches.append(runs)
+        return len(self.batches) - 1
+
+    def wait(self, timeout_s):
+        return [len(self.batches) - 1]
+
+    def collect(self, future):
+        runs = self.batches[future]
+        if future == 2:
+            raise Lost
+        if 5 in runs:
+            self.deaths += self.times
+            raise Died(self.times)
+        return [Outcome(run, run, "{}", '{"figures": {}, "poles": {}}', "", 1.0) for run in runs]
+
+    def cancel(self, futures):
+        pass
+
+
+@pytest.mark.parametrize(("times", "deaths"), [(1, 5), (4, 8)])
+def test_the_fatal_run_of_a_batch_is_found_with_few_deaths(short, tmp_path, monkeypatch, times, deaths):
+    """A batch of four, its half of two, and three times alone; or the batch and the run, four times each."""
+    from testbench.campaign import execute
+
+    deadly = Deadly(times)
+    monkeypatch.setattr(execute, "local_workers", lambda count: contextlib.nullcontext(deadly))
+    monkeypatch.setattr(execute, "_PER_WORKER", 1)
+    ending = fly_campaign(short("runs = 32"), tmp_path / "s", workers=1)
+    assert (ending.counts.done, ending.counts.failed) == (31, 1)
+    assert deadly.deaths == deaths
+    with Store.read(tmp_path / "s") as store:
+        assert [(row.run, row.reason) for row in store.rows() if row.state == "failed"] == [(5, DIED)]
 
 
 def test_a_full_disk_ends_the_session_and_the_next_one_finishes(short, tmp_path, monkeypatch):
@@ -298,14 +345,25 @@ def test_a_scheduler_that_does_not_answer_is_named(short, tmp_path, monkeypatch)
     from testbench.campaign import workers
 
     monkeypatch.setattr(workers, "_CONNECT_S", 0.5)
-    with pytest.raises(CampaignError, match=r"must answer at 'tcp://127.0.0.1:9'"):
-        fly_campaign(short(), tmp_path / "s", scheduler="tcp://127.0.0.1:9")
+    for address in ("tcp://127.0.0.1:9", "nonsense"):
+        with pytest.raises(CampaignError, match=f"must answer at '{address}'"):
+            fly_campaign(short(), tmp_path / "s", scheduler=address)
+    assert not (tmp_path / "s").exists()
 
 
 def test_without_dask_the_extra_is_named(short, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(CampaignError, match=re.escape("pip install 'flight-testbench[campaign]'")):
         fly_campaign(short(), tmp_path / "s")
+
+
+def test_workers_without_the_testbench_are_told():
+    class Bare:
+        def result(self):
+            raise ModuleNotFoundError("No module named 'testbench'")
+
+    with pytest.raises(CampaignError, match=r"workers must have the testbench .* one of the cluster says: No module"):
+        Workers(None, "the cluster").collect(Bare())
 
 
 def test_workers_of_other_versions_are_refused(short):

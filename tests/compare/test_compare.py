@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from testbench.comparison.result import CaseKey, Quantity
 from testbench.errors import ScenarioError
 from testbench.report.compare import compare_tables, write_compare
 from testbench.report.compare_answer import compare_sentences
+from testbench.sensors import KINDS, load_suite, suite_toml
 
 SENSORS = {
     "V": 'unit = "m/s"\nnoise_std = 0.02\nbias = 0.3\nlag_s = 0.05\nkind = "pitot"',
@@ -98,8 +100,8 @@ def test_scatter_of_output_error_is_what_information_predicts(tmp_path: Path, in
         assert 0.92**2 * low < ratio < 1.08**2 * high, (s.case, s.quantity, s.scatter, s.predicted)
         checked += 1
     assert checked == 12
-    inside, total = result.agreement
-    assert total == 12
+    inside, total, far = result.agreement
+    assert (total, far) == (12, 0)
     assert inside >= 8
     assert "information and simulation agree" in " ".join(compare_sentences(result))
     # what alpha buys, by either way: the ratio of two standard deviations of 24 errors scatters by some 20 % of itself
@@ -230,7 +232,7 @@ def test_report_of_the_packaged_scenario(packaged, tmp_path: Path) -> None:
     page = paths[-1].read_text(encoding="utf-8")
     assert {p.name for p in paths} >= {"report.html", "errors.png", "gains.csv", "gains.json", "without_each.csv"}
     answer = compare_sentences(packaged)
-    assert answer[0].startswith("adding alpha (400 €, 80 g) to eolo_no_alpha makes ")
+    assert answer[0].startswith("adding alpha (400 €, 80 g) to eolo_no_alpha surely makes ")
     assert page.index("The answer") < page.index("How it was compared") < page.index('<h2 id="tables">')
     gains = next(t for t in compare_tables(packaged) if t.name == "gains")
     assert len(gains.rows) == len(packaged.gains)
@@ -247,6 +249,65 @@ def test_wing_sensors_make_the_elastic_modes_known() -> None:
     assert std["eolo_strain"] < 1.0
 
 
+def test_missing_a_mode_is_compared_too(packaged) -> None:
+    missed = [g for g in packaged.gains if g.quantity.kind == "missed"]
+    assert {g.quantity.name for g in missed} >= {"short period, fast root"}
+    for gain in missed:
+        wn = Quantity("mode", f"wn of {gain.quantity.name}")
+        base = gain.case._replace(suite=packaged.suites[0].name)
+        for case, share in ((base, gain.before), (gain.case, gain.after)):
+            assert share == pytest.approx(100.0 * np.mean(~np.isfinite(packaged.errors[case][wn])))
+        assert gain.paired.pairs == packaged.scenario.seeds
+
+
+def test_what_a_suite_buys_for_its_price(tmp_path: Path) -> None:
+    base, more, same = (
+        suite(tmp_path, n, *c, "de_cmd")
+        for n, c in (("a", ("V", "q")), ("b", ("V", "q", "alpha")), ("c", ("V", "q", "theta")))
+    )
+    result = compare(load_compare(scenario(tmp_path, [base, more, same])), simulate=False)
+    table = next(t for t in compare_tables(result) if t.name == "suites")
+    rows = {row[0]: dict(zip([c.key for c in table.columns], row, strict=True)) for row in table.rows}
+    before, after = (result.predictions["3211", n] for n in ("a", "b"))
+    factor = np.exp(np.mean(np.log(before.std / after.std)))  # every suite tells all of them
+    assert rows["b"]["divides"] == pytest.approx(factor)
+    assert rows["b"]["per_100_eur"] == pytest.approx(factor)  # one sensor of 100 euros
+    assert rows["b"]["per_100_g"] == pytest.approx(factor**10)  # and of 10 g
+    assert rows["a"]["divides"] is None
+    best = max("bc", key=lambda n: rows[n]["per_100_eur"])
+    assert f"standard errors: {best} per €" in " ".join(compare_sentences(result))
+
+
+def test_beta_vane_by_information() -> None:
+    result = compare(load_compare("compare/eolo_beta"), simulate=False)
+    before, after = (result.predictions[result.manoeuvres[0], n] for n in result.scenario.suites)
+    # all other sensors are the same; weights that overlook the noise of inputs may cost a little
+    assert np.all(after.std < 1.02 * before.std)
+    assert after.of("Y_beta") < 0.9 * before.of("Y_beta")
+
+
+@pytest.mark.slow
+def test_wing_sensors_scatter_as_information_predicts(tmp_path: Path) -> None:
+    names = []
+    for name in (
+        "eolo_five_accelerometers",
+        "eolo_strain",
+    ):  # with the command known, the noise is that of sensors alone
+        packaged_suite = load_suite(name)
+        sensors = [s for s in packaged_suite.sensors if s.channel != "de"]
+        command = KINDS["command_log"](channel="de_cmd", part="p", source="s")
+        path = tmp_path / f"{name}.toml"
+        path.write_text(suite_toml(replace(packaged_suite, sensors=(*sensors, command))), encoding="utf-8")
+        names.append(str(path))
+    path = scenario(tmp_path, names, seeds=12, wings="flexible")
+    text = path.read_text().replace("[targets]", '[targets]\nmodes = ["1st symmetric wing bending"]')
+    path.write_text(text.replace("amplitude_deg = 0.3", "amplitude_deg = 1.0"), encoding="utf-8")
+    inside, total, _ = compare(load_compare(path)).agreement
+    assert total >= 10
+    # were they independent, fewer than 70 % of 10 or more at 95 % would have a probability below 1.1e-3
+    assert inside >= 0.7 * total
+
+
 def test_command_line(tmp_path: Path) -> None:
     from typer.testing import CliRunner
 
@@ -256,5 +317,6 @@ def test_command_line(tmp_path: Path) -> None:
     assert done.exit_code == 0, done.output
     assert (tmp_path / "compare_eolo_alpha" / "report.html").is_file()
     assert "By information, alpha" in done.output
-    checked = CliRunner().invoke(app, ["check", "compare/eolo_wing"])
-    assert "a valid comparison" in checked.output
+    for name in ("eolo_wing", "eolo_beta"):
+        checked = CliRunner().invoke(app, ["check", f"compare/{name}"])
+        assert "a valid comparison" in checked.output

@@ -10,10 +10,13 @@ from scipy import stats
 
 from testbench.comparison.statistics import (
     holm,
+    mean_interval,
     paired,
+    paired_misses,
     root_mean_square,
     scatter_interval,
     seeds_needed,
+    share_interval,
 )
 
 
@@ -65,6 +68,42 @@ def test_t_is_scipy_s() -> None:
 def test_no_difference_is_no_finding_and_too_few_pairs_are_no_test(test) -> None:
     assert paired(np.zeros(8), test).p == 1.0
     assert paired(np.ones(2), test).p is None
+
+
+def test_misses_are_compared_by_an_exact_sign_test_of_the_pairs_that_differ() -> None:
+    before = np.array([True] * 9 + [False] * 3)
+    after = np.array([False] * 8 + [True] + [True] + [False] * 2)
+    found = paired_misses(before, after)
+    assert found.p == pytest.approx(stats.binomtest(1, 9, 0.5).pvalue)
+    assert found.difference.value == pytest.approx(100.0 * 7 / 12)
+    assert found.difference.low < found.difference.value < found.difference.high
+    assert paired_misses(before, before).p == 1.0
+    assert paired_misses(before[:2], after[:2]).p is None
+    back = paired_misses(after, before).difference
+    assert (back.low, back.high) == pytest.approx((-found.difference.high, -found.difference.low))
+
+
+def test_interval_of_a_share_is_scipy_s() -> None:
+    for k in (0, 3, 12):
+        expected = stats.binomtest(k, 12).proportion_ci(0.95, method="exact")
+        assert share_interval(k, 12) == pytest.approx((expected.low, expected.high))
+
+
+def test_interval_of_misses_covers() -> None:
+    rng, runs, hits = np.random.default_rng(3), 1000, 0
+    for _ in range(runs):
+        state = rng.choice(4, size=16, p=[0.4, 0.3, 0.1, 0.2])  # both, before alone, after alone, none
+        found = paired_misses((state == 0) | (state == 1), (state == 0) | (state == 2)).difference
+        hits += found.low <= 20.0 <= found.high
+    # at least 95 % by construction; 4 standard deviations of the share below: 3e-5
+    assert hits / runs > 0.95 - 4.0 * np.sqrt(0.05 * 0.95 / runs)
+
+
+def test_interval_of_a_mean_is_scipy_s() -> None:
+    d = np.random.default_rng(4).normal(0.4, 1.0, 9)
+    expected = stats.ttest_1samp(d, 0.0).confidence_interval(0.95)
+    found = mean_interval(d)
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
 
 
 def test_holm_on_a_worked_example() -> None:

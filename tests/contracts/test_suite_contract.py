@@ -102,6 +102,7 @@ def test_channels_of_the_suites() -> None:
         ("eolo_no_alpha", "eolo_alpha"),
         ("eolo_no_alpha", "eolo_gap"),
         ("eolo_alpha", "eolo_alpha_beta"),
+        ("eolo_no_beta", "eolo_alpha_beta"),
         ("b1_no_alpha", "b1_alpha"),
     ],
 )

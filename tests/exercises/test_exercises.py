@@ -145,7 +145,7 @@ def test_the_truth_is_not_in_what_is_handed_out(name, started):
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("student", ["anna", "ben"])
 def test_the_worked_solution_passes(name, student, started):
-    """Seeds are fixed; over 40 other students the worst answers stay within their bands (tests marked slow)."""
+    """Seeds are fixed; a whole class is solved by the test marked slow."""
     begun = started(name, student)
     assert wrong(judge(begun, solution(begun.folder, name))) == []
 
@@ -153,9 +153,9 @@ def test_the_worked_solution_passes(name, student, started):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_the_worked_solution_passes_for_a_whole_class(name, tmp_path):
-    """Of 40 students at most one may meet noise that takes an answer of the worked solution out of its band."""
+    """Of 20 students at most one may meet noise that takes an answer of the worked solution out of its band."""
     failed = []
-    for i in range(40):
+    for i in range(20):
         begun = start(name, f"student {i}", PUBLIC_KEY, tmp_path / str(i))
         if wrong(judge(begun, begun.exercise.solve(begun.folder))):
             failed.append(i)
@@ -203,3 +203,61 @@ def test_description_files_go_into_the_commands_they_are_for(started):
     described = load_description(started("which_sensor_lies", "anna").folder / "which_sensor_lies.toml")
     records = [record for _, _, record in read_records(described)]
     assert data_compatibility.motion_of(records[0].channels) == "longitudinal"
+
+
+def _naive(name: str, folder: Path) -> dict[str, tuple[float | str, str]]:
+    """Return answers that a hurried student reads off the very records, and a word of the hint that each deserves."""
+    good = solution(folder, name)
+
+    def n(key: str) -> float:
+        return float(good[key])
+
+    other = {"servo_lag": "delay", "scale": "bias", "bias": "scale"}
+    table: dict[str, dict[str, tuple[object, str]]] = {
+        "doublet_length": {"step_s": (lambda: math.pi / n("omega_n_rad_s"), "period is that of the mode")},
+        "short_period": {
+            "omega_n_rad_s": (lambda: n("omega_n_rad_s") * math.sqrt(1.0 - n("zeta") ** 2), "damped"),
+            "M_de_1_s2": (lambda: -n("M_de_1_s2"), "sign"),
+        },
+        "sampling_8hz": {
+            "true_hz": (lambda: n("apparent_hz"), "cannot lie there"),
+            "cure": (lambda: "filter_after", "once sampled"),
+        },
+        "static_margin": {"static_margin_percent": (lambda: -100.0 * n("slope"), "multiplied by Cm_de")},
+        "order_by_singular_values": {"order": (lambda: 0.5 * n("order"), "two states")},
+        "how_many_repeats": {"repeats": (lambda: float(math.ceil(n("amplitude_factor"))), "square the ratio")},
+        "what_alpha_buys": {
+            "flights_saved_for": (lambda: n("std_without_1_s") / n("std_with_1_s"), "square the ratio")
+        },
+        "coloured_residuals": {
+            "inflation": (lambda: 1.0, "not white"),
+            "cure": (lambda: "faster", "more samples"),
+        },
+        "which_sensor_lies": {"kind": (lambda: other[str(good["kind"])], "value")},
+        "dsr_horizon": {
+            "zeta": (lambda: _with_four_samples(folder), "four samples"),
+            "cause": (lambda: "order", "order"),
+        },
+        "flutter_onset": {"onset_m_s": (lambda: n("onset_m_s") ** 2, "take the root")},
+        "name_missing_effect": {"effect": (lambda: other.get(str(good["effect"]), "servo_lag"), " ")},
+    }
+    return {key: (value(), words) for key, (value, words) in table[name].items()}
+
+
+def _with_four_samples(folder: Path) -> float:
+    from testbench.exercises.catalogue.dsr_horizon import estimate
+
+    record = load_record(folder / "records" / "3211.nc")
+    found = estimate(record, 4, round(0.8 / record.dt_s))
+    assert found is not None, "choose a student for whom DSR_e still finds an oscillation"
+    return found[1]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_naive_answers_fail_with_the_right_hint(name, started):
+    student = "ben" if name == "dsr_horizon" else "anna"
+    begun = started(name, student)
+    for key, (value, words) in _naive(name, begun.folder).items():
+        verdict = next(v for v in judge(begun, {key: value}).verdicts if v.question.key == key)
+        assert verdict.outcome in ("wrong", "near"), f"{key} = {value}"
+        assert words in verdict.words, f"{key} = {value}: {verdict.words}"

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import cache
 
 import numpy as np
 
@@ -26,6 +27,41 @@ def pitch_rate(t: np.ndarray) -> np.ndarray:
 def attitude(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Bank, pitch and heading, rad; the heading passes through 180 deg."""
     return 0.2 * np.sin(t), 0.1 + 0.05 * np.cos(t), 3.0 + 0.02 * t
+
+
+def calm(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Pitch rate, pitch angle and vertical specific force that have nothing to do with the elevator."""
+    return pitch_rate(t), attitude(t)[1], np.full(t.size, -G0)
+
+
+Z_ALPHA, M_ALPHA, M_Q, M_DE, SPEED, THROW = -2.0, -12.0, -2.5, -15.0, 18.0, np.radians(20.0)
+
+
+@cache
+def _flown() -> tuple[np.ndarray, np.ndarray]:
+    """Times (n,) and alpha, q, theta (n, 3) of a short period that the elevator drives, at 1 kHz from rest."""
+    from scipy.linalg import expm
+
+    dt = 1e-3
+    held = np.zeros((4, 4))
+    held[:3, :3] = np.array([[Z_ALPHA, 1.0, 0.0], [M_ALPHA, M_Q, 0.0], [0.0, 1.0, 0.0]]) * dt
+    held[1, 3] = M_DE * dt
+    F = expm(held)
+    clock = np.arange(36_000) * dt
+    x, u = np.zeros((clock.size, 3)), -THROW * elevator(clock)
+    for k in range(clock.size - 1):
+        x[k + 1] = F[:3, :3] @ x[k] + F[:3, 3] * u[k]
+    return clock, x
+
+
+def short_period(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same signals of a short period that the elevator drives."""
+    clock, x = _flown()
+    alpha, q, theta = (np.interp(t, clock, x[:, i]) for i in range(3))
+    return q, 0.1 + theta, -G0 + SPEED * Z_ALPHA * alpha
+
+
+Motion = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 
 def quaternion(phi: np.ndarray, theta: np.ndarray, psi: np.ndarray) -> np.ndarray:
@@ -51,7 +87,7 @@ ULOG_TOPICS = (
 )
 
 
-def ulog(duration_s: float = 35.0, gap: tuple[float, float] | None = None) -> bytes:
+def ulog(duration_s: float = 35.0, gap: tuple[float, float] | None = None, motion: Motion = calm) -> bytes:
     """A PX4 log: header, flag bits, formats, subscriptions, then data in the order of time.
 
     Sensors are read 3 ms before they are published; nothing is logged in ``gap``.
@@ -67,10 +103,11 @@ def ulog(duration_s: float = 35.0, gap: tuple[float, float] | None = None) -> by
         t = np.arange(int(duration_s * rate)) / rate
         if gap is not None:
             t = t[(t < gap[0]) | (t >= gap[1])]
+        (q, theta, az), (phi, _, psi) = motion(t), attitude(t)
         values = {
-            "vehicle_angular_velocity": np.column_stack([0.01 * t, pitch_rate(t), -0.02 * t]),
-            "vehicle_attitude": quaternion(*attitude(t)),
-            "vehicle_acceleration": np.column_stack([0.3 + 0 * t, 0.1 + 0 * t, -G0 + 0 * t]),
+            "vehicle_angular_velocity": np.column_stack([0.01 * t, q, -0.02 * t]),
+            "vehicle_attitude": quaternion(phi, theta, psi),
+            "vehicle_acceleration": np.column_stack([0.3 + 0 * t, 0.1 + 0 * t, az]),
             "airspeed_validated": (18.0 + 0.1 * t)[:, None],
             "vehicle_torque_setpoint": np.column_stack([0 * t, elevator(t), 0 * t]),
         }[name]
@@ -97,17 +134,19 @@ _CODES = {"Q": "Q", "f": "f", "B": "B", "H": "H", "c": "h", "C": "H", "N": "16s"
 SERVO = {"SERVO2_FUNCTION": 19, "SERVO2_MIN": 1100, "SERVO2_TRIM": 1500, "SERVO2_MAX": 1900, "SERVO2_REVERSED": 1}
 
 
-def _dataflash_messages(duration_s: float) -> list[tuple[str, Sequence[object]]]:
+def _dataflash_messages(duration_s: float, motion: Motion) -> list[tuple[str, Sequence[object]]]:
     out: list[tuple[float, str, Sequence[object]]] = [(-2.0, "MSG", (0, b"ArduPlane V4.5.7"))]
     out += [(-1.0, "PARM", (0, name.encode(), value)) for name, value in SERVO.items()]
     for rate, names in ((100.0, ("IMU0", "IMU1", "RCOU")), (50.0, ("ATT",)), (10.0, ("ARSP", "POWR"))):
-        for t in np.arange(int(duration_s * rate)) / rate:
+        times = np.arange(int(duration_s * rate)) / rate
+        for t, up, q, pitch, az in zip(times, elevator(times), *motion(times), strict=True):
             us = round((START_S + t) * 1e6)
-            phi, theta, psi = (np.degrees(float(a)) for a in attitude(t))
+            phi, _, psi = (np.degrees(float(a)) for a in attitude(t))
+            theta = np.degrees(pitch)
             rows: dict[str, Sequence[object]] = {
-                "IMU0": (us, 0, 0.01 * t, pitch_rate(t), -0.02 * t, 0.3, 0.1, -G0),
+                "IMU0": (us, 0, 0.01 * t, q, -0.02 * t, 0.3, 0.1, az),
                 "IMU1": (us, 1, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0),
-                "RCOU": (us, 1500, round(1500 - 400 * float(elevator(np.array([t]))[0])), 1300, 1500),
+                "RCOU": (us, 1500, round(1500 - 400 * float(up)), 1300, 1500),
                 "ATT": (us, round(100 * phi), round(100 * theta), round(100 * (psi % 360.0))),
                 "ARSP": (us, 18.0 + 0.1 * t, 200.0),
                 "POWR": (us, 5.0),
@@ -116,7 +155,7 @@ def _dataflash_messages(duration_s: float) -> list[tuple[str, Sequence[object]]]
     return [(name, row) for _, name, row in sorted(out, key=lambda item: item[0])]
 
 
-def dataflash_bin(duration_s: float = 35.0) -> bytes:
+def dataflash_bin(duration_s: float = 35.0, motion: Motion = calm) -> bytes:
     """A binary ArduPilot log: FMT messages, then data."""
     head, out = b"\xa3\x95", []
     kinds = {name: (kind, "<" + "".join(_CODES[c] for c in layout)) for kind, name, layout, _ in DATAFLASH}
@@ -130,18 +169,18 @@ def dataflash_bin(duration_s: float = 35.0) -> bytes:
         fmt(kind, 3 + struct.calcsize(kinds[name][1]), name, layout, columns)
         for kind, name, layout, columns in DATAFLASH
     ]
-    for name, row in _dataflash_messages(duration_s):
+    for name, row in _dataflash_messages(duration_s, motion):
         kind, codes = kinds[name]
         out.append(head + bytes([kind]) + struct.pack(codes, *row))
     return b"".join(out)
 
 
-def dataflash_log(duration_s: float = 35.0) -> str:
+def dataflash_log(duration_s: float = 35.0, motion: Motion = calm) -> str:
     """The same log as text, as ArduPilot's ground stations write it."""
     lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns"]
     lines += [f"FMT, {kind}, 50, {name}, {layout}, {columns}" for kind, name, layout, columns in DATAFLASH]
     layouts = {name: layout for _, name, layout, _ in DATAFLASH}
-    for name, row in _dataflash_messages(duration_s):
+    for name, row in _dataflash_messages(duration_s, motion):
         cells = []
         for value, code in zip(row, layouts[name], strict=True):
             if isinstance(value, bytes):

@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import re
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
@@ -77,14 +78,15 @@ def test_the_terminal_and_the_cost(flown):
     assert "runs are done" in text
     assert "report.html" in text
     assert re.search(r"a run takes \d.* ms of one processor; a million like it .* processor hours", text)
+    assert "time histories" not in text
+    kept = replace(result, records_size=24 * 500_000)
+    assert "GB of store and 500 GB of time histories" in cost_sentence(kept)
     assert "nothing is finished yet" in cost_sentence(
         type(result)(result.campaign, Counts(3), result.summary, None, 0, 0)
     )
 
 
 def test_a_grid_gives_a_table_of_its_points(flown, tmp_path):
-    from dataclasses import replace
-
     result, _ = flown
     spec = result.campaign.spec.model_copy(
         update={"grid": {"air.turbulence_rms_m_s": (0.0, 0.1)}, "runs": None, "repeats": 12}

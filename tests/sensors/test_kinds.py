@@ -129,6 +129,8 @@ def test_gps_sees_how_far_the_aircraft_has_flown(eolo, eolo_trim) -> None:
     # 2 s at 16 m/s heading north in still air; the trim drifts by some 1e-6, the earth bends by 1e-5
     np.testing.assert_allclose(record["north"], 16.0 * record.t_s, atol=2e-3)
     np.testing.assert_allclose(record["east"], 0.0, atol=1e-3)
+    np.testing.assert_allclose(record["v_north"], 16.0, atol=2e-3)
+    np.testing.assert_allclose(np.hypot(record["v_north"], record["v_east"]), record["Vg"], rtol=1e-9)
     gps = KINDS["gps"](channel="north", rate_hz=10.0, delay_s=0.2)
     got = SensorSuite("bench", "a suite", RATE_HZ, (gps,)).measure(record, 0)
     assert got["north"][-1] == pytest.approx(16.0 * 1.8, abs=0.01)

@@ -29,9 +29,6 @@ def advice_in_words(found: Mapping[str, Any], outputs: Sequence[str], given: Set
             "(closed loop), which biases "
             + ("B and D; set closed_loop" if robust else f"{given.method}; use ssarx, pbsid_opt or dsr_e")
         )
-    if found["moved_poles"].size:
-        z = ", ".join(f"{abs(z):.4g}" for z in found["moved_poles"])
-        out.append(f"poles of modulus {z} were moved inside the unit circle (stable = true): their damping is made up")
     if found["predictor_radius"] >= 1.0 and np.any(found["innovations_std"] > 0.0):
         out.append(
             f"the one-step predictor A - K C is unstable (spectral radius {found['predictor_radius']:.3g}): "

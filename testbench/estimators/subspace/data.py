@@ -97,6 +97,23 @@ def automatic_stride(stretches: Sequence[Stretch], dt_s: float) -> int:
     return max(int(1.0 / (dt_s * _OVERSAMPLING * width) + 1e-6), 1) if width > 0.0 else 1
 
 
+def check_horizons(J: int, L: int, order: int | None, p: int) -> None:
+    """Check past horizon J, future horizon L and order against p outputs.
+
+    Raises:
+        EstimationError: J >= 1, L >= 2, p >= 1 or 1 <= order <= p (L - 1) does not hold.
+    """
+    if J < 1 or L < 2:
+        raise EstimationError(f"past_horizon >= 1 and future_horizon >= 2 must hold, got {J} and {L}")
+    if p == 0:
+        raise EstimationError("an estimate needs at least one output channel, got none; name outputs or add sensors")
+    if order is not None and not 1 <= order <= p * (L - 1):
+        raise EstimationError(
+            f"1 <= order <= outputs x (future_horizon - 1) = {p * (L - 1)} must hold, got {order}; "
+            "lengthen the future horizon or lower the order"
+        )
+
+
 def check_stride(stride: int | Literal["auto"]) -> None:
     """Check a setting ``decimate``.
 

@@ -31,56 +31,34 @@ and the initial states to the measured outputs in free run over all records toge
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple, get_args
+from dataclasses import replace
+from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from testbench.errors import EstimationError
-from testbench.estimators.hankel import block_factor, runs, trend, window_starts, windows
-from testbench.estimators.model import ComplexArray, check_records, continuous_poles
-from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs, free_run
-from testbench.estimators.subspace.data import LEAD, Offset, Stretch, automatic_stride, check_stride, scale
+from testbench.estimators.hankel import window_starts
+from testbench.estimators.model import check_records, continuous_poles
+from testbench.estimators.state_space import StateSpaceModel, free_run
+from testbench.estimators.subspace.data import (
+    LEAD,
+    Offset,
+    Stretch,
+    automatic_stride,
+    check_horizons,
+    check_stride,
+    scale,
+)
 from testbench.estimators.subspace.data import decimate as decimated
 from testbench.estimators.subspace.dsr_e_advice import advice_in_words
+from testbench.estimators.subspace.dsr_e_steps import Innovations, Realisation, innovations, input_matrices, realise
 from testbench.estimators.subspace.dsr_e_variant import realise_unweighted
-from testbench.estimators.subspace.order import EXACT, choose_order
-from testbench.estimators.subspace.projections import by_shift
 from testbench.estimators.subspace.tail import lost_poles, pole_distance, reflect, to_rate
 from testbench.record import FlightRecord, FloatArray
 
 Variant = Literal["original", "eolo"]
 
-_RANK = 1e-12  # truncation of projections of noise-free data
-_RANK_NOISY = 1e-8  # with noise, weaker directions only let the noise in
 _LONG = 20  # future horizons from here on are checked against their half, shorter ones against their double
-
-
-@dataclass(frozen=True, eq=False)
-class _Innovations:
-    """Step 1: per record y^d, e (NaN-free; rows not in ``known`` are zero), in units of the innovations' deviation."""
-
-    signal: list[FloatArray]
-    noise: list[FloatArray]
-    known: list[NDArray[np.bool_]]
-    deviation: FloatArray  # (p,) of the innovations, in the units of the stretches; floored
-    noisy: NDArray[np.bool_]  # (p,)
-    columns: int
-    unknowns: int
-    condition: float
-    excitation: float  # smallest over largest singular value of the past inputs
-    lead: int  # offsets and trends per record that are projected out
-
-
-class _Realisation(NamedTuple):
-    """Step 2: A, C in the units of step 1, and the singular values relative to the noise floor."""
-
-    A: FloatArray
-    C: FloatArray
-    singular_values: FloatArray
-    order_choice: str
-    columns: int
 
 
 def estimate(
@@ -145,7 +123,7 @@ def estimate(
         ChannelError: a record lacks a channel.
     """
     J, L = past_horizon, future_horizon
-    _check_settings(J, L, order, len(outputs))
+    check_horizons(J, L, order, len(outputs))
     check_stride(decimate)
     if variant not in get_args(Variant) or (variant == "eolo" and direct_feedthrough):
         raise EstimationError(
@@ -157,11 +135,11 @@ def estimate(
     lead = LEAD[offset]
     stride = automatic_stride(stretches, records[0].dt_s) if decimate == "auto" else int(decimate)
     slow, free = decimated(stretches, stride), direct_feedthrough or stride > 1
-    low = _innovations(slow, J, free, lead)
-    step2 = _realise(slow, low, L, order)
+    low = innovations(slow, J, free, lead)
+    step2 = realise(slow, low, L, order)
     parted = None
     if variant == "eolo":
-        plain = _Realisation(*realise_unweighted(slow, low, J, L, order))
+        plain = Realisation(*realise_unweighted(slow, low, J, L, order))
         if plain.A.shape == step2.A.shape:
             parted = pole_distance(step2.A, plain.A)
         step2 = plain
@@ -171,13 +149,13 @@ def estimate(
         A, lost = to_rate(step2.A, stride)
         if lost.size:
             raise EstimationError(lost_poles(lost, stride))
-        step1 = replace(_innovations(stretches, J, direct_feedthrough, lead), excitation=low.excitation)
+        step1 = replace(innovations(stretches, J, direct_feedthrough, lead), excitation=low.excitation)
         step2 = step2._replace(A=A, C=low.deviation[:, None] * step2.C / step1.deviation[:, None])
     moved = np.zeros(0, np.complex128)
     if stable:
         A, moved = reflect(step2.A)
         step2 = step2._replace(A=A)
-    B, D, K, errors = _input_matrices(stretches, step1, step2, direct_feedthrough, closed_loop)
+    B, D, K, errors = input_matrices(stretches, step1, step2, direct_feedthrough, closed_loop)
     unit = size_y * step1.deviation  # of the outputs, in SI
     model = StateSpaceModel(
         method="dsr_e",
@@ -210,144 +188,18 @@ def estimate(
         "moved_poles": moved,
         "pole_shift_variant": parted,
     }
-    advice = advice_in_words(diagnostics, outputs, J, L) + _advice_on_variant(variant, parted, moved)
+    advice = advice_in_words(diagnostics, outputs, J, L) + _advice_on_variant(variant, parted)
     return replace(model, diagnostics=diagnostics, status="warning" if advice else "good", advice=advice)
 
 
-def _advice_on_variant(variant: Variant, parted: float | None, moved: ComplexArray) -> tuple[str, ...]:
-    out = []
-    if variant == "eolo" and (parted is None or parted > 0.1):
-        apart = "of another order" if parted is None else f"{100 * parted:.0f} % away"
-        out.append(
-            f"the original DSR_e finds poles {apart}: the unweighted projection divides by what the inputs do not "
-            'excite; use variant = "original", excite a wider band or decimate'
-        )
-    if moved.size:
-        z = ", ".join(f"{abs(z):.4g}" for z in moved)
-        out.append(f"poles of modulus {z} were moved inside the unit circle (stable = true): their damping is made up")
-    return tuple(out)
-
-
-def _check_settings(J: int, L: int, order: int | None, p: int) -> None:
-    if J < 1 or L < 2:
-        raise EstimationError(f"past_horizon >= 1 and future_horizon >= 2 must hold, got {J} and {L}")
-    if order is not None and not 1 <= order <= p * (L - 1):
-        raise EstimationError(
-            f"1 <= order <= outputs x (future_horizon - 1) = {p * (L - 1)} must hold, got {order}; "
-            "lengthen the future horizon or lower the order"
-        )
-
-
-def _innovations(stretches: Sequence[Stretch], J: int, direct: bool, lead: int) -> _Innovations:
-    """Step 1: project the outputs on the past by least squares, truncated where the past is rank deficient."""
-    m, p = stretches[0].u.shape[1], stretches[0].y.shape[1]
-    d = m + p
-    past = np.r_[0 : J * d + (m if direct else 0)]
-    now = np.r_[J * d + m : (J + 1) * d]
-    places = [window_starts(s.good, J + 1) for s in stretches]
-    R, columns = block_factor([s.both for s in stretches], places, J + 1, lead)
-    R = R[:, np.r_[past, now]]
-    q = past.size
-    if columns < q + p:
-        touched = sum(max(len(s.u) - J - lead, 0) for s in stretches) - columns
-        raise EstimationError(
-            f"step 1 of DSR_e needs more columns than unknowns: past_horizon = {J} gives {q} unknowns per output, "
-            f"got {columns} columns ({touched} dropped for invalid samples); shorten past_horizon, give more data"
-            + (", or decimate to the rate of the slowest sensor" if touched else "")
-        )
-    U, sigma, Vt = np.linalg.svd(R[:, :q], full_matrices=False)
-    theta, noisy, rest = np.zeros((q, p)), np.ones(p, bool), np.zeros(p)
-    size = np.sqrt(np.sum(R[:, q:] ** 2, axis=0))
-    for tolerance in (_RANK, _RANK_NOISY):
-        rank = int(np.sum(sigma > tolerance * sigma[0]))
-        theta[:, noisy] = Vt[:rank].T @ ((U[:, :rank].T @ R[:, q:][:, noisy]) / sigma[:rank, None])
-        rest = np.sqrt(np.sum((R[:, q:] - R[:, :q] @ theta) ** 2, axis=0))
-        noisy = rest > EXACT * size
-        if not noisy.any():
-            break
-    deviation = rest / np.sqrt(max(columns - rank, 1))
-    deviation = np.maximum(deviation, 1e-4) if noisy.any() else np.ones(p)
-    signal, noise, known = [], [], []
-    for stretch, starts in zip(stretches, places, strict=True):
-        yd, e, at = np.zeros(stretch.y.shape), np.zeros(stretch.y.shape), np.zeros(len(stretch.y), bool)
-        for part, rows in windows(stretch.both, starts, J + 1):
-            yd[part + J] = rows[:, past] @ theta
-        at[starts + J] = True
-        if lead and starts.size > lead:
-            line = trend(starts, starts, lead)
-            yd[at] += line @ np.linalg.lstsq(line, stretch.y[at] - yd[at], rcond=None)[0]
-        e[at] = np.where(noisy, stretch.y[at] - yd[at], 0.0)
-        yd[at] = stretch.y[at] - e[at]
-        signal.append(yd / deviation)
-        noise.append(e / deviation)
-        known.append(at)
-    past_inputs = np.flatnonzero(past % d < m)
-    su = np.linalg.svd(R[:, past_inputs], compute_uv=False)
-    condition = float(sigma[0] / sigma[-1]) if sigma[-1] > 0.0 else np.inf
-    return _Innovations(
-        signal, noise, known, deviation, noisy, columns, q, condition, excitation=float(su[-1] / su[0]), lead=lead
+def _advice_on_variant(variant: Variant, parted: float | None) -> tuple[str, ...]:
+    if variant != "eolo" or (parted is not None and parted <= 0.1):
+        return ()
+    apart = "of another order" if parted is None else f"{100 * parted:.0f} % away"
+    return (
+        f"the original DSR_e finds poles {apart}: the unweighted projection divides by what the inputs do not "
+        'excite; use variant = "original", excite a wider band or decimate',
     )
-
-
-def _realise(stretches: Sequence[Stretch], step1: _Innovations, L: int, order: int | None) -> _Realisation:
-    """Step 2: A and C from the singular value decomposition of Z_{J|L}."""
-    m, p = stretches[0].u.shape[1], step1.deviation.size
-    mv = m + int(step1.noisy.sum())
-    a = L * mv
-    series = [
-        np.hstack([s.u, e[:, step1.noisy], yd]) for s, yd, e in zip(stretches, step1.signal, step1.noise, strict=True)
-    ]
-    R, columns = block_factor(series, [window_starts(known, L) for known in step1.known], L, step1.lead)
-    future = np.arange(L * (mv + p))
-    is_input = future % (mv + p) < mv
-    R = np.hstack([R[:, is_input], R[:, ~is_input]])
-    if columns < future.size:
-        raise EstimationError(
-            f"step 2 of DSR_e needs at least as many columns as rows: future_horizon = {L} gives {future.size} rows, "
-            f"got {columns} columns; shorten the horizons or give more data"
-        )
-    U, sigma, _ = np.linalg.svd(R[:, :a], full_matrices=False)
-    U = U[:, sigma > _RANK * sigma[0]]
-    Z = R[:, a:] - U @ (U.T @ R[:, a:])  # the orthogonal complement of the future inputs, in the basis of R
-    _, values, Vt = np.linalg.svd(Z, full_matrices=False)
-    floor = np.sqrt(step1.unknowns) + np.sqrt(p * L) if step1.noisy.any() else values[0]
-    relative = values / floor
-    n, choice = (order, "given") if order is not None else choose_order(relative, bool(step1.noisy.any()), p * (L - 1))
-    O_L = Vt[:n].T * np.sqrt(values[:n])
-    return _Realisation(*by_shift(O_L, p), relative, choice, columns)
-
-
-def _input_matrices(
-    stretches: Sequence[Stretch], step1: _Innovations, step2: _Realisation, direct: bool, closed_loop: bool
-) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float]]:
-    """Return B, D, K in scaled units, and the output error in percent before and after the refinement of B and D.
-
-    B and K solve the deterministic problem; B and D are then replaced by those of the free run on the measured outputs
-    if these leave the smaller output error, both judged with initial states of their own, and no feedback biases them.
-    """
-    m, noisy = stretches[0].u.shape[1], step1.noisy
-    p, mv = noisy.size, m + int(noisy.sum())
-    through = np.full(m, direct)
-    inner = [
-        Series(np.hstack([s.u, e[:, noisy]])[run], yd[run], np.ones(yd[run].shape, bool))
-        for s, yd, e, known in zip(stretches, step1.signal, step1.noise, step1.known, strict=True)
-        for run in runs(known)
-    ]
-    first = fit_inputs(step2.A, step2.C, inner, np.concatenate([through, np.zeros(mv - m, bool)]), step1.lead)
-    K = np.zeros((step2.A.shape[0], p))
-    K[:, noisy] = first.B[:, m:]
-    B, D = first.B[:, :m], first.D[:, :m]
-    # Here the outputs weigh by their root mean square: the criterion is then the MRSE of the EOLO paper, squared.
-    C = step1.deviation[:, None] * step2.C
-    outer = [Series(s.u, s.y, s.valid_y) for s in stretches]
-    refined = fit_inputs(step2.A, C, outer, through, step1.lead)
-    before = refined.error(B, step1.deviation[:, None] * D, through)
-    after = refined.error(refined.B, refined.D, through)
-    total = sum(float(np.sum(s.y[s.valid_y] ** 2)) for s in stretches)
-    errors = (100.0 * float(np.sqrt(before / total)), 100.0 * float(np.sqrt(after / total)))
-    if after < before and not closed_loop:
-        B, D = refined.B, refined.D / step1.deviation[:, None]
-    return B, D, K, errors
 
 
 def _residual(
@@ -364,8 +216,8 @@ def _residual(
 
 
 def _diagnostics(
-    step1: _Innovations,
-    step2: _Realisation,
+    step1: Innovations,
+    step2: Realisation,
     errors: tuple[float, float],
     residual: FloatArray,
     size_y: FloatArray,
@@ -395,7 +247,7 @@ def _diagnostics(
 
 
 def _pole_shifts(
-    stretches: Sequence[Stretch], step1: _Innovations, step2: _Realisation, J: int, L: int, direct: bool
+    stretches: Sequence[Stretch], step1: Innovations, step2: Realisation, J: int, L: int, direct: bool
 ) -> dict[str, Any]:
     """Return how far, relatively, the poles move with half the past horizon and with another future horizon.
 
@@ -409,9 +261,9 @@ def _pole_shifts(
     if not step1.noisy.any():
         return shifts
     if J >= 2:
-        half = _realise(stretches, _innovations(stretches, J // 2, direct, step1.lead), L, n)
+        half = realise(stretches, innovations(stretches, J // 2, direct, step1.lead), L, n)
         shifts["pole_shift_past"] = pole_distance(step2.A, half.A)
     columns = sum(window_starts(known, other).size for known in step1.known)
     if n <= p * (other - 1) and columns >= other * (stretches[0].u.shape[1] + 2 * p):
-        shifts["pole_shift_future"] = pole_distance(step2.A, _realise(stretches, step1, other, n).A)
+        shifts["pole_shift_future"] = pole_distance(step2.A, realise(stretches, step1, other, n).A)
     return shifts

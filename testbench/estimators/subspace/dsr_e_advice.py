@@ -83,4 +83,7 @@ def advice_in_words(found: Mapping[str, Any], outputs: Sequence[str], J: int, L:
             f"the model leaves much of the records it was fitted to unexplained in free run ({', '.join(poor)}): "
             "do not use it to predict"
         )
+    if found["moved_poles"].size:
+        z = ", ".join(f"{abs(z):.4g}" for z in found["moved_poles"])
+        out.append(f"poles of modulus {z} were moved inside the unit circle (stable = true): their damping is made up")
     return tuple(out)

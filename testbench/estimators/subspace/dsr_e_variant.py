@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from testbench.errors import EstimationError
 from testbench.estimators.hankel import block_factor, window_starts
 from testbench.estimators.subspace.data import Stretch
+from testbench.estimators.subspace.dsr_e_steps import Innovations
 from testbench.estimators.subspace.factor import RANK
 from testbench.estimators.subspace.order import choose_order
 from testbench.record import FloatArray
 
-if TYPE_CHECKING:
-    from testbench.estimators.subspace.dsr_e import _Innovations
-
 
 def realise_unweighted(
-    stretches: Sequence[Stretch], step1: _Innovations, J: int, L: int, order: int | None
+    stretches: Sequence[Stretch], step1: Innovations, J: int, L: int, order: int | None
 ) -> tuple[FloatArray, FloatArray, FloatArray, str, int]:
     """Return A, C, singular values over the noise floor, the choice of order in words and the number of columns.
 

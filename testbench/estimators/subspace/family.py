@@ -23,7 +23,16 @@ from testbench.estimators.hankel import window_starts
 from testbench.estimators.model import check_records, continuous_poles
 from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs, free_run
 from testbench.estimators.subspace.advice import advice_in_words
-from testbench.estimators.subspace.data import LEAD, Offset, Stretch, automatic_stride, check_stride, decimate, scale
+from testbench.estimators.subspace.data import (
+    LEAD,
+    Offset,
+    Stretch,
+    automatic_stride,
+    check_horizons,
+    check_stride,
+    decimate,
+    scale,
+)
 from testbench.estimators.subspace.factor import Factor, factorise, shortened
 from testbench.estimators.subspace.predictors import PREDICTORS
 from testbench.estimators.subspace.projections import PROJECTIONS, Realisation
@@ -187,16 +196,7 @@ def _check_settings(given: Settings, p: int) -> None:
         raise EstimationError(
             f"the method must be one of the table, got '{given.method}'{nearest(given.method, FAMILY)}"
         )
-    J, L = given.past_horizon, given.future_horizon
-    if J < 1 or L < 2:
-        raise EstimationError(f"past_horizon >= 1 and future_horizon >= 2 must hold, got {J} and {L}")
-    if p == 0:
-        raise EstimationError("an estimate needs at least one output channel, got none; name outputs or add sensors")
-    if given.order is not None and not 1 <= given.order <= p * (L - 1):
-        raise EstimationError(
-            f"1 <= order <= outputs x (future_horizon - 1) = {p * (L - 1)} must hold, got {given.order}; "
-            "lengthen the future horizon or lower the order"
-        )
+    check_horizons(given.past_horizon, given.future_horizon, given.order, p)
     check_stride(given.decimate)
     if given.bootstrap < 0 or given.bootstrap == 1:
         raise EstimationError(f"bootstrap must be 0 or at least 2 replicas, got {given.bootstrap}")

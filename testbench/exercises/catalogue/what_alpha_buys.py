@@ -21,9 +21,21 @@ _NOISE_Q = 0.2 * DEG_RAD
 
 
 def draw(rng: Generator) -> Mapping[str, Any]:
-    """Draw a well damped short period and the noise of the vane."""
-    drawn = draw_short_period(rng, (2.5, 4.5), (0.5, 0.75), (-10.0, -6.0))
-    return drawn | {"noise_alpha_rad": float(rng.uniform(0.15, 0.5) * DEG_RAD)}
+    """Draw a well damped short period and the noise of the vane, until the vane is worth at least two flights."""
+    while True:
+        drawn = draw_short_period(rng, (2.5, 4.5), (0.5, 0.75), (-10.0, -6.0))
+        drawn |= {"noise_alpha_rad": float(rng.uniform(0.08, 0.25) * DEG_RAD)}
+        without, with_vane = _bounds(drawn)
+        if without**2 > 2.0 * with_vane**2:
+            return drawn
+
+
+def _bounds(d: Mapping[str, float]) -> tuple[float, float]:
+    """Return the standard error of Z_alpha without and with the vane."""
+    u = _input()
+    without = standard_errors(sensitivities(d, u, _DT, ("q",)), (_NOISE_Q,))
+    with_vane = standard_errors(sensitivities(d, u, _DT, ("alpha", "q")), (d["noise_alpha_rad"], _NOISE_Q))
+    return without["Z_alpha"], with_vane["Z_alpha"]
 
 
 def _input() -> FloatArray:
@@ -40,11 +52,7 @@ def hand_out(case: Case) -> Handout:
 
 def answer(case: Case) -> Mapping[str, Answer]:
     """Return both standard errors of Z_alpha, and the number of flights that the vane saves."""
-    u = _input()
-    with_vane = standard_errors(
-        sensitivities(case.hidden, u, _DT, ("alpha", "q")), (case["noise_alpha_rad"], _NOISE_Q)
-    )["Z_alpha"]
-    without = standard_errors(sensitivities(case.hidden, u, _DT, ("q",)), (_NOISE_Q,))["Z_alpha"]
+    without, with_vane = _bounds(case.hidden)
     ratio = without / with_vane
     percent = 100.0 / abs(case["Z_alpha"])
     return {
@@ -118,7 +126,7 @@ EXERCISE = Exercise(
     questions=(
         Number("std_without_1_s", "1/s", "Standard error of Z_alpha from q alone", 0.2),
         Number("std_with_1_s", "1/s", "Standard error of Z_alpha from alpha and q", 0.2),
-        Number("flights_saved_for", "flights", "Flights without a vane that are worth one flight with it", 0.4),
+        Number("flights_saved_for", "flights", "Flights without a vane that are worth one flight with it", 0.35),
         Choice(
             "why",
             "Why does q alone tell Z_alpha so badly?",

@@ -30,14 +30,14 @@ _WORDS = {
     "ax": "forward accelerometer",
     "az": "downward accelerometer",
 }
-# Smallest and largest size of each error that may be drawn; of a scale error, the share by which it reads too much.
+# Smallest and largest size of each error that may be drawn; of a scale error, the share by which it reads too much. A
+# bias of theta and one of ax turn or add to gravity alike: neither is drawn, these data hardly tell them apart.
 _ERRORS = {
     ("q", "bias"): (0.4 * DEG_RAD, 1.2 * DEG_RAD),
     ("q", "scale"): (0.06, 0.12),
     ("alpha", "scale"): (0.16, 0.28),
     ("V", "scale"): (0.05, 0.08),
-    ("theta", "bias"): (1.0 * DEG_RAD, 2.5 * DEG_RAD),
-    ("ax", "bias"): (0.1, 0.3),
+    ("theta", "scale"): (0.12, 0.2),
     ("az", "bias"): (0.15, 0.4),
 }
 
@@ -90,7 +90,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
     hint = "integrate the rates and compare: what does not fit, and does it grow with time or with the value?"
     confused = {
         "q": "a wrong gyro makes the integrated pitch angle drift away; here it does not",
-        "theta": "a wrong pitch angle turns gravity: ax and az would seem wrong together",
+        "theta": "a wrong pitch angle would disagree with the integrated q; it does not",
     }
     others = tuple(
         Mistake(c, confused.get(c, f"with another {_WORDS[c]} the six still disagree"))

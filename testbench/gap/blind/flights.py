@@ -17,7 +17,7 @@ from testbench.inputs.signal import InputSignal
 from testbench.record import FlightRecord, FloatArray
 from testbench.sensors import Sensor, SensorSuite, load_suite
 
-RATE_HZ = 200.0
+RATE_HZ = 100.0
 LOG_HZ = 50.0
 SETTLE_S = 2.0
 SPEEDS_M_S = {"eolo": 16.0, "taurus": 15.0}
@@ -83,31 +83,35 @@ def condition(aircraft: str) -> FlightCondition:
 
 
 def manoeuvres(aircraft: str, which: str) -> tuple[tuple[Mapping[str, FloatArray], ...], tuple[str, ...]]:
-    """Return the commands (control -> samples at LOG_HZ) and names of a set: "rich" (six), "short" (two) or "held_out"."""
+    """Return commands (control -> samples at LOG_HZ) and names of a set: "rich" (six), "short" (two) or "held_out"."""
     e, t = _ELEVATOR[aircraft], _THROTTLE[aircraft]
     switch = 0.3 if aircraft == "eolo" else 0.25
     sets: dict[str, dict[str, Mapping[str, FloatArray]]] = {
         "rich": {
-            "3211": {"de": _steps(10.0, switch, (3, 2, 1, 1), e)},
-            "doublets of two sizes": {"de": _joined(10.0, [(0.5, _doublet(0.3, 2.5 * e)), (5.0, _doublet(0.3, 0.6 * e))])},
-            "sweep": {"de": _sweep(14.0, 0.3, 9.0, 1.6 * e)},
-            "throttle": {"thr": _joined(14.0, [(0.5, _doublet(3.0, t)), (8.0, _doublet(1.0, -t))])},
+            "3211": {"de": _steps(8.0, switch, (3, 2, 1, 1), e)},
+            "doublets of two sizes": {
+                "de": _joined(8.0, [(0.5, _doublet(0.3, 2.0 * e)), (4.0, _doublet(0.3, 0.6 * e))])
+            },
+            "sweep": {"de": _sweep(11.0, 0.3, 9.0, 1.6 * e)},
+            "throttle": {"thr": _joined(10.0, [(0.5, _doublet(2.5, t)), (7.0, _doublet(1.0, -t))])},
             "doublets at two throttles": {
-                "de": _joined(14.0, [(1.0, _doublet(0.3, e)), (7.5, _doublet(0.3, e))]),
-                "thr": _joined(14.0, [(0.2, np.full(round(5.0 * LOG_HZ), 1.5 * t))]),
+                "de": _joined(10.0, [(1.0, _doublet(0.3, e)), (6.5, _doublet(0.3, e))]),
+                "thr": _joined(10.0, [(0.2, np.full(round(5.0 * LOG_HZ), 1.1 * t))]),
             },
             "pull-ups": {
-                "de": _joined(12.0, [(0.5, _half_sine(1.6, -1.2 * e)), (6.0, _half_sine(0.8, -2.0 * e))]),
+                "de": _joined(9.0, [(0.5, _half_sine(1.6, -0.9 * e)), (5.0, _half_sine(0.8, -1.5 * e))]),
             },
         },
         "short": {
-            "3211": {"de": _steps(10.0, switch, (3, 2, 1, 1), e)},
-            "doublets of two sizes": {"de": _joined(10.0, [(0.5, _doublet(0.3, 2.5 * e)), (5.0, _doublet(0.3, 0.6 * e))])},
+            "3211": {"de": _steps(8.0, switch, (3, 2, 1, 1), e)},
+            "doublets of two sizes": {
+                "de": _joined(8.0, [(0.5, _doublet(0.3, 2.0 * e)), (4.0, _doublet(0.3, 0.6 * e))])
+            },
         },
         "held_out": {
             "211": {"de": _steps(10.0, 0.4, (2, 1, 1), -1.2 * e)},
             "doublets and throttle": {
-                "de": _joined(12.0, [(0.5, _doublet(0.2, 2.0 * e)), (6.0, _half_sine(1.2, -1.2 * e))]),
+                "de": _joined(12.0, [(0.5, _doublet(0.2, 2.0 * e)), (6.0, _half_sine(1.2, -0.9 * e))]),
                 "thr": _joined(12.0, [(3.0, np.full(round(3.0 * LOG_HZ), t))]),
             },
         },

@@ -40,4 +40,5 @@ EFFECT = Effect(
     mistaken_for="a symmetric rate limit, where only one of the two is ever met",
     separated_by="inputs of both signs at two amplitudes, the larger one beyond both limits",
     shape=shape,
+    contains=("rate_limit",),
 )

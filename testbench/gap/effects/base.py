@@ -51,6 +51,7 @@ class Effect:
             commands become. It stands for dynamics between command and surface that a linearisation at rest does not
             see; only differences of linear predictions use it.
         flown: True if what it changes shows in flights only, not in a linearisation at trim, or costs no flight.
+        contains: effects that are special cases of this one.
         parts: effects of which this one is put together (see :func:`together`); their parameters are this one's, called
             EFFECT.PARAMETER.
     """
@@ -64,6 +65,7 @@ class Effect:
     separated_by: str
     shape: Shape | None = None
     flown: bool = False
+    contains: tuple[str, ...] = ()
     parts: tuple[Effect, ...] = ()
 
     def prior_residuals(self, x: FloatArray) -> FloatArray:
@@ -83,6 +85,7 @@ def together(*effects: Effect) -> Effect:
         mistaken_for="; ".join(e.mistaken_for for e in effects),
         separated_by="; ".join(e.separated_by for e in effects),
         flown=any(e.flown for e in effects),
+        contains=tuple(e.name for e in effects),
         parts=effects,
     )
 

@@ -7,6 +7,8 @@ from testbench.gap.effects.base import Effect, Parameter, Values
 from testbench.sensors import SensorSuite
 
 _DAMPING = 0.03
+# Starts no further apart than the width of a resonance with that damping lets a descent see.
+_GRID_HZ = (2.0, 2.2, 2.4, 2.7, 3.0, 3.3, 3.6, 4.0, 4.4, 4.8, 5.3, 5.8, 6.4, 7.0, 7.7, 8.5, 9.5, 10.5, 12.0, 14.0)
 _DENSITY_KG_M3 = 1.225  # sea level, ISO 2533
 
 
@@ -35,7 +37,7 @@ EFFECT = Effect(
         "The pitching moment due to the elevator rings at the mode's frequency."
     ),
     parameters=(
-        Parameter("f_hz", "Hz", 1.5, 25.0, (4.0, 8.0, 14.0)),
+        Parameter("f_hz", "Hz", 1.5, 25.0, _GRID_HZ),
         Parameter("Cm_eta", "1", -2.0, 2.0, (0.1,), none=0.0),
     ),
     amend=amend,

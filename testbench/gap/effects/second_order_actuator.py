@@ -80,4 +80,5 @@ EFFECT = Effect(
     mistaken_for="a delay with a first-order lag, or a lag in two stages, below its frequency",
     separated_by="a sweep through the servo's frequency; a measured deflection",
     shape=shape,
+    contains=("actuator_lag",),
 )

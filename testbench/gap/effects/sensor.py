@@ -79,8 +79,8 @@ def amend(name: str, kind: str, aircraft: Aircraft, suite: SensorSuite, values: 
             elif kind == "lag":
                 s = replace(s, lag_s=s.lag_s + values["lag_s"])
             elif kind == "position":
-                ahead, *others = s.position_m
-                s = replace(s, position_m=(ahead + values["ahead_m"], *others))
+                ahead, right, down = s.position_m
+                s = replace(s, position_m=(ahead + values["ahead_m"], right, down))
             elif kind == "cross":
                 s = _leaning(s, values["share"])
             else:

@@ -15,7 +15,7 @@ from testbench.record import FloatArray
 POSITION = "fcs/elevator-pos-rad"
 LAG = "fcs/elevator-lag-rad_sec"
 LIMIT = "fcs/elevator-rate-limit-rad_sec"
-_SUBSTEP_S = 0.002
+_SUBSTEP_S = 0.005
 
 
 def declared(aircraft: Aircraft, name: str) -> float:

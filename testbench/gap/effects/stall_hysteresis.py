@@ -35,4 +35,5 @@ EFFECT = Effect(
     mistaken_for="a static stall, where alpha moves slowly",
     separated_by="pull-ups beyond the break at two rates",
     flown=True,
+    contains=("stall",),
 )

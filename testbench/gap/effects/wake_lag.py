@@ -33,4 +33,5 @@ EFFECT = Effect(
     mistaken_for="an alpha-dot term, where all motion is slow against the lag",
     separated_by="inputs beyond the lag's corner frequency",
     flown=True,
+    contains=("alpha_dot",),
 )

@@ -1,4 +1,4 @@
-"""Satellite navigation: position, altitude, ground speed and climb rate, a few times a second and late."""
+"""Satellite navigation: position, altitude, and velocity over ground, a few times a second and late."""
 
 from __future__ import annotations
 
@@ -11,14 +11,15 @@ from testbench.sensors.sensor import Sensor
 
 @dataclass(frozen=True)
 class Gps(Sensor):
-    """Reads north, east, h, Vg or hdot at its own rate (5 to 10 Hz) and some 0.1 to 0.3 s late.
+    """Reads north, east, h, v_north, v_east, hdot or the ground speed Vg.
 
-    Position errors wander (``drift_std``, ``drift_time_s``) rather than jump; velocities come from Doppler and are
-    nearly white. Rate and delay have no default: a receiver without them does not exist.
+    It does so at its own rate (5 to 10 Hz) and some 0.1 to 0.3 s late. Position errors wander (``drift_std``,
+    ``drift_time_s``) rather than jump; velocities come from Doppler and are nearly white. Rate and delay have no
+    default: a receiver without them does not exist.
     """
 
     KIND: ClassVar[str] = "gps"
-    READS: ClassVar[str] = "north|east|h|Vg|hdot"
+    READS: ClassVar[str] = "north|east|h|v_north|v_east|hdot|Vg"
     PLACED: ClassVar[tuple[str, ...]] = ()
 
     def _kind_faults(self) -> Iterator[str]:

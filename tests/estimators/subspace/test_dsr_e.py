@@ -231,3 +231,20 @@ def test_long_records_need_no_gigabytes():
     # the whole past alone would take 100 000 x 180 doubles = 144 MB, twice that with its projection
     assert peak < 200e6
     assert np.abs(sort(np.linalg.eigvals(model.A)) - sort(np.linalg.eigvals(innovations_system()[0]))).max() < 0.005
+
+
+@pytest.mark.parametrize(("direct", "offset"), [(False, "none"), (True, "trend")])
+def test_long_records_take_step_2_from_the_raw_windows_with_the_same_result(monkeypatch, direct, offset):
+    from testbench.estimators.subspace import dsr_e_steps
+
+    r = innovations_record(4000, np.random.default_rng(3))
+    settings = {"past_horizon": 10, "future_horizon": 6, "order": 2, "offset": offset, "direct_feedthrough": direct}
+    short = estimate([r], ("de",), ("alpha", "q"), **settings)
+    calls = []
+    monkeypatch.setattr(dsr_e_steps, "quick_factor", lambda *a: calls.append(a))  # None: not possible
+    long = estimate([r], ("de",), ("alpha", "q"), **settings)
+    assert calls
+    assert np.abs(poles_of(short) - poles_of(long)).max() < 1e-8
+    a, b = (m.diagnostics["singular_values"] for m in (short, long))
+    assert a == pytest.approx(b, rel=1e-6)
+    assert short.diagnostics["columns_step_2"] == long.diagnostics["columns_step_2"]

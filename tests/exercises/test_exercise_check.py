@@ -9,7 +9,7 @@ import pytest
 from testbench.errors import RecordError, ScenarioError
 from testbench.exercises import load_exercise
 from testbench.exercises.answers import write_answers
-from testbench.exercises.check import check, off_by, verdict
+from testbench.exercises.check import check, check_class, off_by, verdict
 from testbench.exercises.exercise import Answer, Choice, Mistake, Number
 from testbench.exercises.seal import PUBLIC_KEY, VARIABLE, read_key, seal
 from testbench.exercises.start import case_of, start
@@ -105,10 +105,26 @@ def test_a_misspelt_key_is_named_with_the_nearest(folder):
     assert "did you mean 'step_s'?" in caught.value.faults[1]
 
 
-def test_a_decimal_comma_is_named(folder):
-    write(folder, "omega_n_rad_s = 3,5\n")
-    with pytest.raises(ScenarioError, match="decimal point, not a comma"):
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("omega_n_rad_s = 3,5", "decimal point, not a comma"),
+        ("omega_n_rad_s = 3.5 rad/s", "without its unit"),
+        ("omega_n_rad_s = unknown", "must stand in quotes"),
+        ("omega_n_rad_s = ", "must be TOML"),
+    ],
+)
+def test_what_is_not_toml_is_explained(folder, line, words):
+    write(folder, f"{line}\n")
+    with pytest.raises(ScenarioError, match=words):
         check(folder, PUBLIC_KEY)
+
+
+def test_one_folder_that_cannot_be_judged_does_not_stop_the_others(folder, tmp_path):
+    write(folder, 'step_s = "?"\n')
+    results = check_class([tmp_path, folder], PUBLIC_KEY)
+    assert isinstance(results[tmp_path], RecordError)
+    assert results[folder].right == 0
 
 
 def test_answers_that_are_gone_and_folders_that_are_none(folder, tmp_path):

@@ -1,0 +1,140 @@
+"""Train an agent on a task: proximal policy optimisation of stable-baselines3 (the extra ``rl``), on one core.
+
+    python -m testbench.envs.train --task eolo --out results/envs/eolo_agent.zip
+    python -m testbench.envs.baselines --task eolo --agent results/envs/eolo_agent.zip
+
+J. Schulman et al., Proximal Policy Optimization Algorithms, arXiv:1707.06347, 2017. Exploration is a smooth function
+of what is seen, redrawn every 4 choices (A. Raffin, J. Kober, F. Stulp, Smooth Exploration for Robotic Reinforcement
+Learning, CoRL 2021), and a choice is held for several decisions of the task: a command drawn anew at each hardly moves
+an aircraft. Settings are choices, not results.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from testbench.envs.excitation import ExcitationDesign
+from testbench.errors import RecordError, TestbenchError
+from testbench.record import FloatArray
+
+NEEDS_RL = "trained agents need stable-baselines3, which is not installed; pip install flight-testbench[rl]"
+_COPIES = 8
+_SETTINGS: dict[str, Any] = {
+    "n_steps": 512,
+    "batch_size": 512,
+    "n_epochs": 8,
+    "learning_rate": 3e-4,
+    "gamma": 0.999,
+    "gae_lambda": 0.95,
+    "use_sde": True,
+    "sde_sample_freq": 4,
+    "policy_kwargs": {"log_std_init": -1.0, "net_arch": [64, 64], "squash_output": True},
+}
+
+
+def train(task: str, steps: int, seed: int, out: Path, hold: int = 6, **settings: Any) -> Path:
+    """Train an agent in the continuous environment of ``task`` for ``steps`` choices and write it; return the file.
+
+    Args:
+        task: aircraft, or path of a design scenario.
+        steps: choices, of 8 copies of the environment together.
+        seed: of the agent and the sensors: the same one gives the same agent on the same machine.
+        out: file (.zip).
+        hold: decisions of the task that each choice is held for.
+        settings: of the environment, see :class:`testbench.envs.excitation.ExcitationDesign`.
+
+    Raises:
+        RecordError: stable-baselines3 is not installed, or the file cannot be written.
+        LimitError: a choice is held for less than one decision or longer than the flight.
+    """
+    try:
+        import torch
+        from stable_baselines3 import PPO
+        from stable_baselines3.common.vec_env import DummyVecEnv
+    except ImportError as error:
+        raise RecordError(NEEDS_RL) from error
+    torch.set_num_threads(1)
+    decision_s = hold * ExcitationDesign(task, **settings).decision_s
+    copies = DummyVecEnv([lambda: ExcitationDesign(task, decision_s=decision_s, **settings) for _ in range(_COPIES)])
+    agent = PPO("MlpPolicy", copies, seed=seed, device="cpu", **_SETTINGS)
+    agent.learn(steps)
+    agent.task, agent.decision_s = task, decision_s  # kept with the agent in its file
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        agent.save(out)
+    except OSError as error:
+        raise RecordError(
+            f"an agent must be written to a folder that can be written to, got '{out}': {error}"
+        ) from error
+    return out
+
+
+def agent_actions(
+    env: ExcitationDesign, file: Path, seed: int, settings: Mapping[str, Any]
+) -> tuple[float, FloatArray]:
+    """Return how long the agent in ``file`` holds a choice, s, and its actions (steps, m) in one flight.
+
+    It chooses without exploration, from what the sensors show at its own, slower, decisions; the actions are those of
+    ``env``, which was made with ``settings``.
+
+    Raises:
+        RecordError: stable-baselines3 is not installed, or the file holds no agent for this environment.
+    """
+    try:
+        from stable_baselines3 import PPO
+    except ImportError as error:
+        raise RecordError(NEEDS_RL) from error
+    if not file.is_file():
+        raise RecordError(
+            f"an agent must be a file that exists, got '{file}'; train one: python -m testbench.envs.train"
+        )
+    try:
+        agent = PPO.load(file, device="cpu")
+    except (ValueError, KeyError, OSError, AssertionError) as error:
+        raise RecordError(
+            f"'{file}' must be an agent that testbench.envs.train wrote, but it is not: {error}"
+        ) from error
+    known = getattr(agent, "task", None), agent.observation_space, agent.action_space
+    if known != (settings["task"], env.observation_space, env.action_space):
+        raise RecordError(
+            f"the agent in '{file}' must be one for task {settings['task']} and these settings, got one for {known[0]}"
+        )
+    slow = ExcitationDesign(**{**settings, "decision_s": agent.decision_s})
+    seen, _ = slow.reset(seed=seed)
+    actions = []
+    over = False
+    while not over:
+        action, _ = agent.predict(seen, deterministic=True)
+        seen, _, terminated, truncated, _ = slow.step(action)
+        actions.append(action)
+        over = terminated or truncated
+    out = np.zeros((env.steps, len(env.amplitude)))
+    held = np.repeat(np.array(actions, float), round(slow.decision_s / env.decision_s), axis=0)
+    out[: len(held)] = held
+    return slow.decision_s, out
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Train one agent."""
+    parser = argparse.ArgumentParser(prog="python -m testbench.envs.train", description="Train an agent on a task.")
+    parser.add_argument("--task", default="eolo", help="aircraft, or path of a design scenario")
+    parser.add_argument("--steps", type=int, default=150_000, help="choices to train for")
+    parser.add_argument("--hold", type=int, default=6, help="decisions of the task that a choice is held for")
+    parser.add_argument("--criterion", default="D", choices=("D", "worst", "A", "E"))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, default=None, help="file; results/envs/TASK_agent.zip if not given")
+    given = parser.parse_args(arguments)
+    out = given.out or Path("results") / "envs" / f"{Path(given.task).stem}_agent.zip"
+    try:
+        print(f"Written: {train(given.task, given.steps, given.seed, out, given.hold, criterion=given.criterion)}")
+    except TestbenchError as error:
+        raise SystemExit(f"error: {error}") from error
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+"""Run the blind test: ``python -m testbench.gap.blind``. Resumes: cases that have a row are not run again."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+from testbench.errors import TestbenchError
+from testbench.gap.blind.cases import STRATA, Case, draw, opened, seal
+from testbench.gap.blind.report import WITHOUT, write_report
+from testbench.gap.blind.run import name_case
+
+SEED = 20261122
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Seal the answers, run the cases that have no row yet, and write the summary."""
+    parser = argparse.ArgumentParser(prog="python -m testbench.gap.blind", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("results/gap"), help="folder of rows and summary")
+    parser.add_argument("--seed", type=int, default=SEED, help="of the cases")
+    parser.add_argument("--minutes", type=float, default=None, help="start no case after so many minutes")
+    parser.add_argument("--cases", type=int, default=None, help="run so many cases at most")
+    parser.add_argument(
+        "--report", action="store_true", help="write the summary of the rows that are there, run nothing"
+    )
+    asked = parser.parse_args(arguments)
+    asked.out.mkdir(parents=True, exist_ok=True)
+    rows_file = asked.out / "rows.jsonl"
+    cases, digest = _sealed(asked.out, asked.seed)
+    done = _read(rows_file)
+    if not asked.report:
+        began, ran = time.monotonic(), 0
+        for case, without in _in_turn(cases):
+            name = case.name + WITHOUT if without else case.name
+            late = asked.minutes is not None and time.monotonic() - began > 60.0 * asked.minutes
+            if late or (asked.cases is not None and ran >= asked.cases):
+                break
+            if name in done:
+                continue
+            row = run_case(case, without)
+            with rows_file.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+            done[name] = row
+            ran += 1
+            print(f"{len(done)} {name}: {row['outcome']} {' | '.join(row['names'])}", flush=True)
+    write_report(asked.out, cases, done, digest, asked.seed)
+    print(f"summary: {asked.out / 'README.md'}")
+    return 0
+
+
+def _in_turn(cases: tuple[Case, ...]) -> list[tuple[Case, bool]]:
+    """Return what is run, in order: each case, and of those with one effect half at once and half at the end without
+    that effect in the library.
+    """
+    first: list[tuple[Case, bool]] = []
+    last: list[tuple[Case, bool]] = []
+    for case in cases:
+        first.append((case, False))
+        if case.stratum in ("library form", "other form"):
+            odd = int(case.name.split()[-1]) % 2 == 1
+            (first if odd is (case.stratum == "library form") else last).append((case, True))
+    return first + last
+
+
+def run_case(case: Case, without: bool = False) -> dict[str, Any]:
+    """Return the row of a case: what was named; ``without`` the true effect in the library, if so."""
+    true = [name for names in case.right for name in names] if without else []
+    try:
+        row = name_case(case.aircraft, case.fly("rich"), case.fly("held_out"), true)
+    except TestbenchError as error:
+        row = {"outcome": "failed", "names": [], "why": str(error)}
+    return {"case": case.name + WITHOUT if without else case.name, **row}
+
+
+def _sealed(folder: Path, seed: int) -> tuple[tuple[Case, ...], str]:
+    """Return the cases and the hash of their answers; drawn and sealed once, before anything is named."""
+    answers_file, seal_file = folder / "answers.json", folder / "sealed.sha256"
+    if answers_file.exists() and seal_file.exists():
+        text = answers_file.read_text(encoding="utf-8").removesuffix("\n")
+        cases, (again, digest) = opened(text), seal(opened(text))
+        if again != text or seal_file.read_text(encoding="utf-8") != _seal_line(digest, seed):
+            raise SystemExit(
+                f"the answers of a blind test must be those sealed for seed {seed}, {seal_file} holds another hash or "
+                "seed; give another --out, or remove that folder to begin anew"
+            )
+        return cases, digest
+    cases = draw(seed, STRATA)
+    text, digest = seal(cases)
+    seal_file.write_text(_seal_line(digest, seed), encoding="utf-8")
+    answers_file.write_text(text + "\n", encoding="utf-8")
+    return cases, digest
+
+
+def _seal_line(digest: str, seed: int) -> str:
+    return f"{digest}  answers.json without its last line break, seed {seed}\n"
+
+
+def _read(file: Path) -> dict[str, dict[str, Any]]:
+    if not file.exists():
+        return {}
+    rows = [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
+    return {r["case"]: r for r in rows}
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,84 @@
+"""Name what one blind case hides: records, believed model and suite go in, the answer does not."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from testbench.aircraft import load_aircraft
+from testbench.gap.air import in_air, listen
+from testbench.gap.believed import Believed
+from testbench.gap.blind.flights import RATE_HZ, condition, suite
+from testbench.gap.effects import library
+from testbench.gap.name import Naming, name_effect
+from testbench.record import FlightRecord
+
+
+def believe(aircraft: str) -> Believed:
+    """Return what is believed of an aircraft of the blind test: rigid wings, the suite, the condition."""
+    return Believed(load_aircraft(aircraft, "rigid"), suite(), condition(aircraft), RATE_HZ)
+
+
+def name_case(
+    aircraft: str,
+    records: Mapping[str, FlightRecord],
+    held_out: Mapping[str, FlightRecord],
+    without: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Return what the workflow says of the records of one case, as JSON values.
+
+    Args:
+        aircraft: which one is believed to fly.
+        records: measured records, used to name.
+        held_out: measured records, used to judge.
+        without: effects to take out of the library.
+    """
+    began = time.process_time()
+    believed = believe(aircraft)
+    naming_records = list(records.values())
+    heard = listen(believed, naming_records)
+    effects = {n: e for n, e in library(believed.suite).items() if n not in without}
+    naming = name_effect(in_air(believed, heard), naming_records, effects=effects)
+    return {
+        **_row(naming),
+        "turbulence_rms_m_s": heard.rms_m_s if heard.moves else 0.0,
+        "removed": _removed(believed, naming, list(held_out.values())),
+        "seconds": time.process_time() - began,
+    }
+
+
+def _row(naming: Naming) -> dict[str, Any]:
+    first = naming.ranking[0] if naming.ranking else None
+    second = naming.ranking[1] if len(naming.ranking) > 1 else None
+    return {
+        "outcome": naming.outcome,
+        "names": list(naming.names),
+        "best": first.effect.name if first else "",
+        "values": dict(first.values) if first else {},
+        "errors": {k: float(v) for k, v in first.errors.items()} if first else {},
+        "share": None if first is None or not np.isfinite(first.share) else first.share,
+        "gain": first.gain if first else 0.0,
+        "chi2_left": first.chi2 if first else naming.chi2_tuned,
+        "runner_up": second.effect.name if second else "",
+        "runner_up_gain": second.gain if second else 0.0,
+        "runner_up_chi2": second.chi2 if second else naming.chi2_tuned,
+        "chi2_believed": naming.chi2_believed,
+        "chi2_tuned": naming.chi2_tuned,
+        "samples": naming.samples,
+    }
+
+
+def _removed(believed: Believed, naming: Naming, records: Sequence[FlightRecord]) -> float | None:
+    """Return the share of the held-out excess over the noise that the amendment removes; None without a name.
+
+    The excess is that of the believed model as it is, parameter errors included.
+    """
+    best = naming.best
+    if best is None:
+        return None
+    amended = believed.with_tuning(best.tuning).with_effect(best.effect, best.values)
+    energy = [sum(float(np.sum(m.residuals(r) ** 2 - 1.0)) for r in records) for m in (believed, amended)]
+    return 1.0 - energy[1] / energy[0] if energy[0] > 0.0 else None

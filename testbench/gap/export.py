@@ -1,0 +1,100 @@
+"""The amended aircraft as files: an aircraft folder of the testbench, and a model that stock JSBSim loads."""
+
+from __future__ import annotations
+
+import json
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from testbench.aircraft import Aircraft, ElasticMode
+from testbench.flight import FlightCondition
+from testbench.paths import AIRCRAFT_MODELS
+
+AIRFRAME = "airframe.xml"  # of a folder whose modes are in aircraft.toml: the same model without their equations
+_HEADER = re.compile(r"^\s*\[\[?([^\]]+)\]\]?", re.MULTILINE)
+
+
+def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: FlightCondition) -> dict[str, str]:
+    """Return path -> text of the folder of ``aircraft``, amendments included.
+
+    NAME.xml is the whole model: stock JSBSim loads and flies it, at ``rate_hz`` frames per second if it carries elastic
+    modes, whose equations are made for ``condition``. aircraft.toml makes a folder of the testbench of it; where
+    there are modes it lists them and names airframe.xml, which lacks their equations, as they are written anew for
+    every rate and condition.
+
+    Args:
+        aircraft: the amended aircraft.
+        name: of the folder in aircraft_models/ that it was made from.
+        rate_hz: frame rate.
+        condition: that the elastic equations are made for.
+    """
+    modes = aircraft.flown_modes()
+    out = {f"{name}.xml": _one_factor(aircraft.model_xml(rate_hz, condition.qbar_Pa, condition.V_m_s))}
+    if modes is not None and len(modes):
+        bare = tuple(replace(a, modes=()) for a in aircraft.amendments)
+        rigid = replace(aircraft, elastic=None, amendments=bare)
+        out[AIRFRAME] = _one_factor(rigid.model_xml(rate_hz, condition.qbar_Pa, condition.V_m_s))
+    out["aircraft.toml"] = _description(
+        (AIRCRAFT_MODELS / name / "aircraft.toml").read_text(encoding="utf-8"),
+        aircraft,
+        AIRFRAME if AIRFRAME in out else f"{name}.xml",
+    )
+    return out | {f"Engines/{file}": text for file, text in aircraft.engine_files.items()}
+
+
+def _one_factor(xml: str) -> str:
+    """Return a model whose coefficients have one number each again: re-tuning multiplies by a second one."""
+    tree = ET.fromstring(xml)
+    for function in tree.iter("function"):
+        product = function.find("product")
+        if product is None or not (function.get("name") or "").startswith("aero/coefficient/"):
+            continue
+        values = product.findall("value")
+        if len(values) < 2:
+            continue
+        values[0].text = repr(float(np.prod([float(v.text or "nan") for v in values])))
+        for v in values[1:]:
+            product.remove(v)
+    ET.indent(tree)
+    return '<?xml version="1.0"?>\n' + ET.tostring(tree, encoding="unicode") + "\n"
+
+
+def _description(text: str, aircraft: Aircraft, model: str) -> str:
+    """Return the text of an aircraft.toml with another model, and with the modes that ``aircraft`` flies."""
+    headers = list(_HEADER.finditer(text))
+    ends = [*(h.start() for h in headers[1:]), len(text)]
+    kept = text[: headers[0].start()] if headers else text
+    for header, end in zip(headers, ends, strict=False):
+        if header[1].split(".")[0].strip() != "elastic":
+            kept += text[header.start() : end]
+    amended = "; ".join(a.description for a in aircraft.amendments if a.description)
+    if amended:
+        kept = re.sub(r'^title = "(.*)"', lambda m: f'title = "{m[1]}; amended"', kept, count=1, flags=re.MULTILINE)
+    kept = re.sub(r"^model = .*$", f"model = {json.dumps(model)}", kept, count=1, flags=re.MULTILINE)
+    head = f"# Written by the gap workflow. Amended: {amended}.\n" if amended else ""
+    modes = aircraft.flown_modes()
+    if modes is None or not len(modes):
+        return head + kept.rstrip() + "\n"
+    lines = ["", "[elastic]", f"stations_m = {list(modes.stations_m)}"]
+    for mode in modes.modes:
+        lines += ["", "[[elastic.mode]]", *_mode(mode)]
+    return head + kept.rstrip() + "\n" + "\n".join(lines) + "\n"
+
+
+def _mode(mode: ElasticMode) -> list[str]:
+    out = [f"name = {json.dumps(mode.name)}", f"symmetry = {json.dumps(mode.symmetry)}"]
+    out += [f"{key} = {float(getattr(mode, key))!r}" for key in ("f_hz", "zeta", "mass_kg_m2")]
+    for key in ("force", "force_eta", "force_etadot", "effect_eta", "effect_etadot"):
+        values: Mapping[object, float] = getattr(mode, key)
+        if values:
+            out.append(f"{key} = {{ " + ", ".join(f'"{k}" = {float(v)!r}' for k, v in values.items()) + " }")
+    if mode.shape is not None:
+        parts = ", ".join(
+            f"{key} = {list(getattr(mode.shape, key))}" for key in ("bend_m", "twist_rad", "curvature_1_m")
+        )
+        out.append(f"shape = {{ {parts} }}")
+    return out

@@ -1,0 +1,92 @@
+"""The report of the gap workflow: answer first, files, the amended aircraft, and the page of a plan."""
+
+from __future__ import annotations
+
+import io
+from functools import partial
+
+import numpy as np
+import pytest
+from gap.gap_flights import believe, measure
+from rich.console import Console
+
+import testbench.gap.plan as plan_module
+import testbench.gap.workflow as workflow
+from testbench.aircraft import load_aircraft
+from testbench.gap.case import run_flights
+from testbench.gap.effects import EFFECTS
+from testbench.gap.name import name_effect
+from testbench.gap.records import Flights
+from testbench.pipeline import load_scenario
+from testbench.report.gap import print_gap, write_gap
+from testbench.report.gap_plan import print_gap_plan, write_gap_plan
+
+FEW = {n: EFFECTS[n] for n in ("actuator_lag", "thrust_line", "alpha_scale")}
+
+
+@pytest.fixture(scope="module")
+def result():
+    believed = believe()
+    slow = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 8.0})
+    elevator, throttle = measure(slow, 21)
+    flights = Flights(believed, {"elevator": elevator, "throttle": throttle}, {"again": measure(slow, 31)[0]}, ("a note",))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workflow, "name_effect", partial(name_effect, effects=FEW, pairs=False))
+        return run_flights("eolo", flights, check=False)
+
+
+def test_the_answer_has_size_evidence_runner_up_place_and_shrink(result):
+    finding = result.finding
+    assert finding.naming.names == ("actuator_lag",)
+    text = " | ".join(finding.sentences)
+    for words in ("lag_rad_s =", "±", "where noise alone reaches", "runner-up", "over the flight region", "held-out again"):
+        assert words in text
+    shrink = finding.shrink[0]
+    assert shrink.visible
+    assert shrink.removed > 0.9
+    regions = {r.quantity: r for r in finding.regions}
+    assert {"alpha", "V", "q", "de_cmd", "thr_cmd"} == set(regions)
+    for region in regions.values():
+        assert region.samples.sum() == sum(len(r) for r in result.records.values()) - len(shrink.record)
+        assert np.nanmax(region.energy) > 1.0
+
+
+def test_page_figures_tables_and_amended_aircraft(result, tmp_path):
+    paths = write_gap(result, tmp_path)
+    names = {str(p.relative_to(tmp_path)) for p in paths}
+    for part in (
+        "report.html",
+        "figures/answer.png",
+        "figures/residual_maps.png",
+        "figures/residual_regions.png",
+        "tables/ranking.csv",
+        "amended/eolo/eolo.xml",
+        "amended/eolo/aircraft.toml",
+        "amended/model.diff",
+    ):
+        assert part in names
+    page = paths[-1].read_text(encoding="utf-8")
+    assert page.index("What the amendment does to a flight") < page.index("What was believed, and what was measured")
+    assert "A note." in page
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    back = load_aircraft("eolo", "flexible", tmp_path / "amended" / "eolo")
+    assert back.coefficient("Cm_q") == pytest.approx(
+        load_aircraft("eolo").coefficient("Cm_q") * result.finding.naming.best.tuning["Cm_q"]
+    )
+    console = Console(file=io.StringIO(), width=120)
+    print_gap(result, console, tmp_path)
+    assert "lag of the elevator servo" in console.file.getvalue()
+
+
+def test_the_page_of_a_plan(monkeypatch, tmp_path):
+    monkeypatch.setattr(plan_module, "library", lambda suite: FEW | {"q_bias": EFFECTS["q_bias"]})
+    monkeypatch.setattr(plan_module, "family", lambda believed, planned: [])
+    plan = plan_module.plan_gap(load_scenario("eolo_alpha"))
+    paths = write_gap_plan(plan, tmp_path)
+    page = paths[-1].read_text(encoding="utf-8")
+    for words in ("Which effects look alike", "How well each effect would show", "would not show bias of the q sensor"):
+        assert words in page
+    assert {"isolability.png", "visible.png", "additions.csv", "visible.csv"} <= {p.name for p in paths}
+    console = Console(file=io.StringIO(), width=120)
+    print_gap_plan(plan, console, tmp_path)
+    assert "as planned" in console.file.getvalue()
