@@ -5,7 +5,7 @@ BIN = $(VENV)/bin
 # One thread per process: the matrices here are small, and two processes with two threads each stand in each other's way.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test test-slow benchmarks campaign-cost design-study estimator-study clean
+.PHONY: demo test test-slow benchmarks docs campaign-cost design-study estimator-study reproduction clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -42,6 +42,10 @@ env-study: $(VENV)/installed-rl
 	  $(BIN)/python -m testbench.envs.baselines --task $$name --agent results/envs/$${name}_agent.zip \
 	    --out results/envs/$$name.csv || exit 1; done
 
+# The papers' figures and tables beside ours, into results/reproduction: some three minutes on an idle machine.
+reproduction: $(VENV)/installed
+	$(BIN)/testbench reproduce all
+
 $(VENV)/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install -q -c constraints.txt -e .
@@ -53,6 +57,14 @@ $(VENV)/installed-dev: $(VENV)/installed
 
 $(VENV)/installed-rl: $(VENV)/installed-dev
 	$(BIN)/python -m pip install -q -c constraints.txt -e ".[rl]"
+	touch $@
+
+docs: $(VENV)/installed-docs
+	$(BIN)/python docs/generate.py
+	$(BIN)/python -m sphinx -q -W --keep-going -b html docs build/docs
+
+$(VENV)/installed-docs: $(VENV)/installed
+	$(BIN)/python -m pip install -q -c constraints.txt -e ".[docs]"
 	touch $@
 
 clean:

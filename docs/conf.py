@@ -1,0 +1,69 @@
+"""The documentation's build: `make docs` writes it to build/docs; every picture of the gallery is made on the way."""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT))
+
+project = "flight-testbench"
+author = "the flight-testbench developers"
+version = release = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
+exclude_patterns = ["_build"]
+html_theme = "furo"
+html_title = "flight-testbench"
+html_show_sphinx = False
+myst_enable_extensions = ["dollarmath", "deflist", "colon_fence"]
+myst_heading_anchors = 3
+nitpicky = False
+autodoc_member_order = "bysource"
+autodoc_typehints = "description"
+autodoc_default_options = {"members": True, "undoc-members": False}
+napoleon_use_ivar = True
+suppress_warnings = ["myst.header"]
+
+
+def equations_stay_as_written(_app: Any, _what: str, _name: str, _object: Any, _options: Any, lines: list[str]) -> None:
+    """Show indented blocks of docstrings, which are equations, as literal blocks, and bars as bars."""
+    out: list[str] = []
+    literal = False
+    for i, line in enumerate(lines):
+        indented = line.startswith("    ")
+        if indented and not literal and (i == 0 or not lines[i - 1].strip()) and not _inside_list(out):
+            out += ["::", ""]
+            literal = True
+        elif line.strip() and not indented:
+            literal = False
+        out.append(line if literal else line.replace("|", r"\|"))
+    lines[:] = out
+
+
+def _inside_list(before: list[str]) -> bool:
+    last = next((line for line in reversed(before) if line.strip() and not line.startswith("    ")), "")
+    return last.lstrip().startswith((":", "-", "*", "..")) or last.endswith("::")
+
+
+def setup(app: Any) -> None:
+    """Write equations as MathML, which browsers draw without any script."""
+    from docutils import nodes
+    from latex2mathml.converter import convert
+    from sphinx.writers.html5 import HTML5Translator
+
+    def inline(self: HTML5Translator, node: nodes.Element) -> None:
+        self.body.append(convert(node.astext()))
+        raise nodes.SkipNode
+
+    def block(self: HTML5Translator, node: nodes.Element) -> None:
+        self.body.append(f'<div class="math">{convert(node.astext(), display="block")}</div>')
+        raise nodes.SkipNode
+
+    app.add_html_math_renderer("mathml", (inline, None), (block, None))
+    app.connect("autodoc-process-docstring", equations_stay_as_written, priority=1)
+
+
+html_math_renderer = "mathml"

@@ -1,0 +1,206 @@
+"""Pages that are made, not written: the command line, the keys of scenarios, the Python reference, the gallery.
+
+`make docs` runs this before Sphinx. The gallery's pictures are made by running the scenarios that it names; with
+``--no-pictures`` (for a quick look at the text) it names them only.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent
+sys.path.insert(0, str(ROOT))  # the testbench of this checkout, installed or not
+ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT)}
+
+
+class Shown(NamedTuple):
+    """One picture: the command that makes it, where it lies below the results folder, and what it shows."""
+
+    command: str
+    picture: str
+    words: str
+
+
+GALLERY = (
+    Shown("run eolo_alpha", "eolo_alpha/figures/input_de.png", "An elevator 3-2-1-1 against the modes of eolo."),
+    Shown("run eolo_alpha", "eolo_alpha/figures/poles.png", "Poles identified without and with an alpha vane."),
+    Shown("run b1_alpha", "b1_alpha/figures/poles.png", "The same on the B-1-like surrogate."),
+    Shown("run taurus_doublet", "taurus_doublet/figures/poles.png", "Poles that wander: 2 s doublets seen at 8 Hz."),
+    Shown(
+        "run eolo_methods", "eolo_methods/figures/parameters.png", "Derivatives by several estimators and the truth."
+    ),
+    Shown("aircraft eolo", "aircraft_eolo/figures/three_view.png", "Three views of eolo."),
+    Shown("aircraft eolo", "aircraft_eolo/figures/mode_shapes.png", "Its elastic modes."),
+    Shown(
+        "aircraft eolo", "aircraft_eolo/figures/modes_longitudinal.png", "Its modes over speed, and where it flutters."
+    ),
+    Shown(
+        "design eolo_short_period",
+        "design_eolo_short_period/figures/spectra.png",
+        "Designed inputs beside classic ones.",
+    ),
+    Shown("design eolo_short_period", "design_eolo_short_period/figures/errors.png", "What each of them would tell."),
+    Shown(
+        "gap flexible_wings", "gap_flexible_wings/figures/residual_maps.png", "Where simulation and flight disagree."
+    ),
+    Shown(
+        "gap flexible_wings", "gap_flexible_wings/figures/held_out_1.png", "Before and after the named effect is added."
+    ),
+)
+
+
+# --- commands ---------------------------------------------------------------------------------------------------------
+
+
+def commands_page() -> str:
+    """Return the command line's reference as Markdown, from the program's own help."""
+    done = subprocess.run(
+        [sys.executable, "-m", "typer", "testbench.cli", "utils", "docs", "--name", "testbench"],
+        cwd=ROOT, env=ENVIRONMENT, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    text = done.stdout.replace("# `testbench`", "# Commands", 1)
+    return text.replace("\n# CLI\n", "\n# Commands\n")
+
+
+# --- scenarios --------------------------------------------------------------------------------------------------------
+
+
+def models(model: type[BaseModel], seen: list[type[BaseModel]]) -> None:
+    """Collect ``model`` and every model that its fields hold, depth first."""
+    if model in seen:
+        return
+    seen.append(model)
+    for field in model.model_fields.values():
+        for inner in _models_in(field.annotation):
+            models(inner, seen)
+
+
+def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield annotation
+    for argument in get_args(annotation):
+        yield from _models_in(argument)
+
+
+def scenarios_page() -> str:
+    """Return every key of scenarios, design scenarios, comparisons and campaigns, from the schema that checks them."""
+    from testbench.scenario import Scenario
+    from testbench.scenario.campaign import CampaignSpec
+    from testbench.scenario.compare import CompareScenario
+    from testbench.scenario.design import DesignScenario
+
+    out = [
+        "# Keys of scenario files",
+        "",
+        "Scenario files are TOML. A key that is not listed is refused with the nearest one that is; units are in the "
+        "names. `testbench check FILE` says every fault of a file at once.",
+    ]
+    seen: list[type[BaseModel]] = []
+    for title, root in (
+        ("Scenarios: `testbench run`", Scenario),
+        ("Design scenarios: `testbench design`", DesignScenario),
+        ("Comparisons: `testbench compare`", CompareScenario),
+        ("Campaigns: `testbench campaign`", CampaignSpec),
+    ):
+        before = len(seen)
+        models(root, seen)
+        out += ["", f"## {title}"]
+        for model in seen[before:]:
+            out += ["", f"### {model.__name__}", "", _summary(model), "", "| key | value | default |", "|---|---|---|"]
+            out += [_row(name, field) for name, field in model.model_fields.items()]
+    return "\n".join(out) + "\n"
+
+
+def _summary(model: type[BaseModel]) -> str:
+    return " ".join((model.__doc__ or "").split("\n\n")[0].split())
+
+
+def _row(name: str, field: FieldInfo) -> str:
+    default = "required" if field.is_required() else f"`{_default(field)}`"
+    return f"| `{name}` | {_type(field.annotation)} | {default} |"
+
+
+def _default(field: FieldInfo) -> str:
+    value = field.get_default(call_default_factory=True)  # type: ignore[call-arg]
+    if isinstance(value, BaseModel):
+        return "{}"
+    text = repr(value).replace("'", '"')
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def _type(annotation: Any) -> str:
+    inner = list(dict.fromkeys(m.__name__ for m in _models_in(annotation)))
+    if inner:
+        many = (
+            "list of "
+            if get_origin(annotation) in (tuple, list)
+            else "table of "
+            if get_origin(annotation) is dict
+            else ""
+        )
+        return many + " or ".join(inner)
+    arguments = [a for a in get_args(annotation) if a is not type(None)]
+    if get_origin(annotation) in (tuple, list):
+        return "list of " + " or ".join(dict.fromkeys(_type(a) for a in arguments if a is not Ellipsis))
+    if get_origin(annotation) is dict:
+        return f"table of {_type(arguments[1])}"
+    if arguments and all(isinstance(a, str) for a in arguments):
+        return ", ".join(f'"{a}"' for a in arguments)
+    if arguments and hasattr(annotation, "__metadata__"):
+        return _type(arguments[0])
+    if arguments:
+        return " or ".join(dict.fromkeys(_type(a) for a in arguments))
+    return {float: "number", int: "whole number", str: "text", bool: "true or false"}.get(annotation, "")
+
+
+# --- gallery ----------------------------------------------------------------------------------------------------------
+
+
+def gallery_page(pictures: bool) -> str:
+    """Run what makes the pictures, copy them beside the page, and return the page."""
+    out = ["# Gallery", "", "Every picture is made by a scenario of the repository; the command stands below it."]
+    folder = HERE / "_gallery"
+    if pictures:
+        folder.mkdir(exist_ok=True)
+        with tempfile.TemporaryDirectory() as results:
+            for command in dict.fromkeys(s.command for s in GALLERY):
+                print(f"testbench {command}", flush=True)
+                code = "from testbench.cli import main; main()"
+                subprocess.run([sys.executable, "-c", code, *command.split(), "-o", results], cwd=ROOT, env=ENVIRONMENT,
+                               check=True, stdout=subprocess.DEVNULL)  # fmt: skip
+            for shown in GALLERY:
+                shutil.copy(Path(results) / shown.picture, folder / shown.picture.replace("/", "_"))
+    for shown in GALLERY:
+        name = shown.picture.replace("/", "_")
+        if (folder / name).is_file():
+            out += ["", f"![{shown.words}](_gallery/{name})"]
+        out += ["", f"*{shown.words}* `testbench {shown.command}` draws `{shown.picture}`."]
+    return "\n".join(out) + "\n"
+
+
+def main() -> None:
+    """Write all made pages."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--no-pictures", action="store_true", help="do not run the scenarios of the gallery")
+    given = parser.parse_args()
+    reference = HERE / "reference"
+    reference.mkdir(exist_ok=True)
+    (reference / "commands.md").write_text(commands_page(), encoding="utf-8")
+    (reference / "scenarios.md").write_text(scenarios_page(), encoding="utf-8")
+    (HERE / "gallery.md").write_text(gallery_page(not given.no_pictures), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
