@@ -415,10 +415,12 @@ def reproduce(
     Writes tables, figures and one page, index.html, into `reproduction`, or `reproduction_NAME` for one aircraft alone.
     Example: `testbench reproduce taurus`.
     """
+    from testbench.reproduction.chapters import chosen
     from testbench.reproduction.chapters import reproduce as run_reproduction
-    from testbench.reproduction.write import print_reproduction, write_reproduction
+    from testbench.reproduction.write import open_folder, print_reproduction, write_reproduction
 
-    folder = out / ("reproduction" if what == "all" else f"reproduction_{what}")
+    chosen(what)
+    folder = open_folder(out / ("reproduction" if what == "all" else f"reproduction_{what}"))
     with _stages() as say:
         chapters = run_reproduction(what, say)
         say("write page")

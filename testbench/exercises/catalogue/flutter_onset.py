@@ -15,10 +15,11 @@ from testbench.exercises.exercise import Answer, Case, Choice, Exercise, Handout
 from testbench.exercises.motion import measured, respond
 from testbench.record import FloatArray, load_record
 
-_DT, _SECONDS, _NOISE, _HORIZON = 0.02, 60.0, 0.1, 40
+_DT, _SECONDS, _NOISE, _HORIZON = 0.02, 60.0, 0.04, 40
 _SPEEDS = (8.0, 10.0, 12.0, 14.0, 16.0)
+_STRAIN = 1e-4
 _R2 = 0.25  # radius of gyration squared, half chords
-_OUTPUTS = ("az_wing_1", "az_wing_2")
+_OUTPUTS = ("strain_wing_1", "strain_wing_2")
 
 
 def wing(d: Mapping[str, float], V: float) -> FloatArray:
@@ -83,7 +84,7 @@ def draw(rng: Generator) -> Mapping[str, Any]:
 
 
 def hand_out(case: Case) -> Handout:
-    """Return the response of two accelerometers to binary noise on the ailerons at each speed."""
+    """Return the response of two strain gauges to binary noise on the ailerons at each speed."""
     rng = np.random.default_rng(case.seed)
     n = round(_SECONDS / _DT)
     records = {}
@@ -92,10 +93,8 @@ def hand_out(case: Case) -> Handout:
         A = wing(case.hidden, V)
         B = np.array([[0.0], [0.0], [1.0], [0.6]]) * V**2 / 10.0
         x = respond(A, B, u[:, None], _DT)
-        twist = np.array([[0.5], [-0.5]])
-        y = x[:, 2:] @ np.hstack([np.ones((2, 1)), twist]).T
-        y = y / y.std(axis=0) * 2.0
-        y += 2.0 * _NOISE * rng.normal(size=y.shape)
+        y = x[:, :2] @ np.array([[1.0, 0.5], [1.0, -0.5]]).T
+        y = _STRAIN * (y / y.std(axis=0) + _NOISE * rng.normal(size=y.shape))
         columns = {"da_cmd": u, **dict(zip(_OUTPUTS, y.T, strict=True))}
         records[f"speed_{V:02.0f}"] = measured(columns, _DT)
     return Handout(records, {"fastest_m_s": max(_SPEEDS)})
@@ -181,7 +180,7 @@ EXERCISE = Exercise(
     questions=(
         Number("least_damping", "1", "Smaller of the two damping ratios at the fastest speed flown", 0.15),
         Number("margin_ratio", "1", "Flutter margin at the fastest speed over that at the slowest", 0.1, 0.03),
-        Number("onset_m_s", "m/s", "Speed of the flutter onset", 0.06),
+        Number("onset_m_s", "m/s", "Speed of the flutter onset", 0.08),
         Choice(
             "why",
             "Why not simply extrapolate the damping?",

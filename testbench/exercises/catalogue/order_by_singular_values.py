@@ -16,7 +16,7 @@ from testbench.exercises.motion import measured, respond
 from testbench.record import load_record
 
 _DT, _SECONDS, _NOISE, _HORIZON = 0.02, 40.0, 0.1, 30
-_OUTPUTS = ("q", "az_wing_1", "az_wing_2")
+_OUTPUTS = ("q", "strain_wing_1", "strain_wing_2")
 
 _ESTIMATOR = f"""
 [[identification.estimators]]
@@ -47,10 +47,14 @@ def hand_out(case: Case) -> Handout:
     u = 2.0 * DEG_RAD * np.repeat(rng.choice([-1.0, 1.0], n // 3 + 1), 3)[:n]
     A = np.block([[np.zeros((k, k)), np.eye(k)], [-np.diag(w**2), -np.diag(2.0 * zeta * w)]])
     B = np.concatenate([np.zeros(k), np.ones(k)])[:, None]
-    rates = respond(A, B, u[:, None], _DT)[:, k:]
-    y = (rates / rates.std(axis=0)) @ np.array(case["shape"]).T
+    x = respond(A, B, u[:, None], _DT)
+    x /= x.std(axis=0)
+    shape = np.array(case["shape"])
+    y = np.column_stack(
+        [x[:, k:] @ shape[0], x[:, :k] @ shape[1:].T]
+    )  # a gyro feels rates, strain gauges displacements
     y += _NOISE * rng.normal(size=y.shape)
-    size = np.array([2.0 * DEG_RAD, 1.0, 1.0])
+    size = np.array([2.0 * DEG_RAD, 1e-4, 1e-4])
     record = measured({"de_cmd": u, **dict(zip(_OUTPUTS, (y * size).T, strict=True))}, _DT)
     text = description(EXERCISE.title, ["binary_noise"], record.channels, ["de_cmd"], _OUTPUTS, _ESTIMATOR)
     return Handout({"binary_noise": record}, files={"order_by_singular_values.toml": text})

@@ -51,7 +51,7 @@ def hand_out(case: Case) -> Handout:
     rng = np.random.default_rng(case.seed)
     n, w = round(_SECONDS * _FAST), 2.0 * np.pi * case["f_hz"]
     A, B = np.array([[0.0, 1.0], [-(w**2), -2.0 * _ZETA * w]]), np.array([[0.0], [1.0]])
-    x = respond(A, B, rng.normal(size=(n, 1)), 1.0 / _FAST)[:, 1]
+    x = respond(A, B, rng.normal(size=(n, 1)), 1.0 / _FAST) @ A[1]  # what spring and damper make of the acceleration
     x /= x.std()
     records = {}
     for rate in _RATES:

@@ -130,8 +130,8 @@ EXERCISE = Exercise(
         Choice("kind", "How is it wrong?", {"bias": "by a constant", "scale": "by a share of its value"}),
         Number(
             "size",
-            "SI unit of the instrument for a bias, fraction of one for a scale error",
-            "By how much does it read too much (negative: too little)?",
+            "SI or 1",
+            "By how much does it read too much (bias in SI units; scale error as a fraction; negative: too little)?",
             0.25,
         ),
     ),
