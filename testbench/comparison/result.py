@@ -54,12 +54,14 @@ class Quantity(NamedTuple):
 class Agreement(NamedTuple):
     """How many scatters of the best case have the predicted one ``inside`` their 95 % interval.
 
-    Out of ``total``; of ``far`` more, whose predicted errors are too large, nothing is said.
+    Out of ``total``; of ``far`` more, whose predicted errors are too large, nothing is said. ``ratios``: least, median
+    and largest scatter found over the predicted one.
     """
 
     inside: int
     total: int
     far: int
+    ratios: tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -233,7 +235,8 @@ class CompareResult:
         A sample standard deviation of n errors scatters as sqrt(chi2 / (n - 1)). Where the predicted one exceeds
         :data:`FAR`, the model is no longer linear in its parameters over the errors, and the bound says little.
         """
-        inside = total = far = 0
+        inside = far = 0
+        ratios: list[float] = []
         for s in self.summaries:
             if s.case.estimator != BEST_CASE or s.scatter is None or s.predicted is None or s.found <= 2:
                 continue
@@ -241,6 +244,7 @@ class CompareResult:
                 far += 1
                 continue
             low, high = scatter_interval(s.scatter, s.found)
-            total += 1
+            ratios.append(s.scatter / s.predicted)
             inside += low <= s.predicted <= high
-        return Agreement(inside, total, far)
+        least, median, most = np.quantile(ratios, [0.0, 0.5, 1.0]).tolist() if ratios else (np.nan,) * 3
+        return Agreement(inside, len(ratios), far, (least, median, most))

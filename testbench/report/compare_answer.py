@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from testbench.comparison.result import CompareResult, Gain, Quantity
     from testbench.sensors import SensorSuite
 
-_AGREE = 0.75  # share of predicted standard errors inside the intervals; judgement
 _NAMED = 3  # gains and losses that are named one by one
 _KINDS = {
     "prediction": "of predictions",
@@ -132,14 +131,15 @@ def _by_information(result: CompareResult, suite: SensorSuite) -> str:
 
 
 def _agreement(result: CompareResult) -> list[str]:
-    inside, total, far = result.agreement
+    inside, total, far, (least, median, most) = result.agreement
     if not total:
         return []
-    word = "agree" if inside >= _AGREE * total else "part"
+    apart = max(most, 1.0 / least) if least > 0.0 else np.inf
     rest = f"; {far} predicted above {FAR:g} %, where a linear bound says little, are left out" if far else ""
     return [
-        f"information and simulation {word}: {inside} of the {total} standard errors predicted for the best case lie "
-        f"within the 95 % interval of the scatter found (by chance alone {0.95 * total:.0f} would){rest}"
+        f"information and simulation agree to a factor of {number(apart, 2)}: the scatter of the best case is "
+        f"{number(least, 2)} to {number(most, 2)} times the predicted standard error, the median {number(median, 2)}; "
+        f"{inside} of {total} predictions lie within its 95 % interval (by chance alone {0.95 * total:.0f} would){rest}"
     ]
 
 

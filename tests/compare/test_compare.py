@@ -100,10 +100,12 @@ def test_scatter_of_output_error_is_what_information_predicts(tmp_path: Path, in
         assert 0.92**2 * low < ratio < 1.08**2 * high, (s.case, s.quantity, s.scatter, s.predicted)
         checked += 1
     assert checked == 12
-    inside, total, far = result.agreement
+    inside, total, far, (least, median, most) = result.agreement
     assert (total, far) == (12, 0)
+    assert 0.5 < least < median < most < 2.0
+    assert median == pytest.approx(1.0, abs=0.2)
     assert inside >= 8
-    assert "information and simulation agree" in " ".join(compare_sentences(result))
+    assert "information and simulation agree to a factor of" in " ".join(compare_sentences(result))
     # what alpha buys, by either way: the ratio of two standard deviations of 24 errors scatters by some 20 % of itself
     wn = next(g for g in result.gains if g.quantity == Quantity("parameter", "Z_alpha"))
     scatters = {s.case.suite: s.scatter for s in result.summaries if s.quantity == wn.quantity}
@@ -302,8 +304,9 @@ def test_wing_sensors_scatter_as_information_predicts(tmp_path: Path) -> None:
     path = scenario(tmp_path, names, seeds=12, wings="flexible")
     text = path.read_text().replace("[targets]", '[targets]\nmodes = ["1st symmetric wing bending"]')
     path.write_text(text.replace("amplitude_deg = 0.3", "amplitude_deg = 1.0"), encoding="utf-8")
-    inside, total, _ = compare(load_compare(path)).agreement
+    inside, total, _, ratios = compare(load_compare(path)).agreement
     assert total >= 10
+    assert 0.3 < ratios[0] < ratios[2] < 2.5
     # were they independent, fewer than 70 % of 10 or more at 95 % would have a probability below 1.1e-3
     assert inside >= 0.7 * total
 

@@ -94,6 +94,7 @@ def test_toml_and_python_of_the_pages_are_right(page, tmp_path):
         elif language == "python":
             code = body.replace('"scenarios/', f'"{ROOT.as_posix()}/scenarios/')
             exec(compile(code, name(page), "exec"), namespace)
+    assert "result" not in namespace or not namespace["result"].table.empty
 
 
 @pytest.mark.slow
