@@ -16,9 +16,15 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
+
+from testbench.envs import NEEDS_GYMNASIUM
+
+try:
+    import gymnasium
+except ImportError as error:
+    raise ImportError(NEEDS_GYMNASIUM) from error
 
 from testbench.design.information import Criterion
 from testbench.envs.dynamics import JSBSimFlight, LinearFlight, Piece
@@ -148,7 +154,6 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
         self._costs = np.ones(self.steps + 1)
         self._step, self._over, self._largest = 0, True, 0.0
         self._now, self._left = np.zeros(m), np.ones(1)
-        self._columns = np.arange(p)
 
     def _display(self) -> tuple[FloatArray, FloatArray]:
         """Return what the observation subtracts from the sensors and divides by (p,) each."""
@@ -264,14 +269,16 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
             if self._source is not None:
                 last = np.maximum.accumulate(np.where(arrived, np.arange(count), 0)) * every
                 self._source[:, i] = np.repeat(last, every)[:n]
+        if self._source is not None:
+            self._error = np.take_along_axis(self._error, self._source, axis=0)
+            self._source = self._source * p + np.arange(p)  # place in the flattened samples
 
     def _measure(self, start: int, stop: int) -> None:
         """Fill in what the sensors show of samples ``start`` to ``stop``."""
         if self._source is None:
             y = self._seen[start:stop] + self._error[start:stop]
         else:
-            rows, columns = self._source[start:stop], self._columns
-            y = self._seen[rows, columns] + self._error[rows, columns]
+            y = self._seen.take(self._source[start:stop]) + self._error[start:stop]
         self._shown[start:stop] = np.rint(y * self._counts) * self._step_shown - self._centre_shown
 
     def _observe(self) -> Observation:

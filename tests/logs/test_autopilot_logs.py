@@ -197,3 +197,15 @@ def test_servo_settings_of_the_log_are_used_and_absent_ones_are_said(tmp_path, s
     assert found.record["thr_cmd"][10] == pytest.approx(0.3, abs=1e-6)
     assert found.log.unread == {"POWR": 100}
     assert found.record["p"].max() < 0.2  # the second inertial unit, which reads 9, is not mixed in
+
+
+def test_a_log_written_by_pyulog_is_the_same_log(tmp_path, short):
+    from pyulog import ULog
+
+    first = put(tmp_path, "flight.ulg", short["flight.ulg"])
+    second = tmp_path / "again.ulg"
+    ULog(str(first)).write_ulog(str(second))
+    a, b = import_log(first), import_log(second)
+    assert b.log.warnings == ()
+    assert a.record.channels == b.record.channels
+    np.testing.assert_array_equal(a.record.data, b.record.data)
