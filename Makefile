@@ -46,6 +46,10 @@ env-study: $(VENV)/installed-rl
 reproduction: $(VENV)/installed
 	$(BIN)/testbench reproduce all
 
+# Hours on one core; it goes on where it stopped.
+blind-test: $(VENV)/installed
+	$(BIN)/python -m testbench.gap.blind --out results/gap
+
 $(VENV)/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install -q -c constraints.txt -e .

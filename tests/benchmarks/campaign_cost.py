@@ -186,7 +186,8 @@ processors.
 
 **The store.** A transaction is synchronised to the disk, so that no death of a process or of the machine takes what is
 finished: {wall} of wall time a run at one batch of {MOST_PER_BATCH} a transaction, enough for
-{m.flight_s / m.store_wall_s:.0f} processors. It is no wall: batches that come in meanwhile share the next transaction.
+{m.flight_s / m.store_wall_s:.0f} processors. It is no hard limit: batches that come in meanwhile share the next
+transaction.
 Together, on this machine and with the worker beside the client, a run passed in {seen} of wall time.
 
 Beyond these, cut the campaign into parts with seeds of their own, each with its client and its store.
