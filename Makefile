@@ -5,7 +5,7 @@ BIN = $(VENV)/bin
 # One thread per process: the matrices here are small, and two processes with two threads each stand in each other's way.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test test-slow benchmarks docs campaign-cost design-study estimator-study reproduction clean
+.PHONY: demo test test-slow benchmarks blind-test docs campaign-cost design-study estimator-study reproduction clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha

@@ -13,6 +13,7 @@ from testbench.record import FloatArray
 
 _CHUNK = 2_000_000  # numbers held at once
 _LONG = 10  # windows per row of the Hankel matrix from which on its Gram matrix is tried
+_TALL = 50  # rows per column from which on a Gram matrix saves time
 _SQUARED = 1e-4  # reciprocal condition of the scaled columns down to which a Gram matrix keeps enough digits
 
 
@@ -44,6 +45,31 @@ def triangle(R: FloatArray, rows: FloatArray) -> FloatArray:
     """Return the R factor of the QR decomposition of [R; rows]: all that least squares needs of any number of rows."""
     out: FloatArray = np.linalg.qr(np.vstack([R, rows]), mode="r")  # type: ignore[assignment]
     return out
+
+
+def fold(R: FloatArray, rows: FloatArray) -> FloatArray:
+    """Return :func:`triangle` of many rows, by way of their Gram matrix where their columns are far from dependent."""
+    if rows.shape[0] < _TALL * rows.shape[1]:
+        return triangle(R, rows)
+    own = cholesky_factor(rows.T @ rows)
+    return triangle(R, rows if own is None else own)
+
+
+def cholesky_factor(G: FloatArray) -> FloatArray | None:
+    """Return R with R'R = G for a Gram matrix, None where it would lose digits; zero columns stay zero.
+
+    Squaring costs half the digits: columns scaled to unit length must have a condition below 1e4.
+    """
+    size = np.sqrt(np.diag(G))
+    unit = np.where(size > 0.0, size, 1.0)
+    G = G / unit / unit[:, None]
+    G[size == 0.0, size == 0.0] = 1.0
+    try:
+        R = np.linalg.cholesky(G).T
+    except np.linalg.LinAlgError:
+        return None
+    reciprocal, _ = dtrcon(R, norm="1", uplo="U")
+    return np.asarray(R * size) if reciprocal > _SQUARED else None
 
 
 def runs(known: NDArray[np.bool_]) -> Iterator[slice]:
@@ -138,12 +164,4 @@ def _gram_factor(
             line = trend(first, first, lead)
             own = own - between.T @ np.linalg.solve(line.T @ line, between)
         G += np.triu(own) + np.triu(own, 1).T  # the recursion fills the upper triangle
-    size = np.sqrt(np.diag(G))
-    if not np.all(size > 0.0):
-        return None
-    try:
-        R = np.linalg.cholesky(G / size / size[:, None]).T
-    except np.linalg.LinAlgError:
-        return None
-    reciprocal, _ = dtrcon(R, norm="1", uplo="U")
-    return R * size if reciprocal > _SQUARED else None
+    return cholesky_factor(G) if np.all(np.diag(G) > 0.0) else None

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.errors import EstimationError, RecordError
-from testbench.estimators.hankel import triangle
+from testbench.estimators.hankel import fold, triangle
 from testbench.estimators.model import ComplexArray, IdentifiedModel, continuous_poles
 from testbench.estimators.trajectories import Modes, Trajectories, read_out
 from testbench.record import FlightRecord, FloatArray
@@ -95,7 +95,7 @@ def fit_inputs(
                 at = own + n * m + p * i
                 block[:, range(p), range(at, at + p)] = u[part, column, None]
             block[:, :, -1] = y[part]
-            reduced = triangle(reduced, block.reshape(-1, own + count + 1)[rows[k * p : part.stop * p]])
+            reduced = fold(reduced, block.reshape(-1, own + count + 1)[rows[k * p : part.stop * p]])
         reduced = reduced[own:, own:]
         if modes.usable:  # from inputs of the modes to inputs of the states
             for j in range(m):
@@ -140,8 +140,9 @@ def free_run(
     counts = np.maximum(valid.sum(axis=0), 1)
     size = np.sqrt(np.sum(np.where(valid, y, 0.0) ** 2, axis=0) / counts)
     weight = valid / np.where(size > 0.0, size, 1.0)
-    left = (free * weight[:, :, None]).reshape(-1, free.shape[2])
-    start = np.linalg.lstsq(left, ((y - forced) * weight).ravel(), rcond=_RCOND)[0]
+    both = np.concatenate([free, (y - forced)[:, :, None]], axis=2) * weight[:, :, None]
+    R = fold(np.zeros((0, both.shape[2])), both.reshape(-1, both.shape[2]))
+    start = np.linalg.lstsq(R[:, :-1], R[:, -1], rcond=_RCOND)[0]
     return forced + free @ start
 
 

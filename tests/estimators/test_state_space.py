@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from testbench.errors import EstimationError, RecordError
+from testbench.estimators.hankel import cholesky_factor, fold, triangle
 from testbench.estimators.state_space import Series, StateSpaceModel, Trajectories, fit_inputs
 from testbench.record import FlightRecord
 
@@ -170,3 +171,22 @@ def test_wrong_shapes_and_sample_times_are_refused():
 def test_matrices_are_read_only():
     with pytest.raises(ValueError, match="read-only"):
         model(stable()).A[0, 0] = 1.0
+
+
+@pytest.mark.parametrize("kind", ["independent", "a zero column", "dependent"])
+def test_many_rows_fold_into_the_triangle_of_their_qr_decomposition(kind):
+    rng = np.random.default_rng(4)
+    rows = rng.standard_normal((2000, 5)) * [1.0, 1e4, 1e-5, 1.0, 3.0]
+    if kind == "a zero column":
+        rows[:, 3] = 0.0
+    elif kind == "dependent":  # a Gram matrix would leave 1e-8 of the last column, QR leaves rounding
+        rows[:, 4] = rows[:, 0] + rows[:, 3]
+        assert cholesky_factor(rows.T @ rows) is None
+    R = np.linalg.qr(rng.standard_normal((9, 5)), mode="r")
+    one, other = fold(R, rows), triangle(R, rows)
+    size = np.linalg.norm(other, axis=0)
+    gram = [(r / np.where(size > 0.0, size, 1.0)).T @ (r / np.where(size > 0.0, size, 1.0)) for r in (one, other)]
+    assert np.abs(gram[0] - gram[1]).max() < 1e-12
+    if kind == "dependent":
+        last = fold(np.zeros((0, 5)), rows)[-1, -1]
+        assert abs(last) < 1e-12 * size[-1]

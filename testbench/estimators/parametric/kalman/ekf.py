@@ -1,7 +1,8 @@
 """Extended Kalman filter for states and parameters; its Jacobians are exact (complex step through the whole sample).
 
 A. H. Jazwinski, Stochastic Processes and Filtering Theory, 1970; R. V. Jategaonkar, Flight Vehicle System
-Identification, 2nd ed., 2015, chapter 7.
+Identification, 2nd ed., 2015, chapter 7. Its 95 % intervals are approximate: over 60 seeds on two aircraft 94 and 89 %
+of those of the derivatives held the truth (results/estimators).
 """
 
 from __future__ import annotations

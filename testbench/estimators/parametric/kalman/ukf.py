@@ -1,7 +1,8 @@
 """Unscented Kalman filter for states and parameters, with scaled sigma points.
 
 E. A. Wan and R. van der Merwe, "The Unscented Kalman Filter for Nonlinear Estimation", IEEE AS-SPCC, 2000;
-S. J. Julier, "The Scaled Unscented Transformation", American Control Conference, 2002.
+S. J. Julier, "The Scaled Unscented Transformation", American Control Conference, 2002. Its 95 % intervals are
+approximate: over 60 seeds on two aircraft 94 and 88 % of those of the derivatives held the truth (results/estimators).
 """
 
 from __future__ import annotations
