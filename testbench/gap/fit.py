@@ -149,7 +149,7 @@ def _multiplied(x: FloatArray, effect: Effect, size: int, multiple: float) -> Fl
     return out
 
 
-def fit(screened: Screened, chi2_tuned: float, best_gain: float, tested: int) -> EffectFit | None:
+def fit(screened: Screened, chi2_tuned: float, best_gain: float, tested: int, patience: int = 0) -> EffectFit | None:
     """Fit one of ``tested`` effects from its most promising starts; return the best fit, or None if none flies.
 
     Args:
@@ -157,12 +157,13 @@ def fit(screened: Screened, chi2_tuned: float, best_gain: float, tested: int) ->
         chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
         best_gain: of the fits so far. A descent ends once it gains no more than HOPELESS of it.
         tested: number of effects that are tested.
+        patience: rounds before a descent may be given up as hopeless, for a base that is far from rest.
     """
     effect = screened.effect
     hopeless = chi2_tuned - HOPELESS * best_gain
     reached: list[Descent] = []
     for start in screened.starts[: STARTS if len(effect.parameters) > 1 else 1]:
-        descent = descend(screened.changes, start, hopeless)
+        descent = descend(screened.changes, start, hopeless, patience)
         if descent is not None:
             reached.append(descent)
             hopeless = min(hopeless, chi2_tuned - HOPELESS * (chi2_tuned - descent.chi2))
@@ -180,7 +181,7 @@ class Descent:
     flown: bool
 
 
-def descend(changes: Changes, start: FloatArray, hopeless: float) -> Descent | None:
+def descend(changes: Changes, start: FloatArray, hopeless: float, patience: int = 0) -> Descent | None:
     """Descend from one start: fit on the linear differences, fly the result, repeat until it rests.
 
     Residuals near a point x0 that was flown: exact(x0) + change(x) - change(x0) + tangents (factors - factors0).
@@ -205,7 +206,7 @@ def descend(changes: Changes, start: FloatArray, hopeless: float) -> Descent | N
         if change is None:
             break
         factors = here.towards(here.tuned(here.exact + change - known)[1])
-        if promised > hopeless:
+        if promised > hopeless and k >= patience:
             return best or Descent(found.x, factors, found.jac, promised, False)
         moved = here.moved(changes.model(found.x), factors)
         if moved is None:

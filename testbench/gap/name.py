@@ -33,10 +33,11 @@ FOLLOWED = 0.25  # effects that promise less than this share of what the best on
 FOLLOWED_FAR = 0.1  # of effects with several parameters, of which screening tries few combinations, less than this
 PROMISING = 5.0  # nor are effects that promise a smaller gain than this, a third of any threshold; but
 AT_LEAST = 3  # this many always are
-TOGETHER = 0.97  # two effects at once must explain this share, or leave noise only
 # Where re-tuning leaves the priors with a probability below this, something that the model lacks has strained it, and
-# effects are sought from the believed values.
+# effects are sought from the believed values, too:
 STRAINED = 0.01
+FROM_BELIEVED = 6  # so many of them,
+PATIENCE = 2  # and descents from there are given two rounds to settle before they may be called hopeless
 LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least
 
 
@@ -101,35 +102,64 @@ def name_effect(
     say("re-tune the believed model")
     start = Local.at(believed, believed, tuple(records), np.ones(len(NUISANCES)))
     tuned = retune(start)
-    base = start if within_priors(tuned) < STRAINED else tuned
     say("screen the library")
-    screened = [screen(base, e) for e in (library(believed.suite) if effects is None else effects).values()]
+    choice = tuple((library(believed.suite) if effects is None else effects).values())
+    screened = [screen(tuned, e) for e in choice]
     rejected = {s.effect.name: s.why for s in screened if not s.seen}
     tested = max(1, len(screened) - len(rejected))
-    fits: list[EffectFit] = []
-    followed = promising(screened, FOLLOWED, FOLLOWED_FAR, AT_LEAST)
-    for i, one in enumerate(followed):
-        if i >= AT_LEAST and one.promise < PROMISING:
-            continue
-        say(f"fit {one.effect.title}")
-        found = fit(one, tuned.chi2, max((f.gain for f in fits), default=0.0), tested)
-        if found is None:
-            rejected[one.effect.name] = "nothing on the way to its best fit flies the measured commands"
-        else:
-            fits.append(found)
-    for one in screened:
-        if one.seen and one.effect.name not in {f.effect.name for f in fits} | set(rejected):
-            rejected[one.effect.name] = (
-                f"promises a gain of {one.promise:.3g} only, against {followed[0].promise:.3g} of "
-                f"{followed[0].effect.name}"
-            )
+    strained = within_priors(tuned) < STRAINED
+    fits = _fit_promising(tuned, start if strained else None, screened, tested, rejected, say)
     samples = int(start.exact.size)
     if pairs:
+        base = start if strained else tuned
         fits += _two_at_once(base, tuned.chi2, screened, _ranked(fits, samples), samples, tested, say)
     ranking = _ranked(fits, samples)
     outcome, names, sentence = _decide(ranking, tuned.chi2, samples)
     chi2_believed = float(start.exact @ start.exact)
     return Naming(outcome, names, ranking, chi2_believed, tuned.chi2, samples, sentence, rejected)
+
+
+def _fit_promising(
+    tuned: Local,
+    start: Local | None,
+    screened: Sequence[Screened],
+    tested: int,
+    rejected: dict[str, str],
+    say: Callable[[str], None],
+) -> list[EffectFit]:
+    """Fit the effects that promise most, and say in ``rejected`` why the others are left out.
+
+    Args:
+        tuned: the believed model re-tuned.
+        start: the believed model as it is, to descend from there, too; None if re-tuning was not strained.
+        screened: every effect, screened at ``tuned``.
+        tested: number of effects that are tested.
+        rejected: effect -> why it was not fitted; added to.
+        say: called with a few words as each fit begins.
+    """
+    followed = promising(screened, FOLLOWED, FOLLOWED_FAR, AT_LEAST)
+    queue = [(one, 0) for i, one in enumerate(followed) if i < AT_LEAST or one.promise >= PROMISING]
+    if start is not None:
+        afresh = promising([screen(start, s.effect) for s in screened], FOLLOWED, FOLLOWED_FAR, AT_LEAST)
+        queue += [(one, PATIENCE) for one in afresh[:FROM_BELIEVED]]
+    fits: dict[str, EffectFit] = {}
+    for one, patience in queue:
+        say(f"fit {one.effect.title}")
+        name, best_gain = one.effect.name, max((f.gain for f in fits.values()), default=0.0)
+        found = fit(one, tuned.chi2, best_gain, tested, patience)
+        if found is not None and (name not in fits or found.chi2 < fits[name].chi2):
+            fits[name] = found
+        elif name not in fits:
+            rejected[name] = "nothing on the way to its best fit flies the measured commands"
+    for one in screened:
+        if one.seen and one.effect.name not in fits.keys() | rejected.keys():
+            rejected[one.effect.name] = (
+                f"promises a gain of {one.promise:.3g} only, against {followed[0].promise:.3g} of "
+                f"{followed[0].effect.name}"
+            )
+    for name in fits.keys() & rejected.keys():  # it flew from one of the two bases
+        del rejected[name]
+    return list(fits.values())
 
 
 def _ranked(fits: Sequence[EffectFit], samples: int) -> tuple[EffectFit, ...]:
@@ -161,10 +191,10 @@ def _two_at_once(
         for other in promising(others, 0.5, 0.5, 1)[:3]:
             both = together(lead.effect, other.effect)
             begin = np.concatenate([np.array(list(lead.values.values())), other.starts[0]])
-            descent = descend(Changes(base, both), begin, chi2_tuned - best_gain)
+            descent = descend(Changes(base, both), begin, chi2_tuned - best_gain, PATIENCE)
             if descent is not None and descent.flown:
                 found = summarise(both, descent, chi2_tuned, tested**2)
-                if _explains(found, samples, TOGETHER):
+                if found.chi2 <= chi2.isf(FALSE_ALARM, samples):  # a form not quite right finds company, too
                     pairs.append(found)
                     best_gain = max(best_gain, found.gain)
     return pairs

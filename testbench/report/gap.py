@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from testbench.gap.export import aircraft_files
 from testbench.gap.fit import FALSE_ALARM
+from testbench.gap.forces import follows
 from testbench.report.labels import file_stem, symbol
 from testbench.report.tables import Column, Table
 from testbench.report.write import PAGE, write_file, write_plates, write_tables
@@ -117,6 +118,22 @@ def gap_tables(result: GapResult) -> list[Table]:
         wide=True,
     )
     out = [ranking]
+    if result.finding.forces:
+        shares = follows(result.finding.forces)
+        quantities = list(dict.fromkeys(q for row in shares.values() for q in row))
+        out.append(
+            Table(
+                "equation_errors",
+                "What the forces and moments without a cause follow",
+                "Share of the energy of each equation error, all manoeuvres together, that is in proportion to one "
+                "quantity alone; quantities move together, so that shares do not add up.",
+                (
+                    Column("coefficient", "error of"),
+                    *(Column(q, "dα/dt" if q == "alphadot" else symbol(q), "%", decimals=0) for q in quantities),
+                ),
+                tuple((c, *(100.0 * row.get(q, 0.0) for q in quantities)) for c, row in shares.items()),
+            )
+        )
     if naming.best is not None:
         out.append(
             Table(

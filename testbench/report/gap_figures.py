@@ -9,6 +9,7 @@ import numpy as np
 from testbench.gap.locate import BANDS_HZ
 from testbench.report.labels import axis_label, shown_unit, symbol
 from testbench.report.plot import (
+    BAND,
     COLOURS,
     FAINT,
     INK,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
 
 _TOP_ENERGY = 100.0  # residual energies from 1 (noise) to this span the colour scale
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
+_MOST_FORCES = 3  # manoeuvres side by side
 _SEGMENTS = 8  # of a residual spectrum, averaged
 
 
@@ -44,6 +46,8 @@ def gap_plates(result: GapResult) -> list[Plate]:
     """Return the figures of a gap case: maps, ranking, and before and after on each held-out manoeuvre."""
     out = [_answer_plate(result)] if result.finding.shrink and result.finding.naming.best is not None else []
     out += [_map_plate(result), _region_plate(result)] if result.finding.regions else [_map_plate(result)]
+    if result.finding.forces:
+        out.append(_force_plate(result))
     if any(f.gain > 0.0 for f in result.finding.naming.ranking):
         out.append(_ranking_plate(result))
     if result.finding.naming.best is not None:
@@ -124,6 +128,43 @@ def _region_plate(result: GapResult) -> Plate:
         "holds too few samples."
     )
     return Plate("residual_regions", "Where in the flight region the residual sits", caption, make)
+
+
+def _force_plate(result: GapResult) -> Plate:
+    """Return the equation errors over time: a row per coefficient, a column per manoeuvre, the largest ones."""
+    names = list(result.finding.forces[0].errors)
+    largest = sorted(
+        result.finding.forces,
+        key=lambda f: -max(float(np.std(f.errors[n])) / max(f.floor[n], 1e-12) for n in names),
+    )[:_MOST_FORCES]
+    forces = [f for f in result.finding.forces if f in largest]
+
+    def make(wide: bool) -> Figure:
+        """Draw one panel per coefficient and manoeuvre."""
+        columns = len(forces) if wide else 1
+        rows = len(names) * (1 if wide else len(forces))
+        figure = new_figure(wide, 0.35 + 1.05 * rows + 0.5 * (rows - 1) + 0.5)
+        panels = grid(figure, 0.3, [1.05] * rows, (1.0,) * columns, gap_in=0.5, between_in=0.6)
+        panels = panels.reshape(len(names), len(forces)) if wide else panels.reshape(len(forces), len(names)).T
+        for r, name in enumerate(names):
+            top = max(float(np.abs(f.errors[name]).max()) for f in forces if name in f.errors)
+            for c, found in enumerate(forces):
+                axes = panels[r, c]
+                axes.axhspan(-2.0 * found.floor[name], 2.0 * found.floor[name], color=BAND)
+                axes.plot(*envelope(found.t_s, found.errors[name]), color=COLOURS[0], linewidth=1.0)
+                axes.set_ylim(-1.05 * top, 1.05 * top)
+                last = r == len(names) - 1 or not wide
+                title = found.manoeuvre if r == 0 or not wide else ""
+                label(axes, "t, s" if last else "", f"Δ{name}" if c == 0 or not wide else "", title)
+                time_axis(axes)
+        return figure
+
+    caption = (
+        "The measured motion put into the believed equations at every instant: what they leave of the measured "
+        "accelerations, as coefficients. Grey: two standard deviations of it in the quiet flight before the commands."
+        + (f" The {_MOST_FORCES} manoeuvres with most of it." if len(forces) < len(result.finding.forces) else "")
+    )
+    return Plate("equation_errors", "Forces and moments without a cause", caption, make)
 
 
 def _map_plate(result: GapResult) -> Plate:
@@ -245,7 +286,8 @@ def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
     outputs = result.finding.believed.outputs
     dt = shrink.record.dt_s
     measured = shrink.record.columns(outputs)
-    sides = [(measured - y) / result.finding.believed.noise_std for y in (shrink.before, shrink.after)]
+    believed = result.finding.believed
+    sides = [believed.in_noise_units(shrink.record, measured - y) for y in (shrink.before, shrink.after)]
 
     def make(wide: bool) -> Figure:
         """Draw one panel per output."""
@@ -271,6 +313,8 @@ def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
         return figure
 
     caption = "Spectrum of the residual in units of the noise density, averaged over overlapping segments."
+    if result.finding.air.moves:
+        caption += " Turbulence is taken out by the Kalman filter in which the effect was sought."
     return Plate(f"held_out_{number}_spectrum", f"The same by frequency: {shrink.manoeuvre}", caption, make)
 
 

@@ -93,14 +93,14 @@ def test_the_rate_must_be_that_of_the_sensors(flown, tmp_path):
 
 
 def test_files_that_are_no_records_are_refused(files, tmp_path):
+    (tmp_path / "flight.ulg").write_bytes(b"x")
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "a.nc").write_bytes(files[0].read_bytes())
     with pytest.raises(RecordError, match="testbench import"):
-        (tmp_path / "flight.ulg").write_bytes(b"x")
         load_flights("eolo", [tmp_path / "flight.ulg"])
     with pytest.raises(RecordError, match="must be a file that exists"):
         load_flights("eolo", [tmp_path / "none.nc"])
     with pytest.raises(RecordError, match="names of measured records must differ"):
-        (tmp_path / "sub").mkdir()
-        (tmp_path / "sub" / "a.nc").write_bytes(files[0].read_bytes())
         load_flights("eolo", [files[0], tmp_path / "sub" / "a.nc"])
     with pytest.raises(RecordError, match="at least one record must be left"):
         load_flights("eolo", files, files)

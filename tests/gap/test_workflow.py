@@ -6,19 +6,26 @@ False alarms: a case without an effect is named with probability 1e-3 (testbench
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 import pytest
 
+import testbench.gap.workflow as workflow
 from testbench.errors import RecordError, ScenarioError
 from testbench.flight import FlightCondition
 from testbench.gap.believed import NUISANCES, Believed, quiet_samples
-from testbench.gap.case import load_gap, run_gap
+from testbench.gap.case import load_gap, run_flights, run_gap
+from testbench.gap.effects import EFFECTS
+from testbench.gap.fit import EffectFit
 from testbench.gap.hidden import Nothing, measure_hidden
 from testbench.gap.local import Local
 from testbench.gap.locate import locate
+from testbench.gap.name import Naming, name_effect
+from testbench.gap.records import load_flights
 from testbench.gap.workflow import find_gap
 from testbench.paths import SCENARIOS
+from testbench.report import record_keeper
 from testbench.sensors import load_suite
 
 CASES = {
@@ -30,9 +37,28 @@ CASES = {
 TRUE_SIZE = {"slow_servo": ("lag_rad_s", 12.0), "thrust_line": ("z_m", 0.03), "alpha_vane": ("scale", 1.10)}
 
 
-@pytest.fixture(scope="module", params=CASES)
+SMALL = ("wing_bending", "actuator_lag", "thrust_line", "alpha_scale", "q_lag", "mass_error")
+
+
+@cache
+def solve(name, whole=False):
+    """A case solved once for all tests of this file, among a few effects or among all of the library (slow)."""
+    effects = None if whole else {n: EFFECTS[n] for n in SMALL}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workflow, "name_effect", partial(name_effect, effects=effects, pairs=whole))
+        return run_gap(SCENARIOS / "gap" / f"{name}.toml")
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        *((name, False) for name in CASES),
+        *(pytest.param((name, True), marks=pytest.mark.slow) for name in CASES),
+    ],
+    ids=lambda p: f"{p[0]}-{'whole library' if p[1] else 'few effects'}",
+)
 def solved(request):
-    return request.param, run_gap(SCENARIOS / "gap" / f"{request.param}.toml")
+    return request.param[0], solve(*request.param)
 
 
 def test_the_right_effect_is_named_and_the_gap_shrinks(solved):
@@ -55,7 +81,8 @@ def test_the_right_effect_is_named_and_the_gap_shrinks(solved):
 
 
 def test_nothing_hidden_is_no_gap():
-    finding = run_gap(SCENARIOS / "gap" / "nothing.toml").finding
+    finding = solve("nothing").finding
+    assert not finding.air.moves
     assert finding.naming.outcome == "no gap"
     assert finding.amended is finding.believed
     assert finding.naming.best is None
@@ -141,11 +168,10 @@ def test_the_amended_model_flies_in_stock_jsbsim_and_the_amended_suite_is_read_b
     """What is written needs nothing of this project: JSBSim loads, trims and flies it from the folder alone."""
     import jsbsim
 
-    from testbench.gap.effects import EFFECTS
     from testbench.report.gap import write_amended
     from testbench.sensors import load_suite
 
-    result = run_gap(SCENARIOS / "gap" / "alpha_vane.toml")
+    result = solve("alpha_vane")
     paths = write_amended(result, tmp_path / "vane")
     suite = load_suite(next(p for p in paths if p.suffix == ".toml"))
     scale = next(s.scale for s in suite.sensors if s.channel == "alpha")
@@ -189,10 +215,12 @@ def test_thirty_flights_without_an_effect_give_no_name():
     assert 0.3 < np.median([n.ranking[0].gain for n in namings]) < 4.0
 
 
-def test_measured_records_on_disk_give_the_same_answer_as_the_case_they_came_from(tmp_path):
-    """The search needs the files alone: records saved by one run are named alike by a scenario that only lists them."""
-    from testbench.report import record_keeper
-
+def test_measured_records_on_disk_give_the_same_answer_as_the_case_they_came_from(tmp_path, monkeypatch):
+    """The search needs the files alone: records saved by one run are named alike by a scenario that only lists them,
+    and from the command line's form. A library of two effects keeps it short.
+    """
+    few = {n: EFFECTS[n] for n in ("alpha_scale", "actuator_lag")}
+    monkeypatch.setattr(workflow, "name_effect", partial(name_effect, effects=few, pairs=False))
     source = SCENARIOS / "gap" / "alpha_vane.toml"
     made = run_gap(source, keep=record_keeper(tmp_path))
     head = source.read_text(encoding="utf-8").split("\n[hidden]")[0] + "\n"
@@ -206,3 +234,32 @@ def test_measured_records_on_disk_give_the_same_answer_as_the_case_they_came_fro
     found = run_gap(file).finding.naming
     assert found.names == ("alpha_scale",)
     assert found.ranking[0].values == made.finding.naming.ranking[0].values
+    folder = tmp_path / "records"
+    flights = load_flights(
+        "eolo", sorted(folder.glob("*.nc")), [folder / "doublets_and_throttle.nc"], "eolo_gap", "rigid", 16.0, 547.0
+    )
+    handed = run_flights("eolo", flights, check=False).finding
+    assert handed.naming.names == ("alpha_scale",)
+    assert handed.naming.best.values["scale"] == pytest.approx(made.finding.naming.best.values["scale"], rel=1e-6)
+    assert [s.manoeuvre for s in handed.shrink] == [held_out]
+
+
+def test_a_set_gets_a_manoeuvre_to_fly_next(monkeypatch, case):
+    """Where two effects cannot be told apart, the finding says which manoeuvre would, and nothing is made up."""
+    believed, record = case
+
+    def undecided(belief, records, say):
+        """Name two effects that change nothing much here."""
+        fits = tuple(
+            EffectFit(
+                EFFECTS[n], {EFFECTS[n].parameters[0].name: x}, {}, 1.0, 30.0, 17.0, 0.5, dict.fromkeys(NUISANCES, 1.0)
+            )
+            for n, x in (("thrust_line", 0.05), ("mass_error", 1.1))
+        )
+        return Naming("set", ("thrust_line", "mass_error"), fits, 1.0, 1.0, 5, "one of these")
+
+    monkeypatch.setattr(workflow, "name_effect", undecided)
+    finding = find_gap(believed, {"a": record.between(0.0, 8.0)}, {})
+    assert finding.next_flight
+    assert finding.next_flight in finding.sentences
+    assert finding.amended is not finding.believed

@@ -73,8 +73,8 @@ def _page(scores: Sequence[Score], cases: Sequence[Case], failed: Sequence[str],
         "# Blind test of the gap workflow",
         "",
         "Made by `make blind-test` (`python -m testbench.gap.blind`, which resumes where it stopped; `--report` writes "
-        "this page anew). Hidden truths are drawn from one seed by code of their own (`testbench/gap/blind/`), with every "
-        "coefficient of the belief off by its prior; the workflow gets records of six manoeuvres, the believed "
+        "this page anew). Hidden truths are drawn from one seed by code of their own (`testbench/gap/blind/`), with "
+        "every coefficient of the belief off by its prior; the workflow gets records of six manoeuvres, the believed "
         "aircraft and the believed sensors. The hash of the answers was written before the first case was named.",
         "",
         f"Seed {seed}. SHA-256 of answers.json without its last line break: `{digest}`.",

@@ -1,0 +1,74 @@
+"""Naming: one effect, two at once, none, and none of those that are known; few candidates, so that it is quick."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from testbench.gap.blind.flights import Plan, fly_truth
+from testbench.gap.blind.run import believe
+from testbench.gap.blind.truths import KINDS
+from testbench.gap.effects import EFFECTS
+from testbench.gap.name import name_effect
+
+FEW = ("actuator_lag", "second_order_actuator", "transport_delay", "alpha_scale", "pitch_damper")
+
+
+def named(plan: Plan, names: tuple[str, ...] = FEW, seed: int = 11):
+    records = list(fly_truth("taurus", plan, "short", seed).values())
+    return name_effect(believe("taurus"), records, effects={n: EFFECTS[n] for n in names})
+
+
+SLOW = KINDS["slow servo"].plan({"lag_rad_s": 12.0}, "taurus")
+
+
+@pytest.fixture(scope="module")
+def slow():
+    return named(SLOW)
+
+
+def test_a_slow_servo_is_named_with_its_size_and_not_its_more_general_form(slow):
+    assert (slow.outcome, slow.names) == ("named", ("actuator_lag",)), slow.sentence
+    best = slow.best
+    assert abs(best.values["lag_rad_s"] - 12.0) < 4.0 * best.errors["lag_rad_s"]  # false alarm 6e-5
+    assert "lag_rad_s = 1" in best.size
+    assert not best.at_bound
+
+
+def test_every_effect_is_either_ranked_or_has_a_reason(slow):
+    assert {f.effect.name for f in slow.ranking if not f.effect.parts} | set(slow.rejected) == set(FEW)
+    assert slow.chi2_believed >= slow.chi2_tuned > slow.best.chi2
+
+
+def test_nothing_hidden_is_no_gap():
+    """False alarm 2e-3: a name and left-over energy have 1e-3 each; the seed is fixed."""
+    naming = named(Plan(factors={"Cm_q": 1.1, "CL_alpha": 0.97}))
+    assert (naming.outcome, naming.names, naming.best) == ("no gap", (), None), naming.sentence
+
+
+def test_without_the_true_effect_no_other_one_is_named():
+    naming = named(SLOW, ("alpha_scale", "pitch_damper"))
+    assert naming.outcome == "unexplained", naming.sentence
+    assert naming.best is None
+
+
+def test_two_effects_at_once_are_one_name_with_both_sizes():
+    slower, vane = (
+        KINDS[k].plan(v, "taurus") for k, v in (("slow servo", {"lag_rad_s": 12.0}), ("vane gain", {"gain": 1.7}))
+    )
+    naming = named(slower.with_(vane), ("actuator_lag", "alpha_scale", "transport_delay"))
+    assert naming.outcome == "named", naming.sentence
+    assert set(naming.names[0].split(" + ")) == {"actuator_lag", "alpha_scale"}
+    values = naming.best.values
+    assert values["actuator_lag.lag_rad_s"] == pytest.approx(12.0, rel=0.1)
+    assert values["alpha_scale.scale"] == pytest.approx(1.7, rel=0.05)
+
+
+def test_whitening_that_halves_residuals_quarters_chi_square(slow):
+    from dataclasses import replace
+
+    records = list(fly_truth("taurus", SLOW, "short", 11).values())
+    half = replace(believe("taurus"), whiten=lambda record, r: 0.5 * r)
+    naming = name_effect(half, records, effects={"actuator_lag": EFFECTS["actuator_lag"]})
+    assert naming.chi2_believed == pytest.approx(slow.chi2_believed / 4.0, rel=1e-9)
+    assert np.isfinite(naming.chi2_tuned)
