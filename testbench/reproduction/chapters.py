@@ -60,8 +60,8 @@ CHAPTERS: dict[str, tuple[str, str, tuple[Callable[[Say], Section], ...]]] = {
 """Name -> title, what it rests on, and the sections in order."""
 
 
-def reproduce(name: str = "all", say: Say = lambda text: None) -> tuple[Chapter, ...]:
-    """Run the chapter ``name``, or all, and return what was found.
+def chosen(name: str) -> tuple[str, ...]:
+    """Return the names of the chapters that ``name`` asks for: one, or with "all" every one.
 
     Raises:
         ScenarioError: there is no such chapter.
@@ -70,8 +70,17 @@ def reproduce(name: str = "all", say: Say = lambda text: None) -> tuple[Chapter,
         raise ScenarioError(
             [f"a reproduction must be one of {', '.join(CHAPTERS)} or all, got '{name}'{nearest(name, CHAPTERS)}"]
         )
-    chosen = CHAPTERS if name == "all" else {name: CHAPTERS[name]}
-    return tuple(
-        Chapter(key, title, source, tuple(section(say) for section in sections))
-        for key, (title, source, sections) in chosen.items()
-    )
+    return tuple(CHAPTERS) if name == "all" else (name,)
+
+
+def reproduce(name: str = "all", say: Say = lambda text: None) -> tuple[Chapter, ...]:
+    """Run the chapter ``name``, or all, and return what was found.
+
+    Raises:
+        ScenarioError: there is no such chapter.
+    """
+    out = []
+    for key in chosen(name):
+        title, source, sections = CHAPTERS[key]
+        out.append(Chapter(key, title, source, tuple(section(say) for section in sections)))
+    return tuple(out)

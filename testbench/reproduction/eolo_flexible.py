@@ -241,7 +241,7 @@ def comparisons(
             step < sine,
         ),
         claim_row(
-            "it was the input that hid them from the accelerometers",
+            "it was the input that hid the flexible modes",
             "conclusions",
             "a problem of the input, not of the method",
             "modes found with one thing changed: "

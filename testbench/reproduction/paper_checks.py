@@ -84,9 +84,10 @@ def eolo(say: Say) -> Section:
 def in_words(checks: Sequence[Comparison]) -> str:
     """Return how many checks of the paper against itself fail, and which."""
     parted = [r for r in checks if r.verdict != "agrees"]
-    names = "; ".join(r.what for r in parted)
-    return f"Of {len(checks)} checks of the printed numbers against each other {len(checks) - len(parted)} come out" + (
-        f" and {len(parted)} {'does' if len(parted) == 1 else 'do'} not: {names}" if parted else ""
+    names, good = "; ".join(r.what for r in parted), len(checks) - len(parted)
+    return (
+        f"Of {len(checks)} checks of the printed numbers against each other {good} come{'s' if good == 1 else ''} out"
+        + (f" and {len(parted)} {'does' if len(parted) == 1 else 'do'} not: {names}" if parted else "")
     )
 
 

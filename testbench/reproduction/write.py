@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import base64
 import io
+import os
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from testbench.errors import RecordError
 from testbench.report.html import Picture, render
 from testbench.report.labels import file_stem
 from testbench.report.plot import Plate
@@ -34,6 +37,24 @@ GROUPS = {
 """Verdict -> heading of its list on the first screen."""
 _SHORT = 14  # letters of a number on the first screen
 _COLOURS = 48  # of a figure's palette: lines and text need few, and files become a third of the size
+
+
+def open_folder(folder: Path | str) -> Path:
+    """Return ``folder``, made if need be: what takes minutes to compute shall not fail when it is written.
+
+    Raises:
+        RecordError: the folder cannot be made or written to.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise RecordError(
+            f"results go into a folder, which '{folder}' cannot be ({error.strerror}); give another with -o"
+        ) from error
+    if not os.access(folder, os.W_OK):
+        raise RecordError(f"results go into a folder that can be written to, got '{folder}'; give another with -o")
+    return folder
 
 
 def write_reproduction(chapters: Sequence[Chapter], folder: Path | str) -> list[Path]:
@@ -128,7 +149,9 @@ def print_reproduction(chapters: Sequence[Chapter], console: Console, folder: Pa
 
 
 def _write_table(table: Table, folder: Path) -> Path:
-    return write_file(folder / "tables" / f"{file_stem(table.name)}.csv", table.to_csv())
+    """Write one table; nine figures of each number, since the last bits hang on how memory happens to lie."""
+    rows = tuple(tuple(float(f"{v:.9g}") if isinstance(v, float) else v for v in row) for row in table.rows)
+    return write_file(folder / "tables" / f"{file_stem(table.name)}.csv", replace(table, rows=rows).to_csv())
 
 
 def _picture(plate: Plate, wide: bytes) -> Picture:

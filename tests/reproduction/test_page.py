@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from testbench.errors import ScenarioError
+from testbench.errors import RecordError, ScenarioError
 from testbench.reproduction import paper_checks
 from testbench.reproduction.chapters import CHAPTERS, reproduce
 from testbench.reproduction.draw import Line, Panel, plate
 from testbench.reproduction.printed import polynomial, printed_numbers
 from testbench.reproduction.section import VERDICTS, Chapter, Section
 from testbench.reproduction.verdict import Why, claim_row, number_row
-from testbench.reproduction.write import PAGE, groups, summary, write_reproduction
+from testbench.reproduction.write import PAGE, groups, open_folder, summary, write_reproduction
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMITTED = ROOT / "results" / "reproduction"
@@ -91,7 +91,9 @@ def test_the_page_fetches_nothing(written):
         html = page.read_text(encoding="utf-8")
         assert "default-src 'none'" in html
         assert not re.search(r"""(?:src|href|srcset)=["'](?!data:|#)""", html)
-        assert "<script" not in html
+        assert not re.search(r"<script[^>]*\ssrc", html)
+        scripts = re.findall(r"script-src ([^;]*);", html)
+        assert all(re.fullmatch(r"'sha256-[^']+'", allowed.strip()) for allowed in scripts)
 
 
 def test_printed_numbers_that_contradict_each_other_are_named():
@@ -134,6 +136,13 @@ def test_a_polynomial_reads_as_printed():
 def test_an_unknown_chapter_is_refused_with_the_nearest_name():
     with pytest.raises(ScenarioError, match=r"taurus, eolo, b1 or all, got 'tauros'.*taurus"):
         reproduce("tauros")
+
+
+def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    with pytest.raises(RecordError, match=r"results go into a folder.*file.*give another with -o"):
+        open_folder(tmp_path / "file" / "reproduction")
+    assert open_folder(tmp_path / "new" / "reproduction").is_dir()
 
 
 def test_the_command_refuses_an_unknown_chapter_in_one_line(tmp_path):

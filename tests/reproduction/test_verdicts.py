@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from testbench.reproduction import b1_alpha, eolo_bode, eolo_lost_pole, eolo_model, taurus_causes, taurus_model
+from testbench.reproduction import (
+    b1_alpha,
+    eolo_air_data,
+    eolo_bode,
+    eolo_lost_pole,
+    eolo_model,
+    taurus_causes,
+    taurus_model,
+)
 from testbench.reproduction.printed import TABLE_3, TABLE_4, A
 from testbench.reproduction.verdict import Why, claim_row, judge_number, number_row, tally
 
@@ -175,3 +183,26 @@ def test_the_likeness_of_figure_8_is_judged_by_decibels():
     assert verdicts(1.0, 2.0) == ["agrees", "agrees", "agrees"]
     assert verdicts(5.0, 20.0) == ["agrees in kind", "agrees in kind", "agrees"]
     assert verdicts(9.0, 20.0)[:2] == ["differs", "differs"]
+
+
+def test_what_a_vane_is_worth_needs_paired_noises_and_a_size():
+    motion = eolo_air_data.Motion("longitudinal", (), ("de",), ("q",), "alpha", {"mode": -1.0 + 0.0j})
+    without = eolo_air_data.Outcome({"mode": np.full(8, 30.0)}, 75.0)
+    half = eolo_air_data.Outcome({"mode": np.where(np.arange(8) < 4, 10.0, 40.0)}, 75.0)
+    little = eolo_air_data.Outcome({"mode": np.full(8, 29.0)}, 75.0)
+    much = eolo_air_data.Outcome({"mode": np.full(8, 10.0)}, 0.0)
+    assert eolo_air_data.better(without, much) == ("mode",)
+    assert eolo_air_data.better(without, half) == eolo_air_data.better(without, little) == ()
+
+    def verdict(with_: eolo_air_data.Outcome) -> str:
+        found = {
+            ("longitudinal", label, vane): with_ if vane else without
+            for label in eolo_air_data.HORIZONS
+            for vane in (False, True)
+        }
+        return eolo_air_data.comparison(motion, found).verdict
+
+    assert verdict(much) == "agrees"
+    assert verdict(little) == "differs"
+    worse = eolo_air_data.Outcome({"mode": np.full(8, 60.0)}, 0.0)
+    assert verdict(worse) == "agrees in kind"
