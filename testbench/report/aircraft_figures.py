@@ -39,9 +39,10 @@ _RESPONSES = ("V", "q", "alpha", "theta")
 
 
 def aircraft_plates(survey: Survey) -> list[Plate]:
-    """Return the figures of a survey: three views, trim, modes over speed, mode shapes, frequency responses."""
-    out = three_view_plates(survey)
-    out += [_trim_plate(survey), _mode_plate(survey, "longitudinal"), _mode_plate(survey, "lateral-directional")]
+    """Return the figures of a survey, first where an elastic aircraft becomes unstable, where another one trims."""
+    modes, trims = _mode_plate(survey, "longitudinal"), _trim_plate(survey)
+    lead, second = (modes, trims) if survey.envelope.elastic else (trims, modes)
+    out = [lead, *three_view_plates(survey), second, _mode_plate(survey, "lateral-directional")]
     if shaped_modes(survey.envelope):
         out.append(_shape_plate(survey))
     if survey.responses and "de" in survey.envelope.aircraft.controls:

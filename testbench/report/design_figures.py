@@ -21,6 +21,7 @@ from testbench.report.plot import (
     legend,
     legend_in,
     line_handles,
+    line_look,
     log_axis,
     new_figure,
     spread,
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from testbench.designer import DesignResult, Ranked
 
 _RIGID, _ELASTIC = "#00664a", "#8a4f74"
-_LIMIT = "#b34700"
+_LIMIT, _DASHED = "#b34700", (0, (4, 2))
 _COMPARED = 5
 _G = 9.80665
 _DECADES = 6
@@ -81,7 +82,7 @@ def _flight_plate(result: DesignResult) -> Plate:
             last = i % rows == rows - 1 or i == len(names) - 1
             label(axes, "t, s" if last else "", "load factor" if names[i] == "az" else axis_label(names[i]))
             axes.tick_params(labelbottom=last)
-        handles = line_handles([], [("flown", COLOURS[0]), ("command", INK), ("limit", _LIMIT)])
+        handles = line_handles([], [("flown", COLOURS[0]), ("command", INK, ":"), ("limit", _LIMIT, _DASHED)])
         legend(figure, handles)
         return figure
 
@@ -109,12 +110,12 @@ def _draw_channel(axes: Axes, result: DesignResult, name: str, best: Ranked) -> 
     shown = [float(y.min()), float(y.max())]
     if name in best.design.controls:
         command = factor * record[f"{name}_cmd"]
-        axes.plot(*envelope(record.t_s, command), color=INK, linewidth=0.8)
+        axes.plot(*envelope(record.t_s, command), color=INK, linewidth=1.3, linestyle=":")
         shown += [float(command.min()), float(command.max())]
     middle, half = 0.5 * (max(shown) + min(shown)), max(0.5 * (max(shown) - min(shown)), 1e-9)
     for bound in sorted(factor * b for b in result.envelope.bands.get(name, ())):
         if abs(bound - middle) < 2.2 * half:
-            axes.axhline(bound, color=_LIMIT, linewidth=1.1, linestyle=(0, (4, 2)))
+            axes.axhline(bound, color=_LIMIT, linewidth=1.1, linestyle=_DASHED)
             shown.append(bound)
     tight = best.flown.tightest
     if tight.name == name:
@@ -149,14 +150,14 @@ def _spectrum_plate(result: DesignResult) -> Plate:
         peak = 0.0
         for k, (omega, energy) in enumerate(curves):
             peak = max(peak, float(energy.max()))
-            axes.plot(omega, energy, color=COLOURS[k % 6], linewidth=1.5 if k == 0 else 0.9, zorder=3.0 - 0.1 * k)
+            axes.plot(omega, energy, **line_look(k), linewidth=1.6 if k == 0 else 1.0, zorder=3.0 - 0.1 * k)
         log_axis(axes, "x", powers=False)
         log_axis(axes, "y", powers=True)
         axes.set_xlim(low, high)
         axes.set_ylim(10.0**-_DECADES * peak, 3.0 * peak)
         _draw_modes(axes, result, wide)
         label(axes, "frequency, rad/s", "energy density, (deg s)²")
-        handles = line_handles([], [(n, COLOURS[k % 6]) for k, n in enumerate(names)])
+        handles = line_handles(names)
         legend(figure, handles)
         return figure
 
@@ -218,7 +219,7 @@ def _error_plate(result: DesignResult) -> Plate:
                 text, (ratios[0, i], i * each), xytext=(3, 0), textcoords="offset points", va="center", fontsize=7,
                 color=QUIET,
             )  # fmt: skip
-        axes.axvline(1.0, color=_LIMIT, linewidth=1.2, linestyle=(0, (4, 2)))
+        axes.axvline(1.0, color=_LIMIT, linewidth=1.2, linestyle=_DASHED)
         middle = 0.065 * (len(entries) - 1)
         axes.set_yticks(
             [i * each + middle for i in range(len(t.names))],
@@ -230,13 +231,14 @@ def _error_plate(result: DesignResult) -> Plate:
         axes.set_xlim(low, max(2.0, 1.6 * float(ratios.max())))
         log_axis(axes, "x", powers=True)
         label(axes, "predicted standard error over the wanted one" if wide else "error over the wanted one")
-        handles = line_handles([], [*((n, COLOURS[k % 6]) for k, n in enumerate(names)), ("wanted", _LIMIT)])
+        handles = line_handles([], [*((n, COLOURS[k % 6]) for k, n in enumerate(names)), ("wanted", _LIMIT, _DASHED)])
         legend(figure, handles)
         return figure
 
     caption = (
         "Predicted standard errors of every target over what is wanted of it: left of the dashed line is good enough. "
-        "The figure behind the first bar is the error of the recommended input itself."
+        "Bars stand in the order of the legend. The figure behind the first bar is the error of the recommended input "
+        "itself."
     )
     return Plate("errors", "What each input tells", caption, make)
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from testbench.record import FlightRecord, FloatArray
+from testbench.report.answer_figures import answer_plates
 from testbench.report.frequency_figures import bode_plates, input_plates
 from testbench.report.labels import axis_label, case_names, number, outputs_of, shown_unit
 from testbench.report.parameter_figures import parameter_plates
@@ -53,6 +54,7 @@ _REACH = 0.6  # a diverging prediction may widen the axis by this much of the me
 def plates(result: RunResult) -> list[Plate]:
     """Return every figure that ``result`` has the data for, in the order of the report."""
     return [
+        *answer_plates(result),
         *input_plates(result),
         *history_plates(result),
         *parameter_plates(result),
@@ -78,8 +80,8 @@ def _history_plate(result: RunResult, parts: Sequence[tuple[str, int]], part: in
     records = [getattr(result.cases[0], use)[i] for use, i in parts]
     caption = (
         "Grey: measured, prepared for identification. Coloured: what each model predicts from the input alone, its "
-        "initial state fitted. Numbers above a panel: MRSE over that data set; 0 % is perfect, 100 % is no better than "
-        "predicting zero. The validation records took no part in the identification."
+        "initial state fitted. Numbers above a panel, in the order of the legend: MRSE over that data set; 0 % is "
+        "perfect, 100 % is no better than predicting zero. The validation records took no part in the identification."
     )
 
     def make(wide: bool) -> Figure:

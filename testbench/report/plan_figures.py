@@ -32,8 +32,9 @@ _WARN = "#b34700"
 
 
 def plan_plates(plan: Plan) -> list[Plate]:
-    """Return the figures of the plan's page."""
-    return [_build_up(plan), _energy(plan)] if plan.flights else [_build_up(plan)]
+    """Return the figures of the plan's page; the first shows what bounds it, elastic modes or energy."""
+    out = [_build_up(plan), *([_energy(plan)] if plan.flights else [])]
+    return out if _weakest(plan) else out[::-1]
 
 
 def _weakest(plan: Plan) -> list[str]:

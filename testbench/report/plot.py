@@ -294,11 +294,14 @@ def _legend_columns(names: Sequence[str], width_in: float) -> int:
     return max(1, min(len(names), int(width_in / widest)))
 
 
-def line_handles(names: Sequence[str], extra: Sequence[tuple[str, str]] = ()) -> list[Any]:
-    """Return legend handles: (label, colour) lines of ``extra``, then one line per case in its colour and dash."""
+def line_handles(names: Sequence[str], extra: Sequence[tuple[str, str] | tuple[str, str, Any]] = ()) -> list[Any]:
+    """Return legend handles: (label, colour[, dash]) lines of ``extra``, then one line per case, colour and dash."""
     from matplotlib.lines import Line2D
 
-    first = [Line2D([], [], color=colour, linewidth=2.0, label=text) for text, colour in extra]
+    first = [
+        Line2D([], [], color=colour, linewidth=2.0, linestyle=dash[0] if dash else "-", label=text)
+        for text, colour, *dash in extra
+    ]
     return first + [Line2D([], [], **line_look(k), label=name) for k, name in enumerate(names)]
 
 

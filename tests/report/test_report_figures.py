@@ -33,7 +33,7 @@ def ylabelled(plate: Plate, text: str) -> list:
 
 def test_every_plate_of_a_simulated_run_is_there_once(result) -> None:
     names = [p.name for p in plates(result)]
-    assert names == ["input_de", "time_histories", "singular_values", "bode_de", "poles"]
+    assert names == ["answer", "input_de", "time_histories", "singular_values", "bode_de", "poles"]
 
 
 @pytest.mark.parametrize("wide", [True, False])

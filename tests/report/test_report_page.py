@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import html
 import json
 import re
@@ -17,7 +18,7 @@ from rich.console import Console
 from testbench.errors import RecordError
 from testbench.record import load_record
 from testbench.report import print_result, record_keeper, write_results
-from testbench.report.html import render, source_text
+from testbench.report.html import first_screen, render, source_text
 from testbench.report.write import write_file
 
 VOID = {"meta", "img", "source", "br", "link"}
@@ -76,7 +77,11 @@ def test_the_page_is_well_formed_and_fetches_nothing(page: str) -> None:
     reader.feed(page)
     reader.close()
     assert reader.open == []
-    assert "script" not in reader.tags
+    scripts = re.findall(r"<script>(.*?)</script>", page, re.DOTALL)
+    assert len(scripts) == page.lower().count("<script") == 1
+    digest = base64.b64encode(hashlib.sha256(scripts[0].encode()).digest()).decode()
+    assert f"script-src 'sha256-{digest}'" in page
+    assert "innerHTML" not in scripts[0]
     assert reader.addresses
     assert all(a.startswith(("#", "data:image/svg+xml;base64,")) for a in reader.addresses)
     assert {a[1:] for a in reader.addresses if a.startswith("#")} <= set(reader.ids)
@@ -85,7 +90,7 @@ def test_the_page_is_well_formed_and_fetches_nothing(page: str) -> None:
 
 def test_every_figure_is_on_the_page_wide_and_narrow(page: str) -> None:
     images = re.findall(r'(?:srcset|src)="data:image/svg\+xml;base64,([^"]+)"', page)
-    assert len(images) == 2 * 5
+    assert len(images) == 2 * 6
     assert all(b"</svg>" in base64.b64decode(image) for image in images)
 
 
@@ -113,9 +118,21 @@ def test_the_page_says_where_its_figures_come_from(page: str, result) -> None:
 
 
 def test_the_answer_stands_before_everything_else(page: str) -> None:
-    order = [page.index(f'id="{name}"') for name in ("answer", "flown", "figures", "tables", "models", "provenance")]
+    names = ("answer", "figure-answer", "flown", "figures", "tables", "models", "provenance")
+    order = [page.index(f'id="{name}"') for name in names]
     assert order == sorted(order)
     assert 'class="doubt">eolo_alpha, dsr_e: doubt this.' in page
+
+
+def test_an_answer_is_split_between_what_stands_above_and_below_its_figure() -> None:
+    short = ["it holds", "q: does not", ("doubt", "b_1 is doubtful!")]
+    assert first_screen(short) == ([("lead", "It holds."), ("", "q: does not."), ("doubt", "b_1 is doubtful!")], [])
+    long = [f"{k} " + 40 * "word " for k in range(9)]
+    above, below = first_screen(long)
+    assert 1 <= len(above) < 5
+    assert [text[0] for _, text in (*above, *below)] == list("012345678")
+    assert first_screen(["word " * 400])[0] == [("lead", "Word " + "word " * 399 + ".")]
+    assert first_screen([]) == ([], [])
 
 
 def test_models_are_written_with_all_their_values(written, result) -> None:
