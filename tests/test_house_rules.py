@@ -84,12 +84,22 @@ def test_imports_point_to_the_left(path):
 
 
 def test_the_hidden_truth_and_the_library_of_effects_share_no_code():
-    hidden = {m for m, _ in imports(PACKAGE / "gap" / "hidden.py")}
-    assert not {m for m in hidden if m.startswith("testbench.gap")}
-    for path in (PACKAGE / "gap" / "effects").glob("*.py"):
-        assert not {m for m, _ in imports(path) if m.startswith("testbench.gap") and "effects" not in m}
-    for name in ("name.py", "locate.py", "local.py", "believed.py", "workflow.py"):
-        assert "testbench.gap.hidden" not in {m for m, _ in imports(PACKAGE / "gap" / name)}
+    """What makes hidden truths and what names them import nothing of each other, in both directions."""
+    gap = PACKAGE / "gap"
+    makers = {"flights", "servos", "forms", "truths", "cases"}  # of the blind test; they import each other only
+    own = {f"testbench.gap.blind.{m}" for m in makers} | {"testbench.gap.blind"}
+    for path in (gap / "hidden.py", *(gap / "blind" / f"{m}.py" for m in sorted(makers))):
+        assert not {m for m, _ in imports(path) if m.startswith("testbench.gap") and m not in own}, path.name
+    for path in (gap / "effects").glob("*.py"):
+        assert not {m for m, _ in imports(path) if m.startswith("testbench.gap") and "effects" not in m}, path.name
+    told = ("testbench.gap.hidden", "testbench.gap.blind")
+    for path in gap.glob("*.py"):
+        if path.name not in ("hidden.py", "case.py"):  # a case holds both: it makes the records of a scenario
+            assert not {m for m, _ in imports(path) if m.startswith(told)}, path.name
+    naming = {m for m, _ in imports(gap / "blind" / "run.py")}
+    assert not {m for m in naming if m in own - {"testbench.gap.blind.flights"}}, (
+        "run.py sees conditions and sensors only"
+    )
 
 
 def public(tree: ast.Module) -> list[ast.FunctionDef | ast.ClassDef]:

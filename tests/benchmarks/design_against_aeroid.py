@@ -1,7 +1,7 @@
-"""One multisine of 10 s designed here and by the PyPI package aeroid 0.5: time and information; not in ``make benchmarks``.
+"""One multisine of 10 s designed here and by the package aeroid 0.5: time and information. Not in ``make benchmarks``.
 
-aeroid takes minutes and is no dependency: install it beside the testbench, then run this file. Both get the same job:
-eolo with rigid wings at 16 m/s as a linear system (four longitudinal states and the elevator servo), its sensors' noise,
+aeroid takes minutes and is no dependency: install it beside the testbench, then run this file. Both get the same job,
+eolo with rigid wings at 16 m/s as a linear system (longitudinal states and elevator servo), its sensors' noise,
 four derivatives to find by the smallest sum of relative variances, no nuisances, the same lines. aeroid bounds each
 line and not the sum, so its signal is scaled to the same peak; it differentiates simulations, ours convolves. The laws:
 at least 30 times faster, at no less information. Processor time of one process.
@@ -59,7 +59,7 @@ def theirs(p):
     """Return aeroid's signal (samples,) as it comes and the processor time of its design, s."""
     from aeroid import experiments, models
 
-    structure, sensors = p.experiment.structure, p.experiment.sensors
+    structure = p.experiment.structure
     names = structure.parameter_names
     last: dict[tuple[float, ...], tuple[np.ndarray, ...]] = {}
 

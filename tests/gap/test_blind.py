@@ -117,12 +117,12 @@ def test_wilson_intervals():
 
 
 def test_rates_count_what_they_say():
-    scores = [judge(case(("lag",)), row("named", n)) for n in ("lag", "lag", "lag", "delay")]
+    scores = [judge(case(("lag",)), row("named", n)) for n in 6 * ("lag", "lag", "lag", "delay")]
     by_name = {r.name: r for r in rates(scores)}
     right, wrong = by_name["library form: right name"], by_name["library form: wrong name"]
-    assert (right.count, right.of, right.met) == (3, 4, "no")
-    assert (wrong.count, wrong.of, wrong.met) == (1, 4, "no")
-    assert by_name["unseen: false name"].met == ""
+    assert (right.count, right.of, right.met) == (18, 24, "no")
+    assert (wrong.count, wrong.of, wrong.met) == (6, 24, "no")
+    assert by_name["unseen: false name"].met == "too few cases"
 
 
 def test_hidden_servos_are_what_they_say():
@@ -182,7 +182,7 @@ def test_the_report_reads_out_rates_sizes_and_confusion(tmp_path):
     write_report(tmp_path, cases, rows, "abc", 1)
     page = (tmp_path / "README.md").read_text(encoding="utf-8")
     assert "2 of 3 cases have been run, 1 more failed (unseen 1)" in page
-    assert "| library form: right name | 1 of 1 | 100 % | 21 to 100 % | ≥ 92 % | yes |" in page
+    assert "| library form: right name | 1 of 1 | 100 % | 21 to 100 % | ≥ 92 % | too few cases |" in page
     assert "slow servo,actuator_lag,1" in (tmp_path / "confusion.csv").read_text(encoding="utf-8")
     assert "10,11,0.5,+0.100" in (tmp_path / "sizes.csv").read_text(encoding="utf-8")
     assert len((tmp_path / "cases.csv").read_text(encoding="utf-8").splitlines()) == 3

@@ -19,7 +19,7 @@ T = np.arange(0.0, 35.0, 0.02)
 
 
 def test_a_model_is_identified_from_the_manoeuvres_of_each_kind_of_log(tmp_path):
-    """Rounding, filter and the interpolation of held commands (2 of 10 ms) stay inside 3 % of frequency and 5 % of damping."""
+    """Rounding, filter and the interpolation of held commands (2 of 10 ms): 3 % of frequency, 5 % of damping."""
     wn = np.sqrt(Z_ALPHA * M_Q - M_ALPHA)
     zeta = -(Z_ALPHA + M_Q) / (2.0 * wn)
     for name, content in (

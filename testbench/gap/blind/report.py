@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from testbench.gap.blind.cases import STRATA, Case
-from testbench.gap.blind.score import Score, judge, rates, removed, set_size, sizes, wilson
+from testbench.gap.blind.score import FEWEST, Score, judge, rates, removed, set_size, sizes, wilson
 
 WITHOUT = ", true effect taken out"
 
@@ -81,8 +81,8 @@ def _page(scores: Sequence[Score], cases: Sequence[Case], failed: Sequence[str],
         "",
         f"{len(scores)} of {len(cases)} cases have been run"
         + (f", {len(failed)} more failed ({', '.join(failed)})" if failed else "")
-        + ". Intervals are Wilson's, 95 %; where few cases have been run they are wide, and a bar that is met is not "
-        "yet shown to be met.",
+        + f". Intervals are Wilson's, 95 %. Of fewer than {FEWEST} cases nothing is said of a bar, and a rate that "
+        "keeps its bar is shown to keep it only where the interval does, too.",
         "",
         "| stratum | run | planned |",
         "|---|---|---|",

@@ -72,6 +72,9 @@ def wilson(k: int, n: int, z: float = 1.959964) -> tuple[float, float]:
     return max(0.0, (middle - half) / (1.0 + z2 / n)), min(1.0, (middle + half) / (1.0 + z2 / n))
 
 
+FEWEST = 20  # cases, below which nothing is said of a bar
+
+
 @dataclass(frozen=True)
 class Rate:
     """A rate of the test against its bar."""
@@ -89,9 +92,11 @@ class Rate:
 
     @property
     def met(self) -> str:
-        """Whether the observed rate keeps the bar: "yes", "no", or "" without a bar or cases."""
-        if self.bar is None or not self.of:
+        """Whether the observed rate keeps the bar: "yes", "no", "too few cases", or "" without a bar."""
+        if self.bar is None:
             return ""
+        if self.of < FEWEST:
+            return "too few cases"
         return "yes" if (self.value <= self.bar if self.most else self.value >= self.bar) else "no"
 
 
