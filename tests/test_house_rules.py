@@ -178,3 +178,14 @@ def test_names_in_the_schema_are_those_of_the_families():
 def test_lint_format_and_types(command):
     done = subprocess.run([sys.executable, "-m", *command], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-1000:]
+
+
+def test_no_two_test_modules_share_a_name():
+    """pytest imports them as top-level modules: of two with one name the second is not collected, or is the first."""
+    folders = {path.parent.name for path in (ROOT / "tests").rglob("__init__.py")}
+    names = sorted(
+        path.stem
+        for path in (ROOT / "tests").rglob("*.py")
+        if path.name not in ("__init__.py", "conftest.py") and not (path.parent / "__init__.py").exists()
+    )
+    assert [name for name in names if names.count(name) > 1 or name in folders] == []

@@ -20,7 +20,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "design"))
 
-from studies import problem
+from design_problems import problem
 
 from testbench.design.candidates import Candidate, sampled
 from testbench.design.information import accuracy

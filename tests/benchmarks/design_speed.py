@@ -13,7 +13,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "design"))
 
-from studies import problem
+from design_problems import problem
 
 from testbench.design.refine import designed_multisine
 from testbench.design.search import best_of_families, screen

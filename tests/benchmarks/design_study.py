@@ -11,7 +11,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "design"))
 
-from studies import write_tables  # noqa: E402
+from design_problems import write_tables  # noqa: E402
 
 if __name__ == "__main__":
     for path in write_tables(ROOT / "results" / "design"):

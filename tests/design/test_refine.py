@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from studies import problem
+from design_problems import problem
 
 from testbench.design.candidates import candidates
 from testbench.design.information import Experiment, cost

@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 import pytest
-from studies import CASES, against_rules, check_predictions, misordered, write_tables
+from design_problems import CASES, against_rules, check_predictions, misordered, write_tables
 
 
 def test_predicted_errors_are_found_small():
