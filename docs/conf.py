@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 import tomllib
 from pathlib import Path
 from typing import Any
 
+from sphinx.errors import ConfigError
+
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
+
+_MISSING = [n for n in ("furo", "latex2mathml", "myst_parser") if importlib.util.find_spec(n) is None]
+if _MISSING:
+    raise ConfigError(f"the site needs {', '.join(_MISSING)}, not installed; pip install 'flight-testbench[docs]'")
 
 project = "flight-testbench"
 author = "the flight-testbench developers"

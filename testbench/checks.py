@@ -40,16 +40,30 @@ def find(path: Path, command: str) -> Path:
         file = find_scenario(path)
     if not file.is_file():
         names = [p.stem for p in (SCENARIOS / FOLDERS[command]).glob("*.toml")]
-        raise RecordError(f"a scenario must be a file or a packaged one, got '{path}'{nearest(path.stem, names)}")
+        raise RecordError(_none(path, names))
     kind = kind_of(file)
     if COMMANDS[kind] != command:
         raise ScenarioError([f"{file} is a {kind}: use testbench {COMMANDS[kind]}"])
     return file
 
 
+def _none(path: Path, packaged: list[str]) -> str:
+    """Return what is wrong with a path that is no file, and the nearest name of a packaged scenario."""
+    got = f"'{path}'" + (", which is a folder" if path.is_dir() else "")
+    return f"a scenario must be a file or a packaged one, got {got}{nearest(path.stem, packaged)}"
+
+
 def kind_of(file: Path) -> str:
-    """Return which of COMMANDS a file is, told by its keys."""
+    """Return which of COMMANDS a file is, told by its keys.
+
+    Raises:
+        RecordError, ScenarioError: the file cannot be read, is not TOML or is empty.
+    """
     content = read_toml(file)
+    if not content:
+        raise ScenarioError(
+            [f"{file} must say what is asked, but it is empty; `testbench list scenarios` has examples"]
+        )
     if "hidden" in content or "measured" in content:
         return "gap scenario"
     if "controls" in content and "manoeuvre" not in content:
@@ -71,6 +85,8 @@ def check_file(path: Path) -> str:
         RecordError: the file cannot be read.
     """
     file = find_scenario(path)
+    if not file.is_file():
+        raise RecordError(_none(path, _packaged()))
     kind = kind_of(file)
     if kind == "gap scenario":
         from testbench.gap.case import load_gap
@@ -101,6 +117,11 @@ def check_file(path: Path) -> str:
 
         load_description(file)
     return kind
+
+
+def _packaged() -> list[str]:
+    """Return the names of all packaged scenarios, with the folders that they are checked by."""
+    return [p.relative_to(SCENARIOS).with_suffix("").as_posix() for p in SCENARIOS.rglob("*.toml")]
 
 
 def describe(kind: str) -> list[tuple[str, ...]]:

@@ -63,6 +63,10 @@ OutOption = Annotated[Path, typer.Option("--out", "-o", help="Folder that gets o
 SeedOption = Annotated[int | None, typer.Option("--seed", min=0, help="Replaces the seed of the scenario.")]
 
 
+_UsageError: Any = typer.BadParameter.__base__  # click's, of whichever click typer brings
+_INTERRUPTED = 130
+
+
 class Kind(str, Enum):
     """What `testbench list` can list."""
 
@@ -143,7 +147,11 @@ def identify(
 @app.command("import")
 def import_(
     log: Annotated[
-        Path, typer.Argument(help="PX4 ULog, ArduPilot .bin or .log, SIDPAC MAT, or a table.", show_default=False)
+        Path,
+        typer.Argument(
+            help="PX4 ULog, ArduPilot .bin or .log, SIDPAC MAT, a table, or the description of one (.toml).",
+            show_default=False,
+        ),
     ],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="Folder for the records and descriptions; else only look.")
@@ -154,18 +162,32 @@ def import_(
     ] = None,
     lead: Annotated[float, typer.Option(help="Quiet flight to keep before each manoeuvre, s.")] = 2.0,
     tail: Annotated[float, typer.Option(help="Response to keep after each manoeuvre, s.")] = 5.0,
+    describe: Annotated[
+        Path | None,
+        typer.Option(help="Write a description of a table to this new .toml file, to fill in.", show_default=False),
+    ] = None,
+    record: Annotated[
+        str | None, typer.Option(help="Which record of a description that has several.", show_default=False)
+    ] = None,
 ) -> None:
     """Show what a flight log holds, and with -o cut its manoeuvres into records ready for `testbench identify`.
 
     Channels, rates, gaps and manoeuvres are listed, each conversion and what it assumes is said. Example:
-    `testbench import flight.ulg -o records --throw de=20`.
+    `testbench import flight.ulg -o records --throw de=20`. A table whose columns have no names, or no times, must be
+    described first: `testbench import flight.mat --describe flight.toml`, fill in, `testbench import flight.toml`.
     """
+    if describe is not None:
+        from testbench.logs.template import write_template
+
+        path = write_template(log, describe)
+        print(f"Written: {path}; fill it in, then: testbench import {path}")
+        return
     from testbench.logs.importing import import_log, parse_throws, write_import
     from testbench.report.imported import print_import
 
     with _stages() as say:
         say("read the log")
-        found = import_log(log, rate, parse_throws(throw or []), lead, tail)
+        found = import_log(log, rate, parse_throws(throw or []), lead, tail, record)
         paths = write_import(found, out) if out is not None else []
     print_import(found, _console(), paths)
 
@@ -707,13 +729,26 @@ def main() -> None:
     # Before numpy is imported: for matrices this small, threads cost more than they give.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
-        app()
+        status = app(prog_name="testbench", standalone_mode=False)
+    except _UsageError as error:
+        _say_usage(error)
+        sys.exit(2)
     except TestbenchError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(error.exit_status)
     except OSError as error:
         print(f"error: cannot read or write {error.filename or 'a file'}: {error.strerror or error}", file=sys.stderr)
         sys.exit(3)
-    except KeyboardInterrupt:
+    if status == _INTERRUPTED:
         print("interrupted; what was written so far is kept", file=sys.stderr)
-        sys.exit(130)
+    if status:
+        sys.exit(status)
+
+
+def _say_usage(error: Any) -> None:
+    """Say in one line what is wrong with a command."""
+    if type(error).__name__ == "NoArgsIsHelpError":  # nothing but a group's name: its help has been printed
+        return
+    command = error.ctx.command_path if error.ctx is not None else "testbench"
+    message = " ".join(error.format_message().split()).replace("Value error, ", "").rstrip(".")
+    print(f"error: {message}; see `{command} --help`", file=sys.stderr)

@@ -75,6 +75,10 @@ class CampaignError(TestbenchError):
     exit_status = 3
 
 
+class MissingPackage(TestbenchError, ImportError):
+    """An optional package is not installed; the message names the extra that brings it."""
+
+
 class FlightAborted(TestbenchError):
     """A simulated flight ended before its manoeuvre did; ``record`` holds what was flown until then."""
 

@@ -23,7 +23,7 @@ FORMAT = "testbench-record-1"
 Kind = Literal["truth", "measured"]
 Outcome = Literal["completed", "aborted"]
 FloatArray = NDArray[np.float64]
-NEEDS_PYARROW = "Parquet files need pyarrow, which is not installed; pip install flight-testbench[parquet]"
+NEEDS_PYARROW = "Parquet files need pyarrow, which is not installed; pip install 'flight-testbench[parquet]'"
 _MASK = "_valid"
 _TIME = {"units": "s", "long_name": "time"}
 

@@ -254,6 +254,7 @@ def test_a_campaign_flies_says_how_far_it_is_and_is_summarised_again(tmp_path):
     assert "either --workers or --scheduler" in both.stderr
     done = command("campaign", "run", file, "--workers", 1, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+    assert "estimates show no bias beyond chance" in " ".join(done.stdout.split())
     assert "3 of 3 runs are done, none failed" in done.stdout
     assert "... 3 of 3 runs" in done.stderr
     folder = tmp_path / "results" / "campaign_three"

@@ -131,6 +131,7 @@ def require_dask() -> None:
         CampaignError: it is not.
     """
     try:
+        import dask  # noqa: F401
         import distributed  # noqa: F401
     except ImportError as error:
         raise CampaignError(_EXTRA) from error

@@ -14,13 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.flight.linearise import LinearModel
+from testbench.flight.modal import EXCITED_DB, ModalForm, half_power_band
 from testbench.inputs.signal import frequency_below, total_energy
 from testbench.record import FloatArray
 
-SEEN_DB = 10.0
-"""A mode counts as excited when a sensor shows it this far above its noise."""
-
-_REAL = 1e-9  # rad/s of imaginary part that a real root may have by rounding
 _POINTS = 33  # frequencies per band
 
 
@@ -47,8 +44,8 @@ class SpectralEnergy:
         return self.sensors[int(np.argmax(row))], float(row.max())
 
     def excited(self, mode: str) -> bool:
-        """Return whether some sensor shows the mode at least SEEN_DB above its noise."""
-        return self.seen(mode)[1] >= SEEN_DB
+        """Return whether some sensor shows the mode at least EXCITED_DB above its noise."""
+        return self.seen(mode)[1] >= EXCITED_DB
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,24 +74,15 @@ class ModeBands:
     _floor: FloatArray = field(init=False, repr=False)  # (modes, sensors)
 
     def __post_init__(self) -> None:
-        poles, V = np.linalg.eig(self.model.A)
-        W = np.linalg.inv(V)
-        C = self.model.C[[self.model.outputs.index(o) for o in self.noise]]
-        B = self.model.B[:, [self.model.inputs.index(i) for i in self.inputs]]
+        modal = ModalForm(self.model, tuple(self.noise), self.inputs)
         T = self.samples * self.dt_s
         bands, omegas, responses, floors = [], [], [], []
         for pole in self.modes.values():
-            k = int(np.argmin(np.abs(poles - pole)))
             low, high = half_power_band(pole, T)
             omega = np.linspace(low, high, _POINTS)
-            s = complex(-max(abs(pole.real), 1.0 / T), poles[k].imag)  # no mode rings for longer than the record
-            residue = np.outer(C @ V[:, k], W[k] @ B)
-            H = residue / (1j * omega[:, None, None] - s)
-            if abs(poles[k].imag) > _REAL:
-                H = H + residue.conj() / (1j * omega[:, None, None] - s.conjugate())
             bands.append((low, high))
             omegas.append(omega)
-            responses.append(H)
+            responses.append(modal.response(pole, omega, T))
             floors.append([std**2 * T * dt * (high - low) / np.pi for std, dt in self.noise.values()])
         omega = np.stack(omegas)
         phase = np.exp(-1j * np.outer(omega.ravel(), self.dt_s * np.arange(self.samples + 1)))
@@ -140,16 +128,6 @@ class ModeBands:
             10.0 * np.log10(np.maximum(seen, 1e-300) / self._floor),
             below,
         )
-
-
-def half_power_band(pole: complex, duration_s: float) -> tuple[float, float]:
-    """Return the half-power band of a mode, wn (1 - zeta) to wn (1 + zeta), rad/s; of a real root, up to |s|.
-
-    A record of T s resolves no band narrower than 2 pi / T.
-    """
-    wn = abs(pole)
-    half = min(max(abs(pole.real), np.pi / duration_s), 0.95 * wn)
-    return wn - half, wn + half if abs(pole.imag) > _REAL else wn
 
 
 def spectral_energy(

@@ -12,12 +12,14 @@ Needs the extra ``envs`` (``rl`` to train agents, too). Nothing is registered, a
 
 from __future__ import annotations
 
+from testbench.errors import MissingPackage
+
 ENTRY_POINT = "testbench.envs.excitation:ExcitationDesign"
 DEFAULT = "testbench/ExcitationDesign-v0"
 AIRCRAFT = ("eolo", "taurus", "b1")
 ACTIONS = ("continuous", "discrete")
 
-NEEDS_GYMNASIUM = "environments need gymnasium, which is not installed; pip install flight-testbench[envs]"
+NEEDS_GYMNASIUM = "environments need gymnasium, which is not installed; pip install 'flight-testbench[envs]'"
 
 __all__ = ["ACTIONS", "AIRCRAFT", "DEFAULT", "environment_names", "register"]
 
@@ -36,12 +38,12 @@ def register() -> tuple[str, ...]:
     """Register the environments with Gymnasium and return their ids; doing so twice does no harm.
 
     Raises:
-        ImportError: Gymnasium is not installed; the message says how to install it.
+        MissingPackage: Gymnasium is not installed; an ImportError too.
     """
     try:
         import gymnasium
     except ImportError as error:
-        raise ImportError(NEEDS_GYMNASIUM) from error
+        raise MissingPackage(NEEDS_GYMNASIUM) from error
 
     names = environment_names()
     for name, arguments in names.items():

@@ -16,17 +16,19 @@ import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from testbench.design.information import cost
 from testbench.design.switching import design_switching, switching
-from testbench.envs.excitation import ExcitationDesign
 from testbench.envs.train import agent_actions
 from testbench.errors import LimitError, RecordError, TestbenchError
 from testbench.inputs.multistep import PATTERNS
 from testbench.record import FloatArray
+
+if TYPE_CHECKING:
+    from testbench.envs.excitation import ExcitationDesign  # needs gymnasium, which --help does not
 
 _DOUBLET = (1.0, -1.0)
 _BLOCKS = 48  # most steps of the designed input, all controls together
@@ -249,6 +251,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _print(settings: Mapping[str, Any], given: argparse.Namespace) -> None:
     if given.flights < 1:
         raise LimitError(f"flights must be at least 1, got {given.flights}")
+    if given.seed < 0:
+        raise LimitError(f"a seed must be at least 0, got {given.seed}")
+    from testbench.envs.excitation import ExcitationDesign
+
     env = ExcitationDesign(**settings)
     aircraft, steps = env.task.aircraft.name, env.steps
     print(f"{aircraft}: {steps} decisions of {env.decision_s:g} s, {given.dynamics} dynamics, cost {given.criterion}")

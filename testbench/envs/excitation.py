@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.envs import NEEDS_GYMNASIUM
+from testbench.errors import MissingPackage
 
 try:
     import gymnasium
 except ImportError as error:
-    raise ImportError(NEEDS_GYMNASIUM) from error
+    raise MissingPackage(NEEDS_GYMNASIUM) from error
 
 from testbench.design.information import Criterion
 from testbench.envs.dynamics import JSBSimFlight, LinearFlight, Piece

@@ -14,15 +14,17 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.envs.excitation import ExcitationDesign
-from testbench.errors import RecordError, TestbenchError
+from testbench.errors import LimitError, MissingPackage, RecordError, TestbenchError
 from testbench.record import FloatArray
 
-NEEDS_RL = "trained agents need stable-baselines3, which is not installed; pip install flight-testbench[rl]"
+if TYPE_CHECKING:
+    from testbench.envs.excitation import ExcitationDesign  # needs gymnasium, which --help does not
+
+NEEDS_RL = "trained agents need stable-baselines3, which is not installed; pip install 'flight-testbench[rl]'"
 _COPIES = 8
 _SETTINGS: dict[str, Any] = {
     "n_steps": 512,
@@ -49,15 +51,22 @@ def train(task: str, steps: int, seed: int, out: Path, hold: int = 6, **settings
         settings: of the environment, see :class:`testbench.envs.excitation.ExcitationDesign`.
 
     Raises:
-        RecordError: stable-baselines3 is not installed, or the file cannot be written.
-        LimitError: a choice is held for less than one decision or longer than the flight.
+        MissingPackage: stable-baselines3 or Gymnasium is not installed.
+        RecordError: the file cannot be written.
+        LimitError: there is no step, the seed is below 0, or a choice is held for less than one decision or longer
+            than the flight.
     """
+    for name, value, least in (("steps", steps, 1), ("seed", seed, 0), ("hold", hold, 1)):
+        if value < least:
+            raise LimitError(f"{name} must be at least {least}, got {value}")
     try:
         import torch
         from stable_baselines3 import PPO
         from stable_baselines3.common.vec_env import DummyVecEnv
     except ImportError as error:
-        raise RecordError(NEEDS_RL) from error
+        raise MissingPackage(NEEDS_RL) from error
+    from testbench.envs.excitation import ExcitationDesign
+
     torch.set_num_threads(1)
     decision_s = hold * ExcitationDesign(task, **settings).decision_s
     copies = DummyVecEnv([lambda: ExcitationDesign(task, decision_s=decision_s, **settings) for _ in range(_COPIES)])
@@ -83,12 +92,15 @@ def agent_actions(
     ``env``, which was made with ``settings``.
 
     Raises:
-        RecordError: stable-baselines3 is not installed, or the file holds no agent for this environment.
+        MissingPackage: stable-baselines3 or Gymnasium is not installed.
+        RecordError: the file holds no agent for this environment.
     """
     try:
         from stable_baselines3 import PPO
     except ImportError as error:
-        raise RecordError(NEEDS_RL) from error
+        raise MissingPackage(NEEDS_RL) from error
+    from testbench.envs.excitation import ExcitationDesign
+
     if not file.is_file():
         raise RecordError(
             f"an agent must be a file that exists, got '{file}'; train one: python -m testbench.envs.train"

@@ -241,6 +241,8 @@ def _prepare(
     check_records(records, (), ())
     if not 0.0 < false_alarm < 1.0:
         raise EstimationError(f"0 < false_alarm < 1 must hold for a probability, got {false_alarm:g}")
+    if not 0.0 < gravity_m_s2 < np.inf:
+        raise EstimationError(f"gravity must be > 0 m/s2 and finite, got {gravity_m_s2:g}")
     common = [n for n in records[0].channels if all(n in r for r in records)]
     chosen = motion or motion_of(common)
     wanted = [n for n in common if n in (*INPUTS[chosen], *OUTPUTS[chosen], "pdot", "qdot", "rdot")]

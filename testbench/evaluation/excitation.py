@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from testbench.flight.linearise import LinearModel
-from testbench.inputs.signal import energy_spectrum, total_energy
+from testbench.flight.modal import EXCITED_DB, REAL, ModalForm, half_power_band
+from testbench.inputs.signal import energy_spectrum, held_spectrum, total_energy
 from testbench.record import FloatArray
 
-REAL = 1e-9  # rad/s of imaginary part that a real root may have by rounding
-EXCITED_DB = 10.0  # a mode counts as excited when its response stands 10 dB above the noise in its own band
+__all__ = ["EXCITED_DB", "ModeExcitation", "excitation"]
 
 
 @dataclass(frozen=True)
@@ -83,26 +83,14 @@ def excitation(
         sensor_dt_s: sample time of the sensors.
         duration_s: length of the record that the noise is gathered over.
     """
-    poles, V = np.linalg.eig(model.A)
-    W = np.linalg.inv(V)
     outputs = list(noise_std)
-    rows = [model.outputs.index(o) for o in outputs]
-    columns = [model.inputs.index(i) for i in inputs]
+    modal = ModalForm(model, outputs, inputs)
     out = []
     for name, pole in modes.items():
-        k = int(np.argmin(np.abs(poles - pole)))
-        wn = abs(pole)
-        # A record of T s resolves no band narrower than 2 pi / T, and sees no mode ring for longer than T.
-        half = np.clip(max(abs(pole.real), np.pi / duration_s), 0.0, 0.95 * wn)
-        low, high = wn - half, wn + half if abs(pole.imag) > REAL else wn
-        s = complex(-max(abs(pole.real), 1.0 / duration_s), poles[k].imag)
+        low, high = half_power_band(pole, duration_s)
         omega = np.linspace(low, high, 201)
-        U = _spectrum(u, dt_s, omega)
-        residue = np.outer(model.C[rows] @ V[:, k], W[k] @ model.B[:, columns])
-        H = residue[None] / (1j * omega[:, None, None] - s)
-        if abs(poles[k].imag) > REAL:
-            H = H + residue.conj()[None] / (1j * omega[:, None, None] - s.conjugate())
-        Y = np.einsum("kpm,km->kp", H, U)
+        U = held_spectrum(u, dt_s, omega)  # the phase matters when several inputs act on one mode
+        Y = np.einsum("kpm,km->kp", modal.response(pole, omega, duration_s), U)
         signal = np.trapezoid(np.abs(Y) ** 2, omega, axis=0) / np.pi
         noise = np.array([noise_std[o] for o in outputs]) ** 2 * duration_s * sensor_dt_s * (high - low) / np.pi
         with np.errstate(divide="ignore"):
@@ -111,10 +99,3 @@ def excitation(
         share = float(energy.sum() / total_energy(u, dt_s).sum())
         out.append(ModeExcitation(name, pole, (low, high), share, dict(zip(outputs, snr.tolist(), strict=True))))
     return out
-
-
-def _spectrum(u: FloatArray, dt_s: float, omega: FloatArray) -> np.ndarray:
-    """Return the complex spectrum of held samples (k, m); the phase matters when several inputs act on one mode."""
-    jumps = np.diff(u, axis=0, prepend=np.zeros((1, u.shape[1])), append=np.zeros((1, u.shape[1])))
-    at = np.flatnonzero(np.any(jumps != 0.0, axis=1))
-    return (np.exp(-1j * np.outer(omega, at * dt_s)) @ jumps[at]) / (1j * omega[:, None])

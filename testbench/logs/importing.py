@@ -15,13 +15,14 @@ import numpy as np
 from testbench.channels import CONTROLS, channel
 from testbench.constants import DEG_RAD
 from testbench.errors import RecordError
+from testbench.logs import read_records
 from testbench.logs.dataflash import HEAD, read_dataflash, servo_rules
 from testbench.logs.dataflash import RULES as DATAFLASH_RULES
-from testbench.logs.description import SUFFIXES, load_description
+from testbench.logs.description import SUFFIXES, find_data_folder, load_description
 from testbench.logs.manoeuvres import QUIET_S, Manoeuvre, Search, find_manoeuvres
 from testbench.logs.resampling import common_rate, resample
 from testbench.logs.sidpac import read_columns
-from testbench.logs.signals import Log, Mapped, Rule, map_channels
+from testbench.logs.signals import Log, Mapped, Rule, Topic, map_channels, scaled
 from testbench.logs.ulog import MAGIC, read_ulog
 from testbench.logs.ulog import RULES as ULOG_RULES
 from testbench.record import FlightRecord
@@ -42,8 +43,10 @@ class Imported:
     search: Search
 
 
-def read_log(path: Path | str) -> tuple[Log, tuple[Rule, ...]]:
+def read_log(path: Path | str, part: str | None = None) -> tuple[Log, tuple[Rule, ...]]:
     """Read a log of any known format, told by its first bytes, else by its suffix; return it and its rules.
+
+    ``part`` names one of several records of a description.
 
     Raises:
         RecordError: the file is missing, empty, of no known format, or damaged beyond use.
@@ -56,6 +59,10 @@ def read_log(path: Path | str) -> tuple[Log, tuple[Rule, ...]]:
     suffix = path.suffix.lower()
     if not head:
         raise RecordError(f"a log must hold samples, but '{path}' is empty")
+    if suffix == ".toml":
+        return read_described(path, part)
+    if part is not None:
+        raise RecordError(f"--record chooses among those of a description (.toml), but '{path}' is none")
     if head.startswith(MAGIC) or suffix == ".ulg":
         return read_ulog(path), ULOG_RULES
     if head.startswith(HEAD) or suffix == ".bin" or (suffix in (".log", ".txt") and b"FMT," in head):
@@ -64,9 +71,33 @@ def read_log(path: Path | str) -> tuple[Log, tuple[Rule, ...]]:
     if suffix in SUFFIXES:
         return read_columns(path)
     raise RecordError(
-        f"a log must be PX4's ULog (.ulg), ArduPilot's DataFlash (.bin, .log) or a table ({', '.join(SUFFIXES)}), "
-        f"got '{path}', which begins as none of them"
+        f"a log must be PX4's ULog (.ulg), ArduPilot's DataFlash (.bin, .log), a table ({', '.join(SUFFIXES)}) or the "
+        f"description of one (.toml), got '{path}', which begins as none of them"
     )
+
+
+def read_described(path: Path, part: str | None = None) -> tuple[Log, tuple[Rule, ...]]:
+    """Read one record of a description as a log; return it and its rules.
+
+    Raises:
+        RecordError, ScenarioError: the description is incomplete, its data cannot be read, or it has several records
+            and ``part`` is none of them.
+    """
+    description = load_description(path)
+    records = {name: record for name, _, record in read_records(description)}
+    if (part or "") not in (records if part is not None or len(records) > 1 else ("",)):
+        raise RecordError(
+            f"one of the records of '{path}' must be chosen by --record: {', '.join(records)}; got {part or 'none'}"
+        )
+    name = part or next(iter(records))
+    record = records[name]
+    columns = {n: np.where(record.valid[:, i], record.data[:, i], np.nan) for i, n in enumerate(record.channels)}
+    rules = tuple(
+        Rule(c.name, "", (c.name,), scaled(1.0), f"column {c.column}, {c.unit}", in_si=True)
+        for c in description.channel
+    )
+    file = find_data_folder(description) / next(spec.file for spec in description.record if name in spec.parts)
+    return Log(file, "a table, as described", {"": Topic("", record.t_s, columns)}), rules
 
 
 def import_log(
@@ -75,6 +106,7 @@ def import_log(
     throw_rad: Mapping[str, float] | None = None,
     lead_s: float = 2.0,
     tail_s: float = 5.0,
+    part: str | None = None,
 ) -> Imported:
     """Read a log, map it to the channel table, put it on one clock and find its manoeuvres.
 
@@ -84,19 +116,20 @@ def import_log(
         throw_rad: surface ("de", "da", "dr") -> its deflection at full command, rad.
         lead_s: quiet flight before each manoeuvre, s.
         tail_s: response after it, s.
+        part: record of a description, where it has several.
 
     Raises:
         RecordError: the log cannot be read, holds no channel of the table, or a number given is out of its range.
     """
-    log, rules = read_log(path)
+    log, rules = read_log(path, part)
     channels = map_channels(log, rules, throw_rad)
     if not channels:
         raise RecordError(
-            f"'{path}' must hold signals of the channel table, but none of its topics is known as one: "
-            f"{', '.join(name or 'the table' for name in log.topics)}; write a description for testbench identify"
+            f"'{path}' must hold signals of the channel table, but none of its topics is known as one, or they hold "
+            f"fewer than 4 samples or nothing but zeros: {', '.join(name or 'the table' for name in log.topics)}"
         )
     rate = common_rate(channels) if rate_hz is None else rate_hz
-    with Path(path).open("rb") as file:
+    with log.file.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     provenance: dict[str, Any] = {
         "file": log.file.name,

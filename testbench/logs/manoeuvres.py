@@ -71,8 +71,8 @@ def find_manoeuvres(record: FlightRecord, controls: Sequence[str], lead_s: float
         RecordError: the record is not uniformly sampled, or lead_s or tail_s is below 0.5 s.
         ChannelError: a control is not in the record.
     """
-    if lead_s < QUIET_S or tail_s < QUIET_S:
-        raise RecordError(f"lead_s and tail_s must be at least {QUIET_S:g} s, got {lead_s:g} and {tail_s:g}")
+    if not (QUIET_S <= lead_s < np.inf and QUIET_S <= tail_s < np.inf):
+        raise RecordError(f"lead_s and tail_s must be at least {QUIET_S:g} s and finite, got {lead_s:g} and {tail_s:g}")
     dt = record.dt_s
     said: list[str] = []
     spans: list[tuple[int, int, str]] = []
@@ -124,11 +124,14 @@ def _movements(
     out = [pieces[0]]
     for a, b in pieces[1:]:
         first, last = out[-1]
+        if a - last < join:
+            out[-1] = (first, max(b, last))
+            continue
         rest = float(np.median(x[max(0, first - quiet) : first + 1]))
         held = float(np.median(x[last : a + 1]))
         moved = float(np.max(np.abs(x[first : last + 1] - rest)))
         away = abs(held - rest) > max(0.5 * threshold, HELD * moved)  # else a change of trim
-        if a - last < join or (away and a - last < hold):
+        if away and a - last < hold:
             out[-1] = (first, b)
         else:
             out.append((a, b))

@@ -57,8 +57,8 @@ def resample(
     Raises:
         RecordError: the rate is not positive, there is no channel, or the times span more than can be meant.
     """
-    if not rate_hz > 0.0:
-        raise RecordError(f"the rate of a record must be > 0 Hz, got {rate_hz:g}")
+    if not 0.0 < rate_hz < np.inf:
+        raise RecordError(f"the rate of a record must be > 0 Hz and finite, got {rate_hz:g}")
     if not channels:
         raise RecordError("at least one channel must have been found to make a record, got none")
     zero = min(float(c.t_s[0]) for c in channels)

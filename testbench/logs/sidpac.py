@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +55,8 @@ _NAMES = {
     "pdyn": "qbar", "axcg": "ax", "aycg": "ay", "azcg": "az",
 }  # fmt: skip
 _ANY_CASE = {name.lower(): name for name in CHANNELS if name.lower() not in ("u", "v", "h")}  # V and v are two channels
-_CLOCKS = ("t", "time", "t_s", "time_s", "timestamp", "times")
+CLOCKS = ("t", "time", "t_s", "time_s", "timestamp", "times")
+"""Names of a column of times, in lower case."""
 
 
 def read_columns(path: Path | str) -> tuple[Log, tuple[Rule, ...]]:
@@ -128,19 +130,18 @@ def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Ru
     if table.stated.get("kind") == "truth":
         raise RecordError(f"a log must be measured, but '{path}' says of itself that it is a simulated truth")
     labels = [name.strip().lower().replace(" ", "_") for name in table.names]
-    clock = next((i for i, label in enumerate(labels) if label in _CLOCKS), None)
+    clock = next((i for i, label in enumerate(labels) if label in CLOCKS), None)
     if clock is None:
         raise RecordError(
-            f"a column of '{path}' must be called {' or '.join(_CLOCKS[:2])}, got "
-            f"{', '.join(filter(None, table.names)) or 'columns without names'}; write a description for "
-            "testbench identify, which takes columns by number and times by rate"
+            f"a column of '{path}' must be called {' or '.join(CLOCKS[:2])}, got "
+            f"{_listed(table.names) or 'columns without names'}; {_to_describe(path)}"
         )
     unit = table.units[clock].strip().lower() or "s"
     if unit not in TIME_UNITS:
         raise RecordError(f"the unit of time in '{path}' must be one of {', '.join(TIME_UNITS)}, got '{unit}'")
     rules, columns = [], {}
-    for i, label in enumerate(labels):
-        name = table.names[i] if table.names[i] in CHANNELS else _NAMES.get(label, _ANY_CASE.get(label))
+    for i in range(len(table.names)):
+        name = channel_called(table.names[i])
         if i == clock or name is None or table.names[i] in columns:
             continue
         columns[table.names[i]] = table.numbers(i + 1)
@@ -148,7 +149,7 @@ def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Ru
     if not rules:
         raise RecordError(
             f"columns of '{path}' must carry names of channels ({', '.join(list(CHANNELS)[:12])}, ...), got "
-            f"{', '.join(filter(None, table.names))}; write a description for testbench identify"
+            f"{_listed(table.names)}; {_to_describe(path)}"
         )
     topic, lost = make_topic("", TIME_UNITS[unit] * table.numbers(clock + 1), columns)
     unread = {name: len(table) for i, name in enumerate(table.names) if name and name not in columns and i != clock}
@@ -158,14 +159,40 @@ def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Ru
     )
 
 
+def channel_called(column: str) -> str | None:
+    """Return the channel that a column is called by, its own name or a common word for it, or None."""
+    label = column.strip().lower().replace(" ", "_")
+    return column if column in CHANNELS else _NAMES.get(label, _ANY_CASE.get(label))
+
+
+def stated_unit(name: str, stated: str) -> str:
+    """Return the unit of channel ``name`` that a file states, as the channel table writes it; "" if it is none."""
+    plain = stated.strip().lower().replace("^", "").replace("sec", "s").replace("²", "2").replace("°", "deg")
+    si = channel(name).unit
+    return {unit.lower(): unit for unit in UNITS.get(si, {si: 1.0})}.get(plain, "")
+
+
 def _rule(path: Path, name: str, column: str, stated: str) -> Rule:
     si = channel(name).unit
-    plain = stated.strip().lower().replace("^", "").replace("sec", "s").replace("²", "2").replace("°", "deg")
-    units = {unit.lower(): unit for unit in UNITS.get(si, {si: 1.0})}
     if not stated.strip() or stated.strip() == "-":
-        return Rule(name, "", (column,), scaled(1.0), f"{si}, as in the file", f"the file states no unit: {si}")
-    if plain not in units:
+        said, assumed = f"{si}, as in the file", f"the file states no unit: {si}"
+        return Rule(name, "", (column,), scaled(1.0), said, assumed, in_si=True)
+    unit = stated_unit(name, stated)
+    if not unit:
         raise RecordError(
-            f"the unit of column '{column}' in '{path}' must be one of {', '.join(units.values())}, got '{stated}'"
+            f"the unit of column '{column}' in '{path}' must be one of {', '.join(UNITS.get(si, {si: 1.0}))}, "
+            f"got '{stated}'"
         )
-    return Rule(name, "", (column,), scaled(unit_factor(name, units[plain])), units[plain])
+    return Rule(name, "", (column,), scaled(unit_factor(name, unit)), unit, in_si=True)
+
+
+def _listed(names: Sequence[str], most: int = 12) -> str:
+    named = [name for name in names if name]
+    return ", ".join(named[:most]) + (f" and {len(named) - most} more" if len(named) > most else "")
+
+
+def _to_describe(path: Path) -> str:
+    return (
+        f"`testbench import '{path}' --describe {path.stem}.toml` writes a description to fill in: which column is "
+        f"which channel, in which unit; then `testbench import {path.stem}.toml`"
+    )

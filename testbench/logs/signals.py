@@ -20,7 +20,7 @@ from testbench.channels import channel
 from testbench.constants import DEG_RAD
 from testbench.record import FloatArray
 
-NEEDS_LOGS = "need {package}, which is not installed; pip install flight-testbench[logs]"
+NEEDS_LOGS = "need {package}, which is not installed; pip install 'flight-testbench[logs]'"
 BROKEN = (
     struct.error,
     ValueError,
@@ -93,6 +93,7 @@ class Rule:
             throw, in the sign of the channel table.
         said: the conversion in words.
         assumed: what the log does not say and was assumed.
+        in_si: True where commands of surfaces come out in rad and no throw is to be multiplied.
     """
 
     channel: str
@@ -101,6 +102,7 @@ class Rule:
     convert: Callable[..., FloatArray]
     said: str
     assumed: str = ""
+    in_si: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,7 +160,7 @@ def map_channels(log: Log, rules: Iterable[Rule], throw_rad: Mapping[str, float]
             continue
         values = rule.convert(*(column[ok] for column in raw)) + 0.0  # no minus zero
         assumed = rule.assumed
-        if rule.channel in _SURFACES:
+        if rule.channel in _SURFACES and not rule.in_si:
             surface = rule.channel.removesuffix("_cmd")
             throw = throws.get(surface, DEFAULT_THROW_RAD)
             values = values * throw

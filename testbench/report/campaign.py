@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from testbench.report.labels import number
+from testbench.report.campaign_answer import answer, cost_sentence
 from testbench.report.tables import Column, Table, Value
 from testbench.report.write import PAGE, write_file, write_plates, write_tables
 
@@ -21,11 +21,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from testbench.campaign import Campaign, Counts, Progress, Store, Summary
-    from testbench.campaign.summary import Accuracy
     from testbench.record import FloatArray
-
-_MILLION = 1_000_000
-_LINES = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,88 +92,6 @@ def write_campaign(result: CampaignResult, folder: Path | str) -> list[Path]:
     )
     out.append(write_file(folder / PAGE, page))
     return out
-
-
-def answer(result: CampaignResult) -> list[tuple[str, str]]:
-    """Return the answer as (kind, sentence), kind "lead", "finding" or "doubt"."""
-    counts, summary = result.counts, result.summary
-    out = [("lead", _lead(result))]
-    fair = sum(1 for a in summary.accuracies if not a.biased and a.n > 1)
-    if summary.accuracies:
-        out.append(
-            (
-                "finding",
-                f"{fair} of {len(summary.accuracies)} estimates show no bias beyond its 95 % confidence interval",
-            )
-        )
-    for a in most_biased(summary):
-        share = f", {number(100 * a.bias / abs(a.true_mean), 2)} % of the true value" if a.true_mean else ""
-        out.append(
-            (
-                "doubt",
-                f"{a.name}: bias {number(a.bias)} ± {number(a.bias_half, 2)}{share}; "
-                f"scatter from run to run {number(a.scatter)}",
-            )
-        )
-    for a in [a for a in summary.accuracies if a.coverage_high < 0.95][:_LINES]:
-        out.append(
-            (
-                "doubt",
-                f"{a.name}: the stated 95 % intervals hold the truth in {number(100 * a.coverage)} % of the runs; "
-                f"stated standard error {number(a.stated, 2)}, scatter {number(a.scatter, 2)}",
-            )
-        )
-    lost = [a for a in summary.accuracies if a.missing > 0.05 * (a.n + a.missing)]
-    if lost:
-        worst = max(lost, key=lambda a: a.missing)
-        out.append(("doubt", f"{worst.name} was not found in {worst.missing} of {worst.n + worst.missing} runs"))
-    if summary.causes:
-        c = summary.causes[0]
-        percent = 100.0 * c.count / max(counts.finished, 1)
-        out.append(("doubt", f"most failures, {c.count} ({number(percent, 2)} % of the runs): {c.example}"))
-    return out
-
-
-def _lead(result: CampaignResult) -> str:
-    counts = result.counts
-    failed = f", {counts.failed} failed" if counts.failed else ", none failed"
-    text = f"{counts.done} of {counts.total} runs are done{failed}"
-    if counts.finished < counts.total:
-        text += f"; {counts.total - counts.finished} are still to be flown, the figures are those of the others"
-    rule = result.campaign.spec.stop
-    if rule is not None and result.stopped is not None:
-        text += (
-            f"; stopped after {result.stopped}, when the mean of '{rule.quantity}' was known to ± {rule.half_width:g} "
-            f"with {100 * rule.confidence:g} % confidence"
-        )
-    elif rule is not None and counts.finished == counts.total:
-        text += f"; the wanted ± {rule.half_width:g} of '{rule.quantity}' was not reached"
-    return text
-
-
-def most_biased(summary: Summary) -> list[Accuracy]:
-    """Return the estimates, three at most, whose bias is beyond its interval and largest against the true value."""
-    biased = [a for a in summary.accuracies if a.biased and a.n > 1]
-    return sorted(biased, key=_relative, reverse=True)[:_LINES]
-
-
-def _relative(a: Accuracy) -> float:
-    return abs(a.bias / a.true_mean) if a.true_mean else math.inf
-
-
-def cost_sentence(result: CampaignResult) -> str:
-    """Return what a million runs like those finished would cost, from what these did."""
-    n = result.counts.finished
-    if n == 0:
-        return "nothing is finished yet, so that nothing can be said of the cost"
-    each = result.seconds / n
-    hours = each * _MILLION / 3600.0
-    size, records = (number(x / n * _MILLION / 1e9, 2) for x in (result.size, result.records_size))
-    histories = f" and {records} GB of time histories" if result.records_size else ""
-    return (
-        f"a run takes {number(1e3 * each)} ms of one processor; a million like it {number(hours)} processor hours, "
-        f"{number(hours / 100.0)} h on 100 processors, and about {size} GB of store{histories}"
-    )
 
 
 def campaign_tables(result: CampaignResult) -> list[Table]:

@@ -22,7 +22,7 @@ _TALL_IN, _GAP_IN = 1.75, 0.78
 
 
 def campaign_plates(summary: Summary) -> list[Plate]:
-    """Return the figures that the runs have the data for, of at most six estimates."""
+    """Return the figures that the runs have the data for, of at most six estimates; if of none, why runs failed."""
     from testbench.report.campaign import errors
 
     chosen = _chosen(summary)
@@ -32,8 +32,9 @@ def campaign_plates(summary: Summary) -> list[Plate]:
         named = [f.name for f in summary.figures if f.n > 1 and "MRSE" in f.name][:_MOST]
         of_errors = {name: summary.columns[name][summary.done] for name in named}
     of_errors = {name: values[np.isfinite(values)] for name, values in of_errors.items()}
-    if not of_errors:
-        return []
+    if not any(values.size for values in of_errors.values()):
+        return [_failure_plate(summary)] if summary.causes else []
+    of_errors = {name: values for name, values in of_errors.items() if values.size}
     what = "estimate minus truth" if chosen else "value"
     plates = [
         Plate(
@@ -65,11 +66,41 @@ def campaign_plates(summary: Summary) -> list[Plate]:
     return plates
 
 
+def _failure_plate(summary: Summary) -> Plate:
+    """Return the reasons of failure by number of runs, for a campaign that identified nothing."""
+    causes = summary.causes[:_MOST]
+
+    def make(wide: bool) -> Figure:
+        """Draw one bar per reason, the reason above it."""
+        from matplotlib.ticker import MaxNLocator
+
+        figure = new_figure(wide, 0.3 + 0.5 * len(causes) + 0.5)
+        axes = grid(figure, 0.2, [0.5 * len(causes)], left_in=0.2)[0, 0]
+        letters = 110 if wide else 50
+        for i, cause in enumerate(causes):
+            axes.barh(i + 0.2, cause.count, height=0.35, color=MEASURED)
+            text = f"{cause.count}: {cause.example}"
+            text = text if len(text) <= letters else text[: letters - 1] + "…"
+            axes.text(0.0, i - 0.05, text, fontsize=8, color=INK, va="bottom", parse_math=False)
+        axes.set_yticks([])
+        axes.set_ylim(len(causes) - 0.55, -0.45)
+        axes.set_xlim(0.0, summary.runs.size)
+        axes.grid(axis="y", visible=False)
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=4, integer=True))
+        label(axes, "runs, of those that are finished")
+        return figure
+
+    caption = (
+        "Runs by the reason that they give, the most frequent ones; numbers in a reason are those of the first run."
+    )
+    return Plate("failures", "Why runs failed", caption, make)
+
+
 def _chosen(summary: Summary) -> list[str]:
     """Return up to six estimates: the most biased ones, of which the answer speaks, then those whose errors the method
     states, then those found most often.
     """
-    from testbench.report.campaign import most_biased
+    from testbench.report.campaign_answer import most_biased
 
     have = [a for a in summary.accuracies if a.n > 1]
     ranked = sorted(have, key=lambda a: (not np.isfinite(a.stated), a.missing))

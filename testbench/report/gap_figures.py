@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 _TOP_ENERGY = 100.0  # residual energies from 1 (noise) to this span the colour scale
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
+_BEFORE_DASH, _AFTER_DASH, _FLOOR_DASH = (0, (5, 1.5)), "-", (0, (2, 2))  # told apart in grey print too
+_MODELS = (("believed model", _BEFORE, _BEFORE_DASH), ("amended model", _AFTER, _AFTER_DASH))
 _MOST_FORCES = 3  # manoeuvres side by side
 _SEGMENTS = 8  # of a residual spectrum, averaged
 
@@ -66,7 +68,7 @@ def _answer_plate(result: GapResult) -> Plate:
 
     def make(wide: bool) -> Figure:
         """Draw measurement and both models beside the energies of their residuals."""
-        handles = line_handles([], [("measured", MEASURED), ("believed model", _BEFORE), ("amended model", _AFTER)])
+        handles = line_handles([], [("measured", MEASURED), *_MODELS])
         top = legend_in([h.get_label() for h in handles], wide) + 0.28
         heights = [2.1] if wide else [1.9, 0.28 * len(outputs) + 0.2]
         figure = new_figure(wide, top + sum(heights) + 0.62 * (len(heights) - 1) + 0.55)
@@ -74,15 +76,16 @@ def _answer_plate(result: GapResult) -> Plate:
         axes, bars = panels[0], panels[1]
         factor = shown_unit(outputs[k])[0]
         axes.plot(*envelope(t, factor * shrink.record[outputs[k]]), color=MEASURED, linewidth=1.0)
-        axes.plot(t, factor * shrink.before[:, k], color=_BEFORE, linestyle=(0, (5, 1.5)), linewidth=1.3)
+        axes.plot(t, factor * shrink.before[:, k], color=_BEFORE, linestyle=_BEFORE_DASH, linewidth=1.3)
         axes.plot(t, factor * shrink.after[:, k], color=_AFTER, linewidth=1.3)
         label(axes, "t, s", axis_label(outputs[k]), shrink.manoeuvre)
         time_axis(axes)
         rows = np.arange(len(outputs))
         low = 0.5
-        for energy, colour, shift in ((shrink.energy_before, _BEFORE, -0.19), (shrink.energy_after, _AFTER, 0.19)):
-            bars.barh(rows + shift, np.maximum(energy - low, 0.0), left=low, height=0.36, color=colour)
-        bars.axvline(1.0, color=INK, linewidth=0.9, linestyle=(0, (2, 2)))
+        open_bar, full_bar = {"facecolor": "white", "edgecolor": _BEFORE, "linewidth": 1.2}, {"color": _AFTER}
+        for energy, look, shift in ((shrink.energy_before, open_bar, -0.19), (shrink.energy_after, full_bar, 0.19)):
+            bars.barh(rows + shift, np.maximum(energy - low, 0.0), left=low, height=0.34, **look)
+        bars.axvline(1.0, color=INK, linewidth=0.9, linestyle=_FLOOR_DASH)
         bars.set_yticks(rows, [symbol(o) for o in outputs])
         bars.set_ylim(len(outputs) - 0.4, -0.6)
         bars.grid(axis="y", visible=False)
@@ -94,7 +97,8 @@ def _answer_plate(result: GapResult) -> Plate:
 
     caption = (
         f"The manoeuvre '{shrink.manoeuvre}' was used neither to name nor to fit. Left: {symbol(outputs[k])}, in which "
-        "the believed model is furthest off. Right: residuals of all channels; the dashed line is the noise floor."
+        "the believed model is furthest off. Right: residuals of all channels, open bars those of the believed model; "
+        "the dashed line is the noise floor."
     )
     return Plate("answer", "What the amendment does to a flight that it has not seen", caption, make)
 
@@ -255,14 +259,14 @@ def _history_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
 
     def make(wide: bool) -> Figure:
         """Draw one panel per output."""
-        handles = line_handles([], [("measured", MEASURED), ("believed model", _BEFORE), ("amended model", _AFTER)])
+        handles = line_handles([], [("measured", MEASURED), *_MODELS])
         top = legend_in([h.get_label() for h in handles], wide) + 0.2
         figure = new_figure(wide, top + 1.0 * len(outputs) + 0.28 * (len(outputs) - 1) + 0.5)
         panels = grid(figure, top, [1.0] * len(outputs), gap_in=0.28)[:, 0]
         for i, (axes, name) in enumerate(zip(panels, outputs, strict=True)):
             factor = shown_unit(name)[0]
             axes.plot(*envelope(t, factor * shrink.record[name]), color=MEASURED, linewidth=1.0)
-            axes.plot(t, factor * shrink.before[:, i], color=_BEFORE, linestyle=(0, (5, 1.5)), linewidth=1.2)
+            axes.plot(t, factor * shrink.before[:, i], color=_BEFORE, linestyle=_BEFORE_DASH, linewidth=1.2)
             axes.plot(t, factor * shrink.after[:, i], color=_AFTER, linewidth=1.2)
             last = i == len(outputs) - 1
             text = f"{shrink.energy_before[i]:.3g} → {shrink.energy_after[i]:.3g}"
@@ -293,7 +297,7 @@ def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
         """Draw one panel per output."""
         per_row = 3 if wide else 1
         rows = -(-len(outputs) // per_row)
-        handles = line_handles([], [("believed model", _BEFORE), ("amended model", _AFTER), ("noise floor", INK)])
+        handles = line_handles([], [*_MODELS, ("noise floor", INK, _FLOOR_DASH)])
         top = legend_in([h.get_label() for h in handles], wide) + 0.3
         figure = new_figure(wide, top + 1.3 * rows + 0.55 * (rows - 1) + 0.5)
         panels = grid(figure, top, [1.3] * rows, (1.0,) * per_row, gap_in=0.55).ravel()
@@ -301,10 +305,10 @@ def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
             if i >= len(outputs):
                 axes.set_visible(False)
                 continue
-            for residual, colour in zip(sides, (_BEFORE, _AFTER), strict=True):
+            for residual, (_, colour, dash) in zip(sides, _MODELS, strict=True):
                 f, density = _spectrum(residual[:, i], dt)
-                axes.plot(f, density, color=colour, linewidth=1.2)
-            axes.axhline(1.0, color=INK, linewidth=0.9, linestyle=(0, (2, 2)))
+                axes.plot(f, density, color=colour, linestyle=dash, linewidth=1.2)
+            axes.axhline(1.0, color=INK, linewidth=0.9, linestyle=_FLOOR_DASH)
             axes.set_xlim(f[0], f[-1])
             log_axis(axes, "x", powers=False)
             log_axis(axes, "y", powers=True)

@@ -235,7 +235,9 @@ def test_report_of_the_packaged_scenario(packaged, tmp_path: Path) -> None:
     assert {p.name for p in paths} >= {"report.html", "errors.png", "gains.csv", "gains.json", "without_each.csv"}
     answer = compare_sentences(packaged)
     assert answer[0].startswith("adding alpha (400 €, 80 g) to eolo_no_alpha surely makes ")
-    assert page.index("The answer") < page.index("How it was compared") < page.index('<h2 id="tables">')
+    assert page.index("The answer") < page.index('id="figure-errors"') < page.index("How it was compared")
+    assert page.index("How it was compared") < page.index('<h2 id="tables">')
+    assert page.count('id="figure-errors"') == 1
     gains = next(t for t in compare_tables(packaged) if t.name == "gains")
     assert len(gains.rows) == len(packaged.gains)
 

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from testbench.design.spectral_energy import ModeBands, half_power_band, spectral_energy
+from testbench.design.spectral_energy import ModeBands, spectral_energy
 from testbench.designer import modes_of
 from testbench.evaluation.excitation import excitation
 from testbench.flight import linearise
+from testbench.flight.modal import half_power_band
 from testbench.inputs import build, energy_spectrum, frequency_below
 from testbench.scenario import Doublet, Pilot, StandardMultistep, Step, Sweep
 

@@ -12,7 +12,7 @@ from testbench.envs.baselines import as_csv, baselines, fly_plan
 from testbench.envs.baselines import main as compare
 from testbench.envs.excitation import ExcitationDesign
 from testbench.envs.train import agent_actions, main, train
-from testbench.errors import RecordError
+from testbench.errors import MissingPackage, RecordError
 
 
 def stand_in(task, decision_s, size=0.2):
@@ -66,7 +66,7 @@ def test_agents_of_another_task_and_files_that_are_none_are_refused(monkeypatch,
 
 def test_without_the_extra_one_line_says_how_to_install_it(monkeypatch, file, capsys):
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
-    with pytest.raises(RecordError, match=r"pip install flight-testbench\[rl\]"):
+    with pytest.raises(MissingPackage, match=r"pip install 'flight-testbench\[rl\]'"):
         agent_actions(ExcitationDesign("taurus"), file, 0, {"task": "taurus"})
     with pytest.raises(SystemExit, match=r"^error: .*\[rl\]"):
         main(["--task", "taurus", "--out", str(file)])

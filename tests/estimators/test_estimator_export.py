@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from estimators.fragments import flown, state_at
 from scipy.io import loadmat
 
-from testbench.constants import FT_M, LBF_N, SLUG_KG
 from testbench.errors import EstimationError, RecordError
 from testbench.estimators.export import MassProperties, jsbsim_aerodynamics, save_jsbsim, save_json, save_mat
 from testbench.estimators.parametric.model import ParametricModel
@@ -30,6 +30,10 @@ LATERAL = {
     "Y_beta": -9.0, "Y_r": 0.4, "Y_dr": 3.0, "L_beta": -20.0, "L_p": -9.0, "L_r": 3.0, "L_da": 60.0, "L_dr": 2.0,
     "N_beta": 12.0, "N_p": -0.7, "N_r": -1.5, "N_da": -3.0, "N_dr": -9.0,
 }  # fmt: skip
+
+
+def state(V=V0, alpha=ALPHA0, theta=THETA0, **more):
+    return state_at(V, alpha, theta, **more)
 
 
 def model_of(structure, values):
@@ -56,56 +60,6 @@ def model_of(structure, values):
 @pytest.fixture(scope="module")
 def rigid():
     return model_of(longitudinal(V0, ALPHA0, THETA0), LONGITUDINAL)
-
-
-def flown(folder, fragment, at, mass=MASS):
-    """Aerodynamic force (N) and moment (N m) that JSBSim has in body axes at a state, still air, 500 m up."""
-    import jsbsim
-
-    inertia = mass.mass / SLUG_KG
-    per_slug_ft2 = SLUG_KG * FT_M**2
-    text = f"""<?xml version="1.0"?>
-<fdm_config name="identified" version="2.0">
- <fileheader/>
- <metrics><wingarea unit="M2">1.0</wingarea><wingspan unit="M">3.0</wingspan><chord unit="M">0.4</chord>
-  <location name="AERORP" unit="M"><x>0</x><y>0</y><z>0</z></location></metrics>
- <mass_balance><ixx unit="SLUG*FT2">{mass.Ixx / per_slug_ft2}</ixx><iyy unit="SLUG*FT2">{mass.Iyy / per_slug_ft2}</iyy>
-  <izz unit="SLUG*FT2">{mass.Izz / per_slug_ft2}</izz><ixz unit="SLUG*FT2">{mass.Ixz / per_slug_ft2}</ixz>
-  <emptywt unit="LBS">{inertia * 32.17405}</emptywt>
-  <location name="CG" unit="M"><x>0</x><y>0</y><z>0</z></location></mass_balance>
- <ground_reactions/><flight_control name="none"/>
- {fragment}
-</fdm_config>"""
-    (folder / "identified").mkdir(exist_ok=True)
-    (folder / "identified" / "identified.xml").write_text(text)
-    jsbsim.FGJSBBase().debug_lvl = 0
-    fdm = jsbsim.FGFDMExec(str(folder))
-    fdm.set_debug_level(0)
-    fdm.set_aircraft_path(str(folder))
-    assert fdm.load_model("identified")
-    for name, value in at.items():
-        fdm[name] = value
-    assert fdm.run_ic()
-    for name in ("elevator", "left-aileron", "rudder"):
-        fdm[f"fcs/{name}-pos-rad"] = at.get(f"fcs/{name}-pos-rad", 0.0)
-    fdm.get_auxiliary()
-    fdm.run_ic()
-    force = [fdm[f"forces/fb{axis}-aero-lbs"] * LBF_N for axis in "xyz"]
-    return np.array(force), np.array([fdm[f"moments/{axis}-aero-lbsft"] * LBF_N * FT_M for axis in "lmn"])
-
-
-def state(V=V0, alpha=ALPHA0, theta=THETA0, beta=0.0, p=0.0, q=0.0, r=0.0, **surfaces):
-    return {
-        "ic/h-sl-ft": 500.0 / FT_M,
-        "ic/vt-fps": V / FT_M,
-        "ic/alpha-rad": alpha,
-        "ic/beta-rad": beta,
-        "ic/theta-rad": theta,
-        "ic/p-rad_sec": p,
-        "ic/q-rad_sec": q,
-        "ic/r-rad_sec": r,
-        **{f"fcs/{name.replace('_', '-')}-pos-rad": value for name, value in surfaces.items()},
-    }
 
 
 def test_json_is_the_dictionary(rigid, tmp_path):
@@ -141,7 +95,9 @@ def test_jsbsim_flies_the_longitudinal_equations(rigid, tmp_path, surface):
     de = surface + 0.02  # from its trim
     X, Z, M = (sum(LONGITUDINAL.get(f"{s}_{n}", 0.0) * v for n, v in {**x, "de": de}.items()) for s in "XZM")
     c, s = np.cos(ALPHA0), np.sin(ALPHA0)
-    force, moment = flown(tmp_path, fragment, state(V0 + 1.5, ALPHA0 + 0.04, THETA0 + 0.04, q=0.2, elevator=surface))
+    force, moment = flown(
+        tmp_path, fragment, state(V0 + 1.5, ALPHA0 + 0.04, THETA0 + 0.04, q=0.2, elevator=surface), MASS
+    )
     g = rigid.structure.trim.g
     expected = MASS.mass * np.array([g * np.sin(THETA0) + c * X - s * Z, 0.0, -g * np.cos(THETA0) + s * X + c * Z])
     assert force == pytest.approx(expected - [THRUST, 0.0, 0.0], rel=1e-6, abs=1e-6)
@@ -153,7 +109,7 @@ def test_jsbsim_flies_the_lateral_equations(tmp_path):
     x = {"beta": 0.05, "p": 0.3, "r": -0.1, "da": 0.02, "dr": -0.04}
     Y, L, N = (sum(LATERAL.get(f"{s}_{n}", 0.0) * v for n, v in x.items()) for s in "YLN")
     at = state(beta=0.05, p=0.3, r=-0.1, left_aileron=0.02, rudder=-0.04)
-    force, moment = flown(tmp_path, jsbsim_aerodynamics(model, MASS), at)
+    force, moment = flown(tmp_path, jsbsim_aerodynamics(model, MASS), at, MASS)
     assert force[1] == pytest.approx(MASS.mass * Y, rel=1e-6)
     assert moment == pytest.approx([MASS.Ixx * L - MASS.Ixz * N, 0.0, MASS.Izz * N - MASS.Ixz * L], rel=1e-6, abs=1e-6)
 
@@ -168,7 +124,7 @@ def test_jsbsim_flies_the_polynomials(tmp_path):
     CD = 0.03 + 0.01 * qhat + 0.3 * alpha
     CL = 0.2 + 0.05 * qhat + 5.0 * alpha
     Cm = 0.02 + 0.01 * qhat - 0.6 * alpha - 12.0 * rate - 1.1 * de
-    force, moment = flown(tmp_path, jsbsim_aerodynamics(model, MASS), state(V, alpha, 0.15, q=q, elevator=de))
+    force, moment = flown(tmp_path, jsbsim_aerodynamics(model, MASS), state(V, alpha, 0.15, q=q, elevator=de), MASS)
     c, s = np.cos(alpha), np.sin(alpha)
     along = np.array([-CD * c + CL * s, 0.0, -CD * s - CL * c])
     pressure = np.linalg.norm(force) / np.linalg.norm(along)

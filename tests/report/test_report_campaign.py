@@ -14,6 +14,7 @@ from rich.console import Console
 from testbench.campaign import Store, fly_campaign, load_campaign
 from testbench.campaign.execute import Progress
 from testbench.campaign.store import Counts
+from testbench.campaign.summary import Cause
 from testbench.paths import SCENARIOS
 from testbench.report.campaign import (
     answer,
@@ -43,7 +44,14 @@ def test_the_packaged_campaign_answers_its_question(flown):
     assert result.counts.done >= 20
     said = answer(result)
     assert said[0][0] == "lead"
-    assert said[0][1].startswith(f"{result.counts.done} of 24 runs are done")
+    fair = sum(not a.biased for a in result.summary.accuracies)
+    lead = said[0][1]
+    assert lead.startswith(
+        f"{fair} of {len(result.summary.accuracies)} estimates show no bias beyond chance, the others"
+    )
+    for words in ("% of the true value", "from run to run they scatter", "states no errors to judge"):
+        assert words in lead
+    assert said[1][1].startswith(f"{result.counts.done} of 24 runs are done")
     assert any("bias" in text and "of the true value" in text for kind, text in said if kind == "doubt")
     found = {a.name: a for a in result.summary.accuracies}
     zeta = found["taurus_8hz, transfer_function: short period (theta) zeta"]
@@ -58,7 +66,9 @@ def test_files_and_page(flown):
     paths = write_campaign(result, folder)
     assert paths[-1] == folder / "report.html"
     page = paths[-1].read_text(encoding="utf-8")
-    assert page.index("The answer") < page.index("<figure")
+    assert page.index("The answer") < page.index("no bias beyond chance") < page.index('id="figure-estimates"')
+    assert page.count('id="figure-estimates"') == 1
+    assert page.index('id="figure-estimates"') < page.index("<main>")
     assert "aircraft.mass_percent" in page
     assert "normal: mean 0.0, std 2.0" in page
     assert not re.search(r"(?:src|href)=[\"']https?:", page)
@@ -84,6 +94,55 @@ def test_the_terminal_and_the_cost(flown):
     assert "nothing is finished yet" in cost_sentence(
         type(result)(result.campaign, Counts(3), result.summary, None, 0, 0)
     )
+
+
+def _changed(result, **accuracy):
+    """The result with one estimate alone, changed as given."""
+    one = replace(result.summary.accuracies[0], **accuracy)
+    return replace(result, summary=replace(result.summary, accuracies=(one,)))
+
+
+def test_the_lead_tells_bias_scatter_and_coverage_of_one_estimate(flown):
+    result, _ = flown
+    sharp = {"n": 20, "bias": 0.1, "bias_half": 0.2, "scatter": 0.05, "true_mean": 2.0}
+    lead = answer(_changed(result, **sharp, coverage=0.9))[0][1]
+    assert "shows no bias beyond chance (0.100 ± 0.20) and scatters by 0.050 from run to run" in lead
+    assert "its stated 95 % interval holds the truth in 90.0 % of 20 runs" in lead
+    off = answer(_changed(result, **sharp | {"bias_half": 0.01}, coverage=float("nan")))
+    assert "is off by 0.100 ± 0.010, 5.0 % of the true value" in off[0][1]
+    assert "states no errors to judge" in off[0][1]
+    assert not any(text.startswith(off[0][1].split(" is off")[0] + ": bias") for _, text in off[1:])
+    covered = replace(result.summary.accuracies[0], coverage=0.5, coverage_high=0.7)
+    many = replace(result, summary=replace(result.summary, accuracies=(covered, *result.summary.accuracies[1:])))
+    assert "(of the 1 estimates that have one) holds the truth in 50 % of the runs" in answer(many)[0][1]
+
+
+def test_a_campaign_that_identified_nothing_says_what_failed_and_how_often(flown, tmp_path):
+    result, _ = flown
+    cause = Cause("LimitError: #", 24, 0, "LimitError: -12.5 <= de <= 12.5 deg must hold, got $99 <b>")
+    nothing = replace(
+        result,
+        counts=Counts(0, 0, 0, 24),
+        summary=replace(
+            result.summary, columns={}, done=result.summary.done & False, figures=(), accuracies=(), causes=(cause,)
+        ),
+    )
+    said = answer(nothing)
+    assert said[0] == (
+        "lead",
+        f"nothing was identified: all 24 finished runs failed, 24 (100 % of the runs): {cause.example}",
+    )
+    assert "0 of 24 runs are done, 24 failed" in said[1][1]
+    page = write_campaign(nothing, tmp_path)[-1].read_text(encoding="utf-8")
+    assert 'id="figure-failures"' in page
+    assert "$99 &lt;b&gt;" in page
+    waiting = replace(nothing, counts=Counts(24), summary=replace(nothing.summary, causes=()))
+    assert answer(waiting)[0][1] == "nothing is known yet: none of 24 runs is finished"
+    figures = tuple(replace(f, n=0, missing=23) for f in result.summary.figures[:2])
+    lost = replace(result, summary=replace(nothing.summary, causes=(), figures=figures))
+    assert answer(lost)[0][1].startswith("nothing was identified in the 23 runs that were flown: taurus_8hz")
+    unjudged = replace(result, summary=replace(result.summary, accuracies=()))
+    assert "the smallest error of a prediction, taurus_8hz, transfer_function: " in answer(unjudged)[0][1]
 
 
 def test_a_grid_gives_a_table_of_its_points(flown, tmp_path):

@@ -97,6 +97,11 @@ def test_table_4_and_its_words_follow_the_errors():
     rows = b1_alpha.comparisons(TABLE_4, study, best)
     assert {c.verdict for c in rows if c.where.startswith("Table 4")} == {"agrees"}
     assert rows[-1].verdict == "agrees in kind"
+    for row in rows:
+        if row.where.startswith("Table 4"):
+            assert "Tuned: 100 Hz and a tenth of the noise were set because they come nearest" in row.why
+        else:  # at the suite's own rate and noise
+            assert "Tuned" not in row.why
     without_gain = {w: dict.fromkeys(column, 5.0) for w, column in TABLE_4.items()}
     rows = b1_alpha.comparisons(without_gain, study, best)
     assert next(c for c in rows if c.what.startswith("how many times")).verdict == "differs"

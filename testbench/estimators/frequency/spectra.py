@@ -76,7 +76,15 @@ def estimate_frequency_response(
     """
     data = check_records(records, inputs, outputs)
     dt, m = records[0].dt_s, len(inputs)
-    lengths = sorted({round(w / dt) for w in np.atleast_1d(np.asarray(window_s, np.float64))}, reverse=True)
+    windows, longest = (
+        np.atleast_1d(np.asarray(window_s, np.float64)),
+        max(record.duration_s for record in records) + dt,
+    )
+    if not np.all(windows <= longest):  # not a number neither
+        raise EstimationError(
+            f"windows must fit into a record, the longest of which lasts {longest:g} s, got window_s = {window_s}"
+        )
+    lengths = sorted({round(w / dt) for w in windows}, reverse=True)
     if not 0.0 <= overlap < 1.0 or lengths[-1] < 8:
         raise EstimationError(
             f"0 <= overlap < 1 and windows of at least 8 samples ({8 * dt:g} s) must hold, got overlap {overlap:g} and "

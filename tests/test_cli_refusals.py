@@ -1,0 +1,165 @@
+"""What a newcomer gets wrong: a wrong name, file or number is answered with one line and a status that is not 0."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from commands import ends
+
+from testbench.record import FlightRecord
+
+ASKED_BY_FILE = (
+    "run", "identify", "compatibility", "response", "gap", "design", "compare", "plan", "check",
+    "campaign run", "campaign resume", "campaign status", "campaign summarise",
+)  # fmt: skip
+TABLE = "t [s],de [deg],q [deg/s]\n" + "".join(f"{0.1 * k:.1f},{k % 3},{k % 5}\n" for k in range(200))
+DESCRIPTION = """title = "t"
+source = "s"
+rights = "r"
+time = { column = "t" }
+record = [{ name = "a", file = "a.csv", use = "split" }]
+channel = [{ name = "de", column = "de", unit = "deg" }, { name = "q", column = "q", unit = "deg/s" }]
+[identification]
+inputs = ["de"]
+[[identification.estimators]]
+method = "dsr_e"
+order = 1
+past_horizon = 3
+future_horizon = 3
+"""
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A working folder with the wrong kinds of file."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "dir").mkdir()
+    for name in ("empty.toml", "empty.csv", "empty.nc", "empty.json", "empty.mat", "empty.ulg"):
+        (tmp_path / name).touch()
+    for name in ("junk.toml", "junk.csv", "junk.nc", "junk.json", "junk.mat"):
+        (tmp_path / name).write_bytes(bytes(range(255, 0, -1)))
+    (tmp_path / "a.csv").write_text(TABLE)
+    (tmp_path / "a.toml").write_text(DESCRIPTION)
+    t = 0.1 * np.arange(50)
+    FlightRecord(t, ("q", "de_cmd"), np.column_stack([np.sin(t), np.cos(t)]), "measured").save(tmp_path / "a.nc")
+    return tmp_path
+
+
+@pytest.fixture
+def refused(folder, monkeypatch, capsys):
+    """Run a command in that folder, which must end in one line; return the line."""
+
+    def run(*words):
+        status, said = ends(monkeypatch, capsys, *words)
+        assert status in (2, 3), (words, status, said)
+        assert len(said) == 1, (words, said)
+        assert said[0].startswith("error: "), said
+        return said[0]
+
+    return run
+
+
+@pytest.mark.parametrize("command", ASKED_BY_FILE)
+def test_files_that_are_none_are_refused(refused, command):
+    words = command.split()
+    for name in ("mispelt", "none.toml", "dir"):
+        assert f"got '{name}'" in refused(*words, name)
+    assert "it is empty" in refused(*words, "empty.toml")
+    assert "not UTF-8 text" in refused(*words, "junk.toml")
+    if command != "gap":
+        assert "Missing argument" in refused(*words)
+
+
+@pytest.mark.parametrize("name", ["none.ulg", "dir", "empty.csv", "empty.ulg", "junk.csv", "junk.nc", "junk.mat"])
+def test_logs_that_are_none_are_refused(refused, name):
+    assert f"'{name}'" in refused("import", name)
+
+
+@pytest.mark.parametrize("to", ["csv", "mat", "netcdf", "json", "jsbsim", "control"])
+def test_records_and_models_that_are_none_are_refused(refused, to):
+    for name in ("none.nc", "dir", "empty.nc", "junk.nc", "none.json", "empty.json", "junk.json"):
+        assert f"'{name}'" in refused("export", name, "--to", to)
+
+
+@pytest.mark.parametrize(
+    ("words", "law"),
+    [
+        ("fyl", "No such command 'fyl'"),
+        ("idetify x", "Did you mean 'identify'?; see `testbench --help`"),
+        ("campaign rnu", "Did you mean 'run'?"),
+        ("--foo", "No such option: --foo; see `testbench --help`"),
+        ("gap", "must be named"),
+        ("gap eolo", "measured records of eolo must be given"),
+        ("gap eolo none.nc", "got 'none.nc'"),
+        ("gap eolo empty.nc", "'empty.nc'"),
+        ("gap eolo a.nc --hold-out none.nc", "got 'none.nc'"),
+        ("gap --plan dir", "got 'dir'"),
+        ("aircraft eol", "did you mean 'eolo'?"),
+        ("aircraft taurus --wings stiff", "'stiff' is not one of"),
+        ("studio eol", "did you mean 'eolo'?"),
+        ("studio taurus --port x", "valid integer"),
+        ("list aircrafts", "'aircrafts' is not one of"),
+        ("reproduce tauru", "did you mean 'taurus'?"),
+        ("reproduce taurus -o empty.csv", "empty.csv"),
+        ("exercise start shortperiod --student a", "did you mean 'short_period'?"),
+        ("exercise start short_period", "Missing option '--student'"),
+        ("exercise start short_period --student a -o empty.csv", "got 'empty.csv'"),
+        ("exercise start short_period --student a --key-file none", "none"),
+        ("exercise check dir", "'dir'"),
+        ("export a.nc --to pdf", "'pdf' is not one of"),
+        ("export a.nc --to netcdf -o a.nc", "over itself"),
+        ("export a.nc --to csv -o dir", "'dir'"),
+        ("check eolo_alpah", "did you mean 'eolo_alpha'?"),
+        ("identify a.toml --data none", "'none'"),
+    ],
+)
+def test_wrong_names_and_places_are_refused(refused, words, law):
+    assert law in refused(*words.split())
+
+
+@pytest.mark.parametrize(
+    ("words", "law"),
+    [
+        *((f"{c} eolo_alpha --seed -1", "greater than or equal to 0") for c in ("run", "design", "compare", "plan")),
+        ("campaign run taurus_scatter --workers -1", "greater than or equal to 1"),
+        ("response a.toml --window -3", "windows of at least 8 samples"),
+        *((f"response a.toml --window {x}", "windows must fit into a record") for x in ("nan", "inf", "1e9")),
+        *(
+            (f"import a.csv --rate {x}", "rate of a record must be > 0 Hz and finite")
+            for x in ("-5", "0", "nan", "inf")
+        ),
+        *(
+            (f"import a.csv --{o} {x}", "at least 0.5 s and finite")
+            for o in ("lead", "tail")
+            for x in ("-1", "nan", "inf")
+        ),
+        *((f"import a.csv --throw de={x}", "degrees above 0 and up to 90") for x in ("-20", "nan", "x")),
+        ("studio taurus --port -1", "cannot be served: not a port"),
+    ],
+)
+def test_numbers_out_of_range_are_refused(refused, words, law):
+    assert law in refused(*words.split())
+
+
+def test_gravity_is_positive(refused):
+    from pathlib import Path
+
+    t = 0.02 * np.arange(2000)
+    names = ("q", "ax", "az", "V", "theta", "alpha")
+    Path("c.csv").write_text("\n".join([",".join(("t", *names)), *(",".join([f"{x:.2f}"] + ["1.0"] * 6) for x in t)]))
+    entries = ", ".join(
+        f'{{ name = "{n}", column = "{n}", unit = "{u}" }}'
+        for n, u in zip(names, ("rad/s", "m/s2", "m/s2", "m/s", "rad", "rad"), strict=True)
+    )
+    text = DESCRIPTION.replace("a.csv", "c.csv").replace('["de"]', '["q"]')
+    lines = [f"channel = [{entries}]" if line.startswith("channel") else line for line in text.splitlines()]
+    Path("c.toml").write_text("\n".join(lines))
+    for value in ("-9.8", "0", "nan", "inf"):
+        assert "gravity must be > 0 m/s2" in refused("compatibility", "c.toml", "--gravity", value)
+
+
+def test_help_is_no_error_and_a_bare_group_shows_its_help(folder, monkeypatch, capsys):
+    for words in ((), ("campaign",), ("exercise",)):
+        assert ends(monkeypatch, capsys, *words) == (2, [])
+    for words in (("--help",), ("import", "--help"), ("campaign", "run", "--help")):
+        assert ends(monkeypatch, capsys, *words) == (0, [])
