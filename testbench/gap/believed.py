@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient
@@ -28,6 +29,21 @@ NUISANCES: Mapping[str, float] = {
     "Cm_q": 0.15,
     "Cm_de": 0.10,
 }
+# The same of the lateral motion, re-tuned only where aileron or rudder moves. Cross derivatives are known less well.
+LATERAL_NUISANCES: Mapping[str, float] = {
+    "CY_beta": 0.15,
+    "Cl_beta": 0.15,
+    "Cl_p": 0.10,
+    "Cl_r": 0.20,
+    "Cl_da": 0.10,
+    "Cn_beta": 0.15,
+    "Cn_p": 0.30,
+    "Cn_r": 0.20,
+    "Cn_da": 0.30,
+    "Cn_dr": 0.10,
+}
+LATERAL_COMMANDS = ("da_cmd", "dr_cmd")
+_MOVED = 1e-3  # rad, or share of the throttle, by which a command that moves does at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,9 +234,18 @@ def _shaped(
     return u if effect.shape is None else effect.shape(names, u, dt_s, aircraft, values)
 
 
-def tuning(factors: FloatArray) -> Mapping[str, float]:
-    """Return nuisance -> factor."""
-    return dict(zip(NUISANCES, factors.tolist(), strict=True))
+def nuisances(records: Sequence[FlightRecord]) -> Mapping[str, float]:
+    """Return the coefficients that hypotheses about these records may re-tune -> relative deviation of the prior.
+
+    The lateral ones are among them only if an aileron or rudder command moves: a symmetric aircraft in still air shows
+    nothing of them otherwise, and records of elevator and throttle must not pay for them.
+    """
+    return {**NUISANCES, **LATERAL_NUISANCES} if moves_laterally(records) else NUISANCES
+
+
+def moves_laterally(records: Sequence[FlightRecord]) -> bool:
+    """Return whether an aileron or rudder command moves in any of the records."""
+    return any(_moved(r.columns([n for n in LATERAL_COMMANDS if n in r])).any() for r in records)
 
 
 def commands(record: FlightRecord) -> tuple[tuple[str, ...], FloatArray]:
@@ -243,10 +268,15 @@ def quiet_samples(record: FlightRecord) -> int:
         RecordError: less than half a second.
     """
     commands = record.columns([n for n in record.channels if n.endswith("_cmd")])
-    moved = np.any(np.abs(commands - commands[0]) > 1e-3, axis=1)
+    moved = _moved(commands)
     count = int(np.argmax(moved)) if moved.any() else len(record)
     if count * record.dt_s < 0.5:
         raise RecordError(
             f"a record must begin with at least 0.5 s of quiet flight, got {count * record.dt_s:.2f} s; cut it earlier"
         )
     return count
+
+
+def _moved(commands: FloatArray) -> NDArray[np.bool_]:
+    """Return at which samples (n,) any of the commands (n, m) is not where it began."""
+    return np.asarray(np.any(np.abs(commands - commands[0]) > _MOVED, axis=1))

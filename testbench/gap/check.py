@@ -13,7 +13,7 @@ from testbench.errors import ChannelError, EstimationError
 from testbench.estimators import data_compatibility
 from testbench.estimators.data_compatibility import DataCompatibility, InstrumentError
 from testbench.estimators.parametric.kinematics import motion_of
-from testbench.gap.believed import Believed
+from testbench.gap.believed import Believed, moves_laterally
 from testbench.record import FlightRecord
 from testbench.sensors import Sensor
 
@@ -21,6 +21,7 @@ PIECE_S = (
     8.0  # records are cut into pieces of no more: the noise of the inertial unit, integrated, does not add up over
 )
 FALSE_ALARM = 0.01  # probability of finding any error of an instrument where there is none
+_INERTIAL = ("p", "q", "r", "ax", "ay", "az")
 _GRAVITY = 0.05  # m/s2, by which an accelerometer's bias may be local gravity
 
 
@@ -69,7 +70,8 @@ def check_data(believed: Believed, records: Sequence[FlightRecord]) -> DataCheck
 
     A lag and a delay are taken together: kinematics tell their sum better than either. Without a forward accelerometer,
     a vane and an attitude that are off by the same angle look like an aircraft turned by it, almost: the attitude is
-    believed then.
+    believed then. Where aileron or rudder moves, kinematics that hold the wings level would blame the instruments:
+    those of the lateral motion are taken, or of all axes if every channel for them is there.
     """
     pieces = [piece for record in records for piece in _cut(_corrected(believed, record))]
     common = [n for n in records[0].channels if all(n in r for r in records)]
@@ -77,19 +79,26 @@ def check_data(believed: Believed, records: Sequence[FlightRecord]) -> DataCheck
         s.channel: s.position_m for s in believed.suite.sensors if s.channel in ("ax", "ay", "az") and any(s.position_m)
     }
     try:
-        without = ("theta_bias",) if motion_of(common) == "vertical" else ()
+        motion = motion_of(common)
+        if motion != "full" and moves_laterally(records):
+            motion = "lateral"
+        without = ("theta_bias",) if motion == "vertical" else ()
         result = data_compatibility.estimate(
-            pieces, without=without, positions_m=positions or None, false_alarm=FALSE_ALARM
+            pieces, motion=motion, without=without, positions_m=positions or None, false_alarm=FALSE_ALARM
         )
     except (ChannelError, EstimationError) as error:
         return DataCheck(None, str(error), ())
     sensors = {s.channel: s for s in believed.suite.sensors}
+    # A lag that is found is one behind the inertial unit, whose own lag it is short of.
+    inertial = max(_believed(sensors.get(n), "lag") for n in result.structure.inputs if n in _INERTIAL)
     news = []
     for found in result.errors:
         of, _, kind = found.name.rpartition("_")
         value = _believed(sensors.get(of), kind)
         none = value if kind in ("lag", "delay") else 1.0 if kind == "scale" else 0.0
         slack = _GRAVITY if kind == "bias" and of in ("ax", "ay", "az") else 0.0
+        if kind in ("lag", "delay"):
+            slack = inertial
         away = abs(found.estimate - none) - slack
         if away > result.diagnostics["threshold"] * found.standard_error:
             news.append((found, value))

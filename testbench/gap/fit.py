@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.stats import chi2
 
-from testbench.gap.believed import tuning
 from testbench.gap.effects import Effect
 from testbench.gap.local import Changes, Local
 from testbench.record import FloatArray
@@ -20,8 +19,12 @@ FALSE_ALARM = 1e-3  # probability of naming any effect where there is none, all 
 FRESH_TANGENTS = (2, 5)  # before these rounds tangents of the nuisances are taken anew, where the descent has come to
 MAX_ROUNDS = 10  # rounds of fitting on linear differences and flying the result
 AT_REST = 0.1  # the rounds end when another one promises to lower chi-square by no more: far below any threshold,
-AT_REST_SHARE = 1e-4  # or by no more than this share of what has been gained
-HOPELESS = 0.7  # a fit that gains less than this share of the best one's gain is not followed to its end
+AT_REST_SHARE = 1e-3  # or by no more than this share of what is left above the noise
+KEPT = 0.9  # share of a promised gain that a step with lateral nuisances must reach to be content with its tangents
+SHORTENED = (1.0, 0.5, 0.2)  # shares of a step that are tried in turn until one flies and lowers chi-square
+IDLE = 3  # the rounds end, too, when so many in turn have found nothing better
+HOPELESS = 0.7  # a fit that gains less than this share of the best one's gain is not followed to its end,
+HOPELESS_BESIDE_NOISE = 0.9  # or less than this share where the best one leaves noise only
 STARTS = 2  # the most promising starts of an effect with several parameters are fitted, of one with one the best
 INVISIBLE = 1e-2  # chi-square by which an effect changes the predictions at its starts: less cannot be seen
 
@@ -108,6 +111,8 @@ def screen(base: Local, effect: Effect) -> Screened:
     Where one parameter is a size that may have either sign, the start is moved to that multiple.
     """
     changes, size = Changes(base, effect), _size(effect)
+    if effect.lateral and not base.lateral:
+        return Screened(effect, changes, (), 0.0, "these records cannot show it: neither aileron nor rudder moves")
     starts = [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
     if size is not None:  # the other sign changes the residuals by minus as much
         starts = [s for s in starts if s[size] == effect.parameters[size].starts[0]]
@@ -149,33 +154,41 @@ def _multiplied(x: FloatArray, effect: Effect, size: int, multiple: float) -> Fl
     return out
 
 
-def fit(screened: Screened, chi2_tuned: float, best_gain: float, tested: int, patience: int = 0) -> EffectFit | None:
+def fit(
+    screened: Screened,
+    chi2_tuned: float,
+    best_gain: float,
+    tested: int,
+    patience: int = 0,
+    hopeless_share: float = HOPELESS,
+) -> EffectFit | None:
     """Fit one of ``tested`` effects from its most promising starts; return the best fit, or None if none flies.
 
     Args:
         screened: the effect and its starts.
         chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
-        best_gain: of the fits so far. A descent ends once it gains no more than HOPELESS of it.
+        best_gain: of the fits so far.
         tested: number of effects that are tested.
         patience: rounds before a descent may be given up as hopeless, for a base that is far from rest.
+        hopeless_share: a descent ends once it promises to gain no more than this share of ``best_gain``.
     """
     effect = screened.effect
-    hopeless = chi2_tuned - HOPELESS * best_gain
+    hopeless = chi2_tuned - hopeless_share * best_gain
     reached: list[Descent] = []
     for start in screened.starts[: STARTS if len(effect.parameters) > 1 else 1]:
         descent = descend(screened.changes, start, hopeless, patience)
         if descent is not None:
             reached.append(descent)
-            hopeless = min(hopeless, chi2_tuned - HOPELESS * (chi2_tuned - descent.chi2))
+            hopeless = min(hopeless, chi2_tuned - hopeless_share * (chi2_tuned - descent.chi2))
     return summarise(effect, min(reached, key=lambda f: f.chi2), chi2_tuned, tested) if reached else None
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Where a descent came to rest: parameters, factors, Jacobian (rows, p) and the sum of squares with priors."""
+    """Where a descent came to rest: parameters, nuisances, Jacobian (rows, p) and the sum of squares with priors."""
 
     x: FloatArray
-    factors: FloatArray
+    tuning: Mapping[str, float]
     jacobian: FloatArray
     chi2: float
     flown: bool
@@ -193,13 +206,21 @@ def descend(changes: Changes, start: FloatArray, hopeless: float, patience: int 
     scale = np.maximum(np.abs(start), 1e-3 * (np.array(bounds[1]) - np.array(bounds[0])))
     known = np.zeros_like(here.exact)  # the change at the point flown last; the first one is the base itself
     best: Descent | None = None
-    x, chi2_here = start, np.inf
+    x, chi2_here, idle = start, np.inf, 0
     for k in range(MAX_ROUNDS):
         if k in FRESH_TANGENTS:
             here = replace(here, slopes=None)
         objective = _Objective(changes, here, known)
         found = least_squares(
-            objective, x, bounds=bounds, x_scale=scale, diff_step=1e-3, ftol=1e-5, xtol=1e-4, max_nfev=8
+            objective,
+            x,
+            bounds=bounds,
+            x_scale=scale,
+            diff_step=1e-3,
+            ftol=1e-5,
+            xtol=1e-4,
+            max_nfev=8,
+            callback=_GiveUp(hopeless) if k >= patience else None,
         )
         promised = 2.0 * float(found.cost)
         change = changes.at(found.x)
@@ -207,18 +228,64 @@ def descend(changes: Changes, start: FloatArray, hopeless: float, patience: int 
             break
         factors = here.towards(here.tuned(here.exact + change - known)[1])
         if promised > hopeless and k >= patience:
-            return best or Descent(found.x, factors, found.jac, promised, False)
-        moved = here.moved(changes.model(found.x), factors)
-        if moved is None:
+            return best or Descent(found.x, here.named(factors), found.jac, promised, False)
+        step = _shortened(changes, here, None if k == 0 else x, found.x, factors)
+        if step is None:
             break
-        before, here, known, x = chi2_here, moved, change, found.x
+        before, moved, x, whole = chi2_here, *step
+        after = change if whole else changes.at(x)
+        if after is None:
+            break
+        known = after
+        here = moved if whole else replace(moved, slopes=None)  # linear predictions have failed: tangents anew
         chi2_here = here.chi2 + float(np.sum(effect.prior_residuals(x) ** 2))
-        rest = max(AT_REST, AT_REST_SHARE * (changes.base.chi2 - chi2_here))
+        rest = max(AT_REST, AT_REST_SHARE * (chi2_here - here.exact.size))
+        idle = idle + 1 if best is not None and chi2_here > best.chi2 - rest else 0
         if best is None or chi2_here < best.chi2:
-            best = Descent(x, here.factors, found.jac, chi2_here, True)
-        if before - promised < rest or abs(chi2_here - promised) < rest:
+            best = Descent(x, here.tuning, found.jac, chi2_here, True)
+        if idle == IDLE or (whole and (before - promised < rest or abs(chi2_here - promised) < rest)):
             break
     return best
+
+
+class _GiveUp:
+    """Ends a fit on linear differences that more than three steps like its last one would not save."""
+
+    def __init__(self, hopeless: float) -> None:
+        self.hopeless, self.last = hopeless, np.inf
+
+    def __call__(self, intermediate_result: OptimizeResult) -> None:
+        now = 2.0 * float(intermediate_result.cost)
+        if 3.0 * (self.last - now) < now - self.hopeless:
+            raise StopIteration
+        self.last = now
+
+
+def _shortened(
+    changes: Changes, here: Local, x: FloatArray | None, x_new: FloatArray, factors: FloatArray
+) -> tuple[Local, FloatArray, bool] | None:
+    """Fly the step that linear predictions ask for, or as much of it as flies and lowers chi-square.
+
+    Args:
+        changes: the effect, from the point that the descent began at.
+        here: the point flown last.
+        x: the effect's parameters there, None if it was flown without the effect.
+        x_new: those asked for.
+        factors: nuisance factors asked for.
+
+    Returns the point, its parameters, and whether it is the whole step; None if nothing of it can be flown. A step that
+    cannot be made to lower chi-square is made whole, if it flies: the rounds after it may still.
+    """
+    effect, whole = changes.effect, None
+    aim = here.chi2 + (0.0 if x is None else float(np.sum(effect.prior_residuals(x) ** 2)))
+    for share in SHORTENED:
+        x_there = x_new if x is None else x + share * (x_new - x)
+        moved = here.moved(changes.model(x_there), here.factors + share * (factors - here.factors))
+        if moved is not None and moved.chi2 + float(np.sum(effect.prior_residuals(x_there) ** 2)) < aim:
+            return moved, x_there, share == 1.0
+        if moved is not None and share == 1.0:
+            whole = moved
+    return None if whole is None else (whole, x_new, True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,24 +318,37 @@ def summarise(effect: Effect, best: Descent, chi2_tuned: float, tested: int) -> 
         gain=max(chi2_tuned - best.chi2, 0.0),
         threshold=float(chi2.isf(FALSE_ALARM / tested, len(names))),
         share=float(np.clip(share, 0.0, 1.0)),
-        tuning=tuning(best.factors),
+        tuning=best.tuning,
         flown=best.flown,
     )
 
 
 def retune(base: Local) -> Local:
     """Re-tune the nuisances of the model of ``base`` until they rest; return the best point."""
-    best = here = base
+    here = base
     for _ in range(MAX_ROUNDS):
         left, factors = here.tuned(here.exact)
         if here.chi2 - float(left @ left) < AT_REST:
             break
-        moved = here.moved(here.model, here.towards(factors))
-        if moved is None:
+        there = None
+        for share in SHORTENED:
+            moved = here.moved(here.model, here.factors + share * (here.towards(factors) - here.factors))
+            if moved is not None and moved.chi2 < here.chi2:
+                kept = share == 1.0 and not _broken(here, float(left @ left), moved.chi2)
+                there = moved if kept else replace(moved, slopes=None)
+                break
+        if there is None:
             break
-        here = moved
-        best = min(best, here, key=lambda point: point.chi2)
-    return best
+        here = there
+    return here
+
+
+def _broken(here: Local, promised: float, flown: float) -> bool:
+    """Return whether a lateral step gained so much less than linear predictions promised that they need new tangents.
+
+    Rolling and yawing through tens of degrees bends them; longitudinal ones have served ten rounds without.
+    """
+    return here.lateral and here.chi2 - flown < KEPT * (here.chi2 - promised)
 
 
 def within_priors(point: Local) -> float:

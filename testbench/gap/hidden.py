@@ -105,6 +105,14 @@ class RateFeedback(Strict):
     gain_s: float
 
 
+class YawFeedback(Strict):
+    """Yaw rate, washed out with a time constant, is fed to the rudder's trim input, rad per rad/s."""
+
+    kind: Literal["yaw_feedback"]
+    gain_s: float
+    washout_s: Positive
+
+
 class SensorError(Strict):
     """The sensor of a channel has another scale, lag or delay."""
 
@@ -134,6 +142,7 @@ Hidden = Annotated[
     | Ballast
     | Roughness
     | RateFeedback
+    | YawFeedback
     | SensorError
     | Nothing,
     Field(discriminator="kind"),
@@ -171,7 +180,7 @@ def measure_hidden(
         signal = InputSignal(np.arange(u.shape[0]) / rate, sent, coarse.channels)
         truth = fly(real, trimmed, Manoeuvre(spec.name, signal, spec.settle_s), suite.rate_hz)
         measured = replace(sensors.measure(truth, seed + i), provenance={"manoeuvre": spec.name})
-        if isinstance(hidden, (LateCommand, SlewedCommand, CommandGain, SluggishMotor, RateFeedback)):
+        if isinstance(hidden, (LateCommand, SlewedCommand, CommandGain, SluggishMotor, RateFeedback, YawFeedback)):
             measured = _as_issued(measured, u, coarse.channels, trimmed, spec.settle_s)
         out[spec.name] = measured
     return out
@@ -210,8 +219,9 @@ def _as_issued(
     issued = np.concatenate([np.zeros((frames, u.shape[1])), u, u[-1:]])[:: round(trimmed.rate_hz * record.dt_s)]
     for i, name in enumerate(channels):
         data[:, record.channels.index(f"{name}_cmd")] = trimmed.controls[name] + issued[: len(record), i]
-    if "de" not in channels:  # a feedback moves it all the same
-        data[:, record.channels.index("de_cmd")] = trimmed.controls["de"]
+    for name in ("de", "dr"):
+        if name not in channels and f"{name}_cmd" in record:  # a feedback moves it all the same
+            data[:, record.channels.index(f"{name}_cmd")] = trimmed.controls[name]
     return replace(record, data=data)
 
 
@@ -261,6 +271,16 @@ def _otherwise_real(believed: Aircraft, hidden: Hidden, suite: SensorSuite) -> t
             0,
         )
         return believed.amended(Amendment("hidden", "hidden", (feedback,))), suite
+    if isinstance(hidden, YawFeedback):
+        damper = Insert(
+            "flight_control",
+            '<channel name="feedback"> <washout_filter name="feedback/yaw-rate"> <input>velocities/r-rad_sec</input> '
+            f"<c1>{1.0 / hidden.washout_s!r}</c1> </washout_filter> <pure_gain name='feedback/rudder'> "
+            f"<input>feedback/yaw-rate</input> <gain>{hidden.gain_s / believed.controls['dr'].full!r}</gain> "
+            "<output>fcs/yaw-trim-cmd-norm</output> </pure_gain> </channel>",
+            0,
+        )
+        return believed.amended(Amendment("hidden", "hidden", (damper,))), suite
     if isinstance(hidden, SensorError):
         read = [
             replace(s, scale=hidden.gain * s.scale, lag_s=s.lag_s + hidden.lag_s, delay_s=s.delay_s + hidden.delay_s)

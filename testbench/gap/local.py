@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -9,13 +10,14 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from testbench.errors import FlightAborted, LimitError, ModelError, TrimError
-from testbench.gap.believed import NUISANCES, Believed, tuning
+from testbench.estimators.residuals import coloured_information
+from testbench.gap.believed import LATERAL_NUISANCES, Believed, nuisances
 from testbench.gap.effects import Effect
 from testbench.record import FlightRecord, FloatArray
 
 _TUNING_STEP = 0.02
 _MAX_STEP = 0.15  # largest change of a nuisance factor per round, so that thrust and trim stay within reach
-_PRIOR = np.array(list(NUISANCES.values()))
+_MAX_LATERAL_STEP = 0.5  # the same of lateral factors, of which neither depends
 _NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
 
 
@@ -27,6 +29,7 @@ class Local:
         believed: the believed model without any effect.
         model: the hypothesis (believed, or with an effect), nuisances not tuned.
         records: the naming records.
+        priors: nuisance -> relative deviation of its prior, in the order of ``factors``.
         factors: (k,) nuisance factors of the point.
         exact: (samples,) residuals flown in JSBSim, in units of the noise.
         slopes: (samples, k) tangents taken over from another point, or None. Slopes that are a little off slow a
@@ -36,6 +39,7 @@ class Local:
     believed: Believed
     model: Believed
     records: tuple[FlightRecord, ...]
+    priors: Mapping[str, float]
     factors: FloatArray
     exact: FloatArray
     slopes: FloatArray | None = None
@@ -46,30 +50,53 @@ class Local:
         believed: Believed,
         model: Believed,
         records: tuple[FlightRecord, ...],
-        factors: FloatArray,
-        slopes: FloatArray | None = None,
+        factors: FloatArray | None = None,
+        priors: Mapping[str, float] | None = None,
     ) -> Local:
-        """Fly ``model`` with its nuisances at ``factors``.
+        """Fly ``model`` with its nuisances at ``factors``, or as believed.
+
+        ``priors``, if not given, are those that the records ask for (:func:`testbench.gap.believed.nuisances`).
 
         Raises:
             FlightAborted, TrimError, LimitError: it cannot fly the measured commands.
         """
-        return cls(believed, model, records, factors, _flown(model.with_tuning(tuning(factors)), records), slopes)
+        priors = nuisances(records) if priors is None else priors
+        factors = np.ones(len(priors)) if factors is None else factors
+        tuned = model.with_tuning(dict(zip(priors, factors.tolist(), strict=True)))
+        return cls(believed, model, records, priors, factors, _flown(tuned, records))
+
+    def named(self, factors: FloatArray) -> Mapping[str, float]:
+        """Return nuisance -> factor of factors (k,)."""
+        return dict(zip(self.priors, factors.tolist(), strict=True))
+
+    @property
+    def tuning(self) -> Mapping[str, float]:
+        """Nuisance -> factor of the point."""
+        return self.named(self.factors)
+
+    @property
+    def lateral(self) -> bool:
+        """True if lateral coefficients are among the nuisances, because aileron or rudder moves."""
+        return not LATERAL_NUISANCES.keys().isdisjoint(self.priors)
+
+    @cached_property
+    def _deviations(self) -> FloatArray:
+        return np.array(list(self.priors.values()))
 
     @property
     def chi2(self) -> float:
         """Weighted sum of squares of the flown residuals, plus the price of the nuisances."""
-        return float(self.exact @ self.exact + np.sum(((self.factors - 1.0) / _PRIOR) ** 2))
+        return float(self.exact @ self.exact + np.sum(((self.factors - 1.0) / self._deviations) ** 2))
 
     @property
     def lost(self) -> FloatArray:
         """Residuals that stand for a hypothesis that cannot be flown: ten times those of here."""
-        return 10.0 * np.concatenate([self.exact, (self.factors - 1.0) / _PRIOR])
+        return 10.0 * np.concatenate([self.exact, (self.factors - 1.0) / self._deviations])
 
     @cached_property
     def linear(self) -> FloatArray:
         """Linear prediction at the point (samples,), in units of the noise."""
-        return _linear(self.model.with_tuning(tuning(self.factors)), self.records)
+        return _linear(self.model.with_tuning(self.tuning), self.records)
 
     @cached_property
     def tangents(self) -> FloatArray:
@@ -77,17 +104,17 @@ class Local:
         if self.slopes is not None:
             return self.slopes
         columns = []
-        for i in range(_PRIOR.size):
-            step = _TUNING_STEP * np.eye(_PRIOR.size)[i]
+        for i in range(self.factors.size):
+            step = _TUNING_STEP * np.eye(self.factors.size)[i]
             up, down = (
-                _linear(self.model.with_tuning(tuning(self.factors + s * step)), self.records) for s in (1.0, -1.0)
+                _linear(self.model.with_tuning(self.named(self.factors + s * step)), self.records) for s in (1.0, -1.0)
             )
             columns.append((down - up) / (2.0 * _TUNING_STEP))
         return np.column_stack(columns)
 
     @cached_property
     def _normal(self) -> tuple[FloatArray, tuple[FloatArray, bool]]:
-        J = np.vstack([self.tangents, np.diag(1.0 / _PRIOR)])
+        J = np.vstack([self.tangents, np.diag(1.0 / self._deviations)])
         return J, cho_factor(J.T @ J)
 
     def tuned(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -97,19 +124,46 @@ class Local:
         deviation s about the believed values.
         """
         J, factor = self._normal
-        r = np.concatenate([residuals, (self.factors - 1.0) / _PRIOR])
+        r = np.concatenate([residuals, (self.factors - 1.0) / self._deviations])
         d = -np.asarray(cho_solve(factor, J.T @ r))
         return r + J @ d, self.factors + d
+
+    def measured(self) -> Mapping[str, tuple[float, float]]:
+        """Return nuisance -> (factor, standard error) as the records say it, its own prior left out.
+
+        Where re-tuning rests, the posterior is Gaussian about the factors f with information A = J'J + S^-2, S the
+        deviations of the priors. Without the prior of factor i, A_i = A - e e' / s^2, and f_i becomes
+        1 + (f_i - 1) (A_i^-1)_ii / (A^-1)_ii. Its variance is that of A_i^-1 (C + S_i^-2) A_i^-1 with the score's
+        covariance C of residuals that are as large and as coloured as those here.
+        """
+        p, k = len(self.believed.outputs), self.factors.size
+        ends = np.cumsum([len(r) * p for r in self.records])[:-1]
+        tangents = [T.reshape(-1, p, k) for T in np.split(self.tangents, ends)]
+        score = coloured_information(tangents, [e.reshape(-1, p) for e in np.split(self.exact, ends)])
+        prior = 1.0 / self._deviations**2
+        whole = self.tangents.T @ self.tangents + np.diag(prior)
+        v, out = np.diag(np.linalg.inv(whole)), {}
+        for i, name in enumerate(self.priors):
+            others = np.diag(np.where(np.arange(k) == i, 0.0, prior))
+            inverse = np.linalg.pinv(self.tangents.T @ self.tangents + others, hermitian=True)
+            factor = 1.0 + (self.factors[i] - 1.0) * inverse[i, i] / v[i]
+            variance = (inverse @ (score + others) @ inverse)[i, i]
+            out[name] = (float(factor), float(np.sqrt(max(variance, 0.0))))
+        return out
 
     def towards(self, factors: FloatArray) -> FloatArray:
         """Return ``factors``, or as far on the way to them as one round may go."""
         step = factors - self.factors
-        return self.factors + step * min(1.0, _MAX_STEP / max(float(np.max(np.abs(step))), 1e-12))
+        lateral = np.array([n in LATERAL_NUISANCES for n in self.priors])
+        share = min(1.0, _MAX_STEP / max(float(np.max(np.abs(step[~lateral]), initial=0.0)), 1e-12))
+        if self.lateral:
+            share = min(share, _MAX_LATERAL_STEP / max(float(np.max(np.abs(step[lateral]))), 1e-12))
+        return self.factors + step * share
 
     def moved(self, model: Believed, factors: FloatArray) -> Local | None:
         """Fly another model at other factors with the tangents of this point; None if it cannot fly."""
         try:
-            exact = _flown(model.with_tuning(tuning(factors)), self.records)
+            exact = _flown(model.with_tuning(self.named(factors)), self.records)
         except _NOT_FLOWN:
             return None
         there = replace(self, model=model, factors=factors, exact=exact, slopes=self.tangents)
@@ -139,7 +193,7 @@ class Changes:
         """Return residuals with the effect at ``x`` (p,) minus those of the point; None if that cannot be flown."""
         key = x.tobytes()
         if key not in self._known:
-            tuned = self.model(x).with_tuning(tuning(self.base.factors))
+            tuned = self.model(x).with_tuning(self.base.tuning)
             try:
                 if self.effect.flown:
                     self._known[key] = _flown(tuned, self.base.records) - self.base.exact

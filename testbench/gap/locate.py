@@ -9,6 +9,7 @@ import numpy as np
 
 from testbench.channels import channel
 from testbench.constants import DEG_RAD
+from testbench.gap.believed import moves_laterally
 from testbench.record import FlightRecord, FloatArray
 
 BANDS_HZ = ((0.0, 0.5), (0.5, 1.5), (1.5, 3.0), (3.0, 6.0), (6.0, 12.0), (12.0, 50.0))
@@ -63,6 +64,7 @@ def locate(
 
 
 _REGIONS = ("alpha", "V", "q", "de_cmd", "thr_cmd")
+_LATERAL_REGIONS = ("beta", "p", "r", "da_cmd", "dr_cmd")
 _BINS = 6
 _SMOOTH_S = 0.2  # the measured region is smoothed over this time: its own noise must not pick the bin
 _FEWEST = 20  # samples in a bin that says anything
@@ -113,11 +115,12 @@ def locate_regions(
 ) -> tuple[RegionMap, ...]:
     """Return where in alpha, V, pitch rate, elevator and throttle the residuals (n, p) have their energy.
 
-    A quantity that no record holds, or that hardly moves, is left out.
+    Where aileron or rudder moves, sideslip, roll and yaw rate and these two are looked at, too. A quantity that no
+    record holds, or that hardly moves, is left out.
     """
     energy = np.concatenate([r**2 for r in residuals])
     out = []
-    for name in _REGIONS:
+    for name in (*_REGIONS, *(_LATERAL_REGIONS if moves_laterally(records) else ())):
         if not all(name in r for r in records):
             continue
         x = np.concatenate([_smooth(r[name], r.dt_s) for r in records])
@@ -129,6 +132,7 @@ def locate_regions(
         samples = np.bincount(index, minlength=_BINS).astype(float)
         sums = np.stack([np.bincount(index, e, _BINS) for e in energy.T], axis=1)
         mean = np.where(samples[:, None] >= _FEWEST, sums / np.maximum(samples[:, None], 1.0), np.nan)
+        edges = np.where(np.abs(edges) < 1e-6 * (high - low), 0.0, edges)  # rounding would be printed
         out.append(RegionMap(name, edges, tuple(channels), mean, samples))
     return tuple(out)
 

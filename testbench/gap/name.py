@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.stats import chi2
 
-from testbench.gap.believed import NUISANCES, Believed
+from testbench.gap.believed import Believed
 from testbench.gap.effects import Effect, library
 from testbench.gap.effects.base import together
 from testbench.gap.fit import (
     FALSE_ALARM,
+    HOPELESS,
+    HOPELESS_BESIDE_NOISE,
     EffectFit,
     Screened,
     descend,
@@ -33,12 +35,15 @@ FOLLOWED = 0.25  # effects that promise less than this share of what the best on
 FOLLOWED_FAR = 0.1  # of effects with several parameters, of which screening tries few combinations, less than this
 PROMISING = 5.0  # nor are effects that promise a smaller gain than this, a third of any threshold; but
 AT_LEAST = 3  # this many always are
-# Where re-tuning leaves the priors with a probability below this, something that the model lacks has strained it, and
-# effects are sought from the believed values, too:
+# Where re-tuning leaves more than noise, or leaves the priors with a probability below this, something that the model
+# lacks has pulled at it, and effects are sought from the believed values, too:
 STRAINED = 0.01
 FROM_BELIEVED = 6  # so many of them,
 PATIENCE = 2  # and descents from there are given two rounds to settle before they may be called hopeless
-LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least
+LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least,
+SECOND = 0.01  # and the second gains this share of what the first does
+COMPANY = 3  # so many second effects are fitted
+MANY = 4  # more names than these are no answer
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +56,11 @@ class Naming:
         ranking: all effects, best first.
         chi2_believed: weighted sum of squares of the believed model, nothing re-tuned.
         chi2_tuned: the same after re-tuning the nuisances within their priors.
+        tuning: nuisance -> factor of that re-tuning.
         samples: number of samples in those sums.
         sentence: the outcome in words.
         rejected: effect that was not fitted -> why.
+        measured: nuisance -> (factor, standard error) of the re-tuning without any effect, the prior left out.
     """
 
     outcome: str
@@ -61,9 +68,17 @@ class Naming:
     ranking: tuple[EffectFit, ...]
     chi2_believed: float
     chi2_tuned: float
+    tuning: Mapping[str, float]
     samples: int
     sentence: str
     rejected: Mapping[str, str] = field(default_factory=dict)
+    measured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    @property
+    def noise_left(self) -> bool:
+        """True if what is left, beside the effect that is added if there is one, is noise."""
+        left = self.chi2_tuned if self.best is None else self.best.chi2
+        return left <= float(chi2.isf(FALSE_ALARM, self.samples))
 
     @property
     def best(self) -> EffectFit | None:
@@ -100,23 +115,24 @@ def name_effect(
     """
     say = progress or (lambda text: None)
     say("re-tune the believed model")
-    start = Local.at(believed, believed, tuple(records), np.ones(len(NUISANCES)))
+    start = Local.at(believed, believed, tuple(records))
     tuned = retune(start)
     say("screen the library")
     choice = tuple((library(believed.suite) if effects is None else effects).values())
     screened = [screen(tuned, e) for e in choice]
     rejected = {s.effect.name: s.why for s in screened if not s.seen}
     tested = max(1, len(screened) - len(rejected))
-    strained = within_priors(tuned) < STRAINED
-    fits = _fit_promising(tuned, start if strained else None, screened, tested, rejected, say)
     samples = int(start.exact.size)
+    strained = tuned.chi2 > chi2.isf(FALSE_ALARM, samples) or within_priors(tuned) < STRAINED
+    fits = _fit_promising(tuned, start if strained else None, screened, tested, rejected, say)
     if pairs:
         base = start if strained else tuned
         fits += _two_at_once(base, tuned.chi2, screened, _ranked(fits, samples), samples, tested, say)
     ranking = _ranked(fits, samples)
     outcome, names, sentence = _decide(ranking, tuned.chi2, samples)
     chi2_believed = float(start.exact @ start.exact)
-    return Naming(outcome, names, ranking, chi2_believed, tuned.chi2, samples, sentence, rejected)
+    factors, measured = tuned.tuning, tuned.measured()
+    return Naming(outcome, names, ranking, chi2_believed, tuned.chi2, factors, samples, sentence, rejected, measured)
 
 
 def _fit_promising(
@@ -139,24 +155,32 @@ def _fit_promising(
     """
     followed = promising(screened, FOLLOWED, FOLLOWED_FAR, AT_LEAST)
     queue = [(one, 0) for i, one in enumerate(followed) if i < AT_LEAST or one.promise >= PROMISING]
-    if start is not None:
+    if start is not None:  # these first: where one of them explains all, what re-tuning had to stretch for is soon left
         afresh = promising([screen(start, s.effect) for s in screened], FOLLOWED, FOLLOWED_FAR, AT_LEAST)
-        queue += [(one, PATIENCE) for one in afresh[:FROM_BELIEVED]]
+        queue = [(replace(one, starts=one.starts[:1]), PATIENCE) for one in afresh[:FROM_BELIEVED]] + queue
     fits: dict[str, EffectFit] = {}
+    is_noise = chi2.isf(FALSE_ALARM, tuned.exact.size)
     for one, patience in queue:
+        name, best = one.effect.name, min(fits.values(), key=lambda f: f.chi2, default=None)
+        best_gain, hopeless = 0.0 if best is None else best.gain, HOPELESS
+        if best is not None and best.chi2 <= is_noise:  # nothing can explain more; what could explain as much?
+            share = FOLLOWED if len(one.effect.parameters) == 1 else FOLLOWED_FAR
+            if name in fits or (len(fits) > 1 and one.promise < share * best_gain):
+                continue
+            if best.effect.name in one.effect.contains:
+                rejected[name] = f"{best.effect.title}, a special case of it, leaves noise only"
+                continue
+            patience, hopeless = 0, HOPELESS_BESIDE_NOISE
         say(f"fit {one.effect.title}")
-        name, best_gain = one.effect.name, max((f.gain for f in fits.values()), default=0.0)
-        found = fit(one, tuned.chi2, best_gain, tested, patience)
+        found = fit(one, tuned.chi2, best_gain, tested, patience, hopeless)
         if found is not None and (name not in fits or found.chi2 < fits[name].chi2):
             fits[name] = found
         elif name not in fits:
             rejected[name] = "nothing on the way to its best fit flies the measured commands"
+    most = max((f.gain for f in fits.values()), default=0.0)
     for one in screened:
         if one.seen and one.effect.name not in fits.keys() | rejected.keys():
-            rejected[one.effect.name] = (
-                f"promises a gain of {one.promise:.3g} only, against {followed[0].promise:.3g} of "
-                f"{followed[0].effect.name}"
-            )
+            rejected[one.effect.name] = f"promises a gain of {one.promise:.3g} only, against {most:.3g} of the best"
     for name in fits.keys() & rejected.keys():  # it flew from one of the two bases
         del rejected[name]
     return list(fits.values())
@@ -175,34 +199,35 @@ def _two_at_once(
     tested: int,
     say: Callable[[str], None],
 ) -> list[EffectFit]:
-    """Return the best pairs of effects if no single one leaves noise only; parameters of both are fitted together."""
-    first = [f for f in ranking if f.significant and f.flown and f.share >= LEADS]
-    if not first or _explains(first[0], samples, ENOUGH):
+    """Return pairs of the best effect and a second one, parameters of both fitted together, if they leave only noise.
+
+    A form of the first that is not quite right finds company, too: the second must gain more than noise would, more
+    than it takes to tell two effects apart, and a share of what the first does.
+    """
+    lead = next((f for f in ranking if f.significant and f.flown), None)
+    is_noise = chi2.isf(FALSE_ALARM, samples)
+    if lead is None or (lead.chi2 > is_noise and lead.share < LEADS):
         return []
+    point = base.moved(
+        base.model.with_effect(lead.effect, lead.values), np.array([lead.tuning[n] for n in base.priors])
+    )
+    if point is None:
+        return []
+    say(f"seek a second effect beside {lead.effect.title}")
+    others = [screen(point, s.effect) for s in screened if s.seen and s.effect is not lead.effect]
+    least = max(SECOND * lead.gain, TOLD_APART)
     pairs: list[EffectFit] = []
-    for lead in first[:1]:
-        say(f"fit a second effect beside {lead.effect.title}")
-        factors = np.array([lead.tuning[n] for n in NUISANCES])
-        point = base.moved(base.model.with_effect(lead.effect, lead.values), factors)
-        if point is None:
-            continue
-        others = [screen(point, s.effect) for s in screened if s.seen and s.effect is not lead.effect]
-        best_gain = max((f.gain for f in (*pairs, *ranking)), default=0.0)
-        for other in promising(others, 0.5, 0.5, 1)[:3]:
-            both = together(lead.effect, other.effect)
-            begin = np.concatenate([np.array(list(lead.values.values())), other.starts[0]])
-            descent = descend(Changes(base, both), begin, chi2_tuned - best_gain, PATIENCE)
-            if descent is not None and descent.flown:
-                found = summarise(both, descent, chi2_tuned, tested**2)
-                if found.chi2 <= chi2.isf(FALSE_ALARM, samples):  # a form not quite right finds company, too
-                    pairs.append(found)
-                    best_gain = max(best_gain, found.gain)
+    for other in promising([s for s in others if s.promise > least], 0.5, 0.5, 1)[:COMPANY]:
+        both = together(lead.effect, other.effect)
+        begin = np.concatenate([np.array(list(lead.values.values())), other.starts[0]])
+        lowest = min((f.chi2 for f in pairs), default=lead.chi2 - least)
+        descent = descend(Changes(base, both), begin, lowest, PATIENCE)
+        if descent is not None and descent.flown:
+            found = summarise(both, descent, chi2_tuned, tested**2)
+            ahead = _score(found, samples) - _score(lead, samples)
+            if found.chi2 <= is_noise and found.gain - lead.gain > least and ahead > TOLD_APART:
+                pairs.append(found)
     return pairs
-
-
-def _explains(fit: EffectFit, samples: int, share: float) -> bool:
-    """Return whether an effect explains a share of the excess, or leaves noise only."""
-    return fit.chi2 <= chi2.isf(FALSE_ALARM, samples) or fit.share >= share
 
 
 def _decide(ranking: Sequence[EffectFit], chi2_tuned: float, samples: int) -> tuple[str, tuple[str, ...], str]:
@@ -224,6 +249,11 @@ def _decide(ranking: Sequence[EffectFit], chi2_tuned: float, samples: int) -> tu
     if best.share < ENOUGH and best.chi2 > is_noise:
         return "unexplained", (), (
             f"unexplained: {best.effect.title} comes nearest, but explains only {100 * best.share:.0f} % of the excess"
+        )  # fmt: skip
+    if len(close) >= MANY:
+        near = ", ".join(f.effect.title for f in (best, *close))
+        return "unexplained", (), (
+            f"unexplained: {1 + len(close)} effects come near and these data do not tell them apart: {near}"
         )  # fmt: skip
     if close:
         names = (best.effect.name, *(f.effect.name for f in close))

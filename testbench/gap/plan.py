@@ -22,7 +22,7 @@ from testbench.channels import CONTROLS
 from testbench.constants import DEG_RAD, PERCENT
 from testbench.errors import FlightAborted, LimitError, ScenarioError, TrimError
 from testbench.flight import FlightCondition
-from testbench.gap.believed import NUISANCES, Believed, commands, quiet_samples
+from testbench.gap.believed import Believed, commands, nuisances, quiet_samples
 from testbench.gap.effects import Effect, library
 from testbench.gap.fit import FALSE_ALARM, EffectFit
 from testbench.gap.local import Changes, Local
@@ -165,16 +165,18 @@ def plan_gap(scenario: Scenario, progress: Callable[[str], None] | None = None) 
     if not believed.outputs:
         raise ScenarioError([f"a suite must measure something beside controls, got '{suite.name}'"])
     effects = tuple(library(suite).values())
+    records = [as_record(believed, spec) for spec in scenario.manoeuvre]
+    priors = nuisances(records)
     parts = []
-    for spec in scenario.manoeuvre:
+    for spec, record in zip(scenario.manoeuvre, records, strict=True):
         say(f"signatures in {spec.name}")
-        parts.append(Grams.of(believed, as_record(believed, spec), effects))
+        parts.append(Grams.of(believed, record, effects, priors=priors))
     total = sum_of(parts)
     additions, skipped = [], {}
     for spec, words in family(believed, scenario.manoeuvre):
         say(f"what {spec.name} would add")
         try:
-            grams = Grams.of(believed, as_record(believed, spec), effects)
+            grams = Grams.of(believed, as_record(believed, spec), effects, priors=priors)
         except (FlightAborted, LimitError, TrimError) as error:
             skipped[words] = str(error)
             continue
@@ -212,10 +214,12 @@ class Grams:
     Attributes:
         G: (c + k, c + k) of c signatures and the k nuisances' tangents.
         columns: effect -> its columns, the usual size first; none if nothing of it flies.
+        priors: nuisance -> relative deviation of its prior; the same in all that are added up.
     """
 
     G: FloatArray
     columns: tuple[tuple[int, ...], ...]
+    priors: Mapping[str, float]
 
     @classmethod
     def of(
@@ -224,6 +228,7 @@ class Grams:
         record: FlightRecord,
         effects: Sequence[Effect],
         sizes: Mapping[str, Sequence[float]] | None = None,
+        priors: Mapping[str, float] | None = None,
     ) -> Grams:
         """Return the inner products in one manoeuvre.
 
@@ -232,11 +237,12 @@ class Grams:
             record: with the commands.
             effects: whose signatures.
             sizes: effect -> parameter values that take the place of its usual size.
+            priors: nuisance -> relative deviation of its prior; those that this manoeuvre asks for if not given.
 
         Raises:
             FlightAborted, TrimError, LimitError: the believed aircraft cannot fly it.
         """
-        base = Local.at(believed, believed, (record,), np.ones(len(NUISANCES)))
+        base = Local.at(believed, believed, (record,), priors=priors)
         signatures: list[FloatArray] = []
         columns = []
         for effect in effects:
@@ -244,20 +250,21 @@ class Grams:
             if sizes is not None and effect.name in sizes:
                 starts = [tuple(sizes[effect.name]), *starts]
             changes = Changes(base, effect)
-            found = [changes.at(np.array(x)) for x in starts]
+            hidden = effect.lateral and not base.lateral
+            found = [None if hidden else changes.at(np.array(x)) for x in starts]
             columns.append(tuple(range(len(signatures), len(signatures) + len(found))))
             # A start that cannot fly leaves nothing: the same columns must stand for the same starts everywhere.
             signatures += [np.zeros(base.exact.size) if d is None else d for d in found]
         S = np.column_stack([*signatures, base.tangents])
-        return cls(S.T @ S, tuple(columns))
+        return cls(S.T @ S, tuple(columns), base.priors)
 
     def __add__(self, other: Grams) -> Grams:
-        return Grams(self.G + other.G, self.columns)
+        return Grams(self.G + other.G, self.columns, self.priors)
 
     def isolability(self, effects: Sequence[Effect]) -> Isolability:
         """Return what these manoeuvres could show, nuisances re-tuned within their priors."""
-        k = len(NUISANCES)
-        prior = np.diag([1.0 / s**2 for s in NUISANCES.values()])
+        k = len(self.priors)
+        prior = np.diag([1.0 / s**2 for s in self.priors.values()])
         nuisance, mixed = self.G[-k:, -k:] + prior, self.G[:-k, -k:]
         A = self.G[:-k, :-k] - mixed @ np.linalg.solve(nuisance, mixed.T)
         first = np.array([c[0] for c in self.columns])
@@ -281,12 +288,14 @@ def separate(believed: Believed, records: Sequence[FlightRecord], fits: Sequence
     effects = [f.effect for f in fits]
     sizes = {f.effect.name: list(f.values.values()) for f in fits}
     plain = replace(believed, whiten=None)
-    flown = sum_of([Grams.of(plain, r, effects, sizes) for r in records])
+    priors = nuisances(records)
+    flown = sum_of([Grams.of(plain, r, effects, sizes, priors) for r in records])
     quiet = max(quiet_samples(r) * r.dt_s for r in records)
     best, words = 0.0, ""
     for spec, text in family(plain, (), records):
         try:
-            grams = Grams.of(plain, as_record(plain, spec.model_copy(update={"settle_s": quiet})), effects, sizes)
+            added = as_record(plain, spec.model_copy(update={"settle_s": quiet}))
+            grams = Grams.of(plain, added, effects, sizes, priors)
         except (FlightAborted, LimitError, TrimError):
             continue
         apart = (flown + grams).isolability(effects).closest
@@ -312,18 +321,23 @@ def sum_of(grams: Sequence[Grams]) -> Grams:
 def family(
     believed: Believed, planned: Sequence[Manoeuvre], flown: Sequence[FlightRecord] = ()
 ) -> list[tuple[Manoeuvre, str]]:
-    """Return manoeuvres that may be added, each with words for it, as large as the largest that is planned or flown."""
+    """Return manoeuvres that may be added, each with words for it, as large as the largest that is planned or flown.
+
+    Those of aileron and rudder are among them only if one of the two is planned or was flown.
+    """
     rate = believed.suite.rate_hz
-    largest = {"de": 2.0 * DEG_RAD, "thr": 10.0 * PERCENT}
+    largest = {"de": 2.0 * DEG_RAD, "da": 2.0 * DEG_RAD, "dr": 2.0 * DEG_RAD, "thr": 10.0 * PERCENT}
     moves = [build(spec.input, spec.duration_s, rate) for spec in planned]
     sizes = [(s.channels, s.u) for s in moves] + [commands(r) for r in flown]
+    lateral = False
     for names, u in sizes:
         for name, column in zip(names, u.T, strict=True):
             if name in largest:
-                largest[name] = max(largest[name], float(np.max(np.abs(column))))
+                size = float(np.max(np.abs(column)))
+                largest[name] = max(largest[name], size)
+                lateral = lateral or (name in ("da", "dr") and size > 1e-3)
     de, thr = largest["de"] / DEG_RAD, largest["thr"] / PERCENT
-    nyquist = 0.5 * rate
-    fast = min(10.0, 0.4 * nyquist)
+    fast = min(10.0, 0.1 * rate)  # a sweep whose samples are held goes no higher
     throttle = Doublet(signal="doublet", control="thr", amplitude_percent=thr, period_s=6.0)
     out: list[tuple[str, float, tuple[Input, ...], str]] = [
         (
@@ -361,9 +375,24 @@ def family(
             f"an elevator pulse of {0.6 * de:.2g} deg nose up, held for 4 s",
         ),
     ]
+    out += _lateral_family(largest["da"] / DEG_RAD, largest["dr"] / DEG_RAD) if lateral else []
     controls = believed.aircraft.controls
     return [
         (Manoeuvre(name=name, use="identification", duration_s=duration, input=spec), words)
         for name, duration, spec, words in out
         if all(s.control in controls for s in spec)
+    ]
+
+
+def _lateral_family(da: float, dr: float) -> list[tuple[str, float, tuple[Input, ...], str]]:
+    """Return manoeuvres of aileron and rudder, amplitudes in deg: name, duration, inputs, words."""
+    rudder = StandardMultistep(signal="3211", control="dr", amplitude_deg=dr, step_s=0.5)
+    aileron = Doublet(signal="doublet", control="da", amplitude_deg=da, period_s=1.6)
+    short = Doublet(signal="doublet", control="dr", amplitude_deg=dr, period_s=0.4, repeats=3, spacing_s=2.0)
+    bank = Pulse(signal="pulse", control="da", amplitude_deg=0.5 * da, width_s=1.0)
+    return [
+        ("rudder 3211", 12.0, (rudder,), f"a rudder 3-2-1-1 of {dr:.3g} deg with steps of 0.5 s"),
+        ("aileron doublet", 12.0, (aileron,), f"an aileron doublet of {da:.3g} deg with a period of 1.6 s"),
+        ("short rudder doublets", 12.0, (short,), f"short rudder doublets of {dr:.3g} deg"),
+        ("turn", 20.0, (bank,), f"an aileron pulse of {0.5 * da:.2g} deg for 1 s into a turn, held for 18 s"),
     ]

@@ -8,6 +8,7 @@ from testbench.aircraft import load_aircraft
 from testbench.flight import FlightCondition, Manoeuvre, fly, trim
 from testbench.flight.air import Air, turbulence_rms
 from testbench.gap.believed import Believed
+from testbench.gap.name import name_effect
 from testbench.inputs import build
 from testbench.inputs.signal import InputSignal
 from testbench.record import FlightRecord
@@ -39,3 +40,8 @@ def measure(
         flown = fly(truth.aircraft, trimmed, Manoeuvre(f"m{i}", signal, 2.0), truth.suite.rate_hz, None, air)
         records.append(truth.suite.measure(flown, seed + i))
     return records
+
+
+def among(effects, pairs=False):
+    """Return a search among ``effects`` only, to be patched in place of ``workflow.name_effect``; all if None."""
+    return lambda believed, records, say, _=None: name_effect(believed, records, say, effects, pairs)

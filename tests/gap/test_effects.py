@@ -20,6 +20,7 @@ CONDITION = FlightCondition(16.0, 547.0)
 RATE_HZ = 100.0
 # Effects that show in no record of a few manoeuvres at one height whose channels are compared about their means.
 UNSEEN = {n for n in EFFECTS if n.endswith("_bias")} | {"surface_offset", "steady_wind", "ground_effect"}
+UNSEEN |= {n for n, e in EFFECTS.items() if e.lateral}  # nor without aileron and rudder: test_lateral_gap.py
 # What is put into the data, where the first start of an effect would not do.
 TRUE = {
     "actuator_lag": {"lag_rad_s": 15.0},

@@ -6,10 +6,11 @@ False alarms: a case without an effect is named with probability 1e-3 (testbench
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 import pytest
+from gap.gap_flights import among
 
 import testbench.gap.workflow as workflow
 from testbench.errors import RecordError, ScenarioError
@@ -21,7 +22,7 @@ from testbench.gap.fit import EffectFit
 from testbench.gap.hidden import Nothing, measure_hidden
 from testbench.gap.local import Local
 from testbench.gap.locate import locate
-from testbench.gap.name import Naming, name_effect
+from testbench.gap.name import Naming
 from testbench.gap.records import load_flights
 from testbench.gap.workflow import find_gap
 from testbench.paths import SCENARIOS
@@ -45,7 +46,7 @@ def solve(name, whole=False):
     """A case solved once for all tests of this file, among a few effects or among all of the library (slow)."""
     effects = None if whole else {n: EFFECTS[n] for n in SMALL}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workflow, "name_effect", partial(name_effect, effects=effects, pairs=whole))
+        patch.setattr(workflow, "name_effect", among(effects, pairs=whole))
         return run_gap(SCENARIOS / "gap" / f"{name}.toml")
 
 
@@ -220,7 +221,7 @@ def test_measured_records_on_disk_give_the_same_answer_as_the_case_they_came_fro
     and from the command line's form. A library of two effects keeps it short.
     """
     few = {n: EFFECTS[n] for n in ("alpha_scale", "actuator_lag")}
-    monkeypatch.setattr(workflow, "name_effect", partial(name_effect, effects=few, pairs=False))
+    monkeypatch.setattr(workflow, "name_effect", among(few))
     source = SCENARIOS / "gap" / "alpha_vane.toml"
     made = run_gap(source, keep=record_keeper(tmp_path))
     head = source.read_text(encoding="utf-8").split("\n[hidden]")[0] + "\n"
@@ -248,7 +249,7 @@ def test_a_set_gets_a_manoeuvre_to_fly_next(monkeypatch, case):
     """Where two effects cannot be told apart, the finding says which manoeuvre would, and nothing is made up."""
     believed, record = case
 
-    def undecided(belief, records, say):
+    def undecided(belief, records, say, effects=None):
         """Name two effects that change nothing much here."""
         fits = tuple(
             EffectFit(
@@ -256,7 +257,9 @@ def test_a_set_gets_a_manoeuvre_to_fly_next(monkeypatch, case):
             )
             for n, x in (("thrust_line", 0.05), ("mass_error", 1.1))
         )
-        return Naming("set", ("thrust_line", "mass_error"), fits, 1.0, 1.0, 5, "one of these")
+        return Naming(
+            "set", ("thrust_line", "mass_error"), fits, 1.0, 1.0, dict.fromkeys(NUISANCES, 1.0), 5, "one of these"
+        )
 
     monkeypatch.setattr(workflow, "name_effect", undecided)
     finding = find_gap(believed, {"a": record.between(0.0, 8.0)}, {})

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import io
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
-from gap.gap_flights import believe, measure
+from gap.gap_flights import among, believe, measure
 from rich.console import Console
 
 import testbench.gap.plan as plan_module
@@ -16,10 +15,10 @@ import testbench.gap.workflow as workflow
 from testbench.aircraft import load_aircraft
 from testbench.gap.case import run_flights
 from testbench.gap.effects import EFFECTS
-from testbench.gap.name import name_effect
 from testbench.gap.records import Flights
 from testbench.pipeline import load_scenario
 from testbench.report.gap import print_gap, write_gap
+from testbench.report.gap_figures import gap_plates
 from testbench.report.gap_plan import print_gap_plan, write_gap_plan
 
 FEW = {n: EFFECTS[n] for n in ("actuator_lag", "thrust_line", "alpha_scale")}
@@ -34,7 +33,7 @@ def result():
         believed, {"elevator": elevator, "throttle": throttle}, {"again": measure(slow, 31)[0]}, ("a note",)
     )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workflow, "name_effect", partial(name_effect, effects=FEW, pairs=False))
+        patch.setattr(workflow, "name_effect", among(FEW))
         return run_flights("eolo", flights, check=False)
 
 
@@ -79,6 +78,8 @@ def test_page_figures_tables_and_amended_aircraft(result, tmp_path):
     page = paths[-1].read_text(encoding="utf-8")
     assert page.index("What the amendment does to a flight") < page.index("What was believed, and what was measured")
     assert "A note." in page
+    assert page.count('id="figure-answer"') == 1
+    assert page.index('id="answer"') < page.index('id="figure-answer"') < page.index('id="figure-residual_maps"')
     assert "http://" not in page.replace("http://www.w3.org", "")
     back = load_aircraft("eolo", "flexible", tmp_path / "amended" / "eolo")
     assert back.coefficient("Cm_q") == pytest.approx(
@@ -87,6 +88,20 @@ def test_page_figures_tables_and_amended_aircraft(result, tmp_path):
     console = Console(file=io.StringIO(), width=120)
     print_gap(result, console, tmp_path)
     assert "lag of the elevator servo" in console.file.getvalue()
+
+
+def test_models_are_told_apart_without_colour_and_the_legend_says_so(result):
+    for plate in gap_plates(result):
+        if plate.name not in ("answer", "held_out_1", "held_out_1_spectrum"):
+            continue
+        figure = plate.make(True)
+        (shown,) = figure.legends
+        legend = {h.get_label(): (h.get_color(), h.get_linestyle()) for h in shown.legend_handles}
+        believed, amended = legend["believed model"], legend["amended model"]
+        assert believed[1] != amended[1]
+        curves = {(line.get_color(), line.get_linestyle()) for axes in figure.axes for line in axes.lines}
+        assert {believed, amended} <= curves
+        assert legend.get("noise floor", believed) in curves
 
 
 def test_the_page_of_a_plan(monkeypatch, tmp_path):

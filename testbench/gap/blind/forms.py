@@ -8,23 +8,28 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
-from testbench.aircraft import Insert, ScaleCoefficient, SetText
+from testbench.aircraft import Insert, SetText, load_aircraft
 from testbench.gap.blind import servos
-from testbench.gap.blind.flights import RATE_HZ, Plan
+from testbench.gap.blind.flights import RATE_HZ, SPEEDS_M_S, Plan
 from testbench.record import FloatArray
 from testbench.sensors import Sensor
 
 Size = Mapping[str, float]
 SERVO_LAG = {"eolo": 50.0, "taurus": 33.0}
-CHORD_M = {"eolo": 0.2311, "taurus": 0.221}
-MASS_KG = {"eolo": 8.87, "taurus": 1.8}
-IYY = {"eolo": 1.6, "taurus": 0.079}
 ELEVATOR_FULL = {"eolo": 0.4363323, "taurus": 0.2181662}
-CM_DE = {"eolo": -0.5849, "taurus": -0.9918}
-CL_ALPHA = {"eolo": 5.802, "taurus": 4.58}
+
+
+@cache
+def number_of(aircraft: str, name: str) -> float:
+    """Return a coefficient of an aircraft, its mass "mass_kg" or its chord "cbar_m"."""
+    model = load_aircraft(aircraft, "rigid")
+    if name == "mass_kg":
+        return model.mass.mass_kg
+    return model.geometry.cbar_m if name == "cbar_m" else model.coefficient(name)
 
 
 def coefficient(axis: str, *terms: str) -> Insert:
@@ -51,6 +56,7 @@ def prop(name: str) -> str:
 
 
 ALPHA, ELEVATOR, ALPHA_DOT = "aero/alpha-rad", "fcs/elevator-pos-rad", "aero/alphadot-rad_sec"
+CHORD_TIME = "aero/ci2vel"  # cbar / (2 V)
 
 
 def sensor(channel: str, change: Callable[[Sensor], Sensor]) -> Plan:
@@ -105,7 +111,7 @@ def with_moved_accelerometers(plan: Plan, aft_m: float) -> Plan:
 
 def shifted(aft_chords: float, aircraft: str) -> Plan:
     """Everything but the centre of gravity moves forward."""
-    ahead = aft_chords * CHORD_M[aircraft]
+    ahead = aft_chords * number_of(aircraft, "cbar_m")
     plan = Plan(changes=(SetText("metrics/location[@name='AERORP']/x", -ahead),))
     return with_moved_accelerometers(plan, ahead)
 
@@ -119,7 +125,7 @@ def sigmoid_stall(s: Size, aircraft: str) -> Plan:
     rising, falling = (term("exp", term("product", number(k * s["slope"]), over)) for k in (1.0, -1.0))
     sigma = term("quotient", number(1.0), term("sum", number(1.0), falling))
     smooth = term("quotient", term("ln", term("sum", number(1.0), rising)), number(s["slope"]))
-    lift = coefficient("LIFT", number(-s["loss"] * CL_ALPHA[aircraft]), smooth)
+    lift = coefficient("LIFT", number(-s["loss"] * number_of(aircraft, "CL_alpha")), smooth)
     return Plan(changes=(lift, coefficient("DRAG", number(0.02), sigma)))
 
 
@@ -131,31 +137,54 @@ def separation(s: Size, aircraft: str) -> Plan:
     X = term("product", number(0.5), term("difference", number(1.0), tanh))
     half = term("product", number(0.5), term("sum", number(1.0), term("sqrt", X)))
     lost = term("difference", term("product", half, half), number(1.0))
-    return Plan(changes=(coefficient("LIFT", number(CL_ALPHA[aircraft]), prop(ALPHA), lost),))
+    return Plan(changes=(coefficient("LIFT", number(number_of(aircraft, "CL_alpha")), prop(ALPHA), lost),))
 
 
 def momentum_slipstream(s: Size, aircraft: str) -> Plan:
     """Elevator power times the rise of dynamic pressure in a contracted slipstream, k T / (qbar A), A a disk."""
     disk = {"eolo": 0.15, "taurus": 0.07}[aircraft]
-    ratio = (
-        f"<quotient>{prop('propulsion/engine/thrust-lbs')}<product>{prop('aero/qbar-psf')}{number(disk / 0.3048**2)}"
-        "</product></quotient>"
-    )
+    area = number(disk / 0.3048**2)
+    ratio = term("quotient", prop("propulsion/engine/thrust-lbs"), term("product", prop("aero/qbar-psf"), area))
     swirl = f"<difference><pow><sum>{number(1.0)}{ratio}</sum>{number(s['power'])}</pow>{number(1.0)}</difference>"
-    return Plan(changes=(coefficient("PITCH", number(CM_DE[aircraft] * s["share"]), prop(ELEVATOR), swirl),))
+    return Plan(
+        changes=(coefficient("PITCH", number(number_of(aircraft, "Cm_de") * s["share"]), prop(ELEVATOR), swirl),)
+    )
 
 
 def library_slipstream(s: Size, aircraft: str) -> Plan:
-    """Elevator power grows by k T / (qbar S)."""
-    tc = (
-        f"<quotient>{prop('propulsion/engine/thrust-lbs')}<product>{prop('aero/qbar-psf')}{prop('metrics/Sw-sqft')}</product>"
-        "</quotient>"
-    )
-    edits = (
-        coefficient("PITCH", number(s["k"] * CM_DE[aircraft]), prop(ELEVATOR), tc),
-        ScaleCoefficient("Cm_q", 1.0),
-    )
-    return Plan(changes=edits)
+    """Elevator power and pitch damping grow by k T / (qbar S)."""
+    of_elevator = term("product", number(number_of(aircraft, "Cm_de")), prop(ELEVATOR))
+    of_rate = term("product", number(number_of(aircraft, "Cm_q")), prop("velocities/q-aero-rad_sec"), prop(CHORD_TIME))
+    return Plan(changes=(coefficient("PITCH", number(s["k"]), thrust_share(), term("sum", of_elevator, of_rate)),))
+
+
+def thrust_share() -> str:
+    """Return the XML of T / (qbar S)."""
+    force = term("product", prop("aero/qbar-psf"), prop("metrics/Sw-sqft"))
+    return term("quotient", prop("propulsion/engine/thrust-lbs"), term("max", force, number(1e-6)))
+
+
+def speed_excess(V_m_s: float) -> str:
+    """Return the XML of V / V0 - 1."""
+    return term("difference", term("quotient", prop("velocities/vt-fps"), number(V_m_s / 0.3048)), number(1.0))
+
+
+def fading_thrust(s: Size, aircraft: str) -> Plan:
+    """Thrust falls with speed faster than believed: T (1 - k (V / V0 - 1)), V0 the speed of the trim."""
+    return Plan(changes=(coefficient("DRAG", number(s["k"]), thrust_share(), speed_excess(SPEEDS_M_S[aircraft])),))
+
+
+def fading_elevator(s: Size, aircraft: str) -> Plan:
+    """The elevator loses power as it turns: Cm_de de (1 - loss (de / 0.1 rad)^2)."""
+    lost = -s["loss"] * number_of(aircraft, "Cm_de") / 0.1**2
+    return Plan(changes=(coefficient("PITCH", number(lost), *(prop(ELEVATOR),) * 3),))
+
+
+def curved_damping(s: Size, aircraft: str) -> Plan:
+    """Pitch damping changes with alpha: Cm_q q cbar / (2 V) k alpha / 0.1 rad."""
+    slope = s["k"] * number_of(aircraft, "Cm_q") / 0.1
+    terms = (number(slope), prop(ALPHA), prop("velocities/q-aero-rad_sec"), prop(CHORD_TIME))
+    return Plan(changes=(coefficient("PITCH", *terms),))
 
 
 def aeroelastic_tail(s: Size, aircraft: str) -> Plan:
@@ -163,14 +192,15 @@ def aeroelastic_tail(s: Size, aircraft: str) -> Plan:
     q0 = 0.5 * 1.2 * {"eolo": 16.0, "taurus": 15.0}[aircraft] ** 2 / 47.880259
     loss = term("sum", number(1.0), term("product", number(s["k"] / q0), prop("aero/qbar-psf")))
     share = term("difference", term("quotient", number(1.0 + s["k"]), loss), number(1.0))
-    return Plan(changes=(coefficient("PITCH", number(CM_DE[aircraft]), prop(ELEVATOR), share),))
+    return Plan(changes=(coefficient("PITCH", number(number_of(aircraft, "Cm_de")), prop(ELEVATOR), share),))
 
 
 def speed_power(s: Size, aircraft: str) -> Plan:
     """Elevator power grows by k (V / V0 - 1)."""
-    v0 = {"eolo": 16.0, "taurus": 12.0}[aircraft] / 0.3048
-    share = f"<difference><quotient>{prop('velocities/vt-fps')}{number(v0)}</quotient>{number(1.0)}</difference>"
-    return Plan(changes=(coefficient("PITCH", number(s["k"] * CM_DE[aircraft]), prop(ELEVATOR), share),))
+    V0 = {"eolo": 16.0, "taurus": 12.0}[aircraft]
+    return Plan(
+        changes=(coefficient("PITCH", number(s["k"] * number_of(aircraft, "Cm_de")), prop(ELEVATOR), speed_excess(V0)),)
+    )
 
 
 def boom(s: Size, aircraft: str) -> Plan:
@@ -229,6 +259,12 @@ def washed_damper(s: Size, aircraft: str) -> Plan:
     return Plan(changes=(*edits, declared))
 
 
+def filtered_damper(s: Size, aircraft: str) -> Plan:
+    """A pitch damper behind a noise filter of 0.08 s."""
+    states = state("hidden/filtered", prop("velocities/q-rad_sec"), 0.08)
+    return Plan(changes=(feedback(s["gain_s"], aircraft, "hidden/filtered"), *reversed(states)))
+
+
 def vane(s: Size, aircraft: str) -> Plan:
     """A vane of second order."""
 
@@ -255,9 +291,13 @@ def calibrated(channel: str, centre: float, s: Size) -> Plan:
     return Plan(spoil=spoil)
 
 
-def late_air_data(s: Size, aircraft: str) -> Plan:
-    """One delay of airspeed and alpha together."""
-    return Plan(read=lambda r: replace(r, delay_s=r.delay_s + s["delay_s"]) if r.channel in ("V", "alpha") else r)
+def sticky_vane(s: Size, aircraft: str) -> Plan:
+    """A vane that stays where it is until the air has turned by half the play."""
+
+    def spoil(channel: str, y: FloatArray, t: FloatArray) -> FloatArray:
+        return servos.backlash(s["width_rad"])(y, t[1] - t[0]) if channel == "alpha" else y
+
+    return Plan(spoil=spoil)
 
 
 def vibration(s: Size, aircraft: str) -> Plan:

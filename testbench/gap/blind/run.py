@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from testbench.aircraft import load_aircraft
-from testbench.gap.air import in_air, listen
+from testbench.gap.air import listen
 from testbench.gap.believed import Believed
 from testbench.gap.blind.flights import RATE_HZ, condition, suite
 from testbench.gap.effects import library
-from testbench.gap.name import Naming, name_effect
+from testbench.gap.name import Naming
+from testbench.gap.verdict import confirmed
+from testbench.gap.workflow import search
 from testbench.record import FlightRecord
 
 
@@ -39,9 +41,10 @@ def name_case(
     began = time.process_time()
     believed = believe(aircraft)
     naming_records = list(records.values())
-    heard = listen(believed, naming_records)
     effects = {n: e for n, e in library(believed.suite).items() if n not in without}
-    naming = name_effect(in_air(believed, heard), naming_records, effects=effects)
+    heard = listen(believed, naming_records)
+    _, _, naming, heard = search(believed, naming_records, heard, lambda stage: None, effects)
+    naming = confirmed(naming, believed, list(held_out.values()))
     return {
         **_row(naming),
         "turbulence_rms_m_s": heard.rms_m_s if heard.moves else 0.0,

@@ -162,7 +162,7 @@ def _kinds() -> dict[str, Kind]:
             "library",
             "mass_error payload",
             _between(ratio=(0.15, 0.5)),
-            lambda s, a: forms.load(s["ratio"] * forms.MASS_KG[a], 0.0),
+            lambda s, a: forms.load(s["ratio"] * forms.number_of(a, "mass_kg"), 0.0),
         ),
         "roughness": kind(
             "library",
@@ -184,6 +184,9 @@ def _kinds() -> dict[str, Kind]:
             _between(gain_s=(0.08, 0.3)),
             lambda s, a: Plan(changes=(forms.feedback(s["gain_s"], a, "velocities/q-rad_sec"),)),
             "gain_s",
+        ),
+        "damper with washout": kind(
+            "library", "washed_pitch_damper pitch_damper", _between(gain_s=(0.1, 0.3)), forms.washed_damper, "gain_s"
         ),
         "separation": kind(
             "library",
@@ -250,6 +253,25 @@ def _kinds() -> dict[str, Kind]:
             _between(ahead_m_=(0.15, 0.5)),
             lambda s, a: forms.sensor("az", lambda r: replace(r, position_m=(s["ahead_m"], 0.0, 0.0))),
             "ahead_m",
+        ),
+        "stronger motor": kind(
+            "library",
+            "thrust_scale",
+            _either(gain=(0.6, 0.75, 1.35, 1.6)),
+            lambda s, a: Plan(throttle=servos.scaled(s["gain"])),
+            "gain -> scale",
+        ),
+        "moment curved in alpha": kind(
+            "library",
+            "curved_moment",
+            _between(curve_=(0.5, 1.5)),
+            lambda s, a: Plan(
+                changes=(
+                    forms.coefficient(
+                        "PITCH", forms.number(-abs(s["curve"])), forms.prop(forms.ALPHA), forms.prop(forms.ALPHA)
+                    ),
+                )
+            ),
         ),
         # other forms of the library's effects
         "servo of two stages": kind(
@@ -325,8 +347,8 @@ def _kinds() -> dict[str, Kind]:
             "payload mass_error",
             _between(ratio=(0.15, 0.4), aft=(0.02, 0.06)),
             lambda s, a: forms.with_moved_accelerometers(
-                forms.load(s["ratio"] * forms.MASS_KG[a], -s["aft"] * forms.CHORD_M[a]),
-                -s["ratio"] / (1.0 + s["ratio"]) * s["aft"] * forms.CHORD_M[a],
+                forms.load(s["ratio"] * forms.number_of(a, "mass_kg"), -s["aft"] * forms.number_of(a, "cbar_m")),
+                -s["ratio"] / (1.0 + s["ratio"]) * s["aft"] * forms.number_of(a, "cbar_m"),
             ),
         ),
         "open door": kind(
@@ -342,8 +364,8 @@ def _kinds() -> dict[str, Kind]:
             "CD0 -> CD",
         ),
         "late wake": kind("other", "wake_lag alpha_dot", _between(time_s=(0.1, 0.3), Cm=(0.5, 1.2)), forms.wake),
-        "damper with washout": kind(
-            "other", "pitch_damper", _between(gain_s=(0.1, 0.3)), forms.washed_damper, "gain_s"
+        "damper that filters": kind(
+            "other", "pitch_damper", _between(gain_s=(0.1, 0.3)), forms.filtered_damper, "gain_s"
         ),
         "sigmoid stall": kind(
             "other",
@@ -369,29 +391,9 @@ def _kinds() -> dict[str, Kind]:
             "gain -> scale",
         ),
         # what the library does not hold, near and far
-        "stronger motor": kind(
-            "unseen",
-            "",
-            _either(gain=(0.6, 0.75, 1.35, 1.6)),
-            lambda s, a: Plan(throttle=servos.scaled(s["gain"])),
-            near=True,
-        ),
-        "late air data": kind("unseen", "", _between(delay_s=(0.08, 0.25)), forms.late_air_data, near=True),
+        "sticky vane": kind("unseen", "", _between(width_rad=(0.015, 0.04)), forms.sticky_vane, near=True),
         "coarse command": kind(
             "unseen", "", _between(step_rad=(0.015, 0.03)), link(lambda s: servos.coarse(s["step_rad"])), near=True
-        ),
-        "moment curved in alpha": kind(
-            "unseen",
-            "",
-            _between(curve_=(0.5, 1.5)),
-            lambda s, a: Plan(
-                changes=(
-                    forms.coefficient(
-                        "PITCH", forms.number(-abs(s["curve"])), forms.prop(forms.ALPHA), forms.prop(forms.ALPHA)
-                    ),
-                )
-            ),
-            near=True,
         ),
         "lift of the thrust": kind(
             "unseen",
@@ -402,6 +404,9 @@ def _kinds() -> dict[str, Kind]:
             ),
             near=True,
         ),
+        "thrust that falls with speed": kind("unseen", "", _between(k=(0.3, 0.8)), forms.fading_thrust, near=True),
+        "elevator that fades": kind("unseen", "", _between(loss=(0.05, 0.15)), forms.fading_elevator, near=True),
+        "damping curved in alpha": kind("unseen", "", _between(k_=(0.5, 1.2)), forms.curved_damping, near=True),
         "gust": kind(
             "unseen",
             "",

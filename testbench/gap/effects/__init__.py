@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from testbench.gap.effects import (
     actuator_lag,
+    aileron_lag,
     alpha_dot,
     asymmetric_rate_limit,
     cg_shift,
     clock_offset,
+    curved_moment,
     dead_band,
     drag_increment,
     elevator_mode,
@@ -19,6 +21,7 @@ from testbench.gap.effects import (
     payload,
     pitch_damper,
     rate_limit,
+    rudder_lag,
     second_order_actuator,
     slipstream,
     speed_effectiveness,
@@ -29,10 +32,13 @@ from testbench.gap.effects import (
     surface_scale,
     thrust_lag,
     thrust_line,
+    thrust_scale,
     transport_delay,
     wake_lag,
+    washed_pitch_damper,
     wing_bending,
     wing_torsion,
+    yaw_damper,
 )
 from testbench.gap.effects.base import Effect, Parameter
 from testbench.gap.effects.sensor import sensor_effects
@@ -55,6 +61,7 @@ _OF_AIRCRAFT: dict[str, Effect] = {
         surface_offset,
         thrust_line,
         thrust_lag,
+        thrust_scale,
         slipstream,
         cg_shift,
         mass_error,
@@ -66,9 +73,14 @@ _OF_AIRCRAFT: dict[str, Effect] = {
         stall,
         stall_hysteresis,
         nonlinear_lift,
+        curved_moment,
         speed_effectiveness,
         ground_effect,
         pitch_damper,
+        washed_pitch_damper,
+        yaw_damper,
+        aileron_lag,
+        rudder_lag,
         steady_wind,
         clock_offset,
     )

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment, SetProperty
 from testbench.gap.effects.base import Effect, Parameter
 from testbench.sensors import SensorSuite
 
 
-def amend(aircraft: Aircraft, suite: SensorSuite, values: Mapping[str, float]) -> tuple[Aircraft, SensorSuite]:
-    """Give the elevator servo another first-order lag."""
+def amend(
+    name: str, servo: str, aircraft: Aircraft, suite: SensorSuite, values: Mapping[str, float]
+) -> tuple[Aircraft, SensorSuite]:
+    """Give the servo of a surface another first-order lag."""
     lag = values["lag_rad_s"]
-    amendment = Amendment(
-        "actuator_lag", f"elevator servo lag {lag:.3g} rad/s", (SetProperty("fcs/elevator-lag-rad_sec", lag),)
-    )
+    amendment = Amendment(name, f"{servo} servo lag {lag:.3g} rad/s", (SetProperty(f"fcs/{servo}-lag-rad_sec", lag),))
     return aircraft.amended(amendment), suite
 
 
@@ -26,7 +27,7 @@ EFFECT = Effect(
         "Fast inputs arrive late and reduced, slow ones hardly changed."
     ),
     parameters=(Parameter("lag_rad_s", "rad/s", 2.0, 200.0, (30.0, 8.0)),),
-    amend=amend,
+    amend=partial(amend, "actuator_lag", "elevator"),
     mistaken_for="a transport delay or a rate limit at low frequency",
     separated_by="a sweep beyond 6 Hz, which shows the loss of amplitude, at two amplitudes",
 )

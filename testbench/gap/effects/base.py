@@ -51,6 +51,7 @@ class Effect:
             commands become. It stands for dynamics between command and surface that a linearisation at rest does not
             see; only differences of linear predictions use it.
         flown: True if what it changes shows in flights only, not in a linearisation at trim, or costs no flight.
+        lateral: True if only records whose aileron or rudder command moves are asked for it.
         contains: effects that are special cases of this one.
         parts: effects of which this one is put together (see :func:`together`); their parameters are this one's, called
             EFFECT.PARAMETER.
@@ -65,6 +66,7 @@ class Effect:
     separated_by: str
     shape: Shape | None = None
     flown: bool = False
+    lateral: bool = False
     contains: tuple[str, ...] = ()
     parts: tuple[Effect, ...] = ()
 
@@ -85,6 +87,7 @@ def together(*effects: Effect) -> Effect:
         mistaken_for="; ".join(e.mistaken_for for e in effects),
         separated_by="; ".join(e.separated_by for e in effects),
         flown=any(e.flown for e in effects),
+        lateral=any(e.lateral for e in effects),
         contains=tuple(e.name for e in effects),
         parts=effects,
     )

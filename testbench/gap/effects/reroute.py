@@ -10,6 +10,7 @@ from testbench.aircraft import Insert
 from testbench.errors import ModelError
 
 ELEVATOR = "fcs/elevator-command-rad"
+RUDDER = "fcs/rudder-command-rad"
 THROTTLE = "fcs/throttle-cmd-norm"
 _STANDS_STILL = "<gt> <property>simulation/dt</property> <value>0</value> </gt>"
 

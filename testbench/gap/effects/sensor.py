@@ -50,7 +50,7 @@ _KINDS = {
         "place further forward than believed",
         Parameter("ahead_m", "m", -2.0, 2.0, (0.1, -0.1), none=0.0),
         "The sensor sits ahead of or behind the place that its readings are taken for. "
-        "It feels the rotation beside what it measures: an accelerometer qdot, a vane the plunging of its boom.",
+        "It feels the rotation beside what it measures: an accelerometer qdot or rdot, a vane the motion of its boom.",
         "a lag or a lead of the same sensor at one frequency; a shift of the centre of gravity, for accelerometers",
         "a tape measure; inputs over a band of frequencies",
     ),
@@ -63,8 +63,8 @@ _KINDS = {
         "a tilt table; thrust steps, which move one quantity and not the other",
     ),
 }
-# (kind of error, kind of sensor) -> the channels that the longitudinal motion shows it in
-_SHOWN = {"position": ("az", "alpha"), "cross": ("az", "V")}
+# kind of error -> the channels that the motion shows it in
+_SHOWN = {"position": ("ay", "az", "alpha", "beta"), "cross": ("az", "V")}
 
 
 def amend(name: str, kind: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
@@ -80,7 +80,8 @@ def amend(name: str, kind: str, aircraft: Aircraft, suite: SensorSuite, values: 
                 s = replace(s, lag_s=s.lag_s + values["lag_s"])
             elif kind == "position":
                 ahead, right, down = s.position_m
-                s = replace(s, position_m=(ahead + values["ahead_m"], right, down))
+                if name in s.PLACED:  # an angle of attack that is corrected to the CG already has no place
+                    s = replace(s, position_m=(ahead + values["ahead_m"], right, down))
             elif kind == "cross":
                 s = _leaning(s, values["share"])
             else:

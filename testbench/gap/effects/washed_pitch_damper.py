@@ -1,0 +1,47 @@
+"""A pitch damper that lets slow pitch rates pass."""
+
+from __future__ import annotations
+
+from testbench.aircraft import Aircraft, Amendment
+from testbench.gap.effects.base import Effect, Parameter, Values
+from testbench.gap.effects.reroute import ELEVATOR, product, prop, reroute, value
+from testbench.sensors import SensorSuite
+
+_RATE = "velocities/q-rad_sec"
+_SLOW = "gap/washed-pitch-damper-slow"
+
+
+def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Add gain times washed-out pitch rate, s / (s + washout) q, to what the elevator servo is told.
+
+    The slow part that is washed out is a first-order lag, exact for a rate held from frame to frame; while time stands
+    still it keeps its value, zero in straight flight.
+    """
+    gain, washout = values["gain_s"], values["washout_rad_s"]
+    past = f"<exp> {product(value(-washout), prop('simulation/dt'))} </exp>"
+    share = f"<difference> <value>1</value> {past} </difference>"
+    fast = f"<difference> {prop(_RATE)} {prop(_SLOW)} </difference>"
+    slow = f"<sum> {prop(_SLOW)} {product(share, fast)} </sum>"
+    body = f"<sum> {prop(ELEVATOR)} {product(value(gain), fast)} </sum>"
+    edit = reroute(ELEVATOR, "washed-pitch-damper", body, (("slow", slow),))
+    text = f"elevator fed back {gain:+.4g} rad per rad/s of pitch rate, washed out below {washout:.3g} rad/s"
+    return aircraft.amended(Amendment("washed_pitch_damper", text, (edit,))), suite
+
+
+EFFECT = Effect(
+    name="washed_pitch_damper",
+    title="pitch damper with washout",
+    physics=(
+        "An autopilot turns the elevator in proportion to pitch rate, but lets a rate that lasts pass, so that it does "
+        "not work against a pull-up. The short period is damped more and the phugoid left as it is."
+    ),
+    parameters=(
+        Parameter("gain_s", "s", -0.5, 1.0, (0.15, -0.05), none=0.0),
+        Parameter("washout_rad_s", "rad/s", 0.0, 5.0, (0.5,), none=0.0),
+    ),
+    amend=amend,
+    mistaken_for="a plain pitch damper where no pitch rate lasts as long as the washout; an error of Cm_q",
+    separated_by="a measured deflection, a pull-up held for some seconds, or a flight with the autopilot off",
+    flown=True,  # the washout does not show in a linearisation, in which time stands still
+    contains=("pitch_damper",),
+)

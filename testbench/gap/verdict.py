@@ -1,0 +1,130 @@
+"""What stands beside a name: believed parameters that are wrong, names that held-out flights refute, largest errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from testbench.errors import FlightAborted, LimitError, TrimError
+from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
+from testbench.gap.fit import EffectFit
+from testbench.gap.name import Naming
+from testbench.record import FlightRecord
+
+OFF, FAR = 1.0, 2.0  # a believed parameter is off, or wrong, by more than this many times what is believed of it, and
+SURE = 4.0  # by more than this many standard errors, which must be smaller than what is believed of it
+
+
+@dataclass(frozen=True)
+class WrongParameter:
+    """A believed coefficient that the records contradict: wrong if it is FAR off, else merely off.
+
+    Attributes:
+        name: coefficient, e.g. "Cm_alpha".
+        factor: its value over the believed one, as the records alone say it.
+        error: standard error of ``factor``.
+        prior: relative standard deviation that was believed of it.
+    """
+
+    name: str
+    factor: float
+    error: float
+    prior: float
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        return (
+            f"the believed {self.name} is {'wrong' if self.deviations > FAR else 'off'}: {self.factor:.3f} ± "
+            f"{self.error:.2g} times the believed value, {self.deviations:.1f} times what is believed of it "
+            f"({100.0 * self.prior:.0f} %)"
+        )
+
+    @property
+    def deviations(self) -> float:
+        """How far it is off, over what is believed of it."""
+        return abs(self.factor - 1.0) / self.prior
+
+
+def off_parameters(naming: Naming) -> tuple[WrongParameter, ...]:
+    """Return the believed parameters that re-tuning without any effect finds off; none if an effect was named.
+
+    What re-tuning reaches beside an effect depends on its form.
+    """
+    if naming.best is not None:
+        return ()
+    priors = {**NUISANCES, **LATERAL_NUISANCES}
+    found = (WrongParameter(n, factor, error, priors[n]) for n, (factor, error) in naming.measured.items())
+    return tuple(p for p in found if p.error < p.prior and abs(p.factor - 1.0) > SURE * p.error and p.deviations > OFF)
+
+
+def wrong_parameters(
+    naming: Naming, believed: Believed, held_out: Sequence[FlightRecord] = ()
+) -> tuple[WrongParameter, ...]:
+    """Return the believed parameters that are off by so much that they are wrong, unless held-out flights contradict.
+
+    They do if re-tuning makes them worse.
+    """
+    wrong = tuple(p for p in off_parameters(naming) if p.deviations > FAR)
+    if not wrong or not held_out:
+        return wrong
+    re_tuned = _sum_of_squares(believed.with_tuning(naming.tuning), held_out)
+    return wrong if re_tuned < _sum_of_squares(believed, held_out) else ()
+
+
+def confirmed(naming: Naming, believed: Believed, held_out: Sequence[FlightRecord]) -> Naming:
+    """Return ``naming`` without the names that manoeuvres used for neither naming nor fitting refute.
+
+    A name is refuted if it raises the sum of squares there, against re-tuning alone or against the believed model as it
+    is, by more than it had to lower it by to be named: an effect that is there does not make worse what it was not
+    fitted to. What noise does to the sums is the same in all.
+    """
+    fits = [next(f for f in naming.ranking if f.effect.name == name) for name in naming.names]
+    if not fits or not held_out:
+        return naming
+    without = min(_sum_of_squares(m, held_out) for m in (believed, believed.with_tuning(naming.tuning)))
+    if not np.isfinite(without):
+        return naming  # nothing to compare with: without the effect nothing flies there
+    worse = {f.effect.name: _held_out(f, believed, held_out) - without for f in fits}
+    kept = [f for f in fits if worse[f.effect.name] <= f.threshold]
+    if len(kept) == len(fits):
+        return naming
+    names = tuple(f.effect.name for f in kept)
+    out = [f.effect.title for f in fits if f not in kept]
+    if not kept:
+        raised = ", ".join(f"{worse[f.effect.name]:.4g}" for f in fits)
+        sentence = (
+            f"unexplained: {' or '.join(out)} would fit, but on the manoeuvres held out {'each' if out[1:] else 'it'} "
+            f"raises chi-square, by {raised} against the model without it"
+        )
+        return replace(naming, outcome="unexplained", names=(), sentence=sentence)
+    told = "; ".join(f"{f.effect.title}, {f.size}" for f in kept)
+    head = "one of these, which these data cannot tell apart: " if len(kept) > 1 else ""
+    sentence = f"{head}{told}; the manoeuvres held out refute {' and '.join(out)}, which would fit as well"
+    return replace(naming, outcome="set" if len(kept) > 1 else "named", names=names, sentence=sentence)
+
+
+def _held_out(fit: EffectFit, believed: Believed, records: Sequence[FlightRecord]) -> float:
+    return _sum_of_squares(believed.with_tuning(fit.tuning).with_effect(fit.effect, fit.values), records)
+
+
+def _sum_of_squares(model: Believed, records: Sequence[FlightRecord]) -> float:
+    """Return the weighted sum of squares on ``records``; infinite if the model cannot fly them."""
+    try:
+        return float(sum(np.sum(model.residuals(r) ** 2) for r in records))
+    except (FlightAborted, LimitError, TrimError):
+        return float("inf")
+
+
+def largest_errors(believed: Believed, records: Sequence[FlightRecord]) -> Mapping[str, float]:
+    """Return channel -> largest difference of measurement and prediction, each about its mean over a record, SI.
+
+    Sensor noise and turbulence are in it.
+    """
+    worst = np.zeros(len(believed.outputs))
+    plain = replace(believed, whiten=None)
+    for record in records:
+        worst = np.maximum(worst, np.max(np.abs(plain.residuals(record)), axis=0) * believed.noise_std)
+    return dict(zip(believed.outputs, worst.tolist(), strict=True))

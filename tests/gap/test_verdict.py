@@ -1,0 +1,117 @@
+"""Believed parameters that are wrong, names that held-out flights refute, and what is immaterial."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_flights import ELEVATOR, believe, measure
+
+from testbench.gap.air import AirFound
+from testbench.gap.effects import EFFECTS
+from testbench.gap.fit import EffectFit, retune
+from testbench.gap.local import Local
+from testbench.gap.name import Naming
+from testbench.gap.verdict import confirmed, largest_errors, off_parameters, wrong_parameters
+from testbench.gap.workflow import GapFinding
+
+OFF = {"Cm_alpha": 1.35, "Cm_q": 0.9}
+STILL = AirFound(False, 0.0, 100.0, 0.0, 9.55, 2.0)
+
+
+@pytest.fixture(scope="module")
+def flights():
+    """Return the believed EOLO, and a naming and a held-out record of one whose pitch derivatives are off."""
+    believed = believe()
+    return believed, *measure(believed.with_tuning(OFF), 11, inputs=(ELEVATOR, ELEVATOR))
+
+
+@pytest.fixture(scope="module")
+def tuned(flights):
+    believed, record, _ = flights
+    return retune(Local.at(believed, believed, (record,)))
+
+
+def naming_of(tuned, fits=(), **changes):
+    names = tuple(f.effect.name for f in fits)
+    found = Naming(
+        outcome="set" if len(fits) > 1 else "named" if fits else "no gap",
+        names=names,
+        ranking=tuple(fits),
+        chi2_believed=1.0,
+        chi2_tuned=tuned.chi2,
+        tuning=tuned.tuning,
+        samples=tuned.exact.size,
+        sentence="as fitted",
+        measured=tuned.measured(),
+    )
+    return replace(found, **changes)
+
+
+def fit_of(tuned, name, values, tuning=None):
+    return EffectFit(EFFECTS[name], values, dict.fromkeys(values, 0.0), 1.0, 50.0, 17.0, 1.0, tuning or tuned.tuning)
+
+
+def test_measured_factors_are_the_true_ones_within_their_errors(tuned):
+    # five estimates within four standard errors: a false alarm in 3000 runs if they are normal; the seed is fixed
+    for name, (factor, error) in tuned.measured().items():
+        assert abs(factor - OFF.get(name, 1.0)) < 4.0 * error, name
+    factor, error = tuned.measured()["Cm_alpha"]
+    assert error < 0.05
+    assert factor > tuned.tuning["Cm_alpha"]  # the prior pulls the re-tuned factor towards 1; it is taken out here
+
+
+def test_a_parameter_far_from_what_is_believed_is_wrong_and_one_within_is_not(flights, tuned):
+    believed, _, held = flights
+    (wrong,) = wrong_parameters(naming_of(tuned), believed, [held])
+    assert wrong.name == "Cm_alpha"
+    assert wrong.factor == pytest.approx(1.35, abs=4.0 * wrong.error)
+    assert "the believed Cm_alpha is wrong: 1.3" in wrong.sentence
+
+
+def test_parameters_are_not_called_wrong_where_the_records_say_less_than_the_belief_or_held_out_flights_differ(
+    flights, tuned
+):
+    believed, _, held = flights
+    vague = naming_of(tuned, measured={"CD": (8.0, 0.5), "Cm_alpha": (1.19, 0.001)})
+    assert wrong_parameters(vague, believed, [held]) == ()
+    (off,) = off_parameters(vague)
+    assert off.sentence.startswith("the believed Cm_alpha is off: 1.190 ± 0.001 times")
+    assert off.sentence in GapFinding(believed, believed, (), vague, (), STILL).sentences
+    elsewhere = naming_of(tuned, tuning={**tuned.tuning, "Cm_alpha": 0.5})
+    assert wrong_parameters(elsewhere, believed, [held]) == ()
+    named = naming_of(tuned, [fit_of(tuned, "surface_scale", {"scale": 1.0})])
+    assert wrong_parameters(named, believed, [held]) == ()
+
+
+def test_a_name_that_makes_held_out_flights_worse_is_withdrawn(flights, tuned):
+    believed, _, held = flights
+    harmless = fit_of(tuned, "surface_scale", {"scale": 1.0})
+    harmful = fit_of(tuned, "transport_delay", {"delay_s": 0.1})
+    kept = naming_of(tuned, [harmless])
+    assert confirmed(kept, believed, [held]) is kept
+    assert confirmed(naming_of(tuned, [harmful]), believed, []).names == ("transport_delay",)
+    refuted = confirmed(naming_of(tuned, [harmful]), believed, [held])
+    assert (refuted.outcome, refuted.names) == ("unexplained", ())
+    assert "raises chi-square" in refuted.sentence
+    left = confirmed(naming_of(tuned, [harmful, harmless]), believed, [held])
+    assert (left.outcome, left.names) == ("named", ("surface_scale",))
+    assert "refute delay" in left.sentence
+
+
+def test_what_is_left_unnamed_is_immaterial_if_every_channel_errs_less_than_a_simulator_may(flights, tuned):
+    believed, record, held = flights
+    errors = largest_errors(believed, [record, held])
+    plain = np.abs(believed.residuals(record) * believed.noise_std).max(axis=0)
+    assert errors["q"] >= plain[believed.outputs.index("q")]
+    small = dict.fromkeys(believed.outputs, 1e-3)
+    unexplained = naming_of(tuned, outcome="unexplained")
+    finding = GapFinding(believed, believed, (), unexplained, (), STILL, errors=small)
+    assert finding.immaterial
+    assert any("real but immaterial" in s for s in finding.sentences)
+    assert not replace(finding, errors={**small, "q": 0.05}).immaterial
+    assert not replace(finding, naming=naming_of(tuned)).immaterial  # no gap, nothing to be immaterial
+    wrong = wrong_parameters(naming_of(tuned), believed)
+    assert replace(finding, naming=naming_of(tuned), parameters=wrong).immaterial
+    assert replace(finding, parameters=wrong).sentences[0].startswith("the believed Cm_alpha is wrong")
