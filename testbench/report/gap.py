@@ -56,14 +56,14 @@ def write_gap(result: GapResult, folder: Path | str) -> list[Path]:
 def write_amended(result: GapResult, folder: Path) -> list[Path]:
     """Write what was named and re-tuned: the sensor suite, and the aircraft's folder with a model for stock JSBSim.
 
-    Each comes with a diff, and only if it changed; nothing is written if nothing was named.
+    Each comes with a diff, and only if it changed; nothing is written if nothing was named and no parameter is wrong.
     """
     import difflib
 
     from testbench.sensors import suite_toml
 
     old, new = result.finding.believed, result.finding.amended
-    if result.finding.naming.best is None:
+    if not result.finding.changed:
         return []
     out: list[Path] = []
     suites = [suite_toml(b.suite) for b in (old, new)]
@@ -134,14 +134,16 @@ def gap_tables(result: GapResult) -> list[Table]:
                 tuple((c, *(100.0 * row.get(q, 0.0) for q in quantities)) for c, row in shares.items()),
             )
         )
-    if naming.best is not None:
+    if result.finding.changed:
+        best = naming.best
         out.append(
             Table(
                 "tuning",
-                "Coefficients re-tuned together with the effect",
-                "Factors on the believed coefficients; far from 1 means that the effect is not the whole story.",
+                "Coefficients re-tuned" + (" together with the effect" if best else ""),
+                "Factors on the believed coefficients"
+                + ("; far from 1 means that the effect is not the whole story." if best else "."),
                 (Column("coefficient", "coefficient"), Column("factor", "factor", decimals=3)),
-                tuple(naming.best.tuning.items()),
+                tuple((best.tuning if best else naming.tuning).items()),
             )
         )
         for k, shrink in enumerate(result.finding.shrink, 1):

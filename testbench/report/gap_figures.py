@@ -46,13 +46,13 @@ _SEGMENTS = 8  # of a residual spectrum, averaged
 
 def gap_plates(result: GapResult) -> list[Plate]:
     """Return the figures of a gap case: maps, ranking, and before and after on each held-out manoeuvre."""
-    out = [_answer_plate(result)] if result.finding.shrink and result.finding.naming.best is not None else []
+    out = [_answer_plate(result)] if result.finding.shrink and result.finding.changed else []
     out += [_map_plate(result), _region_plate(result)] if result.finding.regions else [_map_plate(result)]
     if result.finding.forces:
         out.append(_force_plate(result))
     if any(f.gain > 0.0 for f in result.finding.naming.ranking):
         out.append(_ranking_plate(result))
-    if result.finding.naming.best is not None:
+    if result.finding.changed:
         for k, shrink in enumerate(result.finding.shrink, 1):
             out += [_history_plate(result, shrink, k), _spectrum_plate(result, shrink, k)]
     return out

@@ -5,6 +5,9 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Generator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=Path("results/gap"), help="folder of rows and summary")
     parser.add_argument("--seed", type=int, default=SEED, help="of the cases")
     parser.add_argument("--minutes", type=float, default=None, help="start no case after so many minutes")
+    parser.add_argument("--workers", type=int, default=1, help="processes that run cases at once")
     parser.add_argument("--cases", type=int, default=None, help="run so many cases at most")
     parser.add_argument(
         "--report", action="store_true", help="write the summary of the rows that are there, run nothing"
@@ -32,23 +36,43 @@ def main(arguments: list[str] | None = None) -> int:
     cases, digest = _sealed(asked.out, asked.seed)
     done = _read(rows_file)
     if not asked.report:
-        began, ran = time.monotonic(), 0
-        for case, without in _in_turn(cases):
-            name = case.name + WITHOUT if without else case.name
-            late = asked.minutes is not None and time.monotonic() - began > 60.0 * asked.minutes
-            if late or (asked.cases is not None and ran >= asked.cases):
-                break
-            if name in done:
-                continue
-            row = run_case(case, without)
-            with rows_file.open("a", encoding="utf-8") as file:
+        due = [(c, w) for c, w in _in_turn(cases) if _row_name(c, w) not in done][: asked.cases]
+        stop = None if asked.minutes is None else time.monotonic() + 60.0 * asked.minutes
+        with rows_file.open("a", encoding="utf-8") as file:
+            for row in _rows(due, asked.workers, stop):
                 file.write(json.dumps(row) + "\n")
-            done[name] = row
-            ran += 1
-            print(f"{len(done)} {name}: {row['outcome']} {' | '.join(row['names'])}", flush=True)
+                file.flush()
+                done[row["case"]] = row
+                print(f"{len(done)} {row['case']}: {row['outcome']} {' | '.join(row['names'])}", flush=True)
     write_report(asked.out, cases, done, digest, asked.seed)
     print(f"summary: {asked.out / 'README.md'}")
     return 0
+
+
+def _rows(due: Sequence[tuple[Case, bool]], workers: int, stop: float | None) -> Generator[dict[str, Any], None, None]:
+    """Yield the rows of cases as they are done; no case is begun after the time ``stop``."""
+    if workers == 1:
+        for case, without in due:
+            if stop is not None and time.monotonic() > stop:
+                return
+            yield run_case(case, without)
+        return
+    waiting = list(reversed(due))
+    running: set[Future[dict[str, Any]]] = set()
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+        while waiting or running:
+            late = stop is not None and time.monotonic() > stop
+            while waiting and not late and len(running) < workers:
+                running.add(pool.submit(run_case, *waiting.pop()))
+            if not running:
+                return
+            ready, running = wait(running, return_when=FIRST_COMPLETED)
+            for future in ready:
+                yield future.result()
+
+
+def _row_name(case: Case, without: bool) -> str:
+    return case.name + WITHOUT if without else case.name
 
 
 def _in_turn(cases: tuple[Case, ...]) -> list[tuple[Case, bool]]:
@@ -72,7 +96,7 @@ def run_case(case: Case, without: bool = False) -> dict[str, Any]:
         row = name_case(case.aircraft, case.fly("rich"), case.fly("held_out"), true)
     except TestbenchError as error:
         row = {"outcome": "failed", "names": [], "why": str(error)}
-    return {"case": case.name + WITHOUT if without else case.name, **row}
+    return {"case": _row_name(case, without), **row}
 
 
 def _sealed(folder: Path, seed: int) -> tuple[tuple[Case, ...], str]:
