@@ -41,7 +41,8 @@ STRAINED = 0.01
 FROM_BELIEVED = 6  # so many of them,
 PATIENCE = 2  # and descents from there are given two rounds to settle before they may be called hopeless
 LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least,
-SECOND = 0.01  # and the second gains this share of what the first does
+SECOND = 0.5  # and the second this share of what the first leaves above the noise, and
+FORM = 5e-4  # more than this share of what the first gains, as no form is exactly right
 COMPANY = 3  # so many second effects are fitted
 MANY = 4  # more names than these are no answer
 
@@ -202,7 +203,7 @@ def _two_at_once(
     """Return pairs of the best effect and a second one, parameters of both fitted together, if they leave only noise.
 
     A form of the first that is not quite right finds company, too: the second must gain more than noise would, more
-    than it takes to tell two effects apart, and a share of what the first does.
+    than it takes to tell two effects apart, and most of what the first leaves.
     """
     lead = next((f for f in ranking if f.significant and f.flown), None)
     is_noise = chi2.isf(FALSE_ALARM, samples)
@@ -215,7 +216,7 @@ def _two_at_once(
         return []
     say(f"seek a second effect beside {lead.effect.title}")
     others = [screen(point, s.effect) for s in screened if s.seen and s.effect is not lead.effect]
-    least = max(SECOND * lead.gain, TOLD_APART)
+    least = max(SECOND * (lead.chi2 - samples), FORM * lead.gain, TOLD_APART)
     pairs: list[EffectFit] = []
     for other in promising([s for s in others if s.promise > least], 0.5, 0.5, 1)[:COMPANY]:
         both = together(lead.effect, other.effect)

@@ -16,7 +16,7 @@ from testbench.gap.blind.cases import STRATA, Case, draw, opened, seal
 from testbench.gap.blind.report import WITHOUT, write_report
 from testbench.gap.blind.run import name_case
 
-SEED = 20261122
+SEED = 20261123
 
 
 def main(arguments: list[str] | None = None) -> int:

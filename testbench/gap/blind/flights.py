@@ -146,7 +146,8 @@ def fly_truth(
         u = np.repeat(coarse, round(RATE_HZ / LOG_HZ), axis=0)
         sent = u.copy()
         if plan.elevator is not None:
-            sent[:, 0] = plan.elevator(u[:, 0], 1.0 / RATE_HZ)
+            told = _mean_of_ramps(u[:, 0]) if plan.whole_servo else u[:, 0]
+            sent[:, 0] = plan.elevator(told, 1.0 / RATE_HZ)
         if plan.throttle is not None:
             sent[:, 1] = plan.throttle(u[:, 1], 1.0 / RATE_HZ)
         flown = InputSignal(np.arange(len(u)) / RATE_HZ, sent, channels)
@@ -155,6 +156,11 @@ def fly_truth(
         measured = replace(sensors.measure(truth, seed + i), provenance={"manoeuvre": name})
         out[name] = _as_recorded(measured, coarse, trimmed.controls, plan)
     return out
+
+
+def _mean_of_ramps(u: FloatArray) -> FloatArray:
+    """Return what a servo is told over each frame, on average: the aircraft's own take a step as a ramp of a frame."""
+    return 0.5 * (u + np.concatenate([u[:1], u[:-1]]))
 
 
 def _air(rms_m_s: float, gust: Gust | None, seed: int) -> Air | None:

@@ -292,10 +292,13 @@ def calibrated(channel: str, centre: float, s: Size) -> Plan:
 
 
 def sticky_vane(s: Size, aircraft: str) -> Plan:
-    """A vane that stays where it is until the air has turned by half the play."""
+    """A vane that stays where it is until the air has turned by half the play; the reading's scatter stays."""
 
     def spoil(channel: str, y: FloatArray, t: FloatArray) -> FloatArray:
-        return servos.backlash(s["width_rad"])(y, t[1] - t[0]) if channel == "alpha" else y
+        if channel != "alpha":
+            return y
+        smooth = np.convolve(np.pad(y, 4, mode="edge"), np.ones(9) / 9.0, "valid")
+        return np.asarray(servos.backlash(s["width_rad"])(smooth, t[1] - t[0]) + y - smooth)
 
     return Plan(spoil=spoil)
 
