@@ -28,7 +28,8 @@ from testbench.gap.fit import (
 from testbench.gap.local import Changes, Local
 from testbench.record import FlightRecord
 
-ENOUGH = 0.90  # share of the excess that a named effect must explain, unless what is left is noise
+ENOUGH = 0.90  # share of the excess that a named effect must explain, unless it leaves what noise alone would exceed
+LEFT = 0.10  # with this probability
 TOO_CLOSE = 0.85  # a runner-up with this share of the best gain cannot be told apart while more than noise is left
 TOLD_APART = 2.0 * np.log(1.0 / FALSE_ALARM)  # gain by which one of two effects must lead to exclude the other
 FOLLOWED = 0.25  # effects that promise less than this share of what the best one promises are not fitted,
@@ -247,10 +248,9 @@ def _decide(ranking: Sequence[EffectFit], chi2_tuned: float, samples: int) -> tu
         )  # fmt: skip
     best = significant[0]
     close = [f for f in ranking if f is not best and f.flown and _indistinct(f, best, samples, best.chi2 <= is_noise)]
-    if best.share < ENOUGH and best.chi2 > is_noise:
-        return "unexplained", (), (
-            f"unexplained: {best.effect.title} comes nearest, but explains only {100 * best.share:.0f} % of the excess"
-        )  # fmt: skip
+    if not best.share >= ENOUGH and best.chi2 > chi2.isf(LEFT, samples):
+        part = f"only {100 * best.share:.0f} % of the excess" if np.isfinite(best.share) else "too little of it"
+        return "unexplained", (), f"unexplained: {best.effect.title} comes nearest, but explains {part}"
     if len(close) >= MANY:
         near = ", ".join(f.effect.title for f in (best, *close))
         return "unexplained", (), (

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from testbench.gap.blind import __main__ as command
-from testbench.gap.blind import servos
+from testbench.gap.blind import rows, servos
 from testbench.gap.blind.cases import Case, draw, opened, seal
 from testbench.gap.blind.flights import Plan, fly_truth
 from testbench.gap.blind.report import write_report
@@ -150,7 +150,7 @@ def test_a_run_resumes_and_a_changed_seal_is_refused(tmp_path, monkeypatch):
         ran.append(aircraft)
         return row("no gap")
 
-    monkeypatch.setattr(command, "name_case", name_case)
+    monkeypatch.setattr(rows, "name_case", name_case)
     arguments = ["--out", str(tmp_path / "b"), "--seed", "7"]
     command.main([*arguments, "--cases", "1"])
     assert len(ran) == 1

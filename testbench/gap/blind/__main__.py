@@ -11,12 +11,11 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from testbench.errors import TestbenchError
 from testbench.gap.blind.cases import STRATA, Case, draw, opened, seal
-from testbench.gap.blind.report import WITHOUT, write_report
-from testbench.gap.blind.run import name_case
+from testbench.gap.blind.report import write_report
+from testbench.gap.blind.rows import row_name, run_case
 
-SEED = 20261123
+SEED = 20261124
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -36,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     cases, digest = _sealed(asked.out, asked.seed)
     done = _read(rows_file)
     if not asked.report:
-        due = [(c, w) for c, w in _in_turn(cases) if _row_name(c, w) not in done][: asked.cases]
+        due = [(c, w) for c, w in _in_turn(cases) if row_name(c, w) not in done][: asked.cases]
         stop = None if asked.minutes is None else time.monotonic() + 60.0 * asked.minutes
         with rows_file.open("a", encoding="utf-8") as file:
             for row in _rows(due, asked.workers, stop):
@@ -71,10 +70,6 @@ def _rows(due: Sequence[tuple[Case, bool]], workers: int, stop: float | None) ->
                 yield future.result()
 
 
-def _row_name(case: Case, without: bool) -> str:
-    return case.name + WITHOUT if without else case.name
-
-
 def _in_turn(cases: tuple[Case, ...]) -> list[tuple[Case, bool]]:
     """Return what is run, in order: each case, and of those with one effect half at once and half at the end without
     that effect in the library.
@@ -87,16 +82,6 @@ def _in_turn(cases: tuple[Case, ...]) -> list[tuple[Case, bool]]:
             odd = int(case.name.split()[-1]) % 2 == 1
             (first if odd is (case.stratum == "library form") else last).append((case, True))
     return first + last
-
-
-def run_case(case: Case, without: bool = False) -> dict[str, Any]:
-    """Return the row of a case: what was named; ``without`` the true effect in the library, if so."""
-    true = [name for names in case.right for name in names] if without else []
-    try:
-        row = name_case(case.aircraft, case.fly("rich"), case.fly("held_out"), true)
-    except TestbenchError as error:
-        row = {"outcome": "failed", "names": [], "why": str(error)}
-    return {"case": _row_name(case, without), **row}
 
 
 def _sealed(folder: Path, seed: int) -> tuple[tuple[Case, ...], str]:
