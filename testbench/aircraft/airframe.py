@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -118,16 +119,21 @@ def mode_at(elastic: ElasticModel, quantity: str, y_m: float) -> FloatArray:
     Raises:
         ModelError: the station lies beyond the last one, or a mode has no shape.
     """
-    from scipy.interpolate import CubicSpline
-
-    stations = np.array(elastic.stations_m)
-    if not stations.size or abs(y_m) > stations[-1] + 1e-9:
-        reach = f"0 to {stations[-1]:g} m" if stations.size else "none"
+    stations = tuple(elastic.stations_m)
+    if not stations or abs(y_m) > stations[-1] + 1e-9:
+        reach = f"0 to {stations[-1]:g} m" if stations else "none"
         raise ModelError(f"a wing station must lie within those of the mode shapes ({reach}), got y = {y_m:g} m")
     out = []
     for mode in elastic.modes:
         if mode.shape is None:
             raise ModelError(f"every mode must have a shape along the wing, got none for '{mode.name}'")
-        value = float(CubicSpline(stations, getattr(mode.shape, quantity))(abs(y_m)))
+        value = _interpolated(stations, tuple(getattr(mode.shape, quantity)), abs(y_m))
         out.append(value if mode.symmetry == "symmetric" or y_m >= 0.0 else -value)
     return np.array(out)
+
+
+@lru_cache(maxsize=4096)  # stations and shapes are the same in every flight of a campaign
+def _interpolated(stations: tuple[float, ...], values: tuple[float, ...], y_m: float) -> float:
+    from scipy.interpolate import CubicSpline
+
+    return float(CubicSpline(stations, values)(y_m))
