@@ -118,9 +118,6 @@ class GapFinding:
         re_tuned = "; ".join(p.sentence for p in self.parameters)
         out = [f"{re_tuned}; beside that, {self.naming.sentence}" if re_tuned else self.naming.sentence]
         out += [*self._evidence(), *([self.next_flight] if self.next_flight else [])]
-        if self.naming.outcome != "no gap":
-            out += [m.sentence for m in self.maps]
-            out += [max(self.regions, key=lambda r: r.contrast).sentence] if self.regions else []
         for s in self.shrink if self.changed else ():
             k = int(np.argmax(s.energy_before))
             out.append(
@@ -133,6 +130,9 @@ class GapFinding:
                     else "too little excess to judge by here"
                 )
             )
+        if self.naming.outcome != "no gap":
+            out += [m.sentence for m in self.maps]
+            out += [max(self.regions, key=lambda r: r.contrast).sentence] if self.regions else []
         news = self.check.sentences if self.check is not None and self.check.news else ()
         return (*out, self.air.sentence, *news)
 
