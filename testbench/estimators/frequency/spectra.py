@@ -76,13 +76,12 @@ def estimate_frequency_response(
     """
     data = check_records(records, inputs, outputs)
     dt, m = records[0].dt_s, len(inputs)
-    windows, longest = (
-        np.atleast_1d(np.asarray(window_s, np.float64)),
-        max(record.duration_s for record in records) + dt,
-    )
+    windows = np.atleast_1d(np.asarray(window_s, np.float64))
+    longest = max(record.duration_s for record in records) + dt
     if not np.all(windows <= longest):  # not a number neither
         raise EstimationError(
-            f"windows must fit into a record, the longest of which lasts {longest:g} s, got window_s = {window_s}"
+            f"windows must fit into a record, the longest of which lasts {longest:g} s, got "
+            f"{', '.join(f'{w:g} s' for w in windows)}; take shorter windows or a longer record"
         )
     lengths = sorted({round(w / dt) for w in windows}, reverse=True)
     if not 0.0 <= overlap < 1.0 or lengths[-1] < 8:
