@@ -1,0 +1,86 @@
+"""The gap between simulation and measurement."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from testbench.cli.app import OutOption, SeedOption, Wings, app, console, stages
+from testbench.errors import RecordError
+
+
+@app.command()
+def gap(
+    case: Annotated[
+        str | None, typer.Argument(help="The aircraft that is believed, or a gap case.", show_default=False)
+    ] = None,
+    records: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Measured records (.nc) or descriptions of them (.toml).", show_default=False),
+    ] = None,
+    sensors: Annotated[
+        str | None, typer.Option(help="Believed sensor suite; that of the records if not given.")
+    ] = None,
+    hold_out: Annotated[
+        list[Path] | None, typer.Option("--hold-out", help="Record to judge on and not to name with; may be repeated.")
+    ] = None,
+    wings: Annotated[Wings, typer.Option(help="Whether the believed aircraft's elastic modes move.")] = Wings.flexible,
+    airspeed: Annotated[float | None, typer.Option("--V", help="Airspeed at the start, m/s.")] = None,
+    altitude: Annotated[float | None, typer.Option("--h", help="Altitude at the start, m.")] = None,
+    data: Annotated[Path | None, typer.Option(help="Folder of the files that descriptions name.")] = None,
+    plan: Annotated[
+        Path | None, typer.Option(help="Scenario: which effects could its manoeuvres tell apart, and what to add?")
+    ] = None,
+    out: OutOption = Path("results"),
+    seed: SeedOption = None,
+) -> None:
+    """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
+
+    Measured manoeuvres are held against the believed aircraft and sensors: `testbench gap eolo flown/*.nc --sensors
+    eolo_gap --wings rigid --hold-out flown/doublets.nc`. A case makes its own flights from a hidden truth: `testbench
+    gap flexible_wings`. The instruments are checked against each other first. Before flight, `testbench gap --plan
+    eolo_alpha` says which effects the manoeuvres of a scenario could not tell apart.
+    """
+    from testbench.checks import find
+
+    if plan is not None:
+        _plan_gap(find(plan, "run"), out)
+        return
+    if case is None:
+        raise RecordError("the aircraft that is believed must be named, with its records, or a gap case, got nothing")
+    from testbench.gap.case import run_flights, run_gap
+    from testbench.gap.records import load_flights
+    from testbench.paths import aircraft_names
+    from testbench.report import record_keeper
+    from testbench.report.gap import print_gap, write_gap
+
+    with stages() as say:
+        if records or case in aircraft_names():
+            say("read records")
+            held = hold_out or ()
+            flights = load_flights(case, records or (), held, sensors, wings.value, airspeed, altitude, data)
+            folder = out / f"gap_{case}"
+            result = run_flights(case, flights, say)
+        else:
+            file = find(Path(case), "gap")
+            folder = out / f"gap_{file.stem}"
+            result = run_gap(file, seed, record_keeper(folder), say, check=True)
+        say("write report")
+        write_gap(result, folder)
+    print_gap(result, console(), folder)
+
+
+def _plan_gap(file: Path, out: Path) -> None:
+    from testbench.gap.plan import plan_gap
+    from testbench.pipeline import load_scenario
+    from testbench.report.gap_plan import print_gap_plan, write_gap_plan
+
+    loaded = load_scenario(file)
+    folder = out / f"gap_plan_{loaded.name}"
+    with stages() as say:
+        planned = plan_gap(loaded, say)
+        say("write report")
+        write_gap_plan(planned, folder)
+    print_gap_plan(planned, console(), folder)

@@ -1,0 +1,108 @@
+"""Commands to learn with: studio, exercise."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from testbench.cli.app import app, console, stages
+
+exercises = typer.Typer(no_args_is_help=True, help="Teaching exercises: records to study, answers to check.")
+app.add_typer(exercises, name="exercise")
+
+
+@app.command()
+def studio(
+    aircraft: Annotated[list[str] | None, typer.Argument(help="Aircraft; all if none is named.")] = None,
+    write: Annotated[
+        Path | None, typer.Option(help="Write the page to this file instead; it needs no server.", show_default=False)
+    ] = None,
+    port: Annotated[int, typer.Option(help="Port on this machine; 0 for any that is free.")] = 8700,
+) -> None:
+    """Serve the interactive page: drag an input, see its spectrum, the response and what could be known from it.
+
+    The page answers on 127.0.0.1 only, until Ctrl-C. Example: `testbench studio eolo`.
+    """
+    from testbench.studio.models import studio_models
+    from testbench.studio.page import studio_page
+    from testbench.studio.serve import HOST, serving
+
+    with stages() as say:
+        page = studio_page(studio_models(aircraft or (), say))
+    if write is not None:
+        write.parent.mkdir(parents=True, exist_ok=True)
+        write.write_text(page, encoding="utf-8")
+        print(f"Written: {write}")
+        return
+    with serving(page, port) as server:
+        print(f"Open http://{HOST}:{server.server_port}/ in a browser; Ctrl-C ends.", flush=True)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            print("Ended.")
+
+
+KeyOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="File with the teacher's own key; else TESTBENCH_EXERCISE_KEY, else a public one.", dir_okay=False
+    ),
+]
+
+
+@exercises.command("list")
+def exercise_list() -> None:
+    """List the exercises with level and time."""
+    from testbench.exercises.show import print_list
+
+    print_list(console())
+
+
+@exercises.command("start")
+def exercise_start(
+    name: Annotated[str, typer.Argument(help="Exercise; see `testbench exercise list`.", show_default=False)],
+    student: Annotated[str, typer.Option(help="Name or number: each student gets another truth.", show_default=False)],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="New folder; NAME_STUDENT if not given.", show_default=False)
+    ] = None,
+    key_file: KeyOption = None,
+) -> None:
+    """Write a student's own version: text, records, and a template for the answers.
+
+    Example: `testbench exercise start short_period --student anna`. With a key of the teacher's own (--key-file) only
+    who has it can check or compute the truth.
+    """
+    from testbench.exercises.seal import read_key
+    from testbench.exercises.show import print_started
+    from testbench.exercises.start import start
+
+    print_started(start(name, student, read_key(key_file), out), console())
+
+
+@exercises.command("check")
+def exercise_check(
+    folders: Annotated[list[Path], typer.Argument(help="Folder that `start` wrote; or several.", show_default=False)],
+    key_file: KeyOption = None,
+) -> None:
+    """Judge answers.toml: what is right, what is off by how much, and why. Exit status 1 if not all answers are right.
+
+    Of several folders, one line each is printed. Example: `testbench exercise check short_period_anna`.
+    """
+    from testbench.exercises.check import Result, check_class
+    from testbench.exercises.check import check as check_answers
+    from testbench.exercises.seal import read_key
+    from testbench.exercises.show import print_class, print_result
+
+    key = read_key(key_file)
+    if len(folders) == 1:
+        result = check_answers(folders[0], key)
+        print_result(result, console(), folders[0])
+        passed = result.passed
+    else:
+        results = check_class(folders, key)
+        print_class(results, console())
+        passed = all(isinstance(r, Result) and r.passed for r in results.values())
+    if not passed:
+        raise typer.Exit(1)
