@@ -43,8 +43,8 @@ def name_case(
     naming_records = list(records.values())
     effects = {n: e for n, e in library(believed.suite).items() if n not in without}
     heard = listen(believed, naming_records)
-    _, _, naming, heard = search(believed, naming_records, heard, lambda stage: None, effects)
-    naming = confirmed(naming, believed, list(held_out.values()))
+    in_found_air, _, naming, heard = search(believed, naming_records, heard, lambda stage: None, effects)
+    naming = confirmed(naming, in_found_air, list(held_out.values()))
     return {
         **_row(naming),
         "turbulence_rms_m_s": heard.rms_m_s if heard.moves else 0.0,
