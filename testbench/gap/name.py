@@ -30,6 +30,7 @@ from testbench.record import FlightRecord
 
 ENOUGH = 0.90  # share of the excess that a named effect must explain, unless it leaves what noise alone would exceed
 LEFT = 0.10  # with this probability
+WEAK = 40.0  # gain below which nothing is named: no simulation is right to a few parts in a thousand of chi-square
 TOO_CLOSE = 0.85  # a runner-up with this share of the best gain cannot be told apart while more than noise is left
 TOLD_APART = 2.0 * np.log(1.0 / FALSE_ALARM)  # gain by which one of two effects must lead to exclude the other
 FOLLOWED = 0.25  # effects that promise less than this share of what the best one promises are not fitted,
@@ -235,7 +236,7 @@ def _two_at_once(
 def _decide(ranking: Sequence[EffectFit], chi2_tuned: float, samples: int) -> tuple[str, tuple[str, ...], str]:
     """Return outcome, names and sentence."""
     is_noise = chi2.isf(FALSE_ALARM, samples)
-    significant = [f for f in ranking if f.significant and f.flown]
+    significant = [f for f in ranking if f.significant and f.flown and f.gain > WEAK]
     if not significant:
         if chi2_tuned <= is_noise:
             return "no gap", (), (

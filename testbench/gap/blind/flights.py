@@ -36,7 +36,8 @@ class Plan:
 
     Attributes:
         elevator, throttle: (command (frames,) as deviation from trim, frame time) -> what is sent to the servo.
-        whole_servo: the elevator's command is turned into the deflection itself; the believed servo is short-circuited.
+        whole_servo: the elevator's command is turned into the deflection itself; of the believed servo only its slew limit
+            is left.
         changes: edits of the JSBSim model.
         flexible: fly with the elastic modes.
         extra_kg: mass that the edits add.
@@ -146,8 +147,7 @@ def fly_truth(
         u = np.repeat(coarse, round(RATE_HZ / LOG_HZ), axis=0)
         sent = u.copy()
         if plan.elevator is not None:
-            told = _mean_of_ramps(u[:, 0]) if plan.whole_servo else u[:, 0]
-            sent[:, 0] = plan.elevator(told, 1.0 / RATE_HZ)
+            sent[:, 0] = plan.elevator(u[:, 0], 1.0 / RATE_HZ)
         if plan.throttle is not None:
             sent[:, 1] = plan.throttle(u[:, 1], 1.0 / RATE_HZ)
         flown = InputSignal(np.arange(len(u)) / RATE_HZ, sent, channels)
@@ -156,11 +156,6 @@ def fly_truth(
         measured = replace(sensors.measure(truth, seed + i), provenance={"manoeuvre": name})
         out[name] = _as_recorded(measured, coarse, trimmed.controls, plan)
     return out
-
-
-def _mean_of_ramps(u: FloatArray) -> FloatArray:
-    """Return what a servo is told over each frame, on average: the aircraft's own take a step as a ramp of a frame."""
-    return 0.5 * (u + np.concatenate([u[:1], u[:-1]]))
 
 
 def _air(rms_m_s: float, gust: Gust | None, seed: int) -> Air | None:
@@ -186,10 +181,7 @@ def _real(name: str, plan: Plan) -> Aircraft:
     aircraft = load_aircraft(name, "flexible" if plan.flexible and name == "eolo" else "rigid")
     changes = [*plan.changes, *(ScaleCoefficient(n, f) for n, f in plan.factors.items())]
     if plan.whole_servo:
-        changes += [
-            SetProperty("fcs/elevator-lag-rad_sec", 2000.0),
-            SetProperty("fcs/elevator-rate-limit-rad_sec", 1000.0),
-        ]
+        changes.append(SetProperty("fcs/elevator-lag-rad_sec", 1e5))  # its slew limit stays
     real = aircraft.amended(Amendment("hidden", "hidden", tuple(changes))) if changes else aircraft
     return replace(real, mass=replace(real.mass, mass_kg=real.mass.mass_kg + plan.extra_kg))
 

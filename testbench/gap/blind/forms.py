@@ -281,14 +281,21 @@ def vane(s: Size, aircraft: str) -> Plan:
 
 
 def calibrated(channel: str, centre: float, s: Size) -> Plan:
-    """A reading whose slope changes over the range: y + (gain - 1) (y - centre) (1 + bend (y - centre) / span)."""
+    """A reading whose slope changes over the range: y + (gain - 1) (y - centre) (1 + bend (y - centre) / span).
+
+    The noise of the electronics behind stays as it is.
+    """
     span = {"V": 5.0, "alpha": 0.1, "q": 0.3}[channel]
 
     def spoil(name: str, y: FloatArray, t: FloatArray) -> FloatArray:
-        d = y - centre
+        d = _smooth(y) - centre
         return y if name != channel else np.asarray(y + (s["gain"] - 1.0) * d * (1.0 + 0.3 * d / span))
 
     return Plan(spoil=spoil)
+
+
+def _smooth(y: FloatArray) -> FloatArray:
+    return np.asarray(np.convolve(np.pad(y, 4, mode="edge"), np.ones(9) / 9.0, "valid"))
 
 
 def sticky_vane(s: Size, aircraft: str) -> Plan:
@@ -297,7 +304,7 @@ def sticky_vane(s: Size, aircraft: str) -> Plan:
     def spoil(channel: str, y: FloatArray, t: FloatArray) -> FloatArray:
         if channel != "alpha":
             return y
-        smooth = np.convolve(np.pad(y, 4, mode="edge"), np.ones(9) / 9.0, "valid")
+        smooth = _smooth(y)
         return np.asarray(servos.backlash(s["width_rad"])(smooth, t[1] - t[0]) + y - smooth)
 
     return Plan(spoil=spoil)

@@ -1,5 +1,7 @@
 """What hidden servos, links and motors make of a command, stepped frame by frame.
 
+Servos take a command that changes from frame to frame as a ramp over the frame, as those of the aircraft do.
+
 Shares no code with the library of effects; neither imports the other (tests/test_house_rules.py).
 """
 
@@ -13,10 +15,11 @@ import numpy as np
 from testbench.record import FloatArray
 
 Law = Callable[[FloatArray, float], FloatArray]
+_PARTS = 20  # of a frame, in which laws that have no closed form are stepped
 
 
 def stages(corner_rad_s: float, count: int) -> Law:
-    """Return a servo of ``count`` equal first-order stages, each stepped exactly for a held command."""
+    """Return a servo of ``count`` equal first-order stages, each stepped exactly."""
 
     def law(u: FloatArray, dt_s: float) -> FloatArray:
         y = u
@@ -28,12 +31,12 @@ def stages(corner_rad_s: float, count: int) -> Law:
 
 
 def sprung(omega_rad_s: float, zeta: float, most_rad_s2: float = math.inf) -> Law:
-    """Return a servo of second order, its acceleration limited (motor current); symplectic Euler, ten parts a frame."""
+    """Return a servo of second order, its acceleration limited (motor current); symplectic Euler."""
 
     def law(u: FloatArray, dt_s: float) -> FloatArray:
-        h, x, v, out = dt_s / 10.0, float(u[0]), 0.0, []
-        for c in u.tolist():
-            for _ in range(10):
+        h, x, v, out = dt_s / _PARTS, float(u[0]), 0.0, []
+        for ramp in _ramps(u):
+            for c in ramp:
                 a = omega_rad_s**2 * (c - x) - 2.0 * zeta * omega_rad_s * v
                 v += h * min(most_rad_s2, max(-most_rad_s2, a))
                 x += h * v
@@ -47,9 +50,9 @@ def slewing(lag_rad_s: float, down_rad_s: float, up_rad_s: float, soft: bool) ->
     """Return a first-order servo whose rate saturates, hard or as a hyperbolic tangent."""
 
     def law(u: FloatArray, dt_s: float) -> FloatArray:
-        h, x, out = dt_s / 10.0, float(u[0]), []
-        for c in u.tolist():
-            for _ in range(10):
+        h, x, out = dt_s / _PARTS, float(u[0]), []
+        for ramp in _ramps(u):
+            for c in ramp:
                 v = lag_rad_s * (c - x)
                 most = down_rad_s if v > 0.0 else up_rad_s
                 x += h * (most * math.tanh(v / most) if soft else min(most, max(-most, v)))
@@ -114,9 +117,9 @@ def reluctant(lag_rad_s: float, half_rad: float) -> Law:
     """Return a first-order servo that does not answer errors below a band, and only the excess above it."""
 
     def law(u: FloatArray, dt_s: float) -> FloatArray:
-        h, x, out = dt_s / 10.0, float(u[0]), []
-        for c in u.tolist():
-            for _ in range(10):
+        h, x, out = dt_s / _PARTS, float(u[0]), []
+        for ramp in _ramps(u):
+            for c in ramp:
                 e = c - x
                 x += h * lag_rad_s * (e - half_rad if e > half_rad else e + half_rad if e < -half_rad else 0.0)
             out.append(x)
@@ -167,4 +170,12 @@ def _lagged(u: FloatArray, dt_s: float, time_s: float) -> FloatArray:
     from scipy.signal import lfilter
 
     a = math.exp(-dt_s / time_s)
-    return np.asarray(lfilter([1.0 - a], [1.0, -a], u - u[0])) + u[0]
+    now = 1.0 - (1.0 - a) * time_s / dt_s  # weight of the ramp's end, of its beginning 1 - a - now
+    return np.asarray(lfilter([now, 1.0 - a - now], [1.0, -a], u - u[0])) + u[0]
+
+
+def _ramps(u: FloatArray) -> list[list[float]]:
+    """Return the command in the middle of every part of every frame."""
+    before = np.concatenate([u[:1], u[:-1]])
+    middles = (np.arange(_PARTS) + 0.5) / _PARTS
+    return [list(row) for row in (before[:, None] + np.outer(u - before, middles)).tolist()]
