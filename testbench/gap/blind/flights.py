@@ -36,8 +36,8 @@ class Plan:
 
     Attributes:
         elevator, throttle: (command (frames,) as deviation from trim, frame time) -> what is sent to the servo.
-        whole_servo: the elevator's command is turned into the deflection itself; of the believed servo only its slew limit
-            is left.
+        whole_servo: the elevator's command is turned into the deflection itself; of the believed servo only its slew
+            limit is left.
         changes: edits of the JSBSim model.
         flexible: fly with the elastic modes.
         extra_kg: mass that the edits add.
