@@ -30,6 +30,7 @@ from testbench.record import FlightRecord
 
 ENOUGH = 0.90  # share of the excess that a named effect must explain, unless it leaves what noise alone would exceed
 LEFT = 0.10  # with this probability
+MOVING_AIR = 0.05  # share of the samples by which chi-square may be larger in turbulence: its model is not exact
 WEAK = 40.0  # gain below which nothing is named: no simulation is right to a few parts in a thousand of chi-square
 TOO_CLOSE = 0.85  # a runner-up with this share of the best gain cannot be told apart while more than noise is left
 TOLD_APART = 2.0 * np.log(1.0 / FALSE_ALARM)  # gain by which one of two effects must lead to exclude the other
@@ -79,7 +80,7 @@ class Naming:
 
     @property
     def noise_left(self) -> bool:
-        """True if what is left, beside the effect that is added if there is one, is noise."""
+        """True if what is left, beside the effect that is added if there is one, is noise in still air."""
         left = self.chi2_tuned if self.best is None else self.best.chi2
         return left <= float(chi2.isf(FALSE_ALARM, self.samples))
 
@@ -126,13 +127,14 @@ def name_effect(
     rejected = {s.effect.name: s.why for s in screened if not s.seen}
     tested = max(1, len(screened) - len(rejected))
     samples = int(start.exact.size)
-    strained = tuned.chi2 > chi2.isf(FALSE_ALARM, samples) or within_priors(tuned) < STRAINED
+    floor = _floor(start)
+    strained = tuned.chi2 > chi2.isf(FALSE_ALARM, floor) or within_priors(tuned) < STRAINED
     fits = _fit_promising(tuned, start if strained else None, screened, tested, rejected, say)
     if pairs:
         base = start if strained else tuned
         fits += _two_at_once(base, tuned.chi2, screened, _ranked(fits, samples), samples, tested, say)
     ranking = _ranked(fits, samples)
-    outcome, names, sentence = _decide(ranking, tuned.chi2, samples)
+    outcome, names, sentence = _decide(ranking, tuned.chi2, samples, floor)
     chi2_believed = float(start.exact @ start.exact)
     factors, measured = tuned.tuning, tuned.measured()
     return Naming(outcome, names, ranking, chi2_believed, tuned.chi2, factors, samples, sentence, rejected, measured)
@@ -162,7 +164,7 @@ def _fit_promising(
         afresh = promising([screen(start, s.effect) for s in screened], FOLLOWED, FOLLOWED_FAR, AT_LEAST)
         queue = [(replace(one, starts=one.starts[:1]), PATIENCE) for one in afresh[:FROM_BELIEVED]] + queue
     fits: dict[str, EffectFit] = {}
-    is_noise = chi2.isf(FALSE_ALARM, tuned.exact.size)
+    is_noise = chi2.isf(FALSE_ALARM, _floor(tuned))
     for one, patience in queue:
         name, best = one.effect.name, min(fits.values(), key=lambda f: f.chi2, default=None)
         best_gain, hopeless = 0.0 if best is None else best.gain, HOPELESS
@@ -208,7 +210,7 @@ def _two_at_once(
     than it takes to tell two effects apart, and most of what the first leaves.
     """
     lead = next((f for f in ranking if f.significant and f.flown), None)
-    is_noise = chi2.isf(FALSE_ALARM, samples)
+    is_noise = chi2.isf(FALSE_ALARM, _floor(base))
     if lead is None or (lead.chi2 > is_noise and lead.share < LEADS):
         return []
     point = base.moved(
@@ -233,9 +235,16 @@ def _two_at_once(
     return pairs
 
 
-def _decide(ranking: Sequence[EffectFit], chi2_tuned: float, samples: int) -> tuple[str, tuple[str, ...], str]:
+def _floor(point: Local) -> float:
+    """Return the chi-square that noise alone would leave."""
+    return point.exact.size * (1.0 + (MOVING_AIR if point.believed.whiten is not None else 0.0))
+
+
+def _decide(
+    ranking: Sequence[EffectFit], chi2_tuned: float, samples: int, floor: float
+) -> tuple[str, tuple[str, ...], str]:
     """Return outcome, names and sentence."""
-    is_noise = chi2.isf(FALSE_ALARM, samples)
+    is_noise = chi2.isf(FALSE_ALARM, floor)
     significant = [f for f in ranking if f.significant and f.flown and f.gain > WEAK]
     if not significant:
         if chi2_tuned <= is_noise:
@@ -249,7 +258,7 @@ def _decide(ranking: Sequence[EffectFit], chi2_tuned: float, samples: int) -> tu
         )  # fmt: skip
     best = significant[0]
     close = [f for f in ranking if f is not best and f.flown and _indistinct(f, best, samples, best.chi2 <= is_noise)]
-    if not best.share >= ENOUGH and best.chi2 > chi2.isf(LEFT, samples):
+    if not best.share >= ENOUGH and best.chi2 > chi2.isf(LEFT, floor):
         part = f"only {100 * best.share:.0f} % of the excess" if np.isfinite(best.share) else "too little of it"
         return "unexplained", (), f"unexplained: {best.effect.title} comes nearest, but explains {part}"
     if len(close) >= MANY:
