@@ -20,7 +20,7 @@ FRESH_TANGENTS = (2, 5)  # before these rounds tangents of the nuisances are tak
 MAX_ROUNDS = 10  # rounds of fitting on linear differences and flying the result
 AT_REST = 0.1  # the rounds end when another one promises to lower chi-square by no more: far below any threshold,
 AT_REST_SHARE = 1e-3  # or by no more than this share of what is left above the noise
-KEPT = 0.9  # share of a promised gain that a step with lateral nuisances must reach to be content with its tangents
+KEPT = 0.9  # share of a promised gain that a step must reach to be content with its tangents
 SHORTENED = (1.0, 0.5, 0.2)  # shares of a step that are tried in turn until one flies and lowers chi-square
 IDLE = 3  # the rounds end, too, when so many in turn have found nothing better
 HOPELESS = 0.7  # a fit that gains less than this share of the best one's gain is not followed to its end,
@@ -344,11 +344,11 @@ def retune(base: Local) -> Local:
 
 
 def _broken(here: Local, promised: float, flown: float) -> bool:
-    """Return whether a lateral step gained so much less than linear predictions promised that they need new tangents.
+    """Return whether a step gained so much less than linear predictions promised that they need new tangents.
 
-    Rolling and yawing through tens of degrees bends them; longitudinal ones have served ten rounds without.
+    With those of the beginning re-tuning may swing from one side of the best point to the other for all its rounds.
     """
-    return here.lateral and here.chi2 - flown < KEPT * (here.chi2 - promised)
+    return here.chi2 - flown < KEPT * (here.chi2 - promised)
 
 
 def within_priors(point: Local) -> float:
