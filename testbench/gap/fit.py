@@ -237,8 +237,9 @@ def descend(changes: Changes, start: FloatArray, hopeless: float, patience: int 
         if after is None:
             break
         known = after
-        here = moved if whole else replace(moved, slopes=None)  # linear predictions have failed: tangents anew
-        chi2_here = here.chi2 + float(np.sum(effect.prior_residuals(x) ** 2))
+        chi2_here = moved.chi2 + float(np.sum(effect.prior_residuals(x) ** 2))
+        broken = not whole or (k > 0 and before - chi2_here < KEPT * (before - promised))
+        here = replace(moved, slopes=None) if broken else moved  # linear predictions have failed: tangents anew
         rest = max(AT_REST, AT_REST_SHARE * (chi2_here - here.exact.size))
         idle = idle + 1 if best is not None and chi2_here > best.chi2 - rest else 0
         if best is None or chi2_here < best.chi2:
