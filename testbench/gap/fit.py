@@ -11,6 +11,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.stats import chi2
 
+from testbench.gap.believed import Believed
 from testbench.gap.effects import Effect
 from testbench.gap.local import Changes, Local
 from testbench.record import FloatArray
@@ -55,6 +56,10 @@ class EffectFit:
     share: float
     tuning: Mapping[str, float]
     flown: bool = True
+
+    def added_to(self, believed: Believed) -> Believed:
+        """Return ``believed`` re-tuned and with the effect, as they were fitted."""
+        return believed.with_tuning(self.tuning).with_effect(self.effect, self.values)
 
     @property
     def significant(self) -> bool:
@@ -238,7 +243,7 @@ def descend(changes: Changes, start: FloatArray, hopeless: float, patience: int 
             break
         known = after
         chi2_here = moved.chi2 + float(np.sum(effect.prior_residuals(x) ** 2))
-        broken = not whole or (k > 0 and before - chi2_here < KEPT * (before - promised))
+        broken = not whole or _broken(before, promised, chi2_here)
         here = replace(moved, slopes=None) if broken else moved  # linear predictions have failed: tangents anew
         rest = max(AT_REST, AT_REST_SHARE * (chi2_here - here.exact.size))
         idle = idle + 1 if best is not None and chi2_here > best.chi2 - rest else 0
@@ -335,7 +340,7 @@ def retune(base: Local) -> Local:
         for share in SHORTENED:
             moved = here.moved(here.model, here.factors + share * (here.towards(factors) - here.factors))
             if moved is not None and moved.chi2 < here.chi2:
-                kept = share == 1.0 and not _broken(here, float(left @ left), moved.chi2)
+                kept = share == 1.0 and not _broken(here.chi2, float(left @ left), moved.chi2)
                 there = moved if kept else replace(moved, slopes=None)
                 break
         if there is None:
@@ -344,12 +349,13 @@ def retune(base: Local) -> Local:
     return here
 
 
-def _broken(here: Local, promised: float, flown: float) -> bool:
+def _broken(before: float, promised: float, flown: float) -> bool:
     """Return whether a step gained so much less than linear predictions promised that they need new tangents.
 
+    Chi-square before it (infinite if that is not known, as for the first step), as promised and as flown.
     With those of the beginning re-tuning may swing from one side of the best point to the other for all its rounds.
     """
-    return here.chi2 - flown < KEPT * (here.chi2 - promised)
+    return before - flown < KEPT * (before - promised)
 
 
 def within_priors(point: Local) -> float:

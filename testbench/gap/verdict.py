@@ -9,7 +9,6 @@ import numpy as np
 
 from testbench.errors import FlightAborted, LimitError, TrimError
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
-from testbench.gap.fit import EffectFit
 from testbench.gap.name import Naming
 from testbench.record import FlightRecord
 
@@ -87,7 +86,7 @@ def confirmed(naming: Naming, believed: Believed, held_out: Sequence[FlightRecor
     without = min(_sum_of_squares(m, held_out) for m in (believed, believed.with_tuning(naming.tuning)))
     if not np.isfinite(without):
         return naming  # nothing to compare with: without the effect nothing flies there
-    worse = {f.effect.name: _held_out(f, believed, held_out) - without for f in fits}
+    worse = {f.effect.name: _sum_of_squares(f.added_to(believed), held_out) - without for f in fits}
     kept = [f for f in fits if worse[f.effect.name] <= f.threshold]
     if len(kept) == len(fits):
         return naming
@@ -104,10 +103,6 @@ def confirmed(naming: Naming, believed: Believed, held_out: Sequence[FlightRecor
     head = "one of these, which these data cannot tell apart: " if len(kept) > 1 else ""
     sentence = f"{head}{told}; the manoeuvres held out refute {' and '.join(out)}, which would fit as well"
     return replace(naming, outcome="set" if len(kept) > 1 else "named", names=names, sentence=sentence)
-
-
-def _held_out(fit: EffectFit, believed: Believed, records: Sequence[FlightRecord]) -> float:
-    return _sum_of_squares(believed.with_tuning(fit.tuning).with_effect(fit.effect, fit.values), records)
 
 
 def _sum_of_squares(model: Believed, records: Sequence[FlightRecord]) -> float:

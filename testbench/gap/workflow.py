@@ -218,11 +218,11 @@ def find_gap(
         checked = check_data(believed, naming_records)
     say("listen to the air")
     air = listen(believed, naming_records)
-    believed, amended, naming, air = search(believed, naming_records, air, say, effects)
+    believed, naming, air = search(believed, naming_records, air, say, effects)
     naming = confirmed(naming, believed, list(held_out.values()))
     parameters = wrong_parameters(naming, believed, list(held_out.values()))
     if naming.best is not None:
-        amended = believed.with_tuning(naming.best.tuning).with_effect(naming.best.effect, naming.best.values)
+        amended = naming.best.added_to(believed)
     else:
         amended = believed.with_tuning(naming.tuning) if parameters else believed
     say("locate the residual")
@@ -249,8 +249,8 @@ def search(
     air: AirFound,
     say: Callable[[str], None],
     effects: Mapping[str, Effect] | None = None,
-) -> tuple[Believed, Believed, Naming, AirFound]:
-    """Return the believed and the amended model in the air that was found, the naming, and the air.
+) -> tuple[Believed, Naming, AirFound]:
+    """Return the believed model in the air that was found, the naming, and the air.
 
     ``effects`` is the library, that of the suite if not given.
 
@@ -260,20 +260,17 @@ def search(
     for last in (False, True):
         flown_in = in_air(believed, air)
         naming = name_effect(flown_in, records, say, effects)
-        amended = flown_in
-        if naming.best is not None:
-            amended = flown_in.with_tuning(naming.best.tuning).with_effect(naming.best.effect, naming.best.values)
         if last or (naming.noise_left and not air.moves):
             break
         say("listen to the air again")
         best = naming.best or next(iter(naming.ranking), None)
         tuned = believed.with_tuning(naming.tuning)
-        beside = tuned if naming.best is None else amended
+        beside = tuned if naming.best is None else naming.best.added_to(flown_in)
         again = listen_again(tuned, beside, records, air, best.gain if best is not None else 0.0)
         if again.moves == air.moves and abs(again.rms_m_s - air.rms_m_s) <= SAME_AIR * air.rms_m_s:
             break
         air = again
-    return flown_in, amended, naming, air
+    return flown_in, naming, air
 
 
 def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:

@@ -273,9 +273,8 @@ def vane(s: Size, aircraft: str) -> Plan:
             return y
         fine = np.interp(np.arange(t[0], t[-1], (t[1] - t[0]) / 10.0), t, y)
         slow = servos.sprung(s["omega_rad_s"], 0.6)(fine, (t[1] - t[0]) / 10.0)[::10]
-        noise = y - np.convolve(np.pad(y, 2, mode="edge"), np.ones(5) / 5.0, "valid")  # keep the reading's scatter
-        smooth = np.append(slow, slow[-1])[: len(y)]
-        return np.asarray(np.convolve(np.pad(smooth, 2, mode="edge"), np.ones(5) / 5.0, "valid") + noise)
+        noise = y - _smooth(y, 2)  # keep the reading's scatter
+        return _smooth(np.append(slow, slow[-1])[: len(y)], 2) + noise
 
     return Plan(spoil=spoil)
 
@@ -294,8 +293,10 @@ def calibrated(channel: str, centre: float, s: Size) -> Plan:
     return Plan(spoil=spoil)
 
 
-def _smooth(y: FloatArray) -> FloatArray:
-    return np.asarray(np.convolve(np.pad(y, 4, mode="edge"), np.ones(9) / 9.0, "valid"))
+def _smooth(y: FloatArray, half: int = 4) -> FloatArray:
+    """Return the mean over ``half`` samples to either side."""
+    width = 2 * half + 1
+    return np.asarray(np.convolve(np.pad(y, half, mode="edge"), np.ones(width) / width, "valid"))
 
 
 def sticky_vane(s: Size, aircraft: str) -> Plan:

@@ -43,7 +43,7 @@ def name_case(
     naming_records = list(records.values())
     effects = {n: e for n, e in library(believed.suite).items() if n not in without}
     heard = listen(believed, naming_records)
-    in_found_air, _, naming, heard = search(believed, naming_records, heard, lambda stage: None, effects)
+    in_found_air, naming, heard = search(believed, naming_records, heard, lambda stage: None, effects)
     naming = confirmed(naming, in_found_air, list(held_out.values()))
     return {
         **_row(naming),
@@ -82,6 +82,6 @@ def _removed(believed: Believed, naming: Naming, records: Sequence[FlightRecord]
     best = naming.best
     if best is None:
         return None
-    amended = believed.with_tuning(best.tuning).with_effect(best.effect, best.values)
+    amended = best.added_to(believed)
     energy = [sum(float(np.sum(m.residuals(r) ** 2 - 1.0)) for r in records) for m in (believed, amended)]
     return 1.0 - energy[1] / energy[0] if energy[0] > 0.0 else None

@@ -74,6 +74,21 @@ def reroute(command: str, label: str, body: str, before: Sequence[tuple[str, str
     return Reroute(".", f"<c>{''.join(components)}</c>", None, command, f"gap/{label}", memory)
 
 
+def washed_feedback(command: str, label: str, rate: str, gain_s: float, washout_rad_s: float) -> Reroute:
+    """Return the edit that adds gain times washed-out ``rate``, s / (s + washout) of it, to ``command``.
+
+    The slow part that is washed out is a first-order lag, exact for a rate held from frame to frame; while time stands
+    still it keeps its value, zero in straight flight.
+    """
+    slow_name = f"gap/{label}-slow"
+    past = f"<exp> {product(value(-washout_rad_s), prop('simulation/dt'))} </exp>"
+    share = f"<difference> <value>1</value> {past} </difference>"
+    fast = f"<difference> {prop(rate)} {prop(slow_name)} </difference>"
+    slow = f"<sum> {prop(slow_name)} {product(share, fast)} </sum>"
+    body = f"<sum> {prop(command)} {product(value(gain_s), fast)} </sum>"
+    return reroute(command, label, body, (("slow", slow),))
+
+
 def component(output: str, term: str) -> str:
     """Return the XML of a component that computes ``term`` into the property ``output`` every frame."""
     return (

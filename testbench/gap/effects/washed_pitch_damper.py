@@ -4,26 +4,14 @@ from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.gap.effects.base import Effect, Parameter, Values
-from testbench.gap.effects.reroute import ELEVATOR, product, prop, reroute, value
+from testbench.gap.effects.reroute import ELEVATOR, washed_feedback
 from testbench.sensors import SensorSuite
-
-_RATE = "velocities/q-rad_sec"
-_SLOW = "gap/washed-pitch-damper-slow"
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Add gain times washed-out pitch rate, s / (s + washout) q, to what the elevator servo is told.
-
-    The slow part that is washed out is a first-order lag, exact for a rate held from frame to frame; while time stands
-    still it keeps its value, zero in straight flight.
-    """
+    """Add gain times washed-out pitch rate, s / (s + washout) q, to what the elevator servo is told."""
     gain, washout = values["gain_s"], values["washout_rad_s"]
-    past = f"<exp> {product(value(-washout), prop('simulation/dt'))} </exp>"
-    share = f"<difference> <value>1</value> {past} </difference>"
-    fast = f"<difference> {prop(_RATE)} {prop(_SLOW)} </difference>"
-    slow = f"<sum> {prop(_SLOW)} {product(share, fast)} </sum>"
-    body = f"<sum> {prop(ELEVATOR)} {product(value(gain), fast)} </sum>"
-    edit = reroute(ELEVATOR, "washed-pitch-damper", body, (("slow", slow),))
+    edit = washed_feedback(ELEVATOR, "washed-pitch-damper", "velocities/q-rad_sec", gain, washout)
     text = f"elevator fed back {gain:+.4g} rad per rad/s of pitch rate, washed out below {washout:.3g} rad/s"
     return aircraft.amended(Amendment("washed_pitch_damper", text, (edit,))), suite
 

@@ -4,26 +4,14 @@ from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.gap.effects.base import Effect, Parameter, Values
-from testbench.gap.effects.reroute import RUDDER, product, prop, reroute, value
+from testbench.gap.effects.reroute import RUDDER, washed_feedback
 from testbench.sensors import SensorSuite
-
-_RATE = "velocities/r-rad_sec"
-_SLOW = "gap/yaw-damper-slow"
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Add gain times washed-out yaw rate, s / (s + washout) r, to what the rudder servo is told.
-
-    The slow part that is washed out is a first-order lag, exact for a rate held from frame to frame; while time stands
-    still it keeps its value, zero in straight flight.
-    """
+    """Add gain times washed-out yaw rate, s / (s + washout) r, to what the rudder servo is told."""
     gain, washout = values["gain_s"], values["washout_rad_s"]
-    past = f"<exp> {product(value(-washout), prop('simulation/dt'))} </exp>"
-    share = f"<difference> <value>1</value> {past} </difference>"
-    fast = f"<difference> {prop(_RATE)} {prop(_SLOW)} </difference>"
-    slow = f"<sum> {prop(_SLOW)} {product(share, fast)} </sum>"
-    body = f"<sum> {prop(RUDDER)} {product(value(gain), fast)} </sum>"
-    edit = reroute(RUDDER, "yaw-damper", body, (("slow", slow),))
+    edit = washed_feedback(RUDDER, "yaw-damper", "velocities/r-rad_sec", gain, washout)
     text = f"rudder fed back {gain:+.4g} rad per rad/s of yaw rate, washed out below {washout:.3g} rad/s"
     return aircraft.amended(Amendment("yaw_damper", text, (edit,))), suite
 
