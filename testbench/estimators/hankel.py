@@ -11,9 +11,11 @@ from scipy.linalg.lapack import dtrcon
 
 from testbench.record import FloatArray
 
+TALL = 50
+"""Rows per column from which on a Gram matrix saves time."""
 _CHUNK = 2_000_000  # numbers held at once
 _LONG = 10  # windows per row of the Hankel matrix from which on its Gram matrix is tried
-_TALL = 50  # rows per column from which on a Gram matrix saves time
+_BLOCK = 80  # numbers in a block of samples that is multiplied as one row
 _SQUARED = 1e-4  # reciprocal condition of the scaled columns down to which a Gram matrix keeps enough digits
 
 
@@ -49,7 +51,7 @@ def triangle(R: FloatArray, rows: FloatArray) -> FloatArray:
 
 def fold(R: FloatArray, rows: FloatArray) -> FloatArray:
     """Return :func:`triangle` of many rows, by way of their Gram matrix where their columns are far from dependent."""
-    if rows.shape[0] < _TALL * rows.shape[1]:
+    if rows.shape[0] < TALL * rows.shape[1]:
         return triangle(R, rows)
     own = cholesky_factor(rows.T @ rows)
     return triangle(R, rows if own is None else own)
@@ -99,11 +101,16 @@ def block_factor(
         length: of the windows, in samples.
         lead: 0, 1 or 2.
     """
-    width = length * series[0].shape[1]
     columns = sum(max(s.size - lead, 0) for s in starts)
     quick = quick_factor(series, starts, length, lead)
-    if quick is not None:
-        return quick, columns
+    return (quick, columns) if quick is not None else _folded(series, starts, length, lead)
+
+
+def _folded(
+    series: Sequence[FloatArray], starts: Sequence[NDArray[np.intp]], length: int, lead: int
+) -> tuple[FloatArray, int]:
+    """Return what :func:`block_factor` does, windows folded into a triangle chunk by chunk."""
+    width = length * series[0].shape[1]
     R = np.zeros((0, width))
     for z, first in zip(series, starts, strict=True):
         if first.size <= lead:
@@ -112,7 +119,7 @@ def block_factor(
         for at, rows in windows(z, first, length):
             part = triangle(part, np.hstack([trend(at, first, lead), rows]) if lead else rows)
         R = triangle(R, part[lead:, lead:]) if lead else part
-    return R, columns
+    return R, sum(max(s.size - lead, 0) for s in starts)
 
 
 def quick_factor(
@@ -134,34 +141,196 @@ def _gram_factor(
     series: Sequence[FloatArray], starts: Sequence[NDArray[np.intp]], length: int, lead: int
 ) -> FloatArray | None:
     """Return the Cholesky factor of the Gram matrix of the windows, or None where it would lose digits."""
-    d = series[0].shape[1]
-    width = length * d
-    G = np.zeros((width, width))
-    for z, first in zip(series, starts, strict=True):
-        if first.size <= lead:
-            continue
-        if lead:
-            z = z - z.mean(axis=0)
-        between = np.zeros((lead, width))
-        own = np.zeros((width, width))
-        for part in np.split(first, np.flatnonzero(np.diff(first) > 1) + 1):
-            begin, end = int(part[0]), int(part[-1]) + 1
-            for j in range(length):
-                own[:d, j * d : (j + 1) * d] += z[begin:end].T @ z[begin + j : end + j]
-            if lead:
-                line = trend(part, first, lead)
-                for j in range(length):
-                    between[:, j * d : (j + 1) * d] += line.T @ z[begin + j : end + j]
-        # The first block row is a sum over the runs, and so are the changes from one block row to the next.
-        cut = np.flatnonzero(np.diff(first) > 1)
-        left, right = np.append(first[0], first[cut + 1]), np.append(first[cut], first[-1]) + 1
-        padded = np.concatenate([z, np.zeros((1, d))])  # the last sample after a run is never used
-        gone, come = (padded[edge[:, None] + np.arange(length)].reshape(edge.size, width) for edge in (left, right))
-        for i in range(length - 1):
-            here, there = slice(i * d, (i + 1) * d), slice((i + 1) * d, (i + 2) * d)
-            own[there, d:] = own[here, :-d] + come[:, here].T @ come[:, :-d] - gone[:, here].T @ gone[:, :-d]
-        if lead:
-            line = trend(first, first, lead)
-            own = own - between.T @ np.linalg.solve(line.T @ line, between)
-        G += np.triu(own) + np.triu(own, 1).T  # the recursion fills the upper triangle
+    used = [(centred(z, lead), first) for z, first in zip(series, starts, strict=True) if first.size > lead]
+    rows = [
+        sum(
+            (lag_products(z, int(part[0]), int(part[-1]) + 1, length) for part in _consecutive(first)),
+            np.zeros((z.shape[1], length * z.shape[1])),
+        )
+        for z, first in used
+    ]
+    return _factor_of_rows(used, rows, length, lead)
+
+
+def _factor_of_rows(
+    used: Sequence[tuple[FloatArray, NDArray[np.intp]]], rows: Sequence[FloatArray], length: int, lead: int
+) -> FloatArray | None:
+    """Return the Cholesky factor, given per series samples, starts and the first block row of their Gram matrix."""
+    if not used:
+        return None
+    G = np.sum([_gram(z, first, row, length, lead) for (z, first), row in zip(used, rows, strict=True)], axis=0)
     return cholesky_factor(G) if np.all(np.diag(G) > 0.0) else None
+
+
+def centred(z: FloatArray, lead: int) -> FloatArray:
+    """Return the series less its mean where constants are projected out anyway: sums of squares then keep digits.
+
+    Time first in memory, so that blocks of samples are views.
+    """
+    return np.ascontiguousarray(z - z.mean(axis=0) if lead else z)
+
+
+def _consecutive(first: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    return np.split(first, np.flatnonzero(np.diff(first) > 1) + 1)
+
+
+def lag_products(z: FloatArray, begin: int, end: int, length: int) -> FloatArray:
+    """Return sum over k = begin, ..., end - 1 of z[k]' [z[k], ..., z[k + length - 1]], shape (d, length d).
+
+    Samples are taken in blocks of B, which are views: the products of the blocks with themselves and with the blocks
+    after them hold every product of samples less than ``length`` apart once, in matrices large enough to be quick.
+    """
+    d = z.shape[1]
+    out = np.zeros((d, length * d))
+    B = max(_BLOCK // d, 4)
+    following = -(-(B - 1 + length) // B)
+    count = min((end - begin) // B, (len(z) - begin) // B - following + 1)
+    if count > B:
+        X = z[begin : begin + count * B].reshape(count, B * d)
+        P = np.hstack(
+            [X.T @ z[begin + i * B :][: count * B].reshape(count, B * d) for i in range(following)]
+        )  # P[a, b] = sum of z[iB + a]' z[iB + b]: lag b - a
+        for a in range(B):
+            out += P[a * d : (a + 1) * d, a * d : (a + length) * d]
+        begin += count * B
+    for j in range(length if begin < end else 0):
+        out[:, j * d : (j + 1) * d] += z[begin:end].T @ z[begin + j : end + j]
+    return out
+
+
+def _gram(z: FloatArray, first: NDArray[np.intp], row: FloatArray, length: int, lead: int) -> FloatArray:
+    """Return the Gram matrix of a series' windows, trends projected out, from its first block row (d, length d)."""
+    d = z.shape[1]
+    width = length * d
+    own = np.zeros((width, width))
+    own[:d] = row
+    # The first block row is a sum over the runs, and so are the changes from one block row to the next.
+    cut = np.flatnonzero(np.diff(first) > 1)
+    left, right = np.append(first[0], first[cut + 1]), np.append(first[cut], first[-1]) + 1
+    gone, come = (
+        z[np.minimum(edge[:, None] + np.arange(length), len(z) - 1)].reshape(edge.size, width) for edge in (left, right)
+    )  # the last sample after a run is never used
+    for i in range(length - 1):
+        here, there = slice(i * d, (i + 1) * d), slice((i + 1) * d, (i + 2) * d)
+        own[there, d:] = own[here, :-d] + come[:, here].T @ come[:, :-d] - gone[:, here].T @ gone[:, :-d]
+    if lead:
+        between = np.zeros((lead, width))
+        for part in _consecutive(first):
+            begin, end = int(part[0]), int(part[-1]) + 1
+            line = trend(part, first, lead)
+            for j in range(length):
+                between[:, j * d : (j + 1) * d] += line.T @ z[begin + j : end + j]
+        line = trend(first, first, lead)
+        own = own - between.T @ np.linalg.solve(line.T @ line, between)
+    return np.triu(own) + np.triu(own, 1).T  # the recursion fills the upper triangle
+
+
+class BlockHankel:
+    """The block Hankel matrices of one set of series for windows of several lengths: R factors that share their work.
+
+    The Gram matrix of every length begins with the same products of samples; they are summed once, for the windows of
+    the greatest length, and the few windows that a shorter length has beyond those are added.
+
+    Args:
+        series: (N, d) each.
+        good: (N,) each, False for samples that no window may touch.
+        lengths: of windows that will be asked for.
+        lead: 0, 1 or 2, see :func:`block_factor`.
+    """
+
+    def __init__(
+        self, series: Sequence[FloatArray], good: Sequence[NDArray[np.bool_]], lengths: Sequence[int], lead: int = 0
+    ) -> None:
+        self.series = [np.ascontiguousarray(z) for z in series]
+        self.lead, self._good, self._runs = lead, good, [list(runs(known)) for known in good]
+        self._width = series[0].shape[1]
+        long = [length for length in lengths if self._long(length)]
+        self._longest = max(long, default=0)
+        self._centred: list[FloatArray] = []
+        self._rows: list[dict[int, FloatArray]] = []
+
+    def starts(self, length: int) -> list[NDArray[np.intp]]:
+        """Return the first samples of all windows of that length, per series."""
+        return [window_starts(good, length) for good in self._good]
+
+    def columns(self, length: int) -> int:
+        """Return the number of windows, less what the lead columns take."""
+        windows_of = (sum(max(run.stop - run.start - length + 1, 0) for run in known) for known in self._runs)
+        return sum(max(count - self.lead, 0) for count in windows_of)
+
+    def factor(self, length: int) -> tuple[FloatArray, int]:
+        """Return what :func:`block_factor` does of all windows of that length."""
+        quick = self.quick(length)
+        if quick is not None:
+            return quick, self.columns(length)
+        return _folded(self.series, self.starts(length), length, self.lead)
+
+    def quick(self, length: int) -> FloatArray | None:
+        """Return what :func:`quick_factor` does of all windows of that length."""
+        if not self._long(length):
+            return None
+        if length > self._longest or not self._rows:
+            self._longest = max(length, self._longest)
+            self._centred = [centred(z, self.lead) for z in self.series]
+            self._rows = [self._shared(z, known) for z, known in zip(self._centred, self._runs, strict=True)]
+        used, rows = [], []
+        for z, known, shared, first in zip(self._centred, self._runs, self._rows, self.starts(length), strict=True):
+            if first.size > self.lead:
+                used.append((z, first))
+                rows.append(self._row(z, known, shared, length))
+        return _factor_of_rows(used, rows, length, self.lead)
+
+    def _long(self, length: int) -> bool:
+        return self.columns(length) >= _LONG * length * self._width
+
+    def _base(self, run: slice) -> int:
+        """Length of the windows of a run whose lag products are shared."""
+        return min(self._longest, run.stop - run.start)
+
+    def _shared(self, z: FloatArray, known: Sequence[slice]) -> dict[int, FloatArray]:
+        """Return base length -> lag products of the windows of that length, summed over the runs with that base."""
+        out: dict[int, FloatArray] = {}
+        for run in known:
+            base = self._base(run)
+            row = lag_products(z, run.start, run.stop - base + 1, base)
+            out[base] = out[base] + row if base in out else row
+        return out
+
+    def _row(self, z: FloatArray, known: Sequence[slice], shared: dict[int, FloatArray], length: int) -> FloatArray:
+        """Return the first block row of the Gram matrix of the windows of ``length``, from shared lag products."""
+        width = length * self._width
+        out = np.zeros((self._width, width))
+        for base, row in shared.items():
+            if base >= length:
+                out += row[:, :width]
+        more = [  # windows beyond the shared ones
+            np.arange(run.stop - self._base(run) + 1, run.stop - length + 1)
+            for run in known
+            if run.stop - run.start >= length
+        ]
+        for part, rows in windows(z, np.concatenate(more), length):
+            out += z[part].T @ rows
+        return out
+
+
+def predict(z: FloatArray, theta: FloatArray, length: int) -> FloatArray:
+    """Return [z[k], ..., z[k + length - 1]] theta for all k, shape (N - length + 1, p), of theta (length d, p).
+
+    Done for blocks of samples at once, which are views, with theta set out as a block Toeplitz matrix.
+    """
+    d, p = z.shape[1], theta.shape[1]
+    total = len(z) - length + 1
+    out = np.zeros((max(total, 0), p))
+    B = max(_BLOCK // d, 4)
+    following = -(-(B - 1 + length) // B)
+    count = max(len(z) // B - following + 1, 0)
+    T = np.zeros((following * B * d, B * p))
+    for b in range(B):
+        T[b * d : (b + length) * d, b * p : (b + 1) * p] = theta
+    done = count * B
+    inner = out[:done].reshape(count, B * p)
+    for i in range(following if count else 0):
+        inner += z[i * B :][: count * B].reshape(count, B * d) @ T[i * B * d : (i + 1) * B * d]
+    for part, rows in windows(z, np.arange(done, total), length):
+        out[part] = rows @ theta
+    return out

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.errors import EstimationError, RecordError
+from testbench.estimators.driven import output_rows, released
 from testbench.estimators.hankel import fold, triangle
 from testbench.estimators.model import ComplexArray, IdentifiedModel, continuous_poles
 from testbench.estimators.trajectories import Modes, Trajectories, read_out
@@ -27,17 +28,51 @@ class Series(NamedTuple):
     valid: NDArray[np.bool_]
 
 
+class Rows(NamedTuple):
+    """R factors of one series' regressions, and what they were made of.
+
+    Attributes:
+        R: per output (r, own + count + 1), see :func:`fit_inputs`: own unknowns of the series, B and D, y.
+        own: number of unknowns of this series alone.
+        counts: (p,) valid samples per output.
+    """
+
+    R: list[FloatArray]
+    own: int
+    counts: NDArray[np.int_]
+
+
 class InputFit(NamedTuple):
-    """What :func:`fit_inputs` found: B (n, m), D (p, m) and R, with || R [parameters; -1] || the output error."""
+    """What :func:`fit_inputs` found: B (n, m), D (p, m) and R, with || R [parameters; -1] || the output error.
+
+    ``rows`` holds the same per series and output, initial states not yet eliminated.
+    """
 
     B: FloatArray
     D: FloatArray
     R: FloatArray
+    rows: list[Rows]
 
     def error(self, B: FloatArray, D: FloatArray, direct: NDArray[np.bool_]) -> float:
         """Return the summed squared output error of other matrices B, D on the same data, initial states re-fitted."""
-        parameters = np.concatenate([B.T.ravel(), D[:, direct].T.ravel(), [-1.0]])
-        return float(np.sum((self.R @ parameters) ** 2))
+        return float(np.sum((self.R @ _parameters(B, D, direct)) ** 2))
+
+    def free_run_errors(self, B: FloatArray, D: FloatArray, direct: NDArray[np.bool_]) -> FloatArray:
+        """Return the squared errors (p,) that :func:`free_run` leaves with other B, D, summed over all series."""
+        out = np.zeros(len(D))
+        for R, own, counts in self.rows:
+            left = [r[:, own:] @ _parameters(B, D, direct) for r in R]
+            size = np.array([np.sqrt(np.sum(r[:, -1] ** 2) / max(n, 1)) for r, n in zip(R, counts, strict=True)])
+            weight = 1.0 / np.where(size > 0.0, size, 1.0)
+            free = np.vstack([r[:, :own] * w for r, w in zip(R, weight, strict=True)])
+            target = np.concatenate([e * w for e, w in zip(left, weight, strict=True)])
+            start = np.linalg.lstsq(free, -target, rcond=_RCOND)[0]
+            out += [np.sum((e + r[:, :own] @ start) ** 2) for e, r in zip(left, R, strict=True)]
+        return out
+
+
+def _parameters(B: FloatArray, D: FloatArray, direct: NDArray[np.bool_]) -> FloatArray:
+    return np.concatenate([B.T.ravel(), D[:, direct].T.ravel(), [-1.0]])
 
 
 def trend_columns(samples: int, p: int, lead: int) -> FloatArray:
@@ -66,50 +101,52 @@ def fit_inputs(
     n, p, m = A.shape[0], C.shape[0], direct.size
     through = np.flatnonzero(direct)
     count = n * m + p * through.size
-    R = np.zeros((0, count + 1))
+    own = n + lead * p  # unknowns of each series alone
+    R, found, samples = np.zeros((0, count + 1)), [], 0
     for u, y, valid in series:
-        rows = valid.ravel()
-        own = n + lead * p  # unknowns of this series alone
-        if rows.sum() <= own:
-            continue
         modes = Modes(A, len(u))
-        if modes.usable:
-            CV = C @ modes.V
-            states = [modes.run(None)] + [modes.run(u[:, j]) for j in range(m)]
-        else:
-            paths = Trajectories(A, len(u))
-            driven = [paths.free()] + [paths.forced(u[:, j, None, None] * np.eye(n)) for j in range(m)]
-        reduced = np.zeros((0, own + count + 1))
-        line = trend_columns(len(u), p, lead)
-        for k in range(0, len(u), _CHUNK):
-            part = slice(k, min(k + _CHUNK, len(u)))
-            block = np.zeros((part.stop - k, p, own + count + 1))
-            block[:, :, n:own] = line[part]
-            for j in range(m + 1):
-                at = own + n * (j - 1) if j else 0
-                if modes.usable:
-                    block[:, :, at : at + n] = modes.columns(CV, states[j][:, part]).transpose(2, 0, 1)
-                else:
-                    block[:, :, at : at + n] = read_out(C, driven[j][part])
-            for i, column in enumerate(through):
-                at = own + n * m + p * i
-                block[:, range(p), range(at, at + p)] = u[part, column, None]
-            block[:, :, -1] = y[part]
-            reduced = fold(reduced, block.reshape(-1, own + count + 1)[rows[k * p : part.stop * p]])
-        reduced = reduced[own:, own:]
-        if modes.usable:  # from inputs of the modes to inputs of the states
-            for j in range(m):
-                reduced[:, n * j : n * (j + 1)] = np.linalg.solve(modes.V.T, reduced[:, n * j : n * (j + 1)].T).T
-        R = triangle(R, reduced)
-    if R.shape[0] < count:
+        rows = (
+            output_rows(A, C, modes, u, y, valid, through, lead)
+            if modes.usable
+            else _plain_rows(A, C, Series(u, y, valid), through, lead)
+        )
+        found.append(Rows(rows, own, valid.sum(axis=0)))
+        if valid.sum() > own:
+            samples += int(valid.sum()) - own
+            R = triangle(R, triangle(np.zeros((0, own + count + 1)), np.vstack(rows))[own:, own:])
+    if samples < count:
         raise EstimationError(
-            f"B and D need at least {count} samples beyond the initial states, got {R.shape[0]}; give more data"
+            f"B and D need at least {count} samples beyond the initial states, got {samples}; give more data"
         )
     parameters = np.linalg.lstsq(R[:, :-1], R[:, -1], rcond=_RCOND)[0]
     B = parameters[: n * m].reshape(m, n).T
     D = np.zeros((p, m))
     D[:, through] = parameters[n * m :].reshape(through.size, p).T
-    return InputFit(B, D, R)
+    return InputFit(B, D, R, found)
+
+
+def _plain_rows(A: FloatArray, C: FloatArray, series: Series, through: NDArray[np.intp], lead: int) -> list[FloatArray]:
+    """Return what :func:`output_rows` does, for an A whose modes cannot be told apart: every state on its own."""
+    u, y, valid = series
+    n, p, m = A.shape[0], C.shape[0], u.shape[1]
+    own, count = n + lead * p, n * m + p * through.size
+    paths = Trajectories(A, len(u))
+    driven = [paths.free()] + [paths.forced(u[:, j, None, None] * np.eye(n)) for j in range(m)]
+    out = [np.zeros((0, own + count + 1))] * p
+    line = trend_columns(len(u), p, lead)
+    for k in range(0, len(u), _CHUNK):
+        part = slice(k, min(k + _CHUNK, len(u)))
+        block = np.zeros((part.stop - k, p, own + count + 1))
+        block[:, :, n:own] = line[part]
+        for j in range(m + 1):
+            at = own + n * (j - 1) if j else 0
+            block[:, :, at : at + n] = read_out(C, driven[j][part])
+        for i, column in enumerate(through):
+            at = own + n * m + p * i
+            block[:, range(p), range(at, at + p)] = u[part, column, None]
+        block[:, :, -1] = y[part]
+        out = [fold(R, block[valid[part, i], i]) for i, R in enumerate(out)]
+    return out
 
 
 def free_run(
@@ -127,23 +164,26 @@ def free_run(
     Linear least squares; each output weighted by the inverse of its root mean square. ``lead`` as in
     :func:`fit_inputs`: offsets and trends of the outputs that are fitted along.
     """
-    modes = Modes(A, len(u))
+    modes, p = Modes(A, len(u)), len(C)
+    none, silent = np.zeros(0, np.intp), np.zeros((len(u), 0))
     if modes.usable:
-        CV = C @ modes.V
-        forced = (CV @ modes.run(modes.drive(np.linalg.solve(modes.V, B) @ u.T))).T + u @ D.T
-        initial = modes.columns(CV, modes.run(None)).transpose(2, 0, 1)
+        forced = (C @ modes.V @ modes.run(modes.drive(np.linalg.solve(modes.V, B) @ u.T))).T + u @ D.T
+        rows = output_rows(A, C, modes, silent, y - forced, valid, none, lead)
     else:
         paths = Trajectories(A, len(u))
         forced = paths.forced((u @ B.T)[:, :, None])[:, :, 0] @ C.T + u @ D.T
-        initial = read_out(C, paths.free())
-    free = np.concatenate([initial, trend_columns(len(u), C.shape[0], lead)], axis=2) if lead else initial
+        rows = _plain_rows(A, C, Series(silent, y - forced, valid), none, lead)
     counts = np.maximum(valid.sum(axis=0), 1)
-    size = np.sqrt(np.sum(np.where(valid, y, 0.0) ** 2, axis=0) / counts)
-    weight = valid / np.where(size > 0.0, size, 1.0)
-    both = np.concatenate([free, (y - forced)[:, :, None]], axis=2) * weight[:, :, None]
-    R = fold(np.zeros((0, both.shape[2])), both.reshape(-1, both.shape[2]))
-    start = np.linalg.lstsq(R[:, :-1], R[:, -1], rcond=_RCOND)[0]
-    return forced + free @ start
+    size = np.sqrt(np.sum(y**2, axis=0, where=valid) / counts)
+    both = np.vstack([R / (s if s > 0.0 else 1.0) for R, s in zip(rows, size, strict=True)])
+    start = np.linalg.lstsq(both[:, :-1], both[:, -1], rcond=_RCOND)[0]
+    if modes.usable:
+        forced += released(A, C, modes, len(u), start[: len(A)])
+    else:
+        forced += paths.free() @ start[: len(A)] @ C.T
+    if lead:
+        forced += trend_columns(len(u), p, lead) @ start[len(A) :]
+    return forced
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -37,9 +37,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from testbench.errors import EstimationError
-from testbench.estimators.hankel import window_starts
+from testbench.estimators.hankel import BlockHankel, window_starts
 from testbench.estimators.model import check_records, continuous_poles
-from testbench.estimators.state_space import StateSpaceModel, free_run
+from testbench.estimators.state_space import StateSpaceModel
 from testbench.estimators.subspace.data import (
     LEAD,
     Offset,
@@ -51,7 +51,14 @@ from testbench.estimators.subspace.data import (
 )
 from testbench.estimators.subspace.data import decimate as decimated
 from testbench.estimators.subspace.dsr_e_advice import advice_in_words
-from testbench.estimators.subspace.dsr_e_steps import Innovations, Realisation, innovations, input_matrices, realise
+from testbench.estimators.subspace.dsr_e_steps import (
+    Innovations,
+    Inputs,
+    Realisation,
+    innovations,
+    input_matrices,
+    realise,
+)
 from testbench.estimators.subspace.dsr_e_variant import realise_unweighted
 from testbench.estimators.subspace.tail import lost_poles, pole_distance, reflect, to_rate
 from testbench.record import FlightRecord, FloatArray
@@ -135,27 +142,29 @@ def estimate(
     lead = LEAD[offset]
     stride = automatic_stride(stretches, records[0].dt_s) if decimate == "auto" else int(decimate)
     slow, free = decimated(stretches, stride), direct_feedthrough or stride > 1
-    low = innovations(slow, J, free, lead)
-    step2 = realise(slow, low, L, order)
+    other = 2 * L if L < _LONG else L // 2
+    low = innovations(slow, _hankel(slow, (J + 1, J + L, J // 2 + 1, J // 2 + L, J + other), lead), J, free)
+    step2 = realise(low, L, order)
     parted = None
     if variant == "eolo":
-        plain = Realisation(*realise_unweighted(slow, low, J, L, order))
+        plain = Realisation(*realise_unweighted(low, L, order))
         if plain.A.shape == step2.A.shape:
             parted = pole_distance(step2.A, plain.A)
         step2 = plain
-    shifts = _pole_shifts(slow, low, step2, J, L, free)
+    shifts = _pole_shifts(low, step2, L, other, free)
     step1 = low
     if stride > 1:
         A, lost = to_rate(step2.A, stride)
         if lost.size:
             raise EstimationError(lost_poles(lost, stride))
-        step1 = replace(innovations(stretches, J, direct_feedthrough, lead), excitation=low.excitation)
+        full = _hankel(stretches, (J + 1,), lead)
+        step1 = replace(innovations(stretches, full, J, direct_feedthrough), excitation=low.excitation)
         step2 = step2._replace(A=A, C=low.deviation[:, None] * step2.C / step1.deviation[:, None])
     moved = np.zeros(0, np.complex128)
     if stable:
         A, moved = reflect(step2.A)
         step2 = step2._replace(A=A)
-    B, D, K, errors = input_matrices(stretches, step1, step2, direct_feedthrough, closed_loop)
+    found = input_matrices(step1, step2, direct_feedthrough, closed_loop)
     unit = size_y * step1.deviation  # of the outputs, in SI
     model = StateSpaceModel(
         method="dsr_e",
@@ -174,14 +183,12 @@ def estimate(
             "closed_loop": closed_loop,
         },
         A=step2.A,
-        B=B / size_u,
+        B=found.B / size_u,
         C=unit[:, None] * step2.C,
-        D=unit[:, None] * D / size_u,
-        K=K / unit,
+        D=unit[:, None] * found.D / size_u,
+        K=found.K / unit,
     )
-    diagnostics = _diagnostics(
-        step1, step2, errors, _residual(model, stretches, (size_u, size_y), lead), size_y, shifts, model.dt_s
-    )
+    diagnostics = _diagnostics(step1, step2, found, size_y, shifts, model.dt_s)
     diagnostics |= {
         "decimate": stride,
         "identified_at_dt_s": stride * model.dt_s,
@@ -202,24 +209,10 @@ def _advice_on_variant(variant: Variant, parted: float | None) -> tuple[str, ...
     )
 
 
-def _residual(
-    model: StateSpaceModel, stretches: Sequence[Stretch], sizes: tuple[FloatArray, FloatArray], lead: int
-) -> FloatArray:
-    """Return the root mean square of y - y_free per output over the valid samples of all records."""
-    error, count = np.zeros(len(model.outputs)), np.zeros(len(model.outputs))
-    for s in stretches:
-        y = s.y * sizes[1]
-        free = free_run(model.A, model.B, model.C, model.D, s.u * sizes[0], y, s.valid_y, lead)
-        error += np.sum(np.where(s.valid_y, y - free, 0.0) ** 2, axis=0)
-        count += s.valid_y.sum(axis=0)
-    return np.sqrt(error / count)
-
-
 def _diagnostics(
     step1: Innovations,
     step2: Realisation,
-    errors: tuple[float, float],
-    residual: FloatArray,
+    inputs: Inputs,
     size_y: FloatArray,
     shifts: dict[str, Any],
     dt_s: float,
@@ -235,10 +228,10 @@ def _diagnostics(
         "condition": step1.condition,
         "input_excitation": step1.excitation,
         "innovations_std": np.where(step1.noisy, unit, 0.0),
-        "output_error_percent": 100.0 * residual / size_y,
-        "free_run_over_innovations": np.where(step1.noisy, residual / unit, 0.0),
-        "output_error_deterministic_B": errors[0],
-        "output_error_refined_B": errors[1],
+        "output_error_percent": 100.0 * inputs.residual,
+        "free_run_over_innovations": np.where(step1.noisy, inputs.residual / step1.deviation, 0.0),
+        "output_error_deterministic_B": inputs.percent[0],
+        "output_error_refined_B": inputs.percent[1],
         **shifts,
         "poles_without_continuous_counterpart": continuous_poles(
             np.linalg.eigvals(step2.A).astype(np.complex128), dt_s
@@ -246,24 +239,25 @@ def _diagnostics(
     }
 
 
-def _pole_shifts(
-    stretches: Sequence[Stretch], step1: Innovations, step2: Realisation, J: int, L: int, direct: bool
-) -> dict[str, Any]:
+def _hankel(stretches: Sequence[Stretch], lengths: Sequence[int], lead: int) -> BlockHankel:
+    return BlockHankel([s.both for s in stretches], [s.good for s in stretches], lengths, lead)
+
+
+def _pole_shifts(step1: Innovations, step2: Realisation, L: int, other: int, direct: bool) -> dict[str, Any]:
     """Return how far, relatively, the poles move with half the past horizon and with another future horizon.
 
     A past horizon too short to forget the initial state biases the poles, and half of it biases them more; a future
     horizon too short to tell the states apart is seen by doubling it (a long one, by halving it, which costs less).
     None where the other horizon is not possible, or without noise, where the poles are exact.
     """
-    n, p = step2.A.shape[0], step1.deviation.size
-    other = 2 * L if L < _LONG else L // 2
+    n, p, J = step2.A.shape[0], step1.deviation.size, step1.J
     shifts: dict[str, Any] = {"other_future_horizon": other, "pole_shift_past": None, "pole_shift_future": None}
     if not step1.noisy.any():
         return shifts
     if J >= 2:
-        half = realise(stretches, innovations(stretches, J // 2, direct, step1.lead), L, n)
+        half = realise(innovations(step1.stretches, step1.windows, J // 2, direct), L, n)
         shifts["pole_shift_past"] = pole_distance(step2.A, half.A)
     columns = sum(window_starts(known, other).size for known in step1.known)
-    if n <= p * (other - 1) and columns >= other * (stretches[0].u.shape[1] + 2 * p):
-        shifts["pole_shift_future"] = pole_distance(step2.A, realise(stretches, step1, other, n).A)
+    if n <= p * (other - 1) and columns >= other * (step1.stretches[0].u.shape[1] + 2 * p):
+        shifts["pole_shift_future"] = pole_distance(step2.A, realise(step1, other, n).A)
     return shifts

@@ -19,6 +19,7 @@ from dsr_e_systems import (
 )
 
 from testbench.errors import EstimationError
+from testbench.estimators.hankel import BlockHankel
 from testbench.estimators.subspace.dsr_e import estimate
 
 
@@ -228,23 +229,32 @@ def test_long_records_need_no_gigabytes():
     model = estimate([long], ("de",), ("alpha", "q"), past_horizon=60, future_horizon=10, order=2)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    # the whole past alone would take 100 000 x 180 doubles = 144 MB, twice that with its projection
-    assert peak < 200e6
+    # 19 MB; the whole past alone would take 100 000 x 180 doubles = 144 MB, twice that with its projection
+    assert peak < 8 * long.data.nbytes
     assert np.abs(sort(np.linalg.eigvals(model.A)) - sort(np.linalg.eigvals(innovations_system()[0]))).max() < 0.005
 
 
-@pytest.mark.parametrize(("direct", "offset"), [(False, "none"), (True, "trend")])
-def test_long_records_take_step_2_from_the_raw_windows_with_the_same_result(monkeypatch, direct, offset):
-    from testbench.estimators.subspace import dsr_e_steps
-
+@pytest.mark.parametrize(
+    ("direct", "offset", "variant"),
+    [(False, "none", "original"), (True, "trend", "original"), (False, "none", "eolo"), (False, "trend", "eolo")],
+)
+def test_long_records_take_all_steps_from_one_gram_matrix_with_the_same_result(monkeypatch, direct, offset, variant):
     r = innovations_record(4000, np.random.default_rng(3))
-    settings = {"past_horizon": 10, "future_horizon": 6, "order": 2, "offset": offset, "direct_feedthrough": direct}
+    settings = {"past_horizon": 10, "future_horizon": 6, "order": 2, "offset": offset}
+    settings |= {"direct_feedthrough": direct, "variant": variant}
     short = estimate([r], ("de",), ("alpha", "q"), **settings)
     calls = []
-    monkeypatch.setattr(dsr_e_steps, "quick_factor", lambda *a: calls.append(a))  # None: not possible
+    monkeypatch.setattr(BlockHankel, "quick", lambda *a: calls.append(a))  # None: not possible
     long = estimate([r], ("de",), ("alpha", "q"), **settings)
     assert calls
     assert np.abs(poles_of(short) - poles_of(long)).max() < 1e-8
     a, b = (m.diagnostics["singular_values"] for m in (short, long))
     assert a == pytest.approx(b, rel=1e-6)
     assert short.diagnostics["columns_step_2"] == long.diagnostics["columns_step_2"]
+    assert short.advice == long.advice
+    for name in ("pole_shift_past", "pole_shift_future", "output_error_percent", "output_error_deterministic_B"):
+        assert short.diagnostics[name] == pytest.approx(long.diagnostics[name], rel=1e-7)
+    if offset == "none":
+        y = r.columns(("alpha", "q"))
+        percent = 100.0 * np.linalg.norm(y - long.simulate(r), axis=0) / np.linalg.norm(y, axis=0)
+        assert long.diagnostics["output_error_percent"] == pytest.approx(percent, rel=1e-9)
