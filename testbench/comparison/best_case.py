@@ -1,18 +1,21 @@
-"""The best case: output error that knows the aircraft's equations and its sensors' lags, and starts at the truth."""
+"""The best case: maximum likelihood that knows the aircraft's equations and instruments, started at the truth."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from testbench.comparison.seen import Known, structure_seen
 from testbench.design.aircraft_structure import AircraftStructure
-from testbench.estimators.parametric import output_error
+from testbench.estimators.parametric import input_noise
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices
 from testbench.record import FlightRecord, FloatArray
-from testbench.sensors import Sensor
+from testbench.sensors import Sensor, SensorSuite
+
+_MOST_ITERATIONS = 30  # some ten are enough from the truth, unless the sensors do not tell the parameters
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -66,13 +69,22 @@ def lagged_structure(known: Known, sensors: tuple[Sensor, ...], inputs: tuple[st
     )
 
 
-def best_estimate(record: FlightRecord, structure: LaggedStructure) -> ParametricModel:
-    """Return the output error estimate from a prepared record: parameters and the sensors' offsets are found.
+def best_estimate(record: FlightRecord, structure: LaggedStructure, suite: SensorSuite) -> ParametricModel:
+    """Return the estimate of maximum likelihood from a prepared record, the noise of outputs and inputs known.
+
+    Offsets of the sensors and of noisy inputs are found along with the parameters.
 
     Raises:
         EstimationError: the record does not tell them.
     """
-    return output_error.estimate([record], structure, initial_states="zero", output_biases=structure.outputs)
+    outputs = {name: suite.noise_std[name] for name in structure.outputs}
+    noise = noisy_inputs(suite, structure.inputs)
+    return input_noise.estimate(record, structure, outputs, noise, max_iterations=_MOST_ITERATIONS)
+
+
+def noisy_inputs(suite: SensorSuite, inputs: Sequence[str]) -> dict[str, float]:
+    """Return the standard deviations of those inputs that have noise."""
+    return {name: suite.noise_std[name] for name in inputs if suite.noise_std[name] > 0.0}
 
 
 def aircraft_poles(model: ParametricModel) -> np.ndarray:

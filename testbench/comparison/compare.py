@@ -10,23 +10,20 @@ from typing import cast
 import numpy as np
 
 from testbench.aircraft import Aircraft, load_aircraft
-from testbench.comparison.best_case import LaggedStructure, aircraft_poles, best_estimate, lagged_structure
+from testbench.comparison.best_case import best_estimate, lagged_structure
+from testbench.comparison.judge import errors_of, model_errors
 from testbench.comparison.placement import Placed, place
+from testbench.comparison.prediction import predict
 from testbench.comparison.result import CaseKey, CompareResult, Failure, Quantity
-from testbench.comparison.seen import Known, predict, sensors_of, unknowns, wanted_modes
+from testbench.comparison.seen import Known, sensors_of, unknowns, wanted_modes
 from testbench.constants import DEG_RAD
 from testbench.design.aircraft_structure import parameter_names
 from testbench.design.targets import needed_parameters
 from testbench.designer import RIGID_MODES, elastic_modes, modes_of
-from testbench.errors import EstimationError, ScenarioError, TestbenchError, located, nearest
+from testbench.errors import ScenarioError, TestbenchError, located, nearest
 from testbench.estimators import estimate
 from testbench.estimators.model import IdentifiedModel
-from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.prepare import prepare
-from testbench.evaluation.derivatives import dimensional_derivatives
-from testbench.evaluation.metrics import mrse_percent
-from testbench.evaluation.parameters import true_parameters
-from testbench.evaluation.poles import match_poles
 from testbench.flight import FlightCondition, fly, linearise, trim
 from testbench.flight import Manoeuvre as Flown
 from testbench.flight.air import Air, Gust, turbulence_rms
@@ -162,9 +159,8 @@ def compare(
     for m in scenario.manoeuvre:
         if m.use == "identification":
             for suite in suites:
-                predictions[m.name, suite.name] = predict(
-                    known, suite, identification.outputs, m, identification.inputs, scenario.preparation.bias
-                )
+                outputs, inputs = identification.outputs, identification.inputs
+                predictions[m.name, suite.name] = predict(known, suite, outputs, m, inputs)
     placed = None
     if scenario.placement is not None:
         say("place sensors along the wing")
@@ -172,15 +168,20 @@ def compare(
             placed = _place(scenario, scenario.placement, known, suites[0])
     errors: dict[CaseKey, dict[Quantity, FloatArray]] = {}
     failures: list[Failure] = []
-    flights = 0
+    flights, of_flight = 0, {}
     if simulate and scenario.identification.labels:
         air = _flights(scenario, known, suites, seed, say)
         for k, (truths, flown) in enumerate(air):
             flights += flown
+            if k == 0 and identification.best_case and not scenario.air.turbulence_rms_m_s:
+                say("identify: without noise")
+                of_flight = _flight_errors(scenario, known, suites, truths)
             say(f"identify: repetition {k + 1} of {scenario.seeds}")
             for suite in suites:
                 _repeat(scenario, known, suite, truths, k, seed, errors, failures)
-    return CompareResult(scenario, known, suites, seed, errors, tuple(failures), predictions, placed, flights)
+    return CompareResult(
+        scenario, known, suites, seed, errors, tuple(failures), predictions, of_flight, placed, flights
+    )
 
 
 def _known(scenario: CompareScenario, aircraft: Aircraft, seed: int) -> Known:
@@ -265,9 +266,28 @@ def _repeat(
             if isinstance(model, str):
                 failures.append(Failure(case, repetition, model))
                 continue
-            for quantity, error in _errors_of(known, model, judge, list(clean.values())).items():
+            for quantity, error in errors_of(known, model, judge, list(clean.values())).items():
                 series = errors.setdefault(case, {})
                 series.setdefault(quantity, np.full(scenario.seeds, np.nan))[repetition] = error
+
+
+def _flight_errors(
+    scenario: CompareScenario, known: Known, suites: Sequence[SensorSuite], truths: Mapping[str, FlightRecord]
+) -> dict[tuple[str, str], dict[Quantity, float]]:
+    """Return what the best case errs by without any noise: a flight is not quite linear, nor sampled without end."""
+    identification = scenario.identification
+    out = {}
+    for spec in scenario.manoeuvre:
+        if spec.use != "identification":
+            continue
+        for suite in suites:
+            record = _prepared(scenario, suite.without_errors().measure(truths[spec.name], 0), spec.settle_s)
+            structure = lagged_structure(known, sensors_of(suite, identification.outputs), identification.inputs)
+            try:
+                out[spec.name, suite.name] = model_errors(known, best_estimate(record, structure, suite))
+            except TestbenchError:
+                continue  # the repetitions say why
+    return out
 
 
 def _models(
@@ -288,7 +308,7 @@ def _models(
     if identification.best_case:
         structure = lagged_structure(known, sensors_of(suite, identification.outputs), identification.inputs)
         try:
-            yield BEST_CASE, best_estimate(record, structure)
+            yield BEST_CASE, best_estimate(record, structure, suite)
         except TestbenchError as error:
             yield BEST_CASE, error.message
 
@@ -296,63 +316,6 @@ def _models(
 def _prepared(scenario: CompareScenario, record: FlightRecord, trim_s: float) -> FlightRecord:
     p = scenario.preparation
     return prepare(record, bias=p.bias, trim_s=trim_s, lowpass_hz=p.lowpass_hz, decimate=p.decimate)
-
-
-def _errors_of(
-    known: Known, model: IdentifiedModel, judge: Sequence[FlightRecord], clean: Sequence[FlightRecord]
-) -> dict[Quantity, float]:
-    """Return the error of every quantity that a model gives."""
-    out: dict[Quantity, float] = {}
-    try:
-        with np.errstate(over="ignore", invalid="ignore"):
-            predicted = np.vstack([np.asarray(model.simulate(r), float) for r in judge])
-        true = np.vstack([r.columns(model.outputs) for r in clean])
-        values = mrse_percent(true, predicted)
-    except EstimationError:  # the model diverges over the judging flights
-        values = np.full(len(model.outputs), np.nan)
-    for name, value in zip(model.outputs, values.tolist(), strict=True):
-        out[Quantity("prediction", name)] = value if np.isfinite(value) else np.nan
-    out |= _mode_errors(known, model)
-    return out | _parameter_errors(known, model)
-
-
-def _mode_errors(known: Known, model: IdentifiedModel) -> dict[Quantity, float]:
-    """Return errors of the wanted modes; the mean over the outputs of a model that has poles output by output."""
-    found: dict[Quantity, list[float]] = {}
-    own = isinstance(model, ParametricModel) and isinstance(model.structure, LaggedStructure)
-    sets = {"": aircraft_poles(cast(ParametricModel, model))} if own else model.poles()
-    for names, poles in sets.items():
-        for match in match_poles(poles, known.modes, names):
-            if match.name not in known.wanted_modes:
-                continue
-            wn = Quantity("mode", f"wn of {match.name}")
-            zeta = Quantity("mode", f"zeta of {match.name}", "")
-            found.setdefault(wn, [])
-            if match.true.imag != 0.0:
-                found.setdefault(zeta, [])
-            if match.wn_error_percent is not None and match.zeta_error is not None:
-                found[wn].append(match.wn_error_percent)
-                if match.true.imag != 0.0:
-                    found[zeta].append(match.zeta_error)
-    return {q: float(np.mean(values)) if values else float("nan") for q, values in found.items()}
-
-
-def _parameter_errors(known: Known, model: IdentifiedModel) -> dict[Quantity, float]:
-    """Return relative errors of the wanted parameters, for models that have parameters of these names."""
-    if not isinstance(model, ParametricModel):
-        return {}
-    structure = model.structure
-    if isinstance(structure, LaggedStructure):
-        true = dict(zip(structure.parameter_names, structure.true.tolist(), strict=True))
-    else:
-        derivatives = dimensional_derivatives(known.linear, known.trimmed)
-        true = true_parameters(structure.name, derivatives, known.trimmed.condition.V_m_s)
-    free = {p.name for p in structure.parameters if p.free}
-    return {
-        Quantity("parameter", name): 100.0 * (model.values[name] - true[name]) / abs(true[name])
-        for name in known.wanted
-        if name in free and true.get(name)
-    }
 
 
 # --- placement --------------------------------------------------------------------------------------------------------

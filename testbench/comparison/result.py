@@ -10,10 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from testbench.comparison.placement import Placed
-from testbench.comparison.seen import Known, Prediction
+from testbench.comparison.prediction import Prediction
+from testbench.comparison.seen import Known
 from testbench.comparison.statistics import (
     Interval,
     Paired,
+    chance_of_scatter,
     holm,
     mean_interval,
     paired,
@@ -27,8 +29,6 @@ from testbench.scenario.compare import BEST_CASE, CompareScenario
 from testbench.sensors import SensorSuite
 
 _WN = "wn of "
-FAR = 20.0
-"""Predicted standard error, percent, above which a linear bound says little; judgement."""
 
 
 class CaseKey(NamedTuple):
@@ -54,11 +54,13 @@ class Quantity(NamedTuple):
 class Agreement(NamedTuple):
     """How many scatters of the best case have the predicted one ``inside`` their 95 % interval.
 
-    Out of ``total``; of ``far`` more, whose predicted errors are too large, nothing is said. ``ratios``: least, median
-    and largest scatter found over the predicted one.
+    Out of ``total``; of ``far`` more, whose predicted errors are too large, nothing is said. ``apart``: how many differ
+    from the predicted one by more than chance, all of them taken together (Holm) at the comparison's level. ``ratios``:
+    least, median and largest scatter found over the predicted one.
     """
 
     inside: int
+    apart: int
     total: int
     far: int
     ratios: tuple[float, float, float]
@@ -84,6 +86,9 @@ class Summary:
         mean, scatter: mean error with its 95 % interval and standard deviation; None for predictions, whose errors have
             no sign.
         predicted: standard error by information; None where it speaks of another thing.
+        ratio: scatter over predicted with its 95 % interval, of the best case alone; None where it is not ``near``.
+        of_flight: error of the best case from the flight without noise; None of other estimators, or not known.
+        near: whether the model is linear in its parameters over the predicted errors, see ``comparison.curvature``.
     """
 
     case: CaseKey
@@ -94,6 +99,9 @@ class Summary:
     mean: Interval | None
     scatter: float | None
     predicted: float | None
+    ratio: Interval | None
+    of_flight: float | None
+    near: bool
 
 
 @dataclass(frozen=True)
@@ -134,6 +142,8 @@ class CompareResult:
         errors: case -> quantity -> errors (repetitions,), NaN where there is none.
         failures: identifications without a model.
         predictions: (manoeuvre, suite) -> what information foretells.
+        of_flight: (manoeuvre, suite) -> errors of the best case from the flight without any noise: what is not chance;
+            empty in turbulence.
         placed: best stations, if they were asked for.
         flights: how many flights were simulated.
     """
@@ -145,6 +155,7 @@ class CompareResult:
     errors: Mapping[CaseKey, Mapping[Quantity, FloatArray]]
     failures: tuple[Failure, ...]
     predictions: Mapping[tuple[str, str], Prediction]
+    of_flight: Mapping[tuple[str, str], Mapping[Quantity, float]]
     placed: Placed | None
     flights: int
 
@@ -166,6 +177,9 @@ class CompareResult:
             for quantity, errors in quantities.items():
                 found = errors[np.isfinite(errors)]
                 signed = quantity.kind != "prediction" and found.size >= 2
+                scatter = float(np.std(found, ddof=1)) if signed else None
+                predicted, near = self._predicted(case, quantity), self._near(case, quantity)
+                compared = near and case.estimator == BEST_CASE and found.size > 2
                 out.append(
                     Summary(
                         case,
@@ -174,8 +188,11 @@ class CompareResult:
                         errors.size,
                         root_mean_square(found),
                         mean_interval(found) if signed else None,
-                        float(np.std(found, ddof=1)) if signed else None,
-                        self._predicted(case, quantity),
+                        scatter,
+                        predicted,
+                        _ratio_interval(scatter, predicted, found.size) if compared else None,
+                        self._of_flight(case, quantity) if signed else None,
+                        near,
                     )
                 )
         return tuple(out)
@@ -222,6 +239,14 @@ class CompareResult:
         prediction = self.predictions.get((case.manoeuvre, case.suite))
         return None if prediction is None or quantity.kind == "prediction" else prediction.of(quantity.name)
 
+    def _of_flight(self, case: CaseKey, quantity: Quantity) -> float | None:
+        error = self.of_flight.get((case.manoeuvre, case.suite), {}).get(quantity)
+        return error if case.estimator == BEST_CASE and error is not None and np.isfinite(error) else None
+
+    def _near(self, case: CaseKey, quantity: Quantity) -> bool:
+        prediction = self.predictions.get((case.manoeuvre, case.suite))
+        return quantity.kind != "prediction" and prediction is not None and prediction.near(quantity.name)
+
     def _ratio(self, case: CaseKey, base: CaseKey, quantity: Quantity) -> float | None:
         after, before = self._predicted(case, quantity), self._predicted(base, quantity)
         if after is None or before is None or not (np.isfinite(after) and np.isfinite(before)):
@@ -232,19 +257,25 @@ class CompareResult:
     def agreement(self) -> Agreement:
         """Hold the scatter of the best case against the predicted one.
 
-        A sample standard deviation of n errors scatters as sqrt(chi2 / (n - 1)). Where the predicted one exceeds
-        :data:`FAR`, the model is no longer linear in its parameters over the errors, and the bound says little.
+        A sample standard deviation of n normal errors scatters as sqrt(chi2 / (n - 1)). Where the model is
+        not linear in its parameters over the predicted errors, the bound says little (``comparison.curvature``).
         """
-        inside = far = 0
-        ratios: list[float] = []
-        for s in self.summaries:
-            if s.case.estimator != BEST_CASE or s.scatter is None or s.predicted is None or s.found <= 2:
-                continue
-            if s.predicted > (FAR if s.quantity.unit else 0.01 * FAR):
-                far += 1
-                continue
-            low, high = scatter_interval(s.scatter, s.found)
-            ratios.append(s.scatter / s.predicted)
-            inside += low <= s.predicted <= high
-        least, median, most = np.quantile(ratios, [0.0, 0.5, 1.0]).tolist() if ratios else (np.nan,) * 3
-        return Agreement(inside, len(ratios), far, (least, median, most))
+        asked = [s for s in self.summaries if s.case.estimator == BEST_CASE and s.predicted is not None and s.found > 2]
+        near = [(s.ratio, s.found) for s in asked if s.ratio is not None]
+        ratios = [r.value for r, _ in near]
+        corrected = holm([chance_of_scatter(r.value, n) for r, n in near])
+        return Agreement(
+            sum(r.low <= 1.0 <= r.high for r, _ in near),
+            sum(p <= self.scenario.level for p in corrected),
+            len(near),
+            sum(not s.near for s in asked),
+            tuple(np.quantile(ratios, [0.0, 0.5, 1.0]).tolist()) if ratios else (np.nan,) * 3,
+        )
+
+
+def _ratio_interval(scatter: float | None, predicted: float | None, found: int) -> Interval | None:
+    """Return scatter over predicted with its 95 % interval; None where one of them is not known."""
+    if scatter is None or predicted is None or not 0.0 < predicted < np.inf:
+        return None
+    low, high = scatter_interval(scatter, found)
+    return Interval(scatter / predicted, low / predicted, high / predicted)

@@ -1,18 +1,16 @@
-"""The linearised aircraft through a suite: what its sensors tell of parameters and modes, before anything is flown."""
+"""The linearised aircraft as a suite shows it, and the experiment that a manoeuvre makes of it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
 
 from testbench.aircraft import Aircraft
 from testbench.channels import CONTROLS
 from testbench.design.aircraft_structure import AircraftStructure, Plane, aircraft_structure, held_accelerations
-from testbench.design.information import Accuracy, Experiment, accuracy
+from testbench.design.information import Experiment
 from testbench.design.targets import Targets, needed_parameters, targets
 from testbench.designer import elastic_modes
 from testbench.errors import ChannelError, ScenarioError, nearest
@@ -139,27 +137,6 @@ def input_of(manoeuvre: Manoeuvre, controls: Sequence[str], rate_hz: float) -> F
     return u
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
-    """What an input tells through a suite.
-
-    Attributes:
-        names: (t,) quantities: parameters, "wn of ...", "zeta of ...".
-        std: (t,) standard errors: percent of the true value, but absolute for damping ratios.
-        without: sensor -> (t,) factor by which the errors grow if that sensor is left out; inf if nothing is left.
-        known: standard errors and covariance of the free parameters.
-    """
-
-    names: tuple[str, ...]
-    std: FloatArray
-    without: Mapping[str, FloatArray]
-    known: Accuracy
-
-    def of(self, name: str) -> float | None:
-        """Return the standard error of a quantity, or None if it is none of this prediction's."""
-        return float(self.std[self.names.index(name)]) if name in self.names else None
-
-
 def sensors_of(suite: SensorSuite, outputs: Sequence[str]) -> tuple[Sensor, ...]:
     """Return the sensors of the motion that are used: those of ``outputs``, or all if that is empty."""
     return tuple(s for s in suite.sensors if s.channel in suite.outputs and (not outputs or s.channel in outputs))
@@ -202,107 +179,11 @@ def _sampled(
     return k, input_of(manoeuvre, controls, k * suite_rate_hz)
 
 
-def predict(
-    known: Known,
-    suite: SensorSuite,
-    outputs: Sequence[str],
-    manoeuvre: Manoeuvre,
-    inputs: Sequence[str],
-    bias: str = "trim",
-) -> Prediction:
-    """Return what a manoeuvre tells through a suite.
-
-    With exactly known inputs this is the Cramer-Rao bound of the linearised aircraft. Noise of a measured input passes
-    through the aircraft into the residuals. Output error takes it for noise of the sensors: it weighs each sensor i,
-    whose information is M_i, by w_i = sigma_i^2 / (variance of its residual), and its covariance is
-    M^-1 (sum_i w_i^2 M_i + sum_j Z_j' Z_j) M^-1 with M = sum_i w_i M_i, Z_j = sum_i w_i Z_ij (N, k) being the effect of
-    each sample of the noise of input j, one sigma, on the score.
-
-    Args:
-        known: the aircraft, and what is looked at.
-        suite: the sensors.
-        outputs: those that are used; all if empty.
-        manoeuvre: the input that is flown.
-        inputs: channels that an estimator takes as inputs.
-        bias: how their offsets are taken out, as in the preparation: noise in the undisturbed flight, or in all of it,
-            leaves an offset behind.
-    """
-    sensors = sensors_of(suite, outputs)
-    experiment, u = experiment_of(known, sensors, suite.rate_hz, manoeuvre)
-    aims = targets_of(known, experiment.structure)
-    parts = sensor_parts(experiment, u)
-    noise = {name: suite.noise_std[name] for name in inputs if suite.noise_std[name] > 0.0}
-    trim_samples = {"trim": round(manoeuvre.settle_s * suite.rate_hz), "mean": experiment.samples}.get(bias, 0)
-    scores = _scores(known, experiment, u, noise, trim_samples)
-    found = _accuracy(parts, scores)
-    std = aims.errors(found)
-    without = {}
-    for i, sensor in enumerate(sensors):
-        rest = [k for k in range(len(sensors)) if k != i]
-        less = aims.errors(_accuracy(parts[rest], [Scores(s.effect[rest], s.variance[rest]) for s in scores]))
-        with np.errstate(invalid="ignore"):
-            without[sensor.channel] = less / std
-    return Prediction(aims.names, std * in_percent(aims), without, found)
-
-
 def sensor_parts(experiment: Experiment, u: FloatArray) -> FloatArray:
     """Return the information (p, k, k) of each sensor: where nothing but offsets is found along, it adds up."""
-    W = _by_sensor(experiment, u)
-    return np.asarray(np.einsum("tpi,tpj->pij", W, W))
-
-
-def _by_sensor(experiment: Experiment, u: FloatArray) -> FloatArray:
     W = experiment.weighted(u)
-    return W.reshape(-1, len(experiment.sensors), W.shape[1])
-
-
-class Scores(NamedTuple):
-    """What the noise of one measured input does, sensor by sensor.
-
-    Attributes:
-        effect: (p, N, k) effect of each of its samples, one sigma, on each sensor's score.
-        variance: (p,) variance that it adds to each sensor's residual, in units of the sensor's own.
-    """
-
-    effect: FloatArray
-    variance: FloatArray
-
-
-def _scores(
-    known: Known, experiment: Experiment, u: FloatArray, noise: Mapping[str, float], trim_samples: int
-) -> list[Scores]:
-    """Return what the noise of each noisy input does to the sensors' scores and residuals."""
-    if not noise:
-        return []
-    structure = structure_seen(known, experiment.sensors, list(noise))
-    moved = Experiment(structure, experiment.sensors, experiment.dt_s, experiment.samples, experiment.stride)
-    W = _by_sensor(experiment, u)
-    N = len(W)
-    size = next_fast_len(2 * N, real=True)
-    spectrum = rfft(W, size, axis=0)
-    out = []
-    for j, sigma in enumerate(noise.values()):
-        pulse = np.zeros((N * experiment.stride, len(noise)))
-        pulse[: experiment.stride, j] = sigma  # a sample that the recorder holds
-        h = moved.response(pulse)[0] / experiment.sigma
-        Z = irfft(np.conj(rfft(h, size, axis=0))[:, :, None] * spectrum, size, axis=0)[:N].transpose(1, 0, 2)
-        if trim_samples:
-            Z[:, :trim_samples] -= Z.sum(axis=1, keepdims=True) / trim_samples
-        out.append(Scores(Z, np.sum(h**2, axis=0)))
-    return out
-
-
-def _accuracy(parts: FloatArray, scores: Sequence[Scores]) -> Accuracy:
-    """Return what output error reaches through sensors of information ``parts`` (p, k, k) with noisy inputs."""
-    if not scores:
-        return accuracy(parts.sum(axis=0))
-    weight = 1.0 / (1.0 + np.sum([s.variance for s in scores], axis=0))
-    exact = accuracy(np.einsum("p,pij->ij", weight, parts))
-    effects = [np.einsum("p,pnk->nk", weight, s.effect) for s in scores]
-    middle = np.einsum("p,pij->ij", weight**2, parts) + np.sum([Z.T @ Z for Z in effects], axis=0)
-    covariance = exact.covariance @ middle @ exact.covariance
-    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return Accuracy(np.where(np.isinf(exact.std), np.inf, std), covariance)
+    W = W.reshape(-1, len(experiment.sensors), W.shape[1])
+    return np.asarray(np.einsum("tpi,tpj->pij", W, W))
 
 
 def in_percent(aims: Targets) -> FloatArray:

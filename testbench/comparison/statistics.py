@@ -74,6 +74,14 @@ def scatter_interval(std: float, n: int) -> tuple[float, float]:
     return std * low, std * high
 
 
+def chance_of_scatter(ratio: float, n: int) -> float:
+    """Return the two-sided probability that n normal samples scatter by ``ratio`` times their standard deviation."""
+    from scipy.stats import chi2
+
+    square = (n - 1) * ratio**2
+    return min(1.0, 2.0 * min(float(chi2.cdf(square, n - 1)), float(chi2.sf(square, n - 1))))
+
+
 def paired(differences: FloatArray, test: Test) -> Paired:
     """Test whether paired differences (n,) lie about zero.
 

@@ -193,16 +193,25 @@ class Experiment:
         y = irfft(Y, self._size, axis=0)[: self.samples].reshape(self.samples, p, -1)
         return y[:, :, 0], y[:, :, 1:]
 
+    @property
+    def taken(self) -> FloatArray:
+        """(N, p) root of the share of samples that each sensor delivers at each instant, over the sensor's noise."""
+        return self._weight
+
+    def sensitivities(self, u: FloatArray) -> FloatArray:
+        """Return sensitivities over noise (N, p, k) of an input (N stride, m), nothing projected out."""
+        return np.asarray(self.response(u)[1] * self._weight[:, :, None])
+
     def weighted(self, u: FloatArray) -> FloatArray:
         """Return sensitivities over noise (N p, k) of an input (N stride, m), nuisances projected out."""
-        _, S = self.response(u)
-        W = (S * self._weight[:, :, None]).reshape(-1, S.shape[2])
+        S = self.sensitivities(u)
+        W = S.reshape(-1, S.shape[2])
         return np.asarray(W - self._nuisance @ (self._nuisance.T @ W))
 
     def information(self, u: FloatArray) -> FloatArray:
         """Return the Fisher information (k, k) of an input (N stride, m), nuisances projected out."""
-        _, S = self.response(u)
-        W = (S * self._weight[:, :, None]).reshape(-1, S.shape[2])
+        S = self.sensitivities(u)
+        W = S.reshape(-1, S.shape[2])
         shadow = self._nuisance.T @ W
         M = W.T @ W - shadow.T @ shadow
         return np.asarray(0.5 * (M + M.T))

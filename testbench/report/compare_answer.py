@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from testbench.comparison.result import FAR
 from testbench.report.labels import number, symbol
-from testbench.scenario.compare import BEST_CASE
 
 if TYPE_CHECKING:
     from testbench.comparison.result import CompareResult, Gain, Quantity
@@ -131,15 +129,20 @@ def _by_information(result: CompareResult, suite: SensorSuite) -> str:
 
 
 def _agreement(result: CompareResult) -> list[str]:
-    inside, total, far, (least, median, most) = result.agreement
+    inside, apart, total, far, (least, median, most) = result.agreement
     if not total:
         return []
-    apart = max(most, 1.0 / least) if least > 0.0 else np.inf
-    rest = f"; {far} predicted above {FAR:g} %, where a linear bound says little, are left out" if far else ""
+    factor = max(most, 1.0 / least) if least > 0.0 else np.inf
+    level = f"more than chance, {100 * result.scenario.level:g} % for all {total} together (Holm)"
+    verdict = (
+        f"{apart} of them {'differs' if apart == 1 else 'differ'} by {level}" if apart else f"none differs by {level}"
+    )
+    rest = f"; {far} are left out, because over their predicted errors the model is not linear" if far else ""
     return [
-        f"information and simulation agree to a factor of {number(apart, 2)}: the scatter of the best case is "
+        f"information and simulation agree to a factor of {number(factor, 2)}: the scatter of the best case is "
         f"{number(least, 2)} to {number(most, 2)} times the predicted standard error, the median {number(median, 2)}; "
-        f"{inside} of {total} predictions lie within its 95 % interval (by chance alone {0.95 * total:.0f} would){rest}"
+        f"{inside} of {total} predictions lie within its 95 % interval (by chance alone {0.95 * total:.0f} would), "
+        f"{verdict}{rest}"
     ]
 
 
@@ -157,15 +160,23 @@ def _never_found(result: CompareResult) -> list[str]:
 
 
 def _biases(result: CompareResult) -> list[str]:
-    """Say how many mean errors of the best case are not zero: of these information knows nothing."""
-    signed = [s for s in result.summaries if s.case.estimator == BEST_CASE and s.mean is not None]
-    off = [s for s in signed if s.mean is not None and (s.mean.low > 0.0 or s.mean.high < 0.0)]
+    """Say how many mean errors of the best case are not zero, and how many of them the flight explains."""
+    signed = [s for s in result.summaries if s.ratio is not None and s.mean is not None]
+    off = [s for s in signed if s.mean is not None and not s.mean.low <= 0.0 <= s.mean.high]
     if not off:
         return []
-    return [
+    text = (
         f"of bias information knows nothing: {len(off)} of {len(signed)} mean errors of the best case lie beyond their "
-        "95 % interval about zero (a flight that is not quite linear, noise of measured inputs)"
-    ]
+        "95 % interval about zero"
+    )
+    if not result.of_flight:
+        return [f"{text} (a flight that is not quite linear, noise of measured inputs)"]
+    known = [(s.mean, s.of_flight) for s in off if s.mean is not None and s.of_flight is not None]
+    same = sum(mean.low <= error <= mean.high for mean, error in known)
+    text += (
+        f"; {same} of these intervals hold the error from the same flight without any noise, which is not quite linear"
+    )
+    return [text + ("" if same == len(off) else ": the rest is chance, or what noise makes of an estimate that is not")]
 
 
 def worth(result: CompareResult, suite: SensorSuite) -> float | None:
@@ -233,10 +244,21 @@ def _doubts(result: CompareResult) -> list[str]:
             f"{len(result.failures)} identifications gave no model, the first one by {first.case.estimator} through "
             f"{first.case.suite}: {first.reason}"
         )
+    vague = [s.name for s in result.suites if any(not _near(result, m, s.name) for m in result.manoeuvres)]
+    if vague:
+        out.append(
+            f"information takes the model as linear over its errors; for some quantities through {_listed(vague)} it "
+            "is not, and what is said of them by information is an order of magnitude"
+        )
     drifting = sorted({s.channel for x in result.suites for s in x.sensors if s.drift_std > 0.0 or s.bias_walk > 0.0})
     if drifting:
         out.append(f"information takes noise as white: the drift of {_listed(drifting)} is not in its figures")
     return out
+
+
+def _near(result: CompareResult, manoeuvre: str, suite: str) -> bool:
+    prediction = result.predictions[manoeuvre, suite]
+    return all(prediction.near(name) for name in prediction.names)
 
 
 def _listed(names: Sequence[str], most: int = 4) -> str:

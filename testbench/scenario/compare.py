@@ -13,15 +13,16 @@ from testbench.schema import Positive, Strict
 
 Names = Annotated[tuple[str, ...], Field(strict=False)]
 BEST_CASE = "best case"
-"""Label of output error with the linearised aircraft's own equations."""
+"""Label of maximum likelihood with the linearised aircraft's own equations and the noise of its instruments."""
 
 
 class CompareIdentification(Strict):
     """Inputs, outputs and estimators of every suite.
 
     ``outputs`` left empty means every channel of a suite that is not a control. ``best_case`` adds an estimator that
-    knows the aircraft's equations and starts at the truth: output error with the derivatives alone to be found. It
-    shows what the sensors allow, and is what the prediction by information speaks of. Without any estimator the
+    knows the aircraft's equations and the noise of its instruments and starts at the truth: maximum likelihood with the
+    derivatives alone to be found, noise of measured inputs weighed as it passes through the aircraft. It shows what the
+    sensors allow, and is what the prediction by information speaks of. Without any estimator the
     comparison is by information alone.
     """
 

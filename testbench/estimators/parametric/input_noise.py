@@ -1,0 +1,236 @@
+"""Maximum likelihood where measured inputs are noisy too, and the noise of all instruments is known.
+
+An input is measured as u + n, and it is u that moves the aircraft: driven by the measured input, the residuals of the
+true parameters are
+
+    v = e - H n,    cov v = Omega^-1 = R + H S H'
+
+R: noise of the outputs, S: noise of the inputs, H: response to the inputs at the samples. Every output shows the same
+n, filtered by the aircraft. Output error takes v for white and independent from output to output: it is unbiased to
+first order, but scatters more than the estimate that minimises v' Omega v, which is that of maximum likelihood for a
+given Omega (errors in variables: T. Soderstrom, Automatica 43(6), 2007). Omega is that of the start values; a Kalman
+filter applies it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from testbench.errors import EstimationError
+from testbench.estimators.model import check_records
+from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
+from testbench.estimators.parametric.advice import advice_in_words
+from testbench.estimators.parametric.gauss_newton import Minimum, minimise
+from testbench.estimators.parametric.likelihood import Layout, Likelihood, stretch
+from testbench.estimators.parametric.model import ParametricModel, named
+from testbench.estimators.parametric.output_error import held_inputs
+from testbench.estimators.parametric.response import discretise
+from testbench.estimators.parametric.structure import LinearStructure
+from testbench.record import FlightRecord, FloatArray
+
+_TOLERANCE = 1e-6  # the search ends where a full step would lower the cost by this much: a thousandth of an error
+_COLOURED = 1e-3  # false-alarm probability of the whiteness test
+
+
+class Whitening:
+    """The innovations filter of a structure whose inputs are noisy: it makes v = e - H n white, of unit variance.
+
+    n moves the states as the inputs do; with xi = [x, n], inputs joined by lines or held (``response.discretise``),
+
+        xi[k+1] = F xi[k] + [H, 1] n[k+1],    v[k] / sigma = [C, D] / sigma xi[k] + e[k],
+
+    the flight beginning in trim. The filter is the time-varying one of Kalman, exact from the first sample on. Samples
+    that were not taken leave it as it is.
+
+    Args:
+        structure: the equations.
+        params: (k,) the parameters whose response passes the noise on.
+        dt_s: sample time, s.
+        held: (m,) inputs that are held between samples.
+        input_std: (m,) noise of the inputs, 0 for none.
+        output_std: (p,) noise of the outputs.
+        taken: (N, p) root of the share of samples that there are; 1 for every one of them.
+
+    Raises:
+        EstimationError: the structure diverges over the record.
+    """
+
+    def __init__(
+        self,
+        structure: LinearStructure,
+        params: FloatArray,
+        dt_s: float,
+        held: NDArray[np.bool_],
+        input_std: FloatArray,
+        output_std: FloatArray,
+        taken: FloatArray,
+    ) -> None:
+        noisy = np.flatnonzero(input_std > 0.0)
+        m, d = structure.matrices(params), discretise(structure.matrices(params), dt_s, held)
+        n = len(d.A)
+        self._F = np.zeros((n + noisy.size, n + noisy.size))
+        self._F[:n, :n], self._F[:n, n:] = d.A, (d.G - d.H)[:, noisy]
+        drive = np.vstack([d.H[:, noisy], np.eye(noisy.size)]) * input_std[noisy]
+        self._C = np.hstack([m.C, m.D[:, noisy]]) / output_std[:, None]
+        self._taken, self._noisy = taken, bool(noisy.size)
+        N, p = taken.shape
+        self._gain, self._root = np.empty((N, len(self._F), p)), np.empty((N, p, p))
+        if self._noisy:
+            P = np.zeros_like(self._F)
+            P[n:, n:] = np.diag(input_std[noisy] ** 2)
+            self._run(P, drive @ drive.T)
+
+    def _run(self, P: FloatArray, Q: FloatArray) -> None:
+        """Fill in gains (N, n, p) and inverse Cholesky factors (N, p, p) of the innovations, from P (n, n) on."""
+        one = np.eye(self._C.shape[0])
+        for k, taken in enumerate(self._taken):
+            C = self._C * taken[:, None]
+            PC = P @ C.T
+            root = np.linalg.inv(np.linalg.cholesky(C @ PC + one))
+            half = self._F @ PC @ root.T
+            self._root[k], self._gain[k] = root, half @ root
+            P = self._F @ P @ self._F.T - half @ half.T + Q
+            P = 0.5 * (P + P.T)
+        if not np.all(np.isfinite(P)):
+            raise EstimationError("the model diverges from its start values; start from others, or from equation error")
+
+    def apply(self, x: FloatArray) -> FloatArray:
+        """Return ``x`` (N, p, k), in units of the outputs' noise and zero where not taken, whitened (N, p, k)."""
+        if not self._noisy:
+            return x
+        out = np.empty_like(x)
+        state = np.zeros((len(self._F), x.shape[2]))
+        for k, taken in enumerate(self._taken):
+            innovation = x[k] - taken[:, None] * (self._C @ state)
+            out[k] = self._root[k] @ innovation
+            state = self._F @ state + self._gain[k] @ innovation
+        return out
+
+
+def estimate(
+    record: FlightRecord,
+    structure: LinearStructure,
+    output_std: Mapping[str, float],
+    input_std: Mapping[str, float],
+    *,
+    max_iterations: int = 50,
+) -> ParametricModel:
+    """Estimate the free parameters of a linear structure, the flight beginning in trim.
+
+    Every output and every noisy input has an unknown offset: what is left of its trim value after its noise.
+
+    Args:
+        record: measured record.
+        structure: the equations; its values are the start and give the weights.
+        output_std: output -> standard deviation of its white noise, every output.
+        input_std: input -> the same; inputs left out are known exactly.
+        max_iterations: Gauss-Newton steps.
+
+    Returns:
+        The model. ``covariance`` is the inverse of the information with this noise; ``noise_covariance`` that of the
+        outputs' own noise. Diagnostics: ``cost`` v' Omega v, ``freedom`` its expectation, ``iterations``,
+        ``converged``, ``at_bound``, ``condition``, ``residual_std`` (p,), ``offsets`` (p,), ``input_biases`` (b,),
+        ``whiteness_p`` (p,) of the weighed residuals and the ``correlation`` (f, f) of the estimates.
+
+    Raises:
+        EstimationError: an output without noise, a noise of what is no input or output, nothing free, fewer samples
+            than unknowns, or unknowns that no output feels.
+        ChannelError: the record lacks a channel.
+    """
+    check_records([record], structure.must_move, structure.outputs)
+    sigma = named(output_std, structure.outputs, "a noise")
+    if not np.all(sigma > 0.0):
+        name = structure.outputs[int(np.argmin(sigma))]
+        raise EstimationError(
+            f"every output needs a noise above 0 to be weighed by, got none for '{name}'; give its std"
+        )
+    if not structure.free.any():
+        raise EstimationError(f"structure '{structure.name}' has no free parameter; free some, or simulate it instead")
+    held, noise = held_inputs(structure.inputs, None), named(input_std, structure.inputs, "a noise")
+    seen = stretch(record, structure, np.zeros(len(structure.inputs)), "zero", structure.outputs, ())
+    biased = tuple(np.flatnonzero(noise > 0.0).tolist())
+    layout = Layout(np.flatnonzero(structure.free), False, biased, len(structure.states), len(structure.outputs))
+    likelihood = Likelihood(structure, [seen], layout, record.dt_s, held)
+    values = structure.values
+    taken = seen.valid.astype(float)
+    weights = Whitening(structure, values, record.dt_s, held, noise, sigma, taken)
+
+    def problem(point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        with np.errstate(all="ignore"):  # a trial point may diverge: the search sees that and steps back
+            v, J = likelihood.evaluate(point, values)[0]
+            both = np.concatenate([v[:, :, None], J], axis=2) / sigma[:, None]
+            if not np.all(np.isfinite(both)):
+                return np.full(1, np.inf), np.full((1, layout.chosen.size + layout.per_record), np.inf)
+            rows = weights.apply(both).reshape(-1, both.shape[2])
+        return rows[:, 0], rows[:, 1:]
+
+    low, high = likelihood.bounds()
+    tolerance = _TOLERANCE / float(likelihood.counts.sum())
+    found = minimise(problem, likelihood.start(values), low, high, tolerance=tolerance, max_iterations=max_iterations)
+    settings = {"structure": structure.name, "output_std": dict(output_std), "input_std": dict(input_std)}
+    return _model(likelihood, weights, sigma, found, problem(found.point)[1], settings)
+
+
+def _model(
+    likelihood: Likelihood,
+    weights: Whitening,
+    sigma: FloatArray,
+    found: Minimum,
+    J: FloatArray,
+    settings: Mapping[str, Any],
+) -> ParametricModel:
+    """Return the model at the end of a search, ``J`` (r, k) the weighted sensitivities there."""
+    structure, seen, f = likelihood.structure, likelihood.stretches[0], likelihood.layout.chosen.size
+    params = likelihood.parameters(found.point, structure.values)
+    v = likelihood.evaluate(found.point, structure.values)[0][0]
+    moving, names = ~found.at_bound, likelihood.names()
+    reached = accuracy([np.zeros((len(J), 1))], [J[:, None, :]], np.eye(1), np.zeros(moving.size), moving, names)
+    covariance = reached.plain[:f, :f]
+    white = weights.apply((v / sigma)[:, :, None])[:, :, 0]
+    _, offsets, biases = likelihood.layout.split(found.point, 0)
+    whole = likelihood.layout.embedded(covariance, params.size)
+    model = ParametricModel(
+        method="output_error",
+        inputs=structure.inputs,
+        outputs=structure.outputs,
+        dt_s=likelihood.dt_s,
+        settings=settings,
+        diagnostics={
+            "cost": found.cost,
+            "freedom": float(likelihood.counts.sum() - likelihood.unknowns),
+            "iterations": found.iterations,
+            "converged": found.converged,
+            "at_bound": [n for n, b in zip(names[:f], found.at_bound[:f], strict=True) if b],
+            "condition": reached.condition,
+            "residual_std": np.std(v, axis=0),
+            "whiteness_p": np.ones(sigma.size),
+            "correlation": correlations(covariance),
+            "offsets": offsets,
+            "input_biases": biases,
+        },
+        structure=structure,
+        params=params,
+        covariance=whole,
+        covariance_plain=whole,
+        noise_covariance=np.diag(sigma**2),
+        held=tuple(likelihood.held.tolist()),
+        delays_s=(0.0,) * len(structure.inputs),
+        biased=structure.outputs,
+        biased_inputs=tuple(structure.inputs[j] for j in likelihood.layout.biased_inputs),
+        operating_point=(np.zeros(len(structure.states)), seen.u[0]),
+    )
+    model = advice_in_words(model)
+    p = whiteness([white], [seen.valid], np.std(white, axis=0), np.eye(sigma.size))
+    coloured = [o for o, value in zip(structure.outputs, p, strict=True) if value < _COLOURED]
+    said = (
+        f"the residuals of {', '.join(coloured)} are not white even when weighed (turbulence, a flight that is not "
+        "linear, or something missing in the model): the standard errors do not hold"
+    )
+    diagnostics = {**model.diagnostics, "whiteness_p": p}
+    advice = (*model.advice, said) if coloured else model.advice
+    return replace(model, diagnostics=diagnostics, advice=advice, status="warning" if advice else "good")
