@@ -95,11 +95,12 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
 
 
 def scenarios_page() -> str:
-    """Return every key of scenarios, design scenarios, comparisons and campaigns, from the schema that checks them."""
+    """Return every key of every kind of scenario, from the schema that checks them."""
     from testbench.scenario import Scenario
     from testbench.scenario.campaign import CampaignSpec
     from testbench.scenario.compare import CompareScenario
     from testbench.scenario.design import DesignScenario
+    from testbench.scenario.modes import ModesScenario
 
     out = [
         "# Keys of scenario files",
@@ -113,6 +114,7 @@ def scenarios_page() -> str:
         ("Design scenarios: `testbench design`", DesignScenario),
         ("Comparisons: `testbench compare`", CompareScenario),
         ("Campaigns: `testbench campaign`", CampaignSpec),
+        ("Flight in turbulence: `testbench modes`", ModesScenario),
     ):
         before = len(seen)
         models(root, seen)

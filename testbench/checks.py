@@ -15,6 +15,7 @@ COMMANDS = {
     "flight plan": "plan",
     "campaign": "campaign",
     "comparison": "compare",
+    "scenario of flight in turbulence": "modes",
     "description of recorded flights": "identify",
 }
 FOLDERS = {
@@ -24,6 +25,7 @@ FOLDERS = {
     "plan": "plan",
     "campaign": "campaign",
     "compare": "compare",
+    "modes": "modes",
     "identify": "records",
 }
 
@@ -72,6 +74,8 @@ def kind_of(file: Path) -> str:
         return "flight plan"
     if {"seeds", "placement"} & set(content) and "manoeuvre" in content:
         return "comparison"
+    if {"flight", "modes"} & set(content):
+        return "scenario of flight in turbulence"
     if {"vary", "grid", "runs", "repeats", "base"} & set(content):
         return "campaign"
     return "description of recorded flights" if "record" in content or "channel" in content else "scenario"
@@ -108,6 +112,10 @@ def check_file(path: Path) -> str:
         from testbench.comparison.compare import load_compare
 
         load_compare(file)
+    elif kind == "scenario of flight in turbulence":
+        from testbench.operational import load_modes
+
+        load_modes(file)
     elif kind == "scenario":
         from testbench.pipeline import load_scenario
 

@@ -10,7 +10,7 @@ from testbench.record import FlightRecord
 
 ASKED_BY_FILE = (
     "run", "identify", "compatibility", "response", "gap", "design", "compare", "plan", "check",
-    "campaign run", "campaign resume", "campaign status", "campaign summarise",
+    "modes", "campaign run", "campaign resume", "campaign status", "campaign summarise",
 )  # fmt: skip
 TABLE = "t [s],de [deg],q [deg/s]\n" + "".join(f"{0.1 * k:.1f},{k % 3},{k % 5}\n" for k in range(200))
 DESCRIPTION = """title = "t"

@@ -22,7 +22,7 @@ RANKS = (
     {"flight"},
     {"design", "evaluation"},
     {"pipeline", "designer"},
-    {"campaign", "comparison"},
+    {"campaign", "comparison", "operational"},
     {"gap"},
     {"report"},
     {"envs", "studio", "exercises", "reproduction"},

@@ -34,6 +34,7 @@ simulation lacks.
     testbench import flight.ulg -o my_log # what a flight log holds, its manoeuvres as records
     testbench compatibility my_records.toml # do the instruments agree with each other?
     testbench response my_records.toml    # frequency responses with coherence and random error
+    testbench modes eolo_turbulence       # modes from the wing's accelerometers alone, no input
     testbench gap flexible_wings          # find, name and add what the simulation lacks
     testbench design eolo_short_period    # which input tells what is wanted, inside the limits
     testbench compare eolo_alpha          # what each sensor buys, by simulation and by information
