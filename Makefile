@@ -30,7 +30,7 @@ campaign-cost: $(VENV)/installed-dev
 design-study: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/design_study.py
 
-# Writes results/estimators/*.csv; some 7 minutes of processor time. Interrupted: estimator_study.py --resume.
+# Writes results/estimators/*.csv; about an hour of processor time. Interrupted: estimator_study.py --resume.
 estimator-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/subspace_inputs.py
 	$(BIN)/python tests/studies/f16_prediction.py

@@ -42,6 +42,7 @@ from testbench.estimators.compatibility.choose import (
 from testbench.estimators.compatibility.drift import noise_std, too_long
 from testbench.estimators.compatibility.fit import Fit, Problem, stretch
 from testbench.estimators.compatibility.take_out import correct, rebuild
+from testbench.estimators.coverage import approximate
 from testbench.estimators.model import Status, check_records
 from testbench.estimators.parametric.kinematics import (
     ACCELEROMETERS,
@@ -200,6 +201,7 @@ def estimate(
     doubts = _advice(structure, errors, lost, fit, false_alarm)
     doubts += _unsteady_air(problem, _rms(problem, after))
     doubts += too_long(structure, problem.stretches, records[0].dt_s)
+    doubts += approximate("data compatibility") if errors else ()
     return DataCompatibility(
         structure=structure,
         errors=errors,

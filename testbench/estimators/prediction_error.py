@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from testbench.errors import EstimationError
+from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records, continuous_poles
 from testbench.estimators.parametric.accuracy import whiteness
 from testbench.estimators.parametric.gauss_newton import Minimum, Problem, minimise
@@ -198,7 +199,8 @@ def _covariance(e: Sequence[FloatArray], counts: FloatArray, series: Sequence[Se
     S = v.T @ v / np.sqrt(np.outer(counts, counts))
     if any(np.any(part.valid != part.valid[:, :1]) for part in series):
         S = np.diag(np.diag(S))
-    return np.asarray(S + _EXACT**2 * np.eye(len(S)))
+    rounding = 16.0 * np.finfo(float).eps * float(np.trace(S))  # errors of one sample alone have no full rank
+    return np.asarray(S + (_EXACT**2 + rounding) * np.eye(len(S)))
 
 
 def _problem(data: _Data, layout: Layout, centre: Matrices, basis: FloatArray, S: FloatArray) -> Problem:
@@ -349,7 +351,7 @@ def _advice(model: StateSpaceModel, white: FloatArray, layout: Layout) -> tuple[
             f"residuals of {', '.join(coloured)} are not white: standard errors are corrected for it; with "
             "disturbances estimated the weights would be right as well"
         )
-    return tuple(out)
+    return (*out, *approximate("prediction_error"))
 
 
 def predict(model: StateSpaceModel, record: FlightRecord) -> tuple[FloatArray, FloatArray]:

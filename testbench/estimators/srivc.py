@@ -15,6 +15,7 @@ import numpy as np
 
 from testbench.errors import EstimationError
 from testbench.estimators.continuous import ContinuousTransferModel
+from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records
 from testbench.estimators.srivc_iteration import WHITE, Fit, Series, Setup, errors_of, iterate, runs_of, solve
 from testbench.estimators.state_variable import holds
@@ -97,6 +98,8 @@ def estimate(
             sizes = np.array([mode.wn_rad_s for mode in modes])
             known = np.array([mode.wn_error_rad_s / mode.wn_rad_s if mode.wn_rad_s else np.inf for mode in modes])
             advice += question_poles(name, sizes, known, records, inputs)
+    if advice:
+        advice += approximate("srivc")
     keys = next(iter(found.values())).diagnostics
     settings = {
         "poles": sorted({n for n, _ in structures}),

@@ -1,257 +1,66 @@
 """How near each estimator comes to the Cramer-Rao bound, and whether its intervals hold the truth.
 
-Run with ``make estimator-study``; the tables go to results/estimators/. Simulated: the linearised longitudinal motion
-of an aircraft, two records of 320 and 240 samples (Taurus at 40 Hz, EOLO at 20 Hz), 3-2-1-1 multisteps of 0.05 rad of a
-held elevator, each followed by its mirror image, white noise of the EOLO suite with the air data boom on V, alpha, q
-and theta. Only the noise differs from seed to seed. Judged are frequency and damping of the short period against the
-bound of the parametric structure, which knows the equations; black boxes know less and cannot reach it. EOLO's short
-period is overdamped here: two real poles, whose product and sum stand for frequency and damping.
+Run with ``make estimator-study``; the tables go to results/estimators/. Simulated flights of both aircraft
+(``estimator_cases``), of which only the noise differs from seed to seed, are given to every method that the field has
+(``estimator_methods``).
 
-Methods that know the equations are judged by all their derivatives, too: the errors, whitened by the bound's covariance
-(root mean square 1 at the bound), and the pooled share of 95 % intervals that hold the truth.
+scatter_<aircraft>.csv: frequency and damping of the short period against the bound of the parametric structure, which
+knows the equations; black boxes know less and cannot reach it. Methods that know the equations are judged by all their
+derivatives, too: the errors, whitened by the bound's covariance (root mean square 1 at the bound).
+
+intervals.csv: every method that gives standard errors, and by quantity the share of its 95 % intervals, estimate plus
+and minus 1.96 standard errors, that held the truth. EOLO's short period is two real poles: who gives errors of single
+poles is judged by each of them. Quantities of one kind (derivatives, lines, instruments) are pooled; the row of the
+worst of them stands below. ``low`` and ``high`` are limits that a right interval leaves by chance once in a thousand
+(some hundred rows stand in the table).
+
+Estimates are kept seed by seed in build/estimator_study/, from which an interrupted study resumes.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import json
 import os
 import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 from scipy.stats import binom
 
-ROOT = Path(__file__).resolve().parents[2]
-sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "estimators" / "parametric"), str(ROOT / "tests" / "studies")]
+sys.path[:0] = [str(Path(__file__).resolve().parent)]
 
-from parametric_cases import fly  # noqa: E402
+from estimator_cases import (  # noqa: E402
+    CONDITIONS,
+    ROOT,
+    Case,
+    prepare_instruments,
+    prepare_longitudinal,
+    prepare_multisine,
+)
+from estimator_methods import INSTRUMENTS, LONGITUDINAL, METHODS, MULTISINE  # noqa: E402
 from rich.progress import Progress  # noqa: E402
 
-from testbench.aircraft import load_aircraft  # noqa: E402
 from testbench.errors import EstimationError  # noqa: E402
-from testbench.estimators import srivc, transfer_function  # noqa: E402
-from testbench.estimators.parametric import equation_error, filter_error, output_error  # noqa: E402
-from testbench.estimators.parametric.kalman import ekf, ukf  # noqa: E402
-from testbench.estimators.parametric.response import respond  # noqa: E402
-from testbench.estimators.parametric.structures import longitudinal  # noqa: E402
-from testbench.estimators.prediction_error import estimate as prediction_error  # noqa: E402
-from testbench.estimators.subspace import dsr_e, family  # noqa: E402
-from testbench.evaluation.derivatives import dimensional_derivatives  # noqa: E402
-from testbench.flight import FlightCondition, linearise, trim  # noqa: E402
-from testbench.record import FlightRecord  # noqa: E402
-from testbench.sensors import load_suite  # noqa: E402
 
-OUTPUTS = ("V", "alpha", "q", "theta")
-LENGTHS, AMPLITUDE = (320, 240), 0.05
-DT = {"taurus": 0.025, "eolo": 0.05}
-UNITS = {"taurus": (0.15, 0.25), "eolo": (0.3, 0.5)}  # of the 3-2-1-1, s
-HELD = np.ones(1, bool)
-CONDITIONS = {"taurus": FlightCondition(12.0, 100.0), "eolo": FlightCondition(16.0, 547.0)}
-HORIZONS = {"past_horizon": 15, "future_horizon": 15, "order": 4}
 RESULTS = ROOT / "results" / "estimators"
-
-
-class Truth(NamedTuple):
-    """The structure with its true values, records without noise, noise (p,), the pair of poles, wn and zeta, bounds."""
-
-    structure: Any
-    clean: list[FlightRecord]
-    std: np.ndarray
-    pair: np.ndarray
-    modal: np.ndarray  # wn, zeta
-    bound: np.ndarray  # (2,) standard deviations of wn, zeta
-    whiten: np.ndarray  # (f, f) takes errors of the free derivatives to unit covariance at the bound
-
-
-class Estimate(NamedTuple):
-    """wn and zeta of the short period with the standard errors that the method gives, None where it gives none.
-
-    ``derivatives`` (2, f): whitened errors of the free derivatives, and errors over the standard errors told.
-    """
-
-    modal: np.ndarray
-    told: np.ndarray | None
-    warned: bool
-    derivatives: np.ndarray | None = None
-
-
-def modal_of(pair: np.ndarray) -> np.ndarray:
-    """Return natural frequency and damping ratio of a pair of poles, real or conjugate."""
-    wn = np.sqrt(np.abs(pair[0] * pair[1]))
-    return np.array([wn, -np.real(pair[0] + pair[1]) / (2.0 * wn)])
-
-
-def closest(poles: np.ndarray, pair: np.ndarray) -> np.ndarray:
-    """Return the two poles, together closed under conjugation, that lie nearest to the true pair."""
-    best, least = None, np.inf
-    for i in range(poles.size):
-        for j in range(poles.size):
-            a, b = poles[i], poles[j]
-            if i == j or abs((a + b).imag) > 1e-6 * abs(a):
-                continue
-            apart = abs(a - pair[0]) + abs(b - pair[1])
-            if apart < least:
-                best, least = np.array([a, b]), apart
-    if best is None:
-        raise EstimationError("no pair of poles")
-    return best
-
-
-def elevator(name: str) -> list[np.ndarray]:
-    """Return the input (n, 1) of each record: 3-2-1-1, its mirror image, and so on, with a rest between them."""
-    out = []
-    for samples, unit in zip(LENGTHS, UNITS[name], strict=True):
-        u, width, k, sign = np.zeros((samples, 1)), round(unit / DT[name]), 10, 1.0
-        while k < samples:
-            for length in (3, 2, 1, 1, 3, 2, 1, 1):
-                u[k : k + length * width] = sign * AMPLITUDE
-                k, sign = k + length * width, -sign
-            k += 2 * width
-        out.append(u)
-    return out
-
-
-def prepare(name: str) -> Truth:
-    """Return what all seeds of an aircraft share."""
-    aircraft = load_aircraft(name)
-    trimmed = trim(aircraft, CONDITIONS[name])
-    derivatives = dimensional_derivatives(linearise(aircraft, trimmed), trimmed)
-    values = {d.name: d.held if d.static is None else d.static for d in derivatives}
-    structure = longitudinal(trimmed.condition.V_m_s, trimmed.alpha, trimmed.state["theta"], outputs=OUTPUTS)
-    structure = structure.with_parameters({n: values[n] for n in structure.parameter_names if n in values})
-    noise = {s.channel: s.noise_std for s in load_suite("eolo_alpha").sensors}
-    std = np.array([noise[output] for output in OUTPUTS])
-    p, free, n = structure.values, np.flatnonzero(structure.free), len(structure.states)
-    clean, J = [], []
-    for i, u in enumerate(elevator(name)):
-        r = respond(structure, p, free.tolist(), u, DT[name], HELD, np.zeros(n))
-        clean.append(fly(structure, p, u, DT[name], np.zeros(n), held=True))
-        own = [r.dx0 if i == k else np.zeros((len(u), len(OUTPUTS), n)) for k in range(len(LENGTHS))]
-        J.append((np.concatenate([r.dparams, *own], axis=2) / std[:, None]).reshape(len(u) * len(OUTPUTS), -1))
-    stacked = np.vstack(J)
-    covariance = np.linalg.inv(stacked.T @ stacked)[: free.size, : free.size]
-    poles = np.linalg.eigvals(structure.matrices(p).A)
-    pair = poles[np.argsort(-np.abs(poles))[:2]]
-    slope = gradient(structure, p, pair)[:, free]
-    bound = np.sqrt(np.einsum("ij,jk,ik->i", slope, covariance, slope))
-    whiten = np.linalg.inv(np.linalg.cholesky(covariance))
-    return Truth(structure, clean, std, pair, modal_of(pair), bound, whiten)
-
-
-def gradient(structure: Any, params: np.ndarray, pair: np.ndarray) -> np.ndarray:
-    """Return the derivatives (2, k) of wn and zeta by the parameters, by central differences."""
-    out = np.zeros((2, params.size))
-    for j in np.flatnonzero(structure.free):
-        step = 1e-6 * max(abs(params[j]), 1.0)
-        ends = []
-        for sign in (1.0, -1.0):
-            moved = params.copy()
-            moved[j] += sign * step
-            ends.append(modal_of(closest(np.linalg.eigvals(structure.matrices(moved).A), pair)))
-        out[:, j] = (ends[0] - ends[1]) / (2.0 * step)
-    return out
-
-
-def noisy(truth: Truth, seed: int) -> list[FlightRecord]:
-    """Return the records with the noise of a seed."""
-    rng = np.random.default_rng(seed)
-    out = []
-    for r in truth.clean:
-        e = rng.standard_normal((len(r), len(OUTPUTS)))
-        data = np.column_stack([r["de"], r.columns(OUTPUTS) + truth.std * e])
-        out.append(FlightRecord(r.t_s, ("de", *OUTPUTS), data, "measured"))
-    return out
-
-
-def parametric(module: Any, **settings: Any) -> Callable[[Truth, list[FlightRecord]], Estimate]:
-    """Return a method that knows the equations; it starts from equation error, as in a scenario."""
-
-    def run(truth: Truth, records: list[FlightRecord]) -> Estimate:
-        structure = longitudinal(
-            truth.structure.trim.V, truth.structure.trim.alpha, truth.structure.trim.theta, outputs=OUTPUTS
-        )
-        if module is not equation_error:
-            first = equation_error.estimate(records, structure, held=("de",))
-            structure = structure.with_parameters(first.values)
-        model = module.estimate(records, structure, held=("de",), **settings)
-        pair = closest(np.linalg.eigvals(model.linear().A), truth.pair)
-        slope = gradient(structure, model.params, pair)
-        told = np.sqrt(np.einsum("ij,jk,ik->i", slope, model.covariance, slope))
-        free = np.flatnonzero(structure.free)
-        error = (model.params - truth.structure.values)[free]
-        both = np.array([truth.whiten @ error, error / np.sqrt(np.diag(model.covariance))[free]])
-        return Estimate(modal_of(pair), told, model.status == "warning", both)
-
-    return run
-
-
-def subspace(method: str) -> Callable[[Truth, list[FlightRecord]], Estimate]:
-    """Return a subspace method without feedthrough."""
-
-    def run(truth: Truth, records: list[FlightRecord]) -> Estimate:
-        model = (
-            dsr_e.estimate(records, ("de",), OUTPUTS, **HORIZONS)
-            if method == "dsr_e"
-            else family.estimate(records, ("de",), OUTPUTS, method=method, **HORIZONS)
-        )
-        (poles,) = model.poles().values()
-        return Estimate(modal_of(closest(poles, truth.pair)), None, model.status == "warning")
-
-    return run
-
-
-def refined(disturbances: bool) -> Callable[[Truth, list[FlightRecord]], Estimate]:
-    """Return prediction error from a CVA start; its intervals are those of complex pairs."""
-
-    def run(truth: Truth, records: list[FlightRecord]) -> Estimate:
-        start = family.estimate(records, ("de",), OUTPUTS, method="cva", stable=True, **HORIZONS)
-        model = prediction_error(records, start, disturbances=disturbances)
-        (poles,) = model.poles().values()
-        pair = closest(poles, truth.pair)
-        told = None
-        for a in model.diagnostics["pole_accuracy"]:
-            if abs(a.pole.imag) > 0.0 and min(abs(a.pole - pair)) < 1e-6 * abs(a.pole):
-                told = np.array([a.wn_std, a.zeta_std])
-        return Estimate(modal_of(pair), told, model.status == "warning")
-
-    return run
-
-
-def transfer(truth: Truth, records: list[FlightRecord], by_instruments: bool) -> Estimate:
-    """Return the short period of the transfer function to q alone."""
-    if not by_instruments:
-        model: Any = transfer_function.estimate(records, ("de",), ("q",), poles=4, zeros=(3,))
-        return Estimate(modal_of(closest(model.poles()["q"], truth.pair)), None, model.status == "warning")
-    model = srivc.estimate(records, ("de",), ("q",), poles=4, zeros=3, hold="zoh")
-    pair = closest(model.poles()["q"], truth.pair)
-    told = None
-    for mode in model.modes()["q"]:
-        if abs(mode.pole.imag) > 0.0 and min(abs(mode.pole - pair)) < 1e-6 * abs(mode.pole):
-            told = np.array([mode.wn_error_rad_s, mode.zeta_error])
-    return Estimate(modal_of(pair), told, model.status == "warning")
-
-
-METHODS: dict[str, tuple[float, Callable[[Truth, list[FlightRecord]], Estimate]]] = {
-    "output_error": (1.0, parametric(output_error)),
-    **{name: (0.5, subspace(name)) for name in ("dsr_e", "moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt")},
-    "equation_error": (0.5, parametric(equation_error)),
-    "transfer_function (q)": (0.5, lambda t, r: transfer(t, r, False)),
-    "srivc (q)": (0.5, lambda t, r: transfer(t, r, True)),
-    "prediction_error, K = 0": (0.25, refined(False)),
-    "prediction_error": (0.1, refined(True)),
-    "ekf": (0.15, parametric(ekf)),
-    "ukf": (0.15, parametric(ukf)),
-    "filter_error": (0.05, parametric(filter_error)),
-}
-"""Method -> share of the seeds that its cost allows, and how it is run."""
-
-COLUMNS = (
+HELD_TABLE = ROOT / "testbench" / "estimators" / "coverage_table.py"
+RAW = ROOT / "build" / "estimator_study"
+SEEDS = 400
+FEWER = {name: 100 for name in LONGITUDINAL if name.endswith("bootstrap")}
+"""Seeds of the methods that repeat themselves 25 times for their errors, of 400 for the others."""
+KINDS = (
+    (LONGITUDINAL, prepare_longitudinal),
+    (MULTISINE, prepare_multisine),
+    (INSTRUMENTS, prepare_instruments),
+)
+SCATTER = (
     "aircraft",
     "method",
     "seeds",
@@ -263,84 +72,204 @@ COLUMNS = (
     "bias_percent_zeta",
     "rms_percent_wn",
     "rms_percent_zeta",
-    "coverage_wn",
-    "coverage_zeta",
-    "binomial_low",
-    "binomial_high",
     "rms_over_bound_derivatives",
-    "coverage_derivatives",
 )
+INTERVALS = ("aircraft", "method", "quantity", "seeds", "held", "low", "high", "within", "told_over_scatter")
 
 
-def study(name: str, method: str, truth: Truth, seeds: int, step: Callable[[], Any]) -> dict[str, Any]:
-    """Return one row of the table."""
-    run = METHODS[method][1]
-    found, refused = [], 0
-    for seed in range(seeds):
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", RuntimeWarning)
-                found.append(run(truth, noisy(truth, seed)))
-        except EstimationError:
-            refused += 1
-        step()
-    row: dict[str, Any] = dict.fromkeys(COLUMNS, "")
-    row |= {"aircraft": name, "method": method, "seeds": seeds, "refused": refused}
+def run_seed(case: Case, method: str, seed: int) -> dict[str, Any]:
+    """Return what a method makes of a seed, as JSON values."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", RuntimeWarning)
+            found = METHODS[method](case, case.draw(seed))
+    except EstimationError:
+        return {"seed": seed, "refused": True}
+    return {"seed": seed, "refused": False, "warned": found.warned, "values": found.values}
+
+
+def _raw(case: Case, method: str, folder: Path) -> Path:
+    return folder / f"{case.name}_{''.join(c if c.isalnum() else '_' for c in method)}.jsonl"
+
+
+def kept(case: Case, method: str, folder: Path) -> list[dict[str, Any]]:
+    """Return the estimates that are kept."""
+    file = _raw(case, method, folder)
+    if not file.is_file():
+        return []
+    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines() if line.endswith("}")]
+
+
+def estimates(
+    case: Case, method: str, seeds: int, folder: Path, resume: bool, step: Callable[[], Any]
+) -> list[dict[str, Any]]:
+    """Return what a method makes of every seed; those of an interrupted study are read."""
+    folder.mkdir(parents=True, exist_ok=True)
+    done = kept(case, method, folder) if resume else []
+    file = _raw(case, method, folder)
+    with file.open("w", encoding="utf-8") as stream:
+        stream.writelines(json.dumps(row) + "\n" for row in done)
+        stream.flush()
+        for seed in range(seeds):
+            if seed == len(done):
+                done.append(run_seed(case, method, seed))
+                stream.write(json.dumps(done[seed]) + "\n")
+                stream.flush()
+            step()
+    return done[:seeds]
+
+
+def scatter_row(case: Case, method: str, done: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return one row of the table of scatter."""
+    row: dict[str, Any] = dict.fromkeys(SCATTER, "")
+    found = [d["values"] for d in done if not d["refused"]]
+    row |= {"aircraft": case.name, "method": method, "seeds": len(done), "refused": len(done) - len(found)}
     if not found:
         return row
-    row["warned"] = sum(f.warned for f in found)
-    errors = np.array([f.modal for f in found]) - truth.modal
-    rms, bias = np.sqrt(np.mean(errors**2, axis=0)), errors.mean(axis=0)
-    for i, what in enumerate(("wn", "zeta")):
-        row[f"rms_over_bound_{what}"] = f"{rms[i] / truth.bound[i]:.2f}"
-        row[f"bias_percent_{what}"] = f"{100.0 * bias[i] / truth.modal[i]:+.2f}"
-        row[f"rms_percent_{what}"] = f"{100.0 * rms[i] / truth.modal[i]:.2f}"
-    told = [(e, f.told) for e, f in zip(errors, found, strict=True) if f.told is not None]
-    if len(told) >= 0.5 * seeds:
-        covered = np.mean([np.abs(e) < 1.96 * t for e, t in told], axis=0)
-        # Some forty coverages stand in the tables: limits that each leaves by chance once in a thousand.
-        limits = binom.ppf([0.0005, 0.9995], len(told), 0.95) / len(told)
-        row |= {"coverage_wn": f"{covered[0]:.3f}", "coverage_zeta": f"{covered[1]:.3f}"}
-        row |= {"binomial_low": f"{limits[0]:.3f}", "binomial_high": f"{limits[1]:.3f}"}
-    if found[0].derivatives is not None:
-        whitened, normalised = np.stack([f.derivatives for f in found], axis=1)
-        row["rms_over_bound_derivatives"] = f"{np.sqrt(np.mean(whitened**2)):.3f}"
-        row["coverage_derivatives"] = f"{np.mean(np.abs(normalised) < 1.96):.3f}"
+    row["warned"] = sum(d["warned"] for d in done if not d["refused"])
+    for q in ("wn", "zeta"):
+        error, true = np.array([v[q][0] for v in found if q in v]) - case.true[q], case.true[q]
+        if not error.size:
+            continue
+        rms = float(np.sqrt(np.mean(error**2)))
+        row[f"rms_over_bound_{q}"] = f"{rms / case.bound[q]:.2f}"
+        row[f"bias_percent_{q}"] = f"{100.0 * error.mean() / true:+.2f}"
+        row[f"rms_percent_{q}"] = f"{100.0 * rms / true:.2f}"
+    names = [q for q in case.true if q.startswith("derivatives: ")]
+    if all(name in v for v in found for name in names):
+        errors = np.array([[v[name][0] - case.true[name] for name in names] for v in found])
+        row["rms_over_bound_derivatives"] = f"{np.sqrt(np.mean((errors @ case.whiten.T) ** 2)):.3f}"
     return row
 
 
+def interval_rows(case: Case, method: str, done: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return the rows of the table of intervals, one for each quantity that half of the seeds or more tell."""
+    held: dict[str, list[tuple[float, float]]] = {}
+    for d in done:
+        for q, (value, std) in ({} if d["refused"] else d["values"]).items():
+            if std is not None:
+                held.setdefault(q, []).append((value - case.true[q], std))
+    held = {q: pairs for q, pairs in held.items() if len(pairs) >= 0.5 * len(done)}
+    kinds: dict[str, list[str]] = {}
+    for q in held:
+        kinds.setdefault(q.split(": ")[0], []).append(q)
+    rows = []
+    for kind, members in kinds.items():
+        shares = {q: float(np.mean([abs(e) < 1.96 * s for e, s in held[q]])) for q in members}
+        if members == [kind]:
+            rows.append(_interval(case, method, kind, held[kind]))
+            continue
+        rows.append(_interval(case, method, f"{kind}, pooled", [pair for q in members for pair in held[q]], len(done)))
+        worst = min(members, key=lambda q: (-abs(shares[q] - 0.95), q))
+        rows.append(_interval(case, method, f"{kind}, worst: {worst.split(': ')[1]}", held[worst]))
+    return rows
+
+
+def _interval(
+    case: Case, method: str, quantity: str, pairs: list[tuple[float, float]], seeds: int | None = None
+) -> dict[str, Any]:
+    seeds = len(pairs) if seeds is None else seeds
+    errors, told = np.array(pairs).T
+    share = float(np.mean(np.abs(errors) < 1.96 * told))
+    low, high = (float(x) for x in binom.ppf([0.0005, 0.9995], seeds, 0.95) / seeds)
+    ratio = np.sqrt(np.mean((errors / np.maximum(told, 1e-300)) ** 2)) if np.all(told > 0.0) else np.inf
+    values = (
+        case.name,
+        method,
+        quantity,
+        seeds,
+        f"{share:.3f}",
+        f"{low:.3f}",
+        f"{high:.3f}",
+        "yes" if low <= share <= high else "no",
+        f"{1.0 / ratio:.2f}",
+    )
+    return dict(zip(INTERVALS, values, strict=True))
+
+
+def _write(file: Path, columns: tuple[str, ...], rows: list[dict[str, Any]]) -> None:
+    with file.open("w", encoding="utf-8", newline="") as stream:
+        table = csv.DictWriter(stream, columns, lineterminator="\n")
+        table.writeheader()
+        table.writerows(rows)
+
+
+def product(method: str) -> str:
+    """Return what the package calls a method of the study; methods that share intervals share a name."""
+    if method.startswith("regression of quiet terms"):
+        return "quiet " + ("structure search" if method.endswith(("stepwise", "functions")) else "regression")
+    for start in ("regression", "prediction_error", "equivalent"):
+        if method.startswith(start):
+            return start + (", windowed" if method.endswith("windowed") else "")
+    return "bootstrap" if method.endswith("bootstrap") else method.removesuffix(" (q)")
+
+
+def held_table(rows: list[dict[str, Any]]) -> dict[str, tuple[int, int, int]]:
+    """Return method -> lowest and highest share, %, and seeds, of those whose intervals leave the limits somewhere.
+
+    The worst of several quantities enters only where all of them together stay within.
+    """
+    out = {}
+    for name in sorted({product(r["method"]) for r in rows}):
+        mine = [r for r in rows if product(r["method"]) == name]
+        whole = [r for r in mine if "worst" not in r["quantity"]]
+        if any(r["within"] == "no" for r in mine):
+            mine = whole if any(r["within"] == "no" for r in whole) else mine
+            shares = [round(100.0 * float(r["held"])) for r in mine]
+            out[name] = (min(shares), max(shares), min(int(r["seeds"]) for r in mine))
+    return out
+
+
+def write_held(rows: list[dict[str, Any]], file: Path) -> None:
+    """Write what the estimators' advice says of intervals that are only approximate."""
+    lines = [f'    "{name}": {values},' for name, values in held_table(rows).items()]
+    text = (
+        '"""Written by tests/studies/estimator_study.py from results/estimators/intervals.csv."""\n\n'
+        "HELD: dict[str, tuple[int, int, int]] = {\n" + "\n".join(lines) + "\n}\n"
+        '"""Method -> least and largest share of its 95 % intervals that held the truth, %, and number of seeds."""\n'
+    )
+    file.write_text(text, encoding="utf-8")
+
+
 def main(arguments: list[str] | None = None) -> None:
-    """Run the study for one or both aircraft and write scatter_<aircraft>.csv."""
+    """Run the study and write scatter_<aircraft>.csv and intervals.csv."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--aircraft", choices=list(CONDITIONS), nargs="*", default=list(CONDITIONS))
     parser.add_argument("--methods", choices=list(METHODS), nargs="*", default=list(METHODS))
-    parser.add_argument("--seeds", type=int, default=400, help="of output error; slower methods take a share of them")
+    parser.add_argument("--seeds", type=int, default=SEEDS, help="of most methods; slow ones take a share of them")
     parser.add_argument("--folder", type=Path, default=RESULTS)
-    parser.add_argument("--resume", action="store_true", help="keep the rows that an interrupted study has left")
+    parser.add_argument("--raw", type=Path, default=RAW, help="where the estimates are kept seed by seed")
+    parser.add_argument("--resume", action="store_true", help="keep the estimates that an interrupted study has left")
+    parser.add_argument("--have", action="store_true", help="tables of what is kept, whatever it is; estimate nothing")
     given = parser.parse_args(arguments)
     given.folder.mkdir(parents=True, exist_ok=True)
+    intervals: list[dict[str, Any]] = []
     with Progress() as progress:
         for name in given.aircraft:
-            file = given.folder / f"scatter_{name}.csv"
-            rows = {}
-            if given.resume and file.is_file():
-                with file.open(encoding="utf-8", newline="") as stream:
-                    rows = {row["method"]: row for row in csv.DictReader(stream)}
-            truth = prepare(name)
-            for method in given.methods:
-                seeds = max(2, round(METHODS[method][0] * given.seeds))
-                if str(rows.get(method, {}).get("seeds")) == str(seeds):
-                    continue
-                task = progress.add_task(f"{name} {method}", total=seeds)
-                rows[method] = study(name, method, truth, seeds, lambda task=task: progress.advance(task))
-                with file.open("w", encoding="utf-8", newline="") as stream:
-                    table = csv.DictWriter(stream, COLUMNS, lineterminator="\n")
-                    table.writeheader()
-                    table.writerows(rows[m] for m in METHODS if m in rows)
-            progress.console.print(
-                f"{name}: short period {truth.modal[0]:.3f} rad/s, damping {truth.modal[1]:.3f}; "
-                f"bound {100 * truth.bound[0] / truth.modal[0]:.2f} % and {100 * truth.bound[1] / truth.modal[1]:.2f} %"
-            )
+            scatter = []
+            for methods, prepare in KINDS:
+                chosen = [m for m in methods if m in given.methods]
+                case = prepare(name) if chosen else None
+                for method in chosen:
+                    assert case is not None
+                    seeds = max(2, round(given.seeds * FEWER.get(method, SEEDS) / SEEDS))
+                    task = progress.add_task(f"{name} {method}", total=seeds)
+                    if given.have:
+                        done = kept(case, method, given.raw)[:seeds]
+                        if len(done) < 2:
+                            continue
+                    else:
+                        done = estimates(
+                            case, method, seeds, given.raw, given.resume, lambda task=task: progress.advance(task)
+                        )
+                    if methods is LONGITUDINAL and not method.startswith("regression") and method not in FEWER:
+                        scatter.append(scatter_row(case, method, done))
+                    intervals += interval_rows(case, method, done)
+                    progress.remove_task(task)
+            _write(given.folder / f"scatter_{name}.csv", SCATTER, scatter)
+    _write(given.folder / "intervals.csv", INTERVALS, intervals)
+    if given.folder == RESULTS and set(given.methods) == set(METHODS) and set(given.aircraft) == set(CONDITIONS):
+        write_held(intervals, HELD_TABLE)
 
 
 if __name__ == "__main__":

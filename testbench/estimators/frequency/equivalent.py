@@ -15,7 +15,9 @@ from scipy.optimize import least_squares
 
 from testbench.errors import EstimationError, nearest
 from testbench.estimators.continuous import ContinuousTransferModel
+from testbench.estimators.coverage import approximate
 from testbench.estimators.frequency.response import FrequencyResponse
+from testbench.estimators.frequency.sampled import sampled_response
 from testbench.estimators.model import ComplexArray
 from testbench.estimators.state_variable import Hold, holds
 from testbench.record import FloatArray
@@ -26,15 +28,21 @@ _DEGREE = 180.0 / np.pi
 _PHASE = 0.01745  # a degree of phase weighs as 0.13 dB of gain
 _POOR = 100.0  # mean cost above which a low-order equivalent is not acceptable (Tischler and Remple, section 11.2)
 _DELAYS = 13  # starts of each delay, up to a whole turn at the highest frequency
+_EXACT = 1e-9  # random errors below this are rounding
 _FLOOR = 1e-2  # random errors below this share of the median count as that: no value outweighs all others
 
 
 class _Problem(NamedTuple):
-    """The values of some outputs: s (k,), H (k, p, m), the hold (k, m), weights and random errors (k, p, m)."""
+    """The values of some outputs: s (k,), H (k, p, m), the hold (k, m), weights and random errors (k, p, m).
+
+    ``zoh`` (m,): which inputs are held for ``dt_s``; ``held`` is what that does below the folding frequencies.
+    """
 
     s: ComplexArray
     H: ComplexArray
     held: ComplexArray
+    zoh: tuple[bool, ...]
+    dt_s: float
     weight: FloatArray
     error: FloatArray
     n: int
@@ -72,8 +80,9 @@ def fit_equivalent(
         common: True for one denominator for all outputs; False for one each.
         weighting: "loes" or "likelihood".
         band_rad_s: frequencies used; all if not given.
-        hold: how the inputs run between their samples (see ``srivc``). For "zoh" the model carries the hold, whose half
-            sample of delay would end in tau otherwise.
+        hold: how the inputs run between their samples (see ``srivc``). For "zoh" what is fitted is the response of the
+            sampled model, exactly: the hold, whose half sample of delay would end in tau otherwise, and what folds down
+            from beyond the Nyquist frequency.
 
     Returns:
         The model. Covariance: the random errors of the response, carried through the weighted fit; values closer
@@ -111,6 +120,8 @@ def fit_equivalent(
         for key, value in note.items():
             notes[key][name] = value
         advice += _advice(name, note, a, part)
+    if np.any(response.random_error > _EXACT):
+        advice += approximate("equivalent" if response.method == "multisine" else "equivalent, windowed")
     covariance = np.zeros((len(names), len(names)))
     at = 0
     for block in blocks:
@@ -186,7 +197,9 @@ def _problem(
         weight = 1.0 / np.maximum(error, _FLOOR * middle) if middle > 0.0 else np.ones(error.shape)
     spacing = np.gradient(part.omega_rad_s) if s.size > 1 else part.resolution_rad_s
     crowding = max(1.0, float(np.mean(part.resolution_rad_s / spacing)))
-    return _Problem(s, H, held, weight, error, n, nzs, delay, weighting, crowding)
+    return _Problem(
+        s, H, held, tuple(w == "zoh" for w in words), part.dt_s, weight, error, n, nzs, delay, weighting, crowding
+    )
 
 
 def _unpack(problem: _Problem, x: FloatArray, w0: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -208,9 +221,15 @@ def _model(problem: _Problem, x: FloatArray, w0: float) -> ComplexArray:
     powers = s[:, None] ** np.arange(problem.n, -1.0, -1.0)
     above = np.einsum("kn,pmn->kpm", powers, b)
     below = powers @ a
-    return np.asarray(
+    out = np.asarray(
         above / below[:, None, None] * np.exp(-s[:, None, None] * tau) * problem.held[:, None, :], np.complex128
     )
+    for i, j in np.ndindex(*tau.shape):
+        if problem.zoh[j]:
+            sampled = sampled_response(b[i, j], a, s, problem.dt_s, float(tau[i, j]), w0)
+            if np.all(np.isfinite(sampled)):
+                out[:, i, j] = sampled
+    return out
 
 
 def _residuals(problem: _Problem, G: ComplexArray, weighting: Weighting | None = None) -> FloatArray:

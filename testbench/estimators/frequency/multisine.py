@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.errors import EstimationError
-from testbench.estimators.frequency.response import FrequencyResponse
+from testbench.estimators.coverage import approximate
+from testbench.estimators.frequency.response import FrequencyResponse, interval_factor
 from testbench.estimators.model import ComplexArray, check_records
 from testbench.record import FlightRecord, FloatArray
 
@@ -59,8 +60,9 @@ def estimate_multisine_response(
 
     Returns:
         The response. Its diagnostics hold ``distortion_source`` ("detection lines", "realisations" or "not separable"),
-        ``periods`` by record, and by output ``odd_distortion`` and ``even_distortion``: (frequency rad/s, power) at
-        the lines that are not excited, noise taken off.
+        ``periods`` by record; ``interval_factor``: random errors to either side that hold 95 %; and by output
+        ``odd_distortion`` and ``even_distortion``: (frequency rad/s, power) at the lines that are not excited, noise
+        taken off.
 
     Raises:
         EstimationError: a period that is not a whole number of samples, fewer than two whole periods without gaps, no
@@ -217,6 +219,7 @@ def _at_lines(
         diagnostics={
             "distortion_source": source,
             "periods": periods.tolist(),
+            "interval_factor": interval_factor(2.0 * float(np.sum(periods - 1))),
             **{key: dict(zip(outputs, values, strict=True)) for key, values in found.items()},
         },
         status="warning" if advice else "good",
@@ -332,4 +335,4 @@ def _advice(
                     f"{name}: nonlinear distortion ({100.0 * share:.1f} % of the response) exceeds the noise: H is the "
                     "best linear approximation at this amplitude; more periods do not help, other phases do"
                 )
-    return tuple(out)
+    return (*out, *approximate("frequency response, multisine"))

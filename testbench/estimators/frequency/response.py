@@ -128,3 +128,13 @@ class FrequencyResponse:
             "status": self.status,
             "advice": list(self.advice),
         }
+
+
+def interval_factor(freedoms: float) -> float:
+    """Return how many random errors to either side hold the truth with 95 %: Student's t, not 1.96.
+
+    A noise power that few periods or averages tell, each with a real and an imaginary part, is itself uncertain.
+    """
+    from scipy.stats import t
+
+    return float(t.ppf(0.975, max(freedoms, 1.0)))

@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 
 from testbench.errors import EstimationError
-from testbench.estimators.frequency.response import FrequencyResponse
+from testbench.estimators.coverage import approximate
+from testbench.estimators.frequency.response import FrequencyResponse, interval_factor
 from testbench.estimators.hankel import window_starts
 from testbench.estimators.model import ComplexArray, check_records
 from testbench.record import FlightRecord, FloatArray
@@ -67,7 +68,7 @@ def estimate_frequency_response(
 
     Returns:
         The response. Its diagnostics hold ``input_coherence`` (k,), the largest multiple coherence of an input with the
-        others, ``segments`` and ``averages`` by window.
+        others, ``averages`` by window, and ``interval_factor``: random errors to either side that hold 95 %.
 
     Raises:
         EstimationError: settings against the laws above, no more averages than inputs, gaps in all segments, inputs
@@ -187,6 +188,12 @@ def random_error(partial_coherence: FloatArray, averages: FloatArray) -> FloatAr
     return np.asarray(np.sqrt(1.0 - np.minimum(g, 1.0) ** 2) / (g * np.sqrt(2.0 * averages)))
 
 
+def _few_averages(free: float) -> float:
+    """Return ``interval_factor`` for ``free`` averages less inputs, times what the fit took out of the noise."""
+    free = max(free, 0.5)
+    return interval_factor(2.0 * free) * float(np.sqrt((free + 1.0) / free))
+
+
 def _combine(
     parts: list[_Spectra],
     omega: FloatArray,
@@ -235,6 +242,7 @@ def _combine(
         method="composite" if len(parts) > 1 else "windowed",
         diagnostics={
             "input_coherence": among,
+            "interval_factor": _few_averages(float(counts.mean()) - m),
             "averages": {f"{n * dt_s:g}": part.averages for n, part in zip(lengths, parts, strict=True)},
         },
         status="warning" if advice else "good",
@@ -285,4 +293,4 @@ def _advice(
             f"only {few:.1f} independent averages stand behind the spectra: coherence is too high by up to about "
             f"{min(1.0, m / few):.2f} and the random error too small; shorten the window or give more data"
         )
-    return tuple(out)
+    return (*out, *approximate("frequency response, windowed"))

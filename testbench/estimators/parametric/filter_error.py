@@ -30,6 +30,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from testbench.errors import EstimationError
+from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
@@ -252,6 +253,7 @@ def _with_filter_advice(model: ParametricModel) -> ParametricModel:
         )
     if found["process_noise"] and len(found["process_noise_absent"]) == len(found["process_noise"]):
         out.append("no process noise can be told from none: output error says the same with fewer unknowns")
+    out.extend(approximate("filter_error"))
     if not out:
         return model
     return replace(model, status="warning", advice=(*model.advice, *out))

@@ -16,6 +16,7 @@ from testbench.record import FloatArray
 _SWEEPS = 12  # Newton sweeps over a whole trajectory before it is run sample by sample
 _TRAJECTORY = 1e-13  # defect of a trajectory relative to its size
 _OVERFLOW = 300.0  # logarithm of the growth over a record beyond which a response counts as diverged
+_TAYLOR_SIZE, _TAYLOR_LEFT, _TAYLOR_TERMS = 4.0, 1e-20, 60  # norm of A dt per substep, last term, most terms
 _RUNAWAY = 1e6  # growth of a state in one sample beyond which a response counts as diverged
 
 
@@ -194,6 +195,38 @@ def runge_kutta(
         k4 = structure.derivative(x + h * k3, end, params)
         x = x + h / 6.0 * (k1 + 2.0 * (k2 + k3) + k4)
     return x
+
+
+def taylor(s: Matrices, x: AnyArray, u: AnyArray, du: AnyArray, dt_s: float) -> AnyArray:
+    """Return the states (..., n) one sample later, by as many Taylor terms as rounding can tell.
+
+    Args:
+        s: matrices with the leading axes of the states.
+        x: states (..., n).
+        u: inputs (m,) at the start of the sample.
+        du: their change over the sample, (m,); zero for inputs that are held.
+        dt_s: sample time, s.
+    """
+    A = s.A.real[(-1,) * (s.A.ndim - 2)]
+    square = A @ A
+    growth = dt_s * float(np.sum((square @ square) ** 2)) ** 0.125  # norm of A^4, near the largest pole's power
+    substeps = int(np.ceil(growth / _TAYLOR_SIZE)) if 1.0 < growth < _RUNAWAY else 1
+    h, a = dt_s / substeps, growth / substeps
+    A, du = s.A * h, (s.B @ (du / substeps)) * h
+    x, drive = x[..., None], (s.B @ u + s.bx) * h
+    for i in range(substeps):
+        term = A @ x
+        term += (drive + i * du)[..., None]
+        x, left, order = x + term, a, 1
+        while left > _TAYLOR_LEFT and order < _TAYLOR_TERMS:
+            order += 1
+            left *= a / order
+            term = A @ term
+            if order == 2:
+                term += du[..., None]
+            term /= order
+            x = x + term
+    return np.asarray(x[..., 0])
 
 
 def _nonlinear(

@@ -25,6 +25,7 @@ STEP = 1e-30
 """Complex step: far below rounding, so that the derivative has no truncation error, and nothing is subtracted."""
 
 AnyArray = NDArray[Any]
+_AFFINE = 1e-13  # of an entry's size: rounding
 
 
 @dataclass(frozen=True)
@@ -212,3 +213,45 @@ class LinearStructure(ModelStructure):
         """Return C x + D u + by."""
         s = self.matrices(params)
         return np.einsum("...ij,...j->...i", s.C, x) + np.einsum("...ij,...j->...i", s.D, u) + s.by
+
+
+@dataclass(frozen=True, eq=False)
+class Affine:
+    """The matrices of a linear structure as a sum over its parameters: base + sum of params_i slope_i.
+
+    Attributes:
+        base: (e,) entries of A, B, C, D, bx and by, one after the other.
+        slopes: (k, e).
+        shapes: number of entries and shape of every matrix.
+    """
+
+    base: FloatArray
+    slopes: FloatArray
+    shapes: tuple[tuple[int, tuple[int, ...]], ...]
+
+    @classmethod
+    def of(cls, structure: LinearStructure) -> Affine | None:
+        """Return the sum, or None where parameters multiply or divide one another."""
+        k = len(structure.parameters)
+        size = np.maximum(np.abs(structure.values), 1.0)
+        points = np.vstack([np.zeros(k), np.diag(size), size * np.cos(np.arange(k))])
+        with np.errstate(all="ignore"):
+            s = structure.matrices(points)
+        shapes = tuple(part.shape[1:] if part.ndim > 1 else part.shape for part in s)
+        wide = [np.broadcast_to(part, (len(points), *shape)) for part, shape in zip(s, shapes, strict=True)]
+        entries = np.concatenate([part.reshape(len(points), -1) for part in wide], axis=1)
+        base, slopes = entries[0], (entries[1:-1] - entries[0]) / size[:, None]
+        expected = base + points[-1] @ slopes
+        right = np.abs(entries[-1] - expected) <= _AFFINE * (np.abs(base) + np.abs(points[-1]) @ np.abs(slopes))
+        sized = tuple((int(np.prod(shape)), shape) for shape in shapes)
+        return cls(base, slopes, sized) if bool(np.all(right)) else None
+
+    def at(self, params: AnyArray) -> Matrices:
+        """Return the matrices of parameters (..., k)."""
+        entries = params @ self.slopes
+        entries += self.base
+        out, at, lead = [], 0, entries.shape[:-1]
+        for size, shape in self.shapes:
+            out.append(entries[..., at : at + size].reshape(lead + shape))
+            at += size
+        return Matrices(*out)

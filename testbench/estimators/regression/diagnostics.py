@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from testbench.errors import EstimationError
+from testbench.estimators.coverage import approximate
 from testbench.estimators.regression.data import BIAS, RegressionData, factors
 from testbench.estimators.regression.smoothing import noise_level
 from testbench.record import FloatArray
@@ -17,6 +18,7 @@ _DEFICIENT = 1e-9  # singular values below this share of the largest are zero: r
 _VIF = 10.0  # customary limit (Montgomery, Peck, Vining, Introduction to Linear Regression Analysis)
 _SHARE = 0.1  # entries of a null vector below this are not part of the dependence
 _ATTENUATION = 0.02  # bias from noise in a term worth mentioning
+_NOISY = 0.01  # noise over motion of a term that biases a regression over a band by more than its errors
 _T = 2.0
 _LEAST = 16
 _R2 = 0.5
@@ -114,18 +116,36 @@ def advise(
                 f"{name}: {theta[i]:.3g} is within two standard errors ({std[i]:.2g}) of zero: these data do not "
                 "decide it; excite it more or leave it out"
             )
+    biased = False
     for name, share in _attenuation(records, names, found).items():
         if share > _ATTENUATION:
             out.append(
                 f"{name}: noise in the signal draws its estimate towards zero by about {100 * min(share, 1.0):.0f} %; "
                 "smooth the record first or regress in the frequency domain over the band of the manoeuvre"
             )
+            biased = True
+    if biased:
+        out.extend(approximate("regression", "with noise in the terms the errors do not tell of it, and"))
     if r2 < _R2:
         out.append(
             f"{target}: the terms explain {100 * max(r2, 0.0):.0f} % of it; look for terms that are missing, "
             "or for more excitation"
         )
     return tuple(out)
+
+
+def noisy_terms(records: Sequence[RegressionData], names: Sequence[str]) -> tuple[str, ...]:
+    """Return, for a regression over a band, what its errors are worth where a term holds noise to speak of."""
+    for name in names:
+        if len(factors(name)) != 1 or factors(name)[0][1] != 1:
+            continue
+        for record in records:
+            y = record[name][record.sampled([name])]
+            if y.size >= _LEAST and noise_level(y) > _NOISY * float(np.std(y)):
+                return approximate(
+                    "regression", f"noise in {name} biases the estimates, the errors do not tell, and the"
+                )
+    return ()
 
 
 def _attenuation(records: Sequence[RegressionData], names: Sequence[str], found: Diagnostics) -> dict[str, float]:

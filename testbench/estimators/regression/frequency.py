@@ -14,7 +14,7 @@ import numpy as np
 from testbench.errors import EstimationError
 from testbench.estimators.model import ComplexArray
 from testbench.estimators.regression.data import BIAS, RegressionData, check_terms
-from testbench.estimators.regression.diagnostics import advise, diagnose, refuse_deficient
+from testbench.estimators.regression.diagnostics import advise, diagnose, noisy_terms, refuse_deficient
 from testbench.estimators.regression.equation_error import as_records, block
 from testbench.estimators.regression.result import RegressionResult
 from testbench.record import FloatArray
@@ -98,6 +98,7 @@ def frequency_equation_error(
             f"{target}: {100 * (1 - taken):.0f} % of the samples were not taken and interpolated, which lowers "
             "amplitudes near the sensors' rates; keep the band well below them",
         )
+    advice += noisy_terms(records, names)
     advice += _uneven(target, [np.abs(y - x @ fit.theta) ** 2 for x, y in zip(rows, goals, strict=True)], weights)
     return RegressionResult(
         target=target,

@@ -9,8 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from testbench.errors import EstimationError
+from testbench.estimators.coverage import approximate
 from testbench.estimators.model import ComplexArray, Status
 from testbench.estimators.regression.data import BIAS, RegressionData, check_terms
+from testbench.estimators.regression.diagnostics import noisy_terms
 from testbench.estimators.regression.equation_error import block, equation_error
 from testbench.estimators.regression.frequency import band_lines, check_band, complex_fit
 from testbench.record import FloatArray
@@ -199,7 +201,9 @@ def recursive_frequency(
         params.append(fit.theta[None])
         stds.append(np.sqrt(np.diag(fit.covariance))[None])
         plain.append(fit.std_plain[None])
-    return _result(target, names, np.array(times), params, stds, plain, memory, data.t_s[ends - 1])
+    return _result(
+        target, names, np.array(times), params, stds, plain, memory, data.t_s[ends - 1], noisy_terms([data], names)
+    )
 
 
 def _detrended(F: ComplexArray, M: FloatArray) -> ComplexArray:
@@ -240,6 +244,7 @@ def _result(
             f"the data never decide the terms {', '.join(terms)} within a memory of {memory_s:g} s; "
             "raise forgetting, excite more or leave terms out"
         )
+    advice += approximate("quiet regression", "of a single record the")
     after = int(np.sum(tried_s >= t_s[0]))
     if t_s.size < after:
         advice += (

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from testbench.errors import EstimationError
+from testbench.estimators.coverage import approximate
 from testbench.estimators.regression.data import BIAS, RegressionData, check_terms
 from testbench.estimators.regression.equation_error import (
     as_records,
@@ -276,6 +277,9 @@ def _search(
             "data, which cannot tell them apart; excite them separately",
         )
         result = replace(result, status="warning", advice=result.advice + said)
+    worth = approximate("quiet structure search", "errors do not count that terms were chosen: the")
+    if worth:
+        result = replace(result, status="warning", advice=result.advice + worth)
     return StructureSearch(
         result=result,
         candidates=tuple(names),

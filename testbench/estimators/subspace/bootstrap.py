@@ -69,7 +69,7 @@ def spread(
             index = (starts[:, None] + np.arange(length)).ravel()[: len(rest)]
             drawn.append(s._replace(y=y + rest[index]))
         try:
-            replica = identify(drawn, again, model.dt_s)
+            replica = identify(drawn, again, model.dt_s, bare=True)
         except EstimationError:
             failed += 1
             continue
@@ -86,8 +86,12 @@ def spread(
             f"a bootstrap needs at least 2 replicas that can be identified, got {len(poles)} of {replicas}; "
             "lower the order or give more data"
         )
+    wn = np.abs(np.array(poles))
+    zeta = -np.array(poles).real / np.maximum(wn, 1e-300)
     return {
         "bootstrap_reference_poles": reference,
+        "wn_std": np.std(wn, axis=0, ddof=1),
+        "zeta_std": np.std(zeta, axis=0, ddof=1),
         "poles_std": np.sqrt(np.sum(np.abs(np.array(poles) - reference) ** 2, axis=0) / (len(poles) - 1)),
         "response_omega_rad_s": omega,
         "response_std": np.std(np.array(responses), axis=0, ddof=1),

@@ -19,6 +19,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from testbench.errors import EstimationError, nearest
+from testbench.estimators.coverage import approximate
 from testbench.estimators.hankel import window_starts
 from testbench.estimators.model import check_records, continuous_poles
 from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs, free_run
@@ -132,8 +133,8 @@ def estimate(
         ``free_run_over_innovations`` (p,); ``pole_shift_past``, ``pole_shift_future``: largest relative change of a
         pole with half the past and with ``other_future_horizon``; ``predictor_radius``: spectral radius of A - K C;
         ``moved_poles``: discrete z that ``stable`` moved; ``poles_without_continuous_counterpart``; with a bootstrap
-        ``poles_std`` (n,) by the order of ``bootstrap_reference_poles`` in rad/s, ``response_std`` (k, p, m) at
-        ``response_omega_rad_s`` (k,), ``bootstrap_failed``.
+        ``poles_std``, ``wn_std`` (rad/s) and ``zeta_std``, (n,) each, by the order of ``bootstrap_reference_poles``,
+        ``response_std`` (k, p, m) at ``response_omega_rad_s`` (k,), ``bootstrap_failed``.
 
     Raises:
         EstimationError: settings against the method's laws, too few columns for the unknowns, inputs that excite fewer
@@ -188,7 +189,8 @@ def estimate(
 
         again = given._replace(order=model.order, bootstrap=0, decimate=found["decimate"])
         found.update(spread(model, out, stretches, again, (size_u, size_y), bootstrap))
-    return replace(model, diagnostics=found)
+        advice = (*advice, *approximate("bootstrap", "the bootstrap's"))
+    return replace(model, diagnostics=found, status="warning" if advice else "good", advice=advice)
 
 
 def _check_settings(given: Settings, p: int) -> None:
@@ -223,8 +225,8 @@ def _factor(stretches: Sequence[Stretch], given: Settings, L: int, direct: bool)
     return factorise(stretches, given.past_horizon, length, direct, LEAD[given.offset], given.method)
 
 
-def identify(stretches: Sequence[Stretch], given: Settings, dt_s: float) -> Outcome:
-    """Return the model of scaled stretches; see :func:`estimate`."""
+def identify(stretches: Sequence[Stretch], given: Settings, dt_s: float, bare: bool = False) -> Outcome:
+    """Return the model of scaled stretches; see :func:`estimate`. ``bare``: only A, B, C, D; K is zero."""
     L, direct = given.future_horizon, given.direct_feedthrough
     full = _factor(stretches, given, L, direct)
     strides = _strides(stretches, full, given, dt_s)
@@ -254,6 +256,8 @@ def identify(stretches: Sequence[Stretch], given: Settings, dt_s: float) -> Outc
     else:
         fit = fit_inputs(A, C, [Series(s.u, s.y, s.valid_y) for s in stretches], through, LEAD[given.offset])
         B, D = fit.B, fit.D
+        if bare:
+            return Outcome(A, B, C, D, np.zeros(C.T.shape), {})
         K = gain(A, C / full.deviation[:, None], full) / full.deviation
     found = {
         "singular_values": real.singular_values,

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from recorded import flight_data
+from scipy.linalg import expm
 
 from testbench.errors import EstimationError
 from testbench.estimators.parametric import output_error
@@ -30,12 +31,11 @@ def structure(free=FREE, values=TRUE):
 
 
 def transition(A, h):
-    """What one classical Runge-Kutta step makes of exp(A h), and of an input that runs linearly."""
-    one = np.eye(2)
-    Ah = A * h
-    Phi = one + Ah + Ah @ Ah / 2 + Ah @ Ah @ Ah / 6 + Ah @ Ah @ Ah @ Ah / 24
-    step = h * (one + Ah / 2 + Ah @ Ah / 6 + Ah @ Ah @ Ah / 24)
-    ramp = h * (one / 2 + Ah / 6 + Ah @ Ah / 24)
+    """exp(A h), and its integrals that an input which is held and one which runs linearly multiply."""
+    one, inverse = np.eye(2), np.linalg.inv(A)
+    Phi = expm(A * h)
+    step = inverse @ (Phi - one)
+    ramp = inverse @ (step - h * one) / h
     return Phi, step, ramp
 
 

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from testbench.estimators.coverage import approximate
+
 _COLOURED = 1e-3  # false-alarm probability of the whiteness test
 _VAGUE = 0.5  # standard error relative to the value
 _LITTLE = 0.5  # share of the initial standard deviation that is left where the data say little
@@ -49,4 +51,5 @@ def advise_filter(model: Any) -> Any:
             f"the innovations of {', '.join(coloured)} are not white: process noise, filtered measurements or "
             "something missing in the model; standard errors are too small"
         )
+    out.extend(approximate(model.method))
     return replace(model, status="warning" if out else "good", advice=tuple(out))

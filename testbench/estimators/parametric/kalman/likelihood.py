@@ -106,9 +106,34 @@ class FilterLikelihood:
 
     def evaluate(self, point: FloatArray, R: FloatArray) -> list[Part]:
         """Return the records' innovations at a search point (a,), with the gain that variances R (p,) ask for."""
-        return [self._part(point, np.sqrt(R), i) for i in range(len(self.base.stretches))]
+        linear = isinstance(self.base.structure, LinearStructure)  # then all records have one gain
+        common = self._gain(point, np.sqrt(R), 0) if linear else None
+        parts = []
+        for i in range(len(self.base.stretches)):
+            gain = common if linear else self._gain(point, np.sqrt(R), i)
+            parts.append(self._lost(i) if gain is None else self._part(point, gain, i))
+        return parts
 
-    def _part(self, point: FloatArray, G: FloatArray, i: int) -> Part:
+    def _gain(self, point: FloatArray, G: FloatArray, i: int) -> Gain | None:
+        """Return the gain with complex steps by the parameters and the process noise, then the nominal one."""
+        base, f = self.base, self.base.layout.chosen.size
+        active = np.r_[0:f, base.unknowns : self.unknowns]
+        rows = np.tile(point.astype(complex), (active.size + 1, 1))
+        rows[np.arange(active.size), active] += 1j * STEP
+        params = np.tile(base.structure.values.astype(complex), (len(rows), 1))
+        params[:, base.layout.chosen] = rows[:, :f]
+        A, C = self.linearised(params, i)
+        if not (np.all(np.isfinite(A)) and np.all(np.isfinite(C))):
+            return None
+        return steady_gain(A, C, self.process_noise(rows), G, base.dt_s)
+
+    def _lost(self, i: int) -> Part:
+        s, inf = self.base.stretches[i], np.inf
+        (N, p), n = s.y.shape, s.x0.size
+        none = Gain(np.full((n, p), inf), np.full((p, p), inf))
+        return Part(np.full((N, p), inf), np.full((N, p, self.unknowns), inf), np.full((N, n), inf), none)
+
+    def _part(self, point: FloatArray, gain: Gain, i: int) -> Part:
         base, layout, s = self.base, self.base.layout, self.base.stretches[i]
         f, mine = layout.chosen.size, layout.nuisances(i)
         active = np.r_[0:f, mine, base.unknowns : self.unknowns]  # the other records' nuisances do not matter here
@@ -116,21 +141,15 @@ class FilterLikelihood:
         rows[np.arange(active.size), active] += 1j * STEP
         params = np.tile(base.structure.values.astype(complex), (len(rows), 1))
         params[:, layout.chosen] = rows[:, :f]
-        A, C = self.linearised(params, i)
-        gain = None
-        if np.all(np.isfinite(A)) and np.all(np.isfinite(C)):
-            gain = steady_gain(A, C, self.process_noise(rows), G, base.dt_s)
-        if gain is None:
-            inf, (N, p), n = np.inf, s.y.shape, s.x0.size
-            lost = Gain(np.full((n, p), inf), np.full((p, p), inf))
-            return Part(np.full((N, p), inf), np.full((N, p, self.unknowns), inf), np.full((N, n), inf), lost)
+        count = rows[0, mine].size  # of nuisances, which the gain does not feel
+        K = np.concatenate([gain.K[:f], np.repeat(gain.K[-1:].real, count, axis=0), gain.K[f:]])
         own, n = rows[:, mine], layout.initial
         x0 = own[:, :n] if n else np.tile(s.x0.astype(complex), (len(rows), 1))
         shift = np.zeros((len(rows), s.u.shape[1]), complex)
         shift[:, list(layout.biased_inputs)] = own[:, n + layout.offsets :]
         y = s.y[:, None] - np.einsum("kpb,rb->krp", s.offsets, own[:, n : n + layout.offsets])
         v, x = innovations(
-            base.structure, Rows(params, x0, shift, gain.K), s.u, y, s.valid, base.dt_s, base.held, base.substeps
+            base.structure, Rows(params, x0, shift, K), s.u, y, s.valid, base.dt_s, base.held, base.substeps
         )
         dv = np.zeros((*s.y.shape, self.unknowns))
         dv[:, :, active] = v[:, :-1].imag.transpose(0, 2, 1) / STEP

@@ -1,0 +1,283 @@
+"""The estimators of the study: each takes a case and records and returns estimates with the errors that it tells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from estimator_cases import DT, ERRORS, LINES, OUTPUTS, PERIOD_S, RESPONDING, Case, closest, gradient, modal_of
+
+from testbench.estimators import data_compatibility, regression, srivc, transfer_function
+from testbench.estimators.frequency.equivalent import fit_equivalent
+from testbench.estimators.frequency.multisine import estimate_multisine_response
+from testbench.estimators.frequency.spectra import estimate_frequency_response
+from testbench.estimators.parametric import equation_error, filter_error, output_error
+from testbench.estimators.parametric.kalman import ekf, ukf
+from testbench.estimators.parametric.structures import longitudinal
+from testbench.estimators.prediction_error import estimate as prediction_error
+from testbench.estimators.subspace import dsr_e, family
+from testbench.record import FlightRecord
+
+HORIZONS = {"past_horizon": 15, "future_horizon": 15, "order": 4}
+FAMILY = ("moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt")
+TERMS = ("V", "alpha", "q", "de")
+BAND_HZ = (0.1, 2.0)
+REPLICAS = 25
+
+
+class Found(NamedTuple):
+    """Quantity -> (estimate, standard error or None if none is told), and whether the method warned."""
+
+    values: dict[str, tuple[float, float | None]]
+    warned: bool
+
+
+Method = Callable[[Case, list[FlightRecord]], Found]
+
+
+def _of_poles(
+    pair: np.ndarray, true: dict[str, float], told: dict[str, float]
+) -> dict[str, tuple[float, float | None]]:
+    """Return the modal quantities; a complex pair where two real poles are true has no interval that holds them."""
+    found = modal_of(pair)
+    out: dict[str, tuple[float, float | None]] = {q: (v, told.get(q)) for q, v in found.items() if q in true}
+    if "slow pole" in true and "slow pole" not in found and told:
+        out |= {q: (float(pair[0].real), 0.0) for q in ("slow pole", "fast pole")}
+    return out
+
+
+def parametric(module: Any, **settings: Any) -> Method:
+    """Return a method that knows the equations; it starts from equation error, as in a scenario."""
+
+    def run(case: Case, records: list[FlightRecord]) -> Found:
+        true = case.structure
+        structure = longitudinal(true.trim.V, true.trim.alpha, true.trim.theta, outputs=OUTPUTS)
+        if module is not equation_error:
+            first = equation_error.estimate(records, structure, held=("de",))
+            structure = structure.with_parameters(first.values)
+        model = module.estimate(records, structure, held=("de",), **settings)
+        pair = closest(np.linalg.eigvals(model.linear().A).astype(complex), case.pair)
+        slopes = gradient(structure, model.params, pair)
+        told = {q: float(np.sqrt(slope @ model.covariance @ slope)) for q, slope in slopes.items()}
+        out = _of_poles(pair, case.true, told)
+        free, errors = np.flatnonzero(structure.free), np.sqrt(np.diag(model.covariance))
+        for i in free:
+            out[f"derivatives: {structure.parameter_names[i]}"] = (float(model.params[i]), float(errors[i]))
+        return Found(out, model.status == "warning")
+
+    return run
+
+
+def subspace(method: str, replicas: int = 0) -> Method:
+    """Return a subspace method without feedthrough; its errors are those of a bootstrap."""
+
+    def run(case: Case, records: list[FlightRecord]) -> Found:
+        if method == "dsr_e":
+            model = dsr_e.estimate(records, ("de",), OUTPUTS, **HORIZONS)
+        else:
+            model = family.estimate(records, ("de",), OUTPUTS, method=method, bootstrap=replicas, **HORIZONS)
+        (poles,) = model.poles().values()
+        pair = closest(poles, case.pair)
+        told: dict[str, float] = {}
+        if replicas:
+            d = model.diagnostics
+            at = [int(np.argmin(np.abs(d["bootstrap_reference_poles"] - s))) for s in pair]
+            if np.all(pair.imag == 0.0):
+                told = {
+                    "slow pole": float(d["poles_std"][at[int(np.argmax(pair.real))]]),
+                    "fast pole": float(d["poles_std"][at[int(np.argmin(pair.real))]]),
+                }
+            else:
+                told = {"wn": float(d["wn_std"][at[0]]), "zeta": float(d["zeta_std"][at[0]])}
+        return Found(_of_poles(pair, case.true, told), model.status == "warning")
+
+    return run
+
+
+def refined(disturbances: bool) -> Method:
+    """Return prediction error from a CVA start."""
+
+    def run(case: Case, records: list[FlightRecord]) -> Found:
+        start = family.estimate(records, ("de",), OUTPUTS, method="cva", stable=True, **HORIZONS)
+        model = prediction_error(records, start, disturbances=disturbances)
+        (poles,) = model.poles().values()
+        pair = closest(poles, case.pair)
+        rows = [(a.pole, a.wn_std, a.zeta_std, a.real_std) for a in model.diagnostics["pole_accuracy"]]
+        return Found(_of_poles(pair, case.true, _told(pair, rows)), model.status == "warning")
+
+    return run
+
+
+def _told(pair: np.ndarray, rows: Sequence[tuple[complex, float, float, float]]) -> dict[str, float]:
+    """Return the errors told of a pair from (pole, error of wn, of zeta, of the real part) of single modes."""
+    near = [min(rows, key=lambda row: min(abs(row[0] - s), abs(np.conj(row[0]) - s))) for s in pair]
+    if np.any(pair.imag != 0.0):
+        return {"wn": float(near[0][1]), "zeta": float(near[0][2])}
+    slow, fast = (near[int(i)] for i in (np.argmax(pair.real), np.argmin(pair.real)))
+    return {"slow pole": float(slow[3]), "fast pole": float(fast[3])}
+
+
+def _continuous(model: Any, output: str, case: Case) -> Found:
+    """Return what a transfer function in continuous time says of the short period."""
+    pair = closest(model.poles()[output], case.pair)
+    rows = [(m.pole, m.wn_error_rad_s, m.zeta_error, m.wn_error_rad_s) for m in model.modes()[output]]
+    told = {q: s for q, s in _told(pair, rows).items() if np.isfinite(s)} if np.size(model.covariance) else {}
+    return Found(_of_poles(pair, case.true, told), model.status == "warning")
+
+
+def transfer(case: Case, records: list[FlightRecord]) -> Found:
+    """Return the short period of the least-squares transfer function to q alone."""
+    model = transfer_function.estimate(records, ("de",), ("q",), poles=4, zeros=(3,))
+    return Found(_of_poles(closest(model.poles()["q"], case.pair), case.true, {}), model.status == "warning")
+
+
+def instruments(case: Case, records: list[FlightRecord]) -> Found:
+    """Return the short period of the SRIVC transfer function to q alone."""
+    return _continuous(srivc.estimate(records, ("de",), ("q",), poles=4, zeros=3, hold="zoh"), "q", case)
+
+
+def _regressed(kind: str, quiet: bool) -> Method:
+    """Return a regression of the pitch acceleration on V, alpha, q and de, by both records or, recursive, the first.
+
+    ``quiet``: terms without noise, a measured pitch acceleration with noise of first order: what its errors are for.
+    """
+
+    def run(case: Case, records: list[FlightRecord]) -> Found:
+        data = _quiet_signals(case, records) if quiet else [regression.regression_data(r) for r in records]
+        step = 1.0 / float(data[0].t_s[-1])
+        result: Any
+        if kind == "time":
+            result = regression.equation_error(data, "qdot", TERMS)
+        elif kind == "frequency":
+            result = regression.frequency_equation_error(data, "qdot", TERMS, band_hz=BAND_HZ)
+        elif kind == "recursive":
+            result = regression.recursive_least_squares(data[0], "qdot", TERMS)
+        elif kind == "recursive frequency":
+            result = regression.recursive_frequency(
+                data[0], "qdot", TERMS, band_hz=BAND_HZ, step_hz=step, update_s=float(data[0].t_s[-1])
+            )
+        elif kind == "stepwise":
+            result = regression.stepwise(data, "qdot", (*TERMS, "theta")).result
+        else:
+            result = regression.orthogonal_functions(data, "qdot", (*TERMS, "theta")).result
+        last = np.atleast_2d(result.params)[-1]
+        std = result.std[-1] if kind.startswith("recursive") else result.std_corrected
+        out: dict[str, tuple[float, float | None]] = {}
+        for term, value, error in zip(result.terms, last, std, strict=True):
+            if term in TERMS:
+                out[f"derivatives: M_{term}"] = (float(value), float(error))
+        return Found(out, result.status == "warning")
+
+    return run
+
+
+def _quiet_signals(case: Case, records: list[FlightRecord]) -> list[Any]:
+    """Return the true terms and a pitch acceleration with noise of first order, 5 % of its size."""
+    p, out = case.structure.values, []
+    for clean, noisy in zip(case.clean, records, strict=True):
+        x, u = clean.columns(case.structure.states), clean.columns(("de",))
+        qdot = case.structure.derivative(x, u, np.tile(p, (len(clean), 1)))[:, case.structure.states.index("q")]
+        white = (noisy["q"] - clean["q"]) / np.std(noisy["q"] - clean["q"])
+        e = np.zeros(len(white))
+        for k in range(1, len(e)):
+            e[k] = 0.7 * e[k - 1] + white[k]
+        qdot = qdot + 0.05 * np.std(qdot) * np.sqrt(1.0 - 0.7**2) * e
+        values = np.column_stack([x, u, qdot])
+        names = (*case.structure.states, "de", "qdot")
+        out.append(
+            regression.RegressionData(
+                t_s=clean.t_s,
+                names=names,
+                values=values,
+                valid=np.ones(values.shape, bool),
+                absent={},
+                recipe=regression.Recipe(),
+            )
+        )
+    return out
+
+
+def _response(windowed: bool) -> Method:
+    """Return gain and phase at the lines of the multisine; intervals as long as the response says."""
+
+    def run(case: Case, records: list[FlightRecord]) -> Found:
+        r = _frequency_response(records, windowed)
+        told = r.random_error * r.diagnostics["interval_factor"] / 1.96
+        out: dict[str, tuple[float, float | None]] = {}
+        for i, output in enumerate(RESPONDING):
+            H, error = r.H[:, i, 0], told[:, i, 0]
+            for f, h, true, e in zip(LINES / PERIOD_S, H, case.response[:, i], error, strict=True):
+                out[f"gain: {output}, {f:.1f} Hz"] = (float(np.abs(h)), float(e * np.abs(h)))
+                out[f"phase: {output}, {f:.1f} Hz"] = (float(np.angle(h / true)), float(e))
+        return Found(out, r.status == "warning")
+
+    return run
+
+
+def _frequency_response(records: list[FlightRecord], windowed: bool) -> Any:
+    omega = 2.0 * np.pi * LINES / PERIOD_S
+    if windowed:
+        return estimate_frequency_response(records[1:], ("de",), RESPONDING, window_s=20.0, omega_rad_s=omega)
+    return estimate_multisine_response(records[:1], ("de",), RESPONDING, period_s=PERIOD_S, lines_hz=LINES / PERIOD_S)
+
+
+def _equivalent(windowed: bool, weighting: str) -> Method:
+    """Return the short period of a transfer function fitted to the response."""
+
+    def run(case: Case, records: list[FlightRecord]) -> Found:
+        r = _frequency_response(records, windowed)
+        model = fit_equivalent(r, poles=4, zeros=3, delay=False, weighting=weighting, hold="zoh")  # type: ignore[arg-type]
+        return _continuous(model, ", ".join(RESPONDING), case)
+
+    return run
+
+
+def compatibility(case: Case, records: list[FlightRecord]) -> Found:
+    """Return the errors of instruments: those found, and all that the data tell, estimated together."""
+    found = data_compatibility.estimate(records)
+    values: dict[str, tuple[float, float | None]] = {
+        f"instrument errors: {e.name}": (e.estimate, e.standard_error) for e in found.errors if e.name in ERRORS
+    }
+    for e in found.tested:
+        values[f"tested instrument errors: {e.name}"] = (e.estimate, e.standard_error)
+    return Found(values, found.status == "warning")
+
+
+LONGITUDINAL: dict[str, Method] = {
+    "output_error": parametric(output_error),
+    **{name: subspace(name) for name in ("dsr_e", *FAMILY)},
+    "equation_error": parametric(equation_error),
+    "transfer_function (q)": transfer,
+    "srivc (q)": instruments,
+    "prediction_error, K = 0": refined(False),
+    "prediction_error": refined(True),
+    "filter_error": parametric(filter_error),
+    "ekf": parametric(ekf),
+    "ukf": parametric(ukf),
+    **{f"{name}, bootstrap": subspace(name, REPLICAS) for name in FAMILY},
+    "regression, time": _regressed("time", False),
+    "regression, frequency": _regressed("frequency", False),
+    "regression, recursive": _regressed("recursive", False),
+    "regression, recursive in frequency": _regressed("recursive frequency", False),
+    "regression, stepwise": _regressed("stepwise", False),
+    "regression, orthogonal functions": _regressed("orthogonal", False),
+    "regression of quiet terms, time": _regressed("time", True),
+    "regression of quiet terms, frequency": _regressed("frequency", True),
+    "regression of quiet terms, recursive": _regressed("recursive", True),
+    "regression of quiet terms, recursive in frequency": _regressed("recursive frequency", True),
+    "regression of quiet terms, stepwise": _regressed("stepwise", True),
+    "regression of quiet terms, orthogonal functions": _regressed("orthogonal", True),
+}
+"""Method -> how it is run, on the 3-2-1-1 flights."""
+
+MULTISINE: dict[str, Method] = {
+    "frequency response, multisine": _response(False),
+    "frequency response, windowed": _response(True),
+    "equivalent, likelihood": _equivalent(False, "likelihood"),
+    "equivalent, loes": _equivalent(False, "loes"),
+    "equivalent, windowed": _equivalent(True, "loes"),
+}
+INSTRUMENTS: dict[str, Method] = {"data compatibility": compatibility}
+METHODS = LONGITUDINAL | MULTISINE | INSTRUMENTS
+assert set(DT) == {"taurus", "eolo"}
