@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.linalg import svd
 from scipy.linalg.lapack import dtrcon
 
 from testbench.record import FloatArray
@@ -17,6 +18,19 @@ _CHUNK = 2_000_000  # numbers held at once
 _LONG = 10  # windows per row of the Hankel matrix from which on its Gram matrix is tried
 _BLOCK = 80  # numbers in a block of samples that is multiplied as one row
 _SQUARED = 1e-4  # reciprocal condition of the scaled columns down to which a Gram matrix keeps enough digits
+
+
+def thin_svd(M: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return U, s, V^T of M, with min(M.shape) singular values.
+
+    The divide-and-conquer algorithm sometimes does not converge where half of the singular values are zero to rounding;
+    the QR algorithm, slower, does.
+    """
+    try:
+        return np.linalg.svd(M, full_matrices=False)
+    except np.linalg.LinAlgError:
+        U, s, Vt = svd(M, full_matrices=False, lapack_driver="gesvd")
+        return U, s, Vt
 
 
 def window_starts(good: NDArray[np.bool_], length: int) -> NDArray[np.intp]:

@@ -25,6 +25,7 @@ from testbench.estimators.trajectories import Trajectories
 from testbench.flight import linearise
 from testbench.flight.air import scale_lengths, turbulence_rms
 from testbench.gap.believed import Believed, quiet_samples
+from testbench.gap.gusts import INERTIAL
 from testbench.record import FlightRecord, FloatArray
 from testbench.scenario import LOWEST_M
 
@@ -33,7 +34,6 @@ _RMS_M_S = (0.01, 3.0)  # vertical rms that is looked for
 _HEIGHTS_M = (15.0, 60.0, 250.0, 700.0)  # above ground; all lengths are 1750 ft from 2000 ft on
 _LATERAL = {"beta", "v", "p", "r", "phi", "psi", "ay", "pdot", "rdot"}
 Taken = NDArray[np.bool_]  # which samples were taken
-_INERTIAL = {"h", "hdot", "Vg", "phi", "theta", "psi"}  # channels and states that do not feel the air directly
 _UNMODELLED = (
     1e-5  # process noise per step on every state of the aircraft: keeps the filter stable where it feels nothing
 )
@@ -215,7 +215,7 @@ class _GustModel:
         wind[2, 3:5] = rms[2] * np.array([np.sqrt(3.0), 1.0 - np.sqrt(3.0)])
         felt = {"u": cos * wind[0] - sin * wind[2], "w": sin * wind[0] + cos * wind[2], "v": wind[1]}
         E = np.array([felt.get(s, np.zeros(5)) for s in names])
-        rows = np.array([0.0 if s in _INERTIAL else 1.0 for s in names])[:, None]
+        rows = np.array([0.0 if s in INERTIAL else 1.0 for s in names])[:, None]
         # Climbing is over the ground; attitude angles turn with rates, which E leaves alone.
         C, direct = _outputs(believed, linear.C[:, i], linear.outputs, E)
         lags = [
@@ -249,7 +249,7 @@ def _outputs(believed: Believed, C: FloatArray, outputs: Sequence[str], E: Float
         for name, weight in sensor.weights(trim).items():
             c = weight * C[list(outputs).index(name)]
             row += c
-            if name not in _INERTIAL:
+            if name not in INERTIAL:
                 direct -= c @ E
         factor = sensor.scale / believed.suite.noise_std[sensor.channel]
         own.append(factor * row)

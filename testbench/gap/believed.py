@@ -12,10 +12,13 @@ from scipy.linalg import expm
 
 from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient
 from testbench.channels import CONTROLS
-from testbench.errors import RecordError
+from testbench.errors import ModelError, RecordError
 from testbench.estimators.state_space import Trajectories
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
+from testbench.flight.air import Air, Gust
 from testbench.gap.effects import Effect
+from testbench.gap.effects.base import MetGust
+from testbench.gap.gusts import linear_response, record_key
 from testbench.inputs.signal import InputSignal
 from testbench.record import FlightRecord, FloatArray
 from testbench.sensors import SensorSuite
@@ -43,7 +46,7 @@ LATERAL_NUISANCES: Mapping[str, float] = {
     "Cn_dr": 0.10,
 }
 LATERAL_COMMANDS = ("da_cmd", "dr_cmd")
-_MOVED = 1e-3  # rad, or share of the throttle, by which a command that moves does at least
+MOVED = 1e-3  # rad, or share of the throttle, by which a command that moves does at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +56,8 @@ class Believed:
     ``shapes`` say what the commands become before the linear prediction, see :class:`effects.base.Effect`; ``at_rest``
     is the aircraft that is linearised, without the amendments that shapes stand for. ``whiten`` takes a record and
     residuals (n, outputs) in units of the noise and returns as many of which each is white with variance one, for
-    residuals that something other than sensor noise colours (turbulence); it must be linear.
+    residuals that something other than sensor noise colours (turbulence); it must be linear. ``gusts`` are those that
+    single records met: every other record is predicted in still air.
     """
 
     aircraft: Aircraft
@@ -63,6 +67,7 @@ class Believed:
     shapes: tuple[Callable[[tuple[str, ...], FloatArray, float], FloatArray], ...] = ()
     at_rest: Aircraft | None = None
     whiten: Callable[[FlightRecord, FloatArray], FloatArray] | None = None
+    gusts: tuple[MetGust, ...] = ()
 
     @cached_property
     def trimmed(self) -> TrimmedFlight:
@@ -94,7 +99,8 @@ class Believed:
             at_rest = at_rest or self.aircraft
         elif at_rest is not None:
             at_rest = effect.amend(replace(at_rest, rate_hz=self.rate_hz), self.suite, values)[0]
-        return replace(self, aircraft=aircraft, suite=suite, shapes=shapes, at_rest=at_rest)
+        gusts = self.gusts if effect.met is None else (*self.gusts, effect.met(values))
+        return replace(self, aircraft=aircraft, suite=suite, shapes=shapes, at_rest=at_rest, gusts=gusts)
 
     def with_tuning(self, factors: Mapping[str, float]) -> Believed:
         """Return the belief with coefficients multiplied by ``factors``."""
@@ -115,7 +121,8 @@ class Believed:
         """
         names, u = commands(record)
         held = np.repeat(u[:-1], round(self.rate_hz * record.dt_s), axis=0)  # the last command acts after the record
-        truth = _flown(self._key, names, held.shape, held.tobytes(), 1.0 / record.dt_s, self._needed)
+        size, flown = held.shape, held.tobytes()
+        truth = _flown(self._key, names, size, flown, 1.0 / record.dt_s, self._needed, self.gust_in(record))
         return self._read(truth)
 
     def predict_linear(self, record: FlightRecord) -> FloatArray:
@@ -136,8 +143,24 @@ class Believed:
         x = Trajectories(step[:n, :n], len(record)).forced(driven[:, :, None])[:, :, 0]
         rows = [model.outputs.index(c) for c in self._needed]
         outputs = x @ model.C[rows].T + u @ model.D[np.ix_(rows, columns)].T
-        outputs += [_trimmed(self._rest_key).state[c] for c in self._needed]
+        trimmed, gust = _trimmed(self._rest_key), self.gust_in(record)
+        outputs += [trimmed.state[c] for c in self._needed]
+        if gust is not None:
+            velocity = gust.velocity(record.t_s - record.t_s[0], self.condition.V_m_s)
+            outputs += linear_response(model, trimmed.theta, gust.axis, velocity, record.dt_s, self._needed)
         return self._read(FlightRecord(t_s=record.t_s, channels=self._needed, data=outputs, kind="truth"))
+
+    def gust_in(self, record: FlightRecord) -> Gust | None:
+        """Return the gust that this very record met, if any.
+
+        Raises:
+            ModelError: it is said to have met more than one.
+        """
+        key = record_key(record) if self.gusts else ""
+        met = [g for g in self.gusts if g.record == key]
+        if len(met) > 1:
+            raise ModelError(f"a record can hold one gust, got {len(met)} in {met[0].manoeuvre}; leave all but one out")
+        return met[0].gust if met else None
 
     def _read(self, truth: FlightRecord) -> FloatArray:
         """Return what sensors without noise make of a truth (n, outputs), logged at the suite's rate.
@@ -220,12 +243,19 @@ def _linearised(key: _Key) -> LinearModel:
 
 @lru_cache(maxsize=128)
 def _flown(
-    key: _Key, names: tuple[str, ...], size: tuple[int, int], held: bytes, log_hz: float, needed: tuple[str, ...]
+    key: _Key,
+    names: tuple[str, ...],
+    size: tuple[int, int],
+    held: bytes,
+    log_hz: float,
+    needed: tuple[str, ...],
+    gust: Gust | None = None,
 ) -> FlightRecord:
     """Fly the commands ``held`` (the bytes of an array of ``size``), deviations from trim at every frame."""
+    air = None if gust is None else Air(gust=gust)
     u = np.frombuffer(held).reshape(size)
     signal = InputSignal(np.arange(size[0]) / key.rate_hz, u, names)
-    return fly(key.aircraft, _trimmed(key), Manoeuvre("measured commands", signal, 0.0), log_hz, needed)
+    return fly(key.aircraft, _trimmed(key), Manoeuvre("measured commands", signal, 0.0), log_hz, needed, air)
 
 
 def _shaped(
@@ -279,4 +309,4 @@ def quiet_samples(record: FlightRecord) -> int:
 
 def _moved(commands: FloatArray) -> NDArray[np.bool_]:
     """Return at which samples (n,) any of the commands (n, m) is not where it began."""
-    return np.asarray(np.any(np.abs(commands - commands[0]) > _MOVED, axis=1))
+    return np.asarray(np.any(np.abs(commands - commands[0]) > MOVED, axis=1))

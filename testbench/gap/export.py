@@ -1,4 +1,4 @@
-"""The amended aircraft as files: an aircraft folder of the testbench, and a model that stock JSBSim loads."""
+"""What was amended as files: an aircraft folder of the testbench with a model that stock JSBSim loads, or the air."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft, ElasticMode
 from testbench.flight import FlightCondition
+from testbench.gap.effects.base import MetGust
 from testbench.paths import AIRCRAFT_MODELS
 
 AIRFRAME = "airframe.xml"  # of a folder whose modes are in aircraft.toml: the same model without their equations
@@ -44,6 +45,21 @@ def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: Fli
         AIRFRAME if AIRFRAME in out else f"{name}.xml",
     )
     return out | {f"Engines/{file}": text for file, text in aircraft.engine_files.items()}
+
+
+def air_text(met: MetGust) -> str:
+    """Return the air that one manoeuvre met as the table of a scenario that flies it."""
+    gust = met.gust
+    size = {"duration_s": gust.duration_s} if gust.duration_s is not None else {"length_m": gust.length_m}
+    values = {"amplitude_m_s": gust.amplitude_m_s, "start_s": gust.start_s, **size}
+    lines = [
+        f"# Written by the gap workflow. The air that manoeuvre {json.dumps(met.manoeuvre)} met, and no other one.",
+        "# start_s counts from the first sample of its record; a scenario counts from the end of its settling time.",
+        "[air.gust]",
+        f"axis = {json.dumps(gust.axis)}",
+        *(f"{name} = {float(value or 0.0)!r}" for name, value in values.items()),
+    ]
+    return "\n".join(lines) + "\n"
 
 
 def _one_factor(xml: str) -> str:

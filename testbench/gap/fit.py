@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
-from scipy.stats import chi2
+from scipy.stats import chi2, norm
 
 from testbench.gap.believed import Believed
 from testbench.gap.effects import Effect
@@ -18,7 +18,7 @@ from testbench.record import FloatArray
 
 FALSE_ALARM = 1e-3  # probability of naming any effect where there is none, all effects of the library together
 FRESH_TANGENTS = (2, 5)  # before these rounds tangents of the nuisances are taken anew, where the descent has come to
-MAX_ROUNDS = 10  # rounds of fitting on linear differences and flying the result
+MAX_ROUNDS = 14  # rounds of fitting on linear differences and flying the result
 AT_REST = 0.1  # the rounds end when another one promises to lower chi-square by no more: far below any threshold,
 AT_REST_SHARE = 1e-3  # or by no more than this share of what is left above the noise
 KEPT = 0.9  # share of a promised gain that a step must reach to be content with its tangents
@@ -45,6 +45,8 @@ class EffectFit:
             four standard deviations of the noise's chi-square.
         tuning: nuisance -> re-tuned factor.
         flown: False if the fit was given up as hopeless on linear predictions, without a flight.
+        within: probability that nuisances drawn from their priors lie as far from the believed values as ``tuning``.
+        settled: False if it was given up, flown or not, before it came to rest.
     """
 
     effect: Effect
@@ -56,6 +58,8 @@ class EffectFit:
     share: float
     tuning: Mapping[str, float]
     flown: bool = True
+    within: float = 1.0
+    settled: bool = True
 
     def added_to(self, believed: Believed) -> Believed:
         """Return ``believed`` re-tuned and with the effect, as they were fitted."""
@@ -118,6 +122,8 @@ def screen(base: Local, effect: Effect) -> Screened:
     changes, size = Changes(base, effect), _size(effect)
     if effect.lateral and not base.lateral:
         return Screened(effect, changes, (), 0.0, "these records cannot show it: neither aileron nor rudder moves")
+    if not effect.looks:
+        return Screened(effect, changes, (), 0.0, f"looked for in every record, no {effect.name} stands out of one")
     starts = [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
     if size is not None:  # the other sign changes the residuals by minus as much
         starts = [s for s in starts if s[size] == effect.parameters[size].starts[0]]
@@ -190,13 +196,18 @@ def fit(
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Where a descent came to rest: parameters, nuisances, Jacobian (rows, p) and the sum of squares with priors."""
+    """Where a descent came to rest: parameters, nuisances, Jacobian (rows, p) and the sum of squares with priors.
+
+    ``within`` is the probability of :func:`within_priors` there; ``settled`` is False if it was given up before.
+    """
 
     x: FloatArray
     tuning: Mapping[str, float]
     jacobian: FloatArray
     chi2: float
     flown: bool
+    within: float
+    settled: bool = True
 
 
 def descend(changes: Changes, start: FloatArray, hopeless: float, patience: int = 0) -> Descent | None:
@@ -210,11 +221,14 @@ def descend(changes: Changes, start: FloatArray, hopeless: float, patience: int 
     bounds = ([p.low for p in effect.parameters], [p.high for p in effect.parameters])
     scale = np.maximum(np.abs(start), 1e-3 * (np.array(bounds[1]) - np.array(bounds[0])))
     known = np.zeros_like(here.exact)  # the change at the point flown last; the first one is the base itself
+    curved = effect.flown and changes.model(start).aircraft.amendments != here.model.aircraft.amendments
     best: Descent | None = None
     x, chi2_here, idle = start, np.inf, 0
     for k in range(MAX_ROUNDS):
-        if k in FRESH_TANGENTS:
-            here = replace(here, slopes=None)
+        if curved and k > 0:  # what such an effect changes depends on the coefficients, and they on it
+            changes, known, here = _rebased(changes, known, here)
+        elif k in FRESH_TANGENTS:
+            here = here.afresh(False)
         objective = _Objective(changes, here, known)
         found = least_squares(
             objective,
@@ -224,34 +238,56 @@ def descend(changes: Changes, start: FloatArray, hopeless: float, patience: int 
             diff_step=1e-3,
             ftol=1e-5,
             xtol=1e-4,
-            max_nfev=8,
+            max_nfev=4 if curved and k > 0 else 8,
             callback=_GiveUp(hopeless) if k >= patience else None,
         )
         promised = 2.0 * float(found.cost)
         change = changes.at(found.x)
         if change is None:
             break
-        factors = here.towards(here.tuned(here.exact + change - known)[1])
+        asked = here.tuned(here.exact + change - known)[1]
+        factors = here.towards(asked)
         if promised > hopeless and k >= patience:
-            return best or Descent(found.x, here.named(factors), found.jac, promised, False)
-        step = _shortened(changes, here, None if k == 0 else x, found.x, factors)
+            if best is not None:
+                return replace(best, settled=False)
+            within = within_priors(replace(here, factors=factors))
+            return Descent(found.x, here.named(factors), found.jac, promised, False, within, False)
+        x_new = found.x
+        if not np.allclose(factors, asked):  # coefficients go so far in one round only: the effect goes along with them
+            share = float(np.linalg.norm(factors - here.factors) / np.linalg.norm(asked - here.factors))
+            begin = np.array([s if p.none is None else p.none for s, p in zip(start, effect.parameters, strict=True)])
+            x_new = (begin if k == 0 else x) + share * (x_new - (begin if k == 0 else x))
+        step = _shortened(changes, here, None if k == 0 else x, x_new, factors)
         if step is None:
             break
         before, moved, x, whole = chi2_here, *step
+        whole = whole and x_new is found.x
         after = change if whole else changes.at(x)
         if after is None:
             break
         known = after
         chi2_here = moved.chi2 + float(np.sum(effect.prior_residuals(x) ** 2))
         broken = not whole or _broken(before, promised, chi2_here)
-        here = replace(moved, slopes=None) if broken else moved  # linear predictions have failed: tangents anew
+        here = moved.afresh(False) if broken and not curved else moved  # linear predictions have failed: tangents anew
         rest = max(AT_REST, AT_REST_SHARE * (chi2_here - here.exact.size))
         idle = idle + 1 if best is not None and chi2_here > best.chi2 - rest else 0
         if best is None or chi2_here < best.chi2:
-            best = Descent(x, here.tuning, found.jac, chi2_here, True)
+            best = Descent(x, here.tuning, found.jac, chi2_here, True, within_priors(here))
         if idle == IDLE or (whole and (before - promised < rest or abs(chi2_here - promised) < rest)):
             break
     return best
+
+
+def _rebased(changes: Changes, known: FloatArray, here: Local) -> tuple[Changes, FloatArray, Local]:
+    """Return what the effect changes at the coefficients of ``here``, that change, and the point with own tangents.
+
+    All of it is flown: linear predictions are taken about trim and see neither the memory of a feedback nor curvature.
+    """
+    here = here.afresh(True)
+    origin = changes.base.moved(changes.base.model, here.factors)
+    if origin is None:
+        return changes, known, here
+    return Changes(origin, changes.effect), here.exact - origin.exact, here
 
 
 class _GiveUp:
@@ -322,10 +358,12 @@ def summarise(effect: Effect, best: Descent, chi2_tuned: float, tested: int) -> 
         errors=dict(zip(names, errors.tolist(), strict=True)),
         chi2=best.chi2,
         gain=max(chi2_tuned - best.chi2, 0.0),
-        threshold=float(chi2.isf(FALSE_ALARM / tested, len(names))),
+        threshold=float(chi2.isf(FALSE_ALARM / (tested * effect.looks), len(names))),
         share=float(np.clip(share, 0.0, 1.0)),
         tuning=best.tuning,
         flown=best.flown,
+        within=best.within,
+        settled=best.settled,
     )
 
 
@@ -359,9 +397,13 @@ def _broken(before: float, promised: float, flown: float) -> bool:
 
 
 def within_priors(point: Local) -> float:
-    """Return the probability that nuisances drawn from their priors lie as far from the believed values as here."""
-    price = point.chi2 - float(point.exact @ point.exact)
-    return float(chi2.sf(price, point.factors.size))
+    """Return the probability that nuisances drawn from their priors lie as far from the believed values as here.
+
+    Far are all of them together (chi-square) or one of them alone; Bonferroni's bound holds for both tests.
+    """
+    z = point.deviations
+    one = 2.0 * z.size * float(norm.sf(np.max(np.abs(z))))
+    return min(2.0 * min(float(chi2.sf(z @ z, z.size)), one), 1.0)
 
 
 def promising(screened: Sequence[Screened], followed: float, followed_far: float, at_least: int) -> list[Screened]:

@@ -16,6 +16,7 @@ from testbench.gap.effects import Effect
 from testbench.record import FlightRecord, FloatArray
 
 _TUNING_STEP = 0.02
+_FLOWN_STEP = 0.01
 _MAX_STEP = 0.15  # largest change of a nuisance factor per round, so that thrust and trim stay within reach
 _MAX_LATERAL_STEP = 0.5  # the same of lateral factors, of which neither depends
 _NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
@@ -80,18 +81,23 @@ class Local:
         return not LATERAL_NUISANCES.keys().isdisjoint(self.priors)
 
     @cached_property
-    def _deviations(self) -> FloatArray:
+    def _spread(self) -> FloatArray:
         return np.array(list(self.priors.values()))
+
+    @property
+    def deviations(self) -> FloatArray:
+        """How far each nuisance is re-tuned (k,), in standard deviations of its prior."""
+        return (self.factors - 1.0) / self._spread
 
     @property
     def chi2(self) -> float:
         """Weighted sum of squares of the flown residuals, plus the price of the nuisances."""
-        return float(self.exact @ self.exact + np.sum(((self.factors - 1.0) / self._deviations) ** 2))
+        return float(self.exact @ self.exact + self.deviations @ self.deviations)
 
     @property
     def lost(self) -> FloatArray:
         """Residuals that stand for a hypothesis that cannot be flown: ten times those of here."""
-        return 10.0 * np.concatenate([self.exact, (self.factors - 1.0) / self._deviations])
+        return 10.0 * np.concatenate([self.exact, self.deviations])
 
     @cached_property
     def linear(self) -> FloatArray:
@@ -112,9 +118,17 @@ class Local:
             columns.append((down - up) / (2.0 * _TUNING_STEP))
         return np.column_stack(columns)
 
+    def afresh(self, flown: bool) -> Local:
+        """Return the point with tangents of its own: of linear predictions, or ``flown``, at several times the cost."""
+        if not flown:
+            return replace(self, slopes=None)
+        ends = [self.moved(self.model, self.factors + step) for step in _FLOWN_STEP * np.eye(self.factors.size)]
+        columns = [(end.exact - self.exact) / _FLOWN_STEP for end in ends if end is not None]
+        return replace(self, slopes=np.column_stack(columns) if len(columns) == len(ends) else None)
+
     @cached_property
     def _normal(self) -> tuple[FloatArray, tuple[FloatArray, bool]]:
-        J = np.vstack([self.tangents, np.diag(1.0 / self._deviations)])
+        J = np.vstack([self.tangents, np.diag(1.0 / self._spread)])
         return J, cho_factor(J.T @ J)
 
     def tuned(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -124,7 +138,7 @@ class Local:
         deviation s about the believed values.
         """
         J, factor = self._normal
-        r = np.concatenate([residuals, (self.factors - 1.0) / self._deviations])
+        r = np.concatenate([residuals, self.deviations])
         d = -np.asarray(cho_solve(factor, J.T @ r))
         return r + J @ d, self.factors + d
 
@@ -140,7 +154,7 @@ class Local:
         ends = np.cumsum([len(r) * p for r in self.records])[:-1]
         tangents = [T.reshape(-1, p, k) for T in np.split(self.tangents, ends)]
         score = coloured_information(tangents, [e.reshape(-1, p) for e in np.split(self.exact, ends)])
-        prior = 1.0 / self._deviations**2
+        prior = 1.0 / self._spread**2
         whole = self.tangents.T @ self.tangents + np.diag(prior)
         v, out = np.diag(np.linalg.inv(whole)), {}
         for i, name in enumerate(self.priors):

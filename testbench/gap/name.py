@@ -8,45 +8,37 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import chi2
 
-from testbench.gap.believed import Believed
+from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
 from testbench.gap.effects import Effect, library
-from testbench.gap.effects.base import together
+from testbench.gap.evidence import STRAINED, TOLD_APART, noise_floor, score
 from testbench.gap.fit import (
     FALSE_ALARM,
     HOPELESS,
     HOPELESS_BESIDE_NOISE,
+    MAX_ROUNDS,
     EffectFit,
     Screened,
-    descend,
     fit,
     promising,
     retune,
     screen,
-    summarise,
     within_priors,
 )
-from testbench.gap.local import Changes, Local
+from testbench.gap.gust_search import doubted, sought
+from testbench.gap.local import Local
+from testbench.gap.several import several_at_once
 from testbench.record import FlightRecord
 
 ENOUGH = 0.90  # share of the excess that a named effect must explain, unless it leaves what noise alone would exceed
-LEFT = 0.10  # with this probability
-MOVING_AIR = 0.05  # share of the samples by which chi-square may be larger in turbulence: its model is not exact
+LEFT = 0.02  # with this probability
 WEAK = 40.0  # gain below which nothing is named: no simulation is right to a few parts in a thousand of chi-square
 TOO_CLOSE = 0.85  # a runner-up with this share of the best gain cannot be told apart while more than noise is left
-TOLD_APART = 2.0 * np.log(1.0 / FALSE_ALARM)  # gain by which one of two effects must lead to exclude the other
 FOLLOWED = 0.25  # effects that promise less than this share of what the best one promises are not fitted,
 FOLLOWED_FAR = 0.1  # of effects with several parameters, of which screening tries few combinations, less than this
 PROMISING = 5.0  # nor are effects that promise a smaller gain than this, a third of any threshold; but
 AT_LEAST = 3  # this many always are
-# Where re-tuning leaves more than noise, or leaves the priors with a probability below this, something that the model
-# lacks has pulled at it, and effects are sought from the believed values, too:
-STRAINED = 0.01
 FROM_BELIEVED = 6  # so many of them,
 PATIENCE = 2  # and descents from there are given two rounds to settle before they may be called hopeless
-LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least,
-SECOND = 0.5  # and the second this share of what the first leaves above the noise, and
-FORM = 5e-4  # more than this share of what the first gains, as no form is exactly right
-COMPANY = 3  # so many second effects are fitted
 MANY = 4  # more names than these are no answer
 
 
@@ -122,22 +114,23 @@ def name_effect(
     start = Local.at(believed, believed, tuple(records))
     tuned = retune(start)
     say("screen the library")
-    choice = tuple((library(believed.suite) if effects is None else effects).values())
+    choice = tuple(sought(tuned, e) for e in (library(believed.suite) if effects is None else effects).values())
     screened = [screen(tuned, e) for e in choice]
     rejected = {s.effect.name: s.why for s in screened if not s.seen}
     tested = max(1, len(screened) - len(rejected))
     samples = int(start.exact.size)
-    floor = _floor(start)
+    floor = noise_floor(start)
     strained = tuned.chi2 > chi2.isf(FALSE_ALARM, floor) or within_priors(tuned) < STRAINED
     fits = _fit_promising(tuned, start if strained else None, screened, tested, rejected, say)
     if pairs:
         base = start if strained else tuned
-        fits += _two_at_once(base, tuned.chi2, screened, _ranked(fits, samples), samples, tested, say)
+        fits += several_at_once(base, tuned.chi2, screened, _ranked(fits, samples), samples, tested, say)
     ranking = _ranked(fits, samples)
     outcome, names, sentence = _decide(ranking, tuned.chi2, samples, floor)
     chi2_believed = float(start.exact @ start.exact)
     factors, measured = tuned.tuning, tuned.measured()
-    return Naming(outcome, names, ranking, chi2_believed, tuned.chi2, factors, samples, sentence, rejected, measured)
+    said = Naming(outcome, names, ranking, chi2_believed, tuned.chi2, factors, samples, sentence, rejected, measured)
+    return doubted(said, believed, records)
 
 
 def _fit_promising(
@@ -161,18 +154,26 @@ def _fit_promising(
     followed = promising(screened, FOLLOWED, FOLLOWED_FAR, AT_LEAST)
     queue = [(one, 0) for i, one in enumerate(followed) if i < AT_LEAST or one.promise >= PROMISING]
     if start is not None:  # these first: where one of them explains all, what re-tuning had to stretch for is soon left
-        afresh = promising([screen(start, s.effect) for s in screened], FOLLOWED, FOLLOWED_FAR, AT_LEAST)
-        queue = [(replace(one, starts=one.starts[:1]), PATIENCE) for one in afresh[:FROM_BELIEVED]] + queue
+        there = [screen(start, s.effect) for s in screened]
+        afresh = promising(there, FOLLOWED, FOLLOWED_FAR, AT_LEAST)[:FROM_BELIEVED]
+        # What relieves re-tuned coefficients that explain all but lie far from what is believed promises nothing there.
+        relief = [s.effect for s in followed[:AT_LEAST]]
+        afresh += [s for s in there if s.seen and s.effect in relief and s not in afresh]
+        queue = [(replace(one, starts=one.starts[:1]), PATIENCE) for one in afresh] + queue
     fits: dict[str, EffectFit] = {}
-    is_noise = chi2.isf(FALSE_ALARM, _floor(tuned))
+    is_noise = chi2.isf(FALSE_ALARM, noise_floor(tuned))
     for one, patience in queue:
-        name, best = one.effect.name, min(fits.values(), key=lambda f: f.chi2, default=None)
+        name = one.effect.name
+        best = min(fits.values(), key=lambda f: f.chi2, default=None)
         best_gain, hopeless = 0.0 if best is None else best.gain, HOPELESS
-        if best is not None and best.chi2 <= is_noise:  # nothing can explain more; what could explain as much?
+        if best is not None and best is fits.get(name) and best.settled:
+            continue  # from the other base it would come to rest at the same place
+        # Where one leaves noise and strains nothing, nothing can explain more: what could explain as much?
+        if best is not None and best.chi2 <= is_noise and best.within >= STRAINED:
             share = FOLLOWED if len(one.effect.parameters) == 1 else FOLLOWED_FAR
             if name in fits or (len(fits) > 1 and one.promise < share * best_gain):
                 continue
-            if best.effect.name in one.effect.contains:
+            if one.effect.generalises(best.effect):
                 rejected[name] = f"{best.effect.title}, a special case of it, leaves noise only"
                 continue
             patience, hopeless = 0, HOPELESS_BESIDE_NOISE
@@ -182,6 +183,7 @@ def _fit_promising(
             fits[name] = found
         elif name not in fits:
             rejected[name] = "nothing on the way to its best fit flies the measured commands"
+    _refit_special_cases(tuned if start is None else start, tuned.chi2, screened, tested, fits, say)
     most = max((f.gain for f in fits.values()), default=0.0)
     for one in screened:
         if one.seen and one.effect.name not in fits.keys() | rejected.keys():
@@ -191,53 +193,32 @@ def _fit_promising(
     return list(fits.values())
 
 
-def _ranked(fits: Sequence[EffectFit], samples: int) -> tuple[EffectFit, ...]:
-    return tuple(sorted(fits, key=lambda f: -_score(f, samples)))
-
-
-def _two_at_once(
+def _refit_special_cases(
     base: Local,
     chi2_tuned: float,
     screened: Sequence[Screened],
-    ranking: Sequence[EffectFit],
-    samples: int,
     tested: int,
+    fits: dict[str, EffectFit],
     say: Callable[[str], None],
-) -> list[EffectFit]:
-    """Return pairs of the best effect and a second one, parameters of both fitted together, if they leave only noise.
+) -> None:
+    """Fit the special cases of the best effect to their end, whatever they promise; replaces what ``fits`` has of them.
 
-    A form of the first that is not quite right finds company, too: the second must gain more than noise would, more
-    than it takes to tell two effects apart, and most of what the first leaves.
+    A general form may find its way to a special case, or near one, that the special case itself was given up on.
     """
-    lead = next((f for f in ranking if f.significant and f.flown), None)
-    is_noise = chi2.isf(FALSE_ALARM, _floor(base))
-    if lead is None or (lead.chi2 > is_noise and lead.share < LEADS):
-        return []
-    point = base.moved(
-        base.model.with_effect(lead.effect, lead.values), np.array([lead.tuning[n] for n in base.priors])
-    )
-    if point is None:
-        return []
-    say(f"seek a second effect beside {lead.effect.title}")
-    others = [screen(point, s.effect) for s in screened if s.seen and s.effect is not lead.effect]
-    least = max(SECOND * (lead.chi2 - samples), FORM * lead.gain, TOLD_APART)
-    pairs: list[EffectFit] = []
-    for other in promising([s for s in others if s.promise > least], 0.5, 0.5, 1)[:COMPANY]:
-        both = together(lead.effect, other.effect)
-        begin = np.concatenate([np.array(list(lead.values.values())), other.starts[0]])
-        lowest = min((f.chi2 for f in pairs), default=lead.chi2 - least)
-        descent = descend(Changes(base, both), begin, lowest, PATIENCE)
-        if descent is not None and descent.flown:
-            found = summarise(both, descent, chi2_tuned, tested**2)
-            ahead = _score(found, samples) - _score(lead, samples)
-            if found.chi2 <= is_noise and found.gain - lead.gain > least and ahead > TOLD_APART:
-                pairs.append(found)
-    return pairs
+    best = min(fits.values(), key=lambda f: f.chi2, default=None)
+    for one in screened:
+        name = one.effect.name
+        if best is None or not one.seen or one.effect is best.effect or not best.effect.generalises(one.effect):
+            continue
+        if name not in fits or (fits[name].chi2 - best.chi2 > TOLD_APART and not fits[name].settled):
+            say(f"fit {one.effect.title}, a special case of {best.effect.title}")
+            found = fit(screen(base, one.effect), chi2_tuned, 0.0, tested, MAX_ROUNDS)
+            if found is not None and (name not in fits or found.chi2 < fits[name].chi2):
+                fits[name] = found
 
 
-def _floor(point: Local) -> float:
-    """Return the chi-square that noise alone would leave."""
-    return point.exact.size * (1.0 + (MOVING_AIR if point.believed.whiten is not None else 0.0))
+def _ranked(fits: Sequence[EffectFit], samples: int) -> tuple[EffectFit, ...]:
+    return tuple(sorted(fits, key=lambda f: -score(f, samples)))
 
 
 def _decide(
@@ -257,7 +238,13 @@ def _decide(
             "but no effect of the library explains any of it"
         )  # fmt: skip
     best = significant[0]
-    close = [f for f in ranking if f is not best and f.flown and _indistinct(f, best, samples, best.chi2 <= is_noise)]
+    others = [f for f in ranking if f is not best and f.flown and f.within >= STRAINED]
+    close = [f for f in others if _indistinct(f, best, samples, best.chi2 <= is_noise)]
+    if best.within < STRAINED:
+        return "unexplained", (), (
+            f"unexplained: {best.effect.title}, {best.size}, comes nearest, but only beside coefficients that are "
+            f"farther off than is believed of them: {_stretched(best)}"
+        )  # fmt: skip
     if not best.share >= ENOUGH and best.chi2 > chi2.isf(LEFT, floor):
         part = f"only {100 * best.share:.0f} % of the excess" if np.isfinite(best.share) else "too little of it"
         return "unexplained", (), f"unexplained: {best.effect.title} comes nearest, but explains {part}"
@@ -278,9 +265,12 @@ def _decide(
     return "named", (best.effect.name,), f"{best.effect.title}: {best.size}; {explained}"
 
 
-def _score(fit: EffectFit, samples: int) -> float:
-    """Return the gain less ln(samples) for each parameter (Schwarz 1978): the simpler of two equal effects leads."""
-    return fit.gain - len(fit.values) * float(np.log(samples))
+def _stretched(fit: EffectFit) -> str:
+    """Return the coefficients that a fit asks most of, in words."""
+    priors = {**NUISANCES, **LATERAL_NUISANCES}
+    off = sorted(((abs(f - 1.0) / priors[n], n, f) for n, f in fit.tuning.items()), reverse=True)
+    told = [o for o in off if o[0] > 0.5 * off[0][0]][:3]
+    return ", ".join(f"{n} {f:.3g} times the believed value ({z:.1f} standard deviations)" for z, n, f in told)
 
 
 def _indistinct(fit: EffectFit, best: EffectFit, samples: int, is_noise: bool) -> bool:
@@ -291,8 +281,8 @@ def _indistinct(fit: EffectFit, best: EffectFit, samples: int, is_noise: bool) -
     is left, the form of the best one is not quite right, and then a share of the gain is all there is to go by. A more
     general form of the best one is another name only if its further parameters gain more than noise would.
     """
-    if best.effect.name in fit.effect.contains:
+    if fit.effect.generalises(best.effect):
         extra = len(fit.values) - len(best.values)
         return fit.gain - best.gain > chi2.isf(FALSE_ALARM, max(extra, 1))
-    behind = _score(best, samples) - _score(fit, samples)
+    behind = score(best, samples) - score(fit, samples)
     return behind < TOLD_APART or (not is_noise and fit.gain >= TOO_CLOSE * best.gain)

@@ -164,7 +164,7 @@ def plan_gap(scenario: Scenario, progress: Callable[[str], None] | None = None) 
     believed = Believed(aircraft, suite, FlightCondition(c.V_m_s, c.h_m, c.gamma_deg * DEG_RAD), rate)
     if not believed.outputs:
         raise ScenarioError([f"a suite must measure something beside controls, got '{suite.name}'"])
-    effects = tuple(library(suite).values())
+    effects = tuple(e for e in library(suite).values() if e.met is None)  # nobody plans to meet a gust
     records = [as_record(believed, spec) for spec in scenario.manoeuvre]
     priors = nuisances(records)
     parts = []

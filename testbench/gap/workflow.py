@@ -148,7 +148,7 @@ class GapFinding:
             errors = [(self.errors.get(self.believed.outputs[i], np.inf), i) for i in judged]
             gap = bool(self.parameters) or self.naming.outcome != "no gap"
             return gap and bool(judged) and all(e < TOLERANCE[self.believed.outputs[i]] for e, i in errors)
-        if not self.shrink:
+        if not self.shrink or self.naming.best.effect.met is not None:  # a gust is of no other manoeuvre's air
             return False
         limits = np.array([TOLERANCE[self.believed.outputs[i]] for i in judged])
         moved = [np.abs(s.after[:, judged] - s.before[:, judged]).max(axis=0) for s in self.shrink]
@@ -171,6 +171,12 @@ class GapFinding:
             out[0] += f"; the runner-up, {second.effect.title}, lowers it by {second.gain:.4g} ({share:.0f} %)"
         if self.immaterial:
             out.append(f"real but immaterial: in the manoeuvres held out it changes every channel by less {_ALLOWED}")
+        if best.effect.met is not None:
+            out.append(
+                "it was in the air of that manoeuvre alone; what those held out gain is the work of the coefficients "
+                f"re-tuned beside it. It could be mistaken for {best.effect.mistaken_for}. What separates them: "
+                f"{best.effect.separated_by}"
+            )
         priors = {**NUISANCES, **LATERAL_NUISANCES}
         far = [f"{n} {f:.3g}" for n, f in best.tuning.items() if abs(f - 1.0) > 2.0 * priors[n]]
         if far:

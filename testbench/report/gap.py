@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from testbench.gap.export import aircraft_files
+from testbench.gap.export import air_text, aircraft_files
 from testbench.gap.fit import FALSE_ALARM
 from testbench.gap.forces import follows
 from testbench.report.labels import file_stem, symbol
@@ -56,6 +56,8 @@ def write_gap(result: GapResult, folder: Path | str) -> list[Path]:
 def write_amended(result: GapResult, folder: Path) -> list[Path]:
     """Write what was named and re-tuned: the sensor suite, and the aircraft's folder with a model for stock JSBSim.
 
+    Of a gust it is the air of the manoeuvre that met it, and no aircraft.
+
     Each comes with a diff, and only if it changed; nothing is written if nothing was named and no parameter is wrong.
     """
     import difflib
@@ -72,6 +74,15 @@ def write_amended(result: GapResult, folder: Path) -> list[Path]:
         diff = difflib.unified_diff(before, after, "believed suite", "amended suite", lineterm="")
         out.append(write_file(folder / f"{file_stem(new.suite.name)}.toml", suites[1]))
         out.append(write_file(folder / "suite.diff", "\n".join(diff) + "\n"))
+    air = [(f"air_{file_stem(g.manoeuvre)}.toml", air_text(g)) for g in new.gusts if g not in old.gusts]
+    if air:
+        out += [write_file(folder / path, text) for path, text in air]
+        after = "\n".join(text for _, text in air).splitlines()
+        lines = difflib.unified_diff([], after, "believed air (still)", "amended air", lineterm="")
+        out.append(write_file(folder / "air.diff", "\n".join(lines) + "\n"))
+    best = result.finding.naming.best
+    if best is not None and best.effect.met is not None:
+        return out
     name = result.aircraft
     models = [aircraft_files(b.aircraft, name, b.rate_hz, b.condition) for b in (old, new)]
     if models[0] == models[1]:

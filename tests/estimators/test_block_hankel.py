@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from testbench.estimators import hankel
-from testbench.estimators.hankel import BlockHankel, block_factor, lag_products, predict, window_starts
+from testbench.estimators.hankel import BlockHankel, block_factor, lag_products, predict, thin_svd, window_starts
 
 
 def explicit(z, starts, length):
@@ -68,3 +68,17 @@ def test_predictions_are_windows_times_coefficients(samples):
     found = predict(z, theta, 5)
     assert found.shape == (starts.size, 2)
     assert np.abs(found - explicit(z, starts, 5) @ theta).max(initial=0.0) < 1e-13
+
+
+def test_a_decomposition_that_does_not_converge_is_made_by_the_slower_algorithm(monkeypatch):
+    M = np.random.default_rng(1).standard_normal((7, 4))
+    U, s, Vt = thin_svd(M)
+
+    def fails(*args, **settings):
+        raise np.linalg.LinAlgError("SVD did not converge")
+
+    monkeypatch.setattr(np.linalg, "svd", fails)
+    again = thin_svd(M)
+    assert [a.shape for a in again] == [U.shape, s.shape, Vt.shape]
+    np.testing.assert_allclose(again[1], s, rtol=1e-13)
+    np.testing.assert_allclose(again[0] * again[1] @ again[2], M, atol=1e-13)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrcon
 
 from testbench.errors import EstimationError
-from testbench.estimators.hankel import BlockHankel, block_factor, predict, runs, trend, window_starts
+from testbench.estimators.hankel import BlockHankel, block_factor, predict, runs, thin_svd, trend, window_starts
 from testbench.estimators.state_space import Series, fit_inputs
 from testbench.estimators.subspace.data import Stretch
 from testbench.estimators.subspace.order import EXACT, choose_order
@@ -110,7 +110,7 @@ def innovations(stretches: Sequence[Stretch], windows: BlockHankel, J: int, dire
         )
     R, _ = windows.factor(J + 1)
     past, now = R[:, :q], R[:, J * d + m :]
-    U, sigma, Vt = np.linalg.svd(past, full_matrices=False)
+    U, sigma, Vt = thin_svd(past)
     theta, noisy, rest = np.zeros((q, p)), np.ones(p, bool), np.zeros(p)
     size = np.sqrt(np.sum(now**2, axis=0))
     for tolerance in (_RANK, _RANK_NOISY):
@@ -152,7 +152,7 @@ def realise(step1: Innovations, L: int, order: int | None) -> Realisation:
         R = future_of(raw, step1, L)
     is_input = np.arange(R.shape[1]) % (mv + p) < mv
     Z = left_over(R[:, is_input], R[:, ~is_input])
-    _, values, Vt = np.linalg.svd(Z, full_matrices=False)
+    _, values, Vt = thin_svd(Z)
     floor = np.sqrt(step1.unknowns) + np.sqrt(p * L) if noisy.any() else values[0]
     relative = values / floor
     n, choice = (order, "given") if order is not None else choose_order(relative, bool(noisy.any()), p * (L - 1))
@@ -168,7 +168,7 @@ def left_over(U: FloatArray, Y: FloatArray) -> FloatArray:
         Z = np.zeros((min(len(U), Y.shape[1]), Y.shape[1]))
         Z[: len(R) - a] = R[a:, a:]
         return Z
-    V, sigma, _ = np.linalg.svd(U, full_matrices=False)
+    V, sigma, _ = thin_svd(U)
     V = V[:, sigma > _RANK * sigma[0]]
     return Y - V @ (V.T @ Y)
 

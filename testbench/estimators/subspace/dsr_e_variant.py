@@ -7,7 +7,7 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dtrcon
 
 from testbench.errors import EstimationError
-from testbench.estimators.hankel import block_factor
+from testbench.estimators.hankel import block_factor, thin_svd
 from testbench.estimators.subspace.dsr_e_steps import SAFE, Innovations, future_of
 from testbench.estimators.subspace.factor import RANK
 from testbench.estimators.subspace.order import choose_order
@@ -40,13 +40,13 @@ def realise_unweighted(
         return W @ _along(v[:, shift * mv :], W, yd[:, shift * p :])
 
     P = oblique(0)
-    _, values, Vt = np.linalg.svd(P, full_matrices=False)
+    _, values, Vt = thin_svd(P)
     relative = values / (np.sqrt(step1.unknowns) + np.sqrt(p * L) if step1.noisy.any() else values[0])
     n, choice = (order, "given") if order is not None else choose_order(relative, bool(step1.noisy.any()), p * (L - 1))
     O_L = Vt[:n].T * np.sqrt(values[:n])
     X = P @ np.linalg.pinv(O_L).T
     after = oblique(1) @ np.linalg.pinv(O_L[:-p]).T
-    step: FloatArray = np.linalg.lstsq(np.hstack([X, v[:, :mv]]), after, rcond=RANK)[0]  # type: ignore[assignment]
+    step: FloatArray = np.linalg.lstsq(np.hstack([X, v[:, :mv]]), after, rcond=RANK)[0]
     read: FloatArray = np.linalg.lstsq(X, yd[:, :p], rcond=RANK)[0]  # type: ignore[assignment]
     return step[:n].T, read.T, relative, choice, columns
 
@@ -75,6 +75,6 @@ def _along(v: FloatArray, W: FloatArray, Y: FloatArray) -> FloatArray:
     if R.shape[0] >= a + b and dtrcon(R[: a + b, : a + b], norm="1", uplo="U")[0] > SAFE:
         out: FloatArray = solve_triangular(R[a : a + b, a : a + b], R[a : a + b, a + b :])
         return out
-    U, s, _ = np.linalg.svd(v, full_matrices=False)
+    U, s, _ = thin_svd(v)
     Q = U[:, s > RANK * s[0]]
     return np.asarray(np.linalg.pinv(W - Q @ (Q.T @ W), rcond=1e-10) @ (Y - Q @ (Q.T @ Y)))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.errors import EstimationError
-from testbench.estimators.hankel import block_factor, window_starts
+from testbench.estimators.hankel import block_factor, thin_svd, window_starts
 from testbench.estimators.subspace.data import Stretch
 from testbench.estimators.subspace.order import EXACT
 from testbench.record import FloatArray
@@ -82,7 +82,7 @@ class Factor(NamedTuple):
 
 def basis(M: FloatArray, tolerance: float) -> FloatArray:
     """Return an orthonormal basis of the columns of M, directions below ``tolerance`` times the largest left out."""
-    U, s, _ = np.linalg.svd(M, full_matrices=False)
+    U, s, _ = thin_svd(M)
     out: FloatArray = U[:, s > tolerance * max(s[0], 1e-300)]
     return out
 
@@ -143,7 +143,7 @@ def weak_level(deviation: FloatArray, columns: int) -> float:
 
 def regularised(past: FloatArray, now: FloatArray, level: float) -> FloatArray:
     """Return the regression of ``now`` on ``past`` on the directions whose singular values exceed ``level``."""
-    U, s, Vt = np.linalg.svd(past, full_matrices=False)
+    U, s, Vt = thin_svd(past)
     kept = s > max(level, RANK_NOISY * s[0])
     out: FloatArray = Vt[kept].T @ ((U[:, kept].T @ now) / s[kept, None])
     return out
@@ -156,7 +156,7 @@ def _predictor(
     d = m + p
     q = J * d + (m if direct else 0)
     past, now = R[:, :q], R[:, J * d + m : (J + 1) * d]
-    U, sigma, Vt = np.linalg.svd(past, full_matrices=False)
+    U, sigma, Vt = thin_svd(past)
     size = np.sqrt(np.sum(now**2, axis=0))
     theta, noisy, rest, rank = np.zeros((J * d + m, p)), np.ones(p, bool), size, q
     for tolerance in (RANK, RANK_NOISY):
@@ -186,7 +186,7 @@ def feedback_share(R: FloatArray, J: int, H: int, m: int, p: int, columns: int) 
         return 0.0
     size = np.sqrt(np.sum(later**2))
     later = later - known @ (known.T @ later)
-    U, s, _ = np.linalg.svd(later, full_matrices=False)
+    U, s, _ = thin_svd(later)
     U = U[:, s > 1e-3 * size]  # what the past tells of the later inputs already is no news
     free = max(columns - known.shape[1] - U.shape[1], 1)
     before = np.maximum(np.sum(rest**2, axis=0), 1e-300)

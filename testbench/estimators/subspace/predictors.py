@@ -24,6 +24,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from testbench.estimators.hankel import thin_svd
 from testbench.estimators.subspace.factor import Factor, weak_level
 from testbench.estimators.subspace.projections import Realisation, canonical, moesp, noise_floor, pick
 from testbench.record import FloatArray
@@ -75,7 +76,7 @@ def ssarx(f: Factor, L: int, order: int | None, direct: bool) -> Realisation:
     if f.exact:
         return moesp(f, L, order)
     past = f.blocks(0, f.J)
-    U, s, Vt = np.linalg.svd(past, full_matrices=False)
+    U, s, Vt = thin_svd(past)
     kept = s > max(f.tolerance * s[0], weak_level(f.deviation, f.columns))
     U, s, Vt = U[:, kept], s[kept], Vt[kept]
     future = _future_without_inputs(f, L)
@@ -89,7 +90,7 @@ def pbsid_opt(f: Factor, L: int, order: int | None, direct: bool) -> Realisation
     if f.exact:
         return moesp(f, L, order)
     product = _past_predictor(f, L)
-    _, s, Vt = np.linalg.svd(f.blocks(0, f.J) @ product, full_matrices=False)
+    _, s, Vt = thin_svd(f.blocks(0, f.J) @ product)
     values = s / noise_floor(f, f.p * L, s[0])
     n, choice = pick(values, f, order, f.p * (L - 1))
     return _regress(f, product @ Vt[:n].T / np.sqrt(s[:n]), values, choice, direct)

@@ -28,6 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.estimators.hankel import thin_svd
 from testbench.estimators.subspace.factor import Factor, basis
 from testbench.estimators.subspace.order import choose_order
 from testbench.record import FloatArray
@@ -66,7 +67,7 @@ def _cleared(f: Factor, L: int) -> tuple[FloatArray, FloatArray]:
 
 def _past_basis(f: Factor, past: FloatArray) -> FloatArray:
     """Basis of the cleared past; directions that were wholly in the future inputs are rounding and left out."""
-    U, s, _ = np.linalg.svd(past, full_matrices=False)
+    U, s, _ = thin_svd(past)
     size = np.linalg.norm(f.blocks(0, f.J), 2)
     out: FloatArray = U[:, s > max(f.tolerance, 1e-11) * size]
     return out
@@ -82,7 +83,7 @@ def moesp(f: Factor, L: int, order: int | None) -> Realisation:
     """PO-MOESP (M. Verhaegen 1994)."""
     past, future = _cleared(f, L)
     Z = _past_basis(f, past).T @ future
-    _, s, Vt = np.linalg.svd(Z, full_matrices=False)
+    _, s, Vt = thin_svd(Z)
     values = s / noise_floor(f, f.p * L, s[0])
     n, choice = pick(values, f, order, f.p * (L - 1))
     return Realisation(*by_shift(Vt[:n].T * np.sqrt(s[:n]), f.p), values, choice)
@@ -93,10 +94,10 @@ def n4sid(f: Factor, L: int, order: int | None) -> Realisation:
     if f.exact:
         return moesp(f, L, order)
     past, future = _cleared(f, L)
-    U, s, Vt = np.linalg.svd(past, full_matrices=False)
+    U, s, Vt = thin_svd(past)
     W = f.blocks(0, f.J) @ Vt.T  # the same directions of the past, future inputs not taken out
     gain = W * s / np.maximum(s**2 + _OBLIQUE**2 * np.sum(W**2, axis=0), 1e-300)
-    _, values, Vt = np.linalg.svd(gain @ (U.T @ future), full_matrices=False)
+    _, values, Vt = thin_svd(gain @ (U.T @ future))
     # unit noise times gain: the expected norm of a Gaussian matrix between given weights (Chevet's inequality)
     floor = np.linalg.norm(gain) + np.linalg.norm(gain, 2) * np.sqrt(f.p * L)
     n, choice = pick(values / floor, f, order, f.p * (L - 1))
@@ -120,10 +121,10 @@ def canonical(f: Factor, Q: FloatArray, future: FloatArray) -> tuple[FloatArray,
     """
     Z = Q.T @ future
     rest = future - Q @ Z
-    _, s, Vt = np.linalg.svd(rest, full_matrices=False)
+    _, s, Vt = thin_svd(rest)
     unit = np.sqrt(max(f.columns - Q.shape[1], 1))
     s = np.maximum(s, 1e-6 * s[0]) / unit  # a future known exactly in some direction would weigh without bound
-    X, values, Wt = np.linalg.svd((Z @ Vt.T) / s, full_matrices=False)
+    X, values, Wt = thin_svd((Z @ Vt.T) / s)
     O_L = (Vt.T * s) @ Wt.T * np.sqrt(values)
     return O_L, values / noise_floor(f, future.shape[1], values[0]), X * np.sqrt(values)
 
@@ -133,7 +134,7 @@ def dsr(f: Factor, L: int, order: int | None) -> Realisation:
     past, future = _cleared(f, L + 1)
     Z = _past_basis(f, past).T @ future
     p = f.p
-    U, s, Vt = np.linalg.svd(Z[:, : p * L], full_matrices=False)
+    U, s, Vt = thin_svd(Z[:, : p * L])
     values = s / noise_floor(f, p * L, s[0])
     n, choice = pick(values, f, order, p * (L - 1))
     A = Vt[:n] @ Z[:, p:].T @ U[:, :n] / s[:n]

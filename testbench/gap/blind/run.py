@@ -36,12 +36,13 @@ def name_case(
         aircraft: which one is believed to fly.
         records: measured records, used to name.
         held_out: measured records, used to judge.
-        without: effects to take out of the library.
+        without: effects to take out of the library, and with them those of which they are special cases.
     """
     began = time.process_time()
     believed = believe(aircraft)
     naming_records = list(records.values())
-    effects = {n: e for n, e in library(believed.suite).items() if n not in without}
+    out = set(without)
+    effects = {n: e for n, e in library(believed.suite).items() if n not in out and out.isdisjoint(e.contains)}
     heard = listen(believed, naming_records)
     in_found_air, naming, heard = search(believed, naming_records, heard, lambda stage: None, effects)
     naming = confirmed(naming, in_found_air, list(held_out.values()))

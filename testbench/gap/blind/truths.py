@@ -273,6 +273,13 @@ def _kinds() -> dict[str, Kind]:
                 )
             ),
         ),
+        "gust": kind(
+            "library",
+            "gust",
+            _between(amplitude_=(1.5, 4.0), duration_s=(0.6, 2.0)),
+            lambda s, a: Plan(gust=Gust("down", s["amplitude"], 4.0, s["duration_s"])),
+            "amplitude -> amplitude_m_s",
+        ),
         # other forms of the library's effects
         "servo of two stages": kind(
             "other",
@@ -365,7 +372,7 @@ def _kinds() -> dict[str, Kind]:
         ),
         "late wake": kind("other", "wake_lag alpha_dot", _between(time_s=(0.1, 0.3), Cm=(0.5, 1.2)), forms.wake),
         "damper that filters": kind(
-            "other", "pitch_damper", _between(gain_s=(0.1, 0.3)), forms.filtered_damper, "gain_s"
+            "other", "filtered_pitch_damper pitch_damper", _between(gain_s=(0.1, 0.3)), forms.filtered_damper, "gain_s"
         ),
         "sigmoid stall": kind(
             "other",
@@ -407,11 +414,12 @@ def _kinds() -> dict[str, Kind]:
         "thrust that falls with speed": kind("unseen", "", _between(k=(0.3, 0.8)), forms.fading_thrust, near=True),
         "elevator that fades": kind("unseen", "", _between(loss=(0.05, 0.15)), forms.fading_elevator, near=True),
         "damping curved in alpha": kind("unseen", "", _between(k_=(0.5, 1.2)), forms.curved_damping, near=True),
-        "gust": kind(
+        "gyro that saturates on one side": kind(
             "unseen",
             "",
-            _between(amplitude_=(1.5, 4.0), duration_s=(0.6, 2.0)),
-            lambda s, a: Plan(gust=Gust("down", s["amplitude"], 4.0, s["duration_s"])),
+            _between(most_rad_s=(0.05, 0.09)),
+            lambda s, a: Plan(spoil=lambda n, y, t: np.minimum(y, s["most_rad_s"]) if n == "q" else y),
+            near=True,
         ),
         "stuck link": kind(
             "unseen", "", _between(length_s=(0.3, 0.8)), link(lambda s: servos.stuck(0.9, s["length_s"]))

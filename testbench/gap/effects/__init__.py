@@ -13,8 +13,10 @@ from testbench.gap.effects import (
     dead_band,
     drag_increment,
     elevator_mode,
+    filtered_pitch_damper,
     free_play,
     ground_effect,
+    gust,
     inertia_error,
     mass_error,
     nonlinear_lift,
@@ -78,10 +80,12 @@ _OF_AIRCRAFT: dict[str, Effect] = {
         ground_effect,
         pitch_damper,
         washed_pitch_damper,
+        filtered_pitch_damper,
         yaw_damper,
         aileron_lag,
         rudder_lag,
         steady_wind,
+        gust,
         clock_offset,
     )
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -9,6 +10,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.errors import ModelError
+from testbench.flight.air import Gust
 from testbench.record import FloatArray
 from testbench.sensors import SensorSuite
 
@@ -28,6 +30,21 @@ class Parameter:
     starts: tuple[float, ...]
     prior: tuple[float, float] | None = None
     none: float | None = None
+
+
+@dataclass(frozen=True)
+class MetGust:
+    """A gust that one record met: it belongs to that record and not to the aircraft.
+
+    Attributes:
+        record: key of the record, see :func:`testbench.gap.gusts.record_key`.
+        manoeuvre: its name, for people.
+        gust: on the clock of the record, which starts with its first sample.
+    """
+
+    record: str
+    manoeuvre: str
+    gust: Gust
 
 
 Values = Mapping[str, float]
@@ -55,6 +72,9 @@ class Effect:
         contains: effects that are special cases of this one.
         parts: effects of which this one is put together (see :func:`together`); their parameters are this one's, called
             EFFECT.PARAMETER.
+        met: values -> the gust that one record met; None for all effects that belong to aircraft or sensors.
+        looks: number of places that the effect was looked for at (records, times, components), of which the best was
+            taken: thresholds are Bonferroni's over all of them. 0 if it was not found at any.
     """
 
     name: str
@@ -69,6 +89,18 @@ class Effect:
     lateral: bool = False
     contains: tuple[str, ...] = ()
     parts: tuple[Effect, ...] = ()
+    met: Callable[[Values], MetGust] | None = None
+    looks: int = 1
+
+    def generalises(self, other: Effect) -> bool:
+        """Return whether ``other`` is a special case of this effect: each of its parts is one here, or of one here."""
+        mine = list(self.parts or (self,))
+        for part in other.parts or (other,):
+            match = next((m for m in mine if part.name == m.name or part.name in m.contains), None)
+            if match is None:
+                return False
+            mine.remove(match)
+        return self is not other
 
     def prior_residuals(self, x: FloatArray) -> FloatArray:
         """Return ln(x / value) / deviation of every parameter that has a prior."""
@@ -88,8 +120,8 @@ def together(*effects: Effect) -> Effect:
         separated_by="; ".join(e.separated_by for e in effects),
         flown=any(e.flown for e in effects),
         lateral=any(e.lateral for e in effects),
-        contains=tuple(e.name for e in effects),
         parts=effects,
+        looks=math.prod(e.looks for e in effects),
     )
 
 

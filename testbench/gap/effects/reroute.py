@@ -89,6 +89,20 @@ def washed_feedback(command: str, label: str, rate: str, gain_s: float, washout_
     return reroute(command, label, body, (("slow", slow),))
 
 
+def filtered_feedback(command: str, label: str, rate: str, gain_s: float, lag_s: float) -> Reroute:
+    """Return the edit that adds gain times ``rate`` behind a first-order lag, rate / (1 + lag s), to ``command``.
+
+    The lag is exact for a rate held from frame to frame; while time stands still it keeps its value, zero in straight
+    flight. With a lag of 0 the rate itself is fed back.
+    """
+    name = f"gap/{label}-filtered"
+    past = f"<exp> {product(value(-1.0 / lag_s), prop('simulation/dt'))} </exp>" if lag_s > 0.0 else value(0.0)
+    share = f"<difference> <value>1</value> {past} </difference>"
+    filtered = f"<sum> {prop(name)} {product(share, f'<difference> {prop(rate)} {prop(name)} </difference>')} </sum>"
+    body = f"<sum> {prop(command)} {product(value(gain_s), prop(name))} </sum>"
+    return reroute(command, label, body, (("filtered", filtered),))
+
+
 def component(output: str, term: str) -> str:
     """Return the XML of a component that computes ``term`` into the property ``output`` every frame."""
     return (
