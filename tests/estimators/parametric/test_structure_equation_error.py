@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from parametric_cases import CASES, fly, truth
+from scipy.integrate import solve_ivp
 
 from testbench.errors import EstimationError
 from testbench.estimators.parametric import equation_error, output_error
@@ -44,6 +45,25 @@ def test_smooth_noise_free_data_give_the_parameters():
     model = equation_error.estimate(records([smooth_input(900, 1), smooth_input(700, 2)]), short_period())
     assert worst(model) < 4e-3
     assert not any("biases" in sentence for sentence in model.advice)  # there is no noise to speak of
+
+
+def test_smooth_data_that_begin_and_end_at_rest_are_recovered_exactly():
+    """Sampled they are band-limited to 1e-9, and their derivatives, that of their sine series, are exact."""
+
+    def pulses(t):
+        return 0.05 * np.exp(-(((t - 6.0) / 1.2) ** 2)) * np.sin(1.2 * np.pi * (t - 6.0)) + 0.03 * np.exp(
+            -(((t - 8.0) / 1.5) ** 2)
+        )
+
+    plain = short_period().with_parameters(VALUES)
+    m, t = plain.matrices(plain.values), np.arange(501) * 0.05
+    solved = solve_ivp(
+        lambda s, x: m.A @ x + m.B[:, 0] * pulses(s), (0.0, t[-1]), [0.0, 0.0], "DOP853", t, rtol=1e-13, atol=1e-16
+    )
+    y = solved.y.T @ m.C.T + np.outer(pulses(t), m.D[:, 0])
+    record = FlightRecord(t, ("de", *plain.outputs), np.column_stack([pulses(t), y]), "measured")
+    model = equation_error.estimate([record], short_period())
+    assert {n: model.values[n] for n in VALUES} == pytest.approx(VALUES, rel=1e-7)
 
 
 @pytest.mark.parametrize("width", [25, 50])
