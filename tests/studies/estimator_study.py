@@ -53,8 +53,6 @@ RESULTS = ROOT / "results" / "estimators"
 HELD_TABLE = ROOT / "testbench" / "estimators" / "coverage_table.py"
 RAW = ROOT / "build" / "estimator_study"
 SEEDS = 400
-FEWER = {name: 100 for name in LONGITUDINAL if name.endswith("bootstrap")}
-"""Seeds of the methods that repeat themselves 25 times for their errors, of 400 for the others."""
 KINDS = (
     (LONGITUDINAL, prepare_longitudinal),
     (MULTISINE, prepare_multisine),
@@ -236,7 +234,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--aircraft", choices=list(CONDITIONS), nargs="*", default=list(CONDITIONS))
     parser.add_argument("--methods", choices=list(METHODS), nargs="*", default=list(METHODS))
-    parser.add_argument("--seeds", type=int, default=SEEDS, help="of most methods; slow ones take a share of them")
+    parser.add_argument("--seeds", type=int, default=SEEDS, help="of noise, for every method")
     parser.add_argument("--folder", type=Path, default=RESULTS)
     parser.add_argument("--raw", type=Path, default=RAW, help="where the estimates are kept seed by seed")
     parser.add_argument("--resume", action="store_true", help="keep the estimates that an interrupted study has left")
@@ -252,17 +250,16 @@ def main(arguments: list[str] | None = None) -> None:
                 case = prepare(name) if chosen else None
                 for method in chosen:
                     assert case is not None
-                    seeds = max(2, round(given.seeds * FEWER.get(method, SEEDS) / SEEDS))
-                    task = progress.add_task(f"{name} {method}", total=seeds)
+                    task = progress.add_task(f"{name} {method}", total=given.seeds)
                     if given.have:
-                        done = kept(case, method, given.raw)[:seeds]
+                        done = kept(case, method, given.raw)[: given.seeds]
                         if len(done) < 2:
                             continue
                     else:
                         done = estimates(
-                            case, method, seeds, given.raw, given.resume, lambda task=task: progress.advance(task)
+                            case, method, given.seeds, given.raw, given.resume, lambda task=task: progress.advance(task)
                         )
-                    if methods is LONGITUDINAL and not method.startswith("regression") and method not in FEWER:
+                    if methods is LONGITUDINAL and not method.startswith("regression") and "bootstrap" not in method:
                         scatter.append(scatter_row(case, method, done))
                     intervals += interval_rows(case, method, done)
                     progress.remove_task(task)
