@@ -59,7 +59,9 @@ def wait_until(done, what: str) -> None:
 
 
 def command(*arguments: object, cwd: Path) -> subprocess.Popen[str]:
-    code = "from testbench.cli import main; main()"
+    # What a shell runs in the background ignores the interrupt, and all that it starts; a user's command does not.
+    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    code += "from testbench.cli import main; main()"
     return subprocess.Popen(
         [sys.executable, "-c", code, *map(str, arguments)],
         cwd=cwd,
