@@ -62,7 +62,8 @@ def compare_plates(result: CompareResult) -> list[Plate]:
                 f"Root mean square over {result.scenario.seeds} repetitions with 95 % interval, percent; damping "
                 "ratios in hundredths. Open signs: standard errors that information predicts, beside the estimator "
                 'that they speak of. "sure": the difference to the first suite is more than chance, all questions of '
-                "the comparison taken together. 9/12: found in 9 of 12 repetitions.",
+                "the comparison taken together. 9/12: found in 9 of 12 repetitions. What one suite alone predicts "
+                "stands in the table only.",
                 partial(_panels, _error_panels(result), suites),
             )
         )
@@ -95,8 +96,12 @@ def _error_panels(result: CompareResult) -> dict[str, list[Dot]]:
     index = {s.name: k for k, s in enumerate(result.suites)}
     out: dict[str, list[Dot]] = {}
     sure = {(g.case, g.quantity) for g in result.gains if g.significant(result.scenario.level)}
+    seen = {s.quantity: {o.case.suite for o in result.summaries if o.quantity == s.quantity} for s in result.summaries}
+    least = min(2, len(result.suites))  # suites that a row compares
     kinds, order = _KINDS.index, list(dict.fromkeys(s.case.estimator for s in result.summaries))
     for s in sorted(result.summaries, key=lambda s: (order.index(s.case.estimator), kinds(s.quantity.kind))):
+        if s.quantity.kind == "prediction" and len(seen[s.quantity]) < least:
+            continue
         title = f"{s.case.estimator}, {s.case.manoeuvre}" if len(result.manoeuvres) > 1 else s.case.estimator
         dots = out.setdefault(title, [])
         k, factor = index[s.case.suite], 1.0 if s.quantity.unit else _HUNDREDTHS

@@ -6,6 +6,7 @@ from recorded import flight_data
 from scipy.linalg import expm
 
 from testbench.errors import EstimationError
+from testbench.estimators.coverage import approximate
 from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.kalman import ekf, ukf
 from testbench.estimators.parametric.structures.short_period import short_period
@@ -156,7 +157,7 @@ def test_parameters_reach_the_truth_within_their_errors(kind):
         # 4 standard errors: 6e-5 false alarms per parameter, 5e-4 in all
         assert abs(model.values[name] - TRUE[name]) < 4.0 * model.standard_errors[name], name
         assert model.standard_errors[name] < 0.1 * abs(TRUE[name])
-    assert model.status == "good", model.advice
+    assert model.advice == approximate(model.method)  # that its intervals are approximate is all there is to say
     first, last = model.diagnostics["tracks"][0].parameters_std[[0, -1]]
     assert np.all(last < 0.2 * first)
 
