@@ -17,7 +17,7 @@ from testbench.estimators.operational import Criteria, OperationalModes, estimat
 from testbench.estimators.prepare import prepare
 from testbench.evaluation.operational import ModeMatch, TrueMode, match_modes, true_modes
 from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, linearise, trim
-from testbench.flight.air import Air, Gust, scale_lengths, turbulence_rms
+from testbench.flight.air import air_of, scale_lengths
 from testbench.flight.preflight import log_rate
 from testbench.flight.simulate import stride
 from testbench.inputs import InputSignal, build
@@ -237,14 +237,16 @@ def fly_modes(
     with located(where, "condition"):
         trimmed = trim(
             aircraft, FlightCondition(c.V_m_s, c.h_m, c.gamma_deg * DEG_RAD), scenario.simulation.rate_hz,
-            _air(scenario, seed),
+            air_of(scenario.air, scenario.condition.h_m, seed),
         )  # fmt: skip
     rate, records = log_rate(cast(Scenario, scenario), [suite]), {}
     for i, spec in enumerate(scenario.flight):
         say(f"fly {spec.name}")
         with located(where, f"flight[{i}]"):
             manoeuvre = Manoeuvre(spec.name, _signal(spec, trimmed.rate_hz), spec.settle_s)
-            truth = fly(aircraft, trimmed, manoeuvre, rate, None, _air(scenario, seed + i))
+            truth = fly(
+                aircraft, trimmed, manoeuvre, rate, None, air_of(scenario.air, scenario.condition.h_m, seed + i)
+            )
         record = suite.measure(truth, seed + i).between(spec.settle_s, np.inf)
         keep(f"{spec.name}_truth", truth)
         keep(f"{spec.name}_{suite.name}", record)
@@ -288,11 +290,3 @@ def _signal(spec: TurbulentFlight, rate_hz: float) -> InputSignal:
         return build(spec.input, spec.duration_s, rate_hz)
     n = round(spec.duration_s * rate_hz)
     return InputSignal(np.arange(n) / rate_hz, np.zeros((n, 1)), CONTROLS[:1])
-
-
-def _air(scenario: ModesScenario, seed: int) -> Air:
-    spec = scenario.air
-    height = scenario.condition.h_m if spec.height_m is None else spec.height_m
-    rms = turbulence_rms(spec.turbulence_rms_m_s, height) if spec.turbulence_rms_m_s else (0.0, 0.0, 0.0)
-    gust = Gust(**spec.gust.model_dump()) if spec.gust else None
-    return Air(spec.wind_north_m_s, spec.wind_east_m_s, spec.wind_down_m_s, rms, spec.height_m, gust, seed)

@@ -24,12 +24,12 @@ from testbench.evaluation.excitation import ModeExcitation, excitation
 from testbench.evaluation.modes import longitudinal_modes
 from testbench.evaluation.parameters import true_parameters
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
-from testbench.flight.air import Air, Gust, turbulence_rms
+from testbench.flight.air import Air, air_of
 from testbench.flight.preflight import check, log_rate
 from testbench.inputs import build
 from testbench.inputs.signal import energy_spectrum
 from testbench.record import FlightRecord, FloatArray
-from testbench.scenario import AirSpec, Estimator, Identification, Preparation, Scenario, attach_file, estimator_name
+from testbench.scenario import Estimator, Identification, Preparation, Scenario, attach_file, estimator_name
 from testbench.schema import parse, read_toml
 from testbench.sensors import SensorSuite, load_suite
 
@@ -200,7 +200,13 @@ def run(
         with located(where, f"manoeuvre[{i}]"):
             manoeuvre = Manoeuvre(spec.name, build(spec.input, spec.duration_s, trimmed.rate_hz), spec.settle_s)
             truth = _fly(
-                aircraft, trimmed, manoeuvre, log_rate(scenario, suites), keep, _air(scenario, seed + i), ready.channels
+                aircraft,
+                trimmed,
+                manoeuvre,
+                log_rate(scenario, suites),
+                keep,
+                air_of(scenario.air, scenario.condition.h_m, seed + i),
+                ready.channels,
             )
         measured = {}
         for suite in suites:
@@ -310,7 +316,12 @@ def trim_for(scenario: Scenario, aircraft: Aircraft, seed: int = 0) -> TrimmedFl
         TrimError: there is no equilibrium.
     """
     with located(scenario.file, "condition"):
-        return trim(aircraft, _condition(scenario), scenario.simulation.rate_hz, _air(scenario, seed))
+        return trim(
+            aircraft,
+            _condition(scenario),
+            scenario.simulation.rate_hz,
+            air_of(scenario.air, scenario.condition.h_m, seed),
+        )
 
 
 def _suite(scenario: Scenario, name: str) -> SensorSuite:
@@ -321,17 +332,6 @@ def _suite(scenario: Scenario, name: str) -> SensorSuite:
 def _condition(scenario: Scenario) -> FlightCondition:
     c = scenario.condition
     return FlightCondition(c.V_m_s, c.h_m, c.gamma_deg * DEG_RAD)
-
-
-def _air(scenario: Scenario, seed: int) -> Air | None:
-    """Return the air of the scenario, or None where it is still."""
-    spec = scenario.air
-    if spec == AirSpec():
-        return None
-    height = scenario.condition.h_m if spec.height_m is None else spec.height_m
-    rms = turbulence_rms(spec.turbulence_rms_m_s, height) if spec.turbulence_rms_m_s else (0.0, 0.0, 0.0)
-    gust = Gust(**spec.gust.model_dump()) if spec.gust else None
-    return Air(spec.wind_north_m_s, spec.wind_east_m_s, spec.wind_down_m_s, rms, spec.height_m, gust, seed)
 
 
 def _fly(

@@ -26,13 +26,13 @@ from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepare
 from testbench.flight import FlightCondition, fly, linearise, trim
 from testbench.flight import Manoeuvre as Flown
-from testbench.flight.air import Air, Gust, turbulence_rms
+from testbench.flight.air import air_of
 from testbench.flight.preflight import check as check_flight
 from testbench.flight.preflight import log_rate
 from testbench.inputs import build
 from testbench.paths import find_scenario
 from testbench.record import FlightRecord, FloatArray
-from testbench.scenario import AirSpec, Scenario
+from testbench.scenario import Scenario
 from testbench.scenario.compare import BEST_CASE, CompareScenario, Placement
 from testbench.schema import parse, read_toml
 from testbench.sensors import Sensor, SensorSuite, load_suite
@@ -187,7 +187,7 @@ def compare(
 def _known(scenario: CompareScenario, aircraft: Aircraft, seed: int) -> Known:
     c = scenario.condition
     condition = FlightCondition(c.V_m_s, c.h_m, c.gamma_deg * DEG_RAD)
-    trimmed = trim(aircraft, condition, scenario.simulation.rate_hz, _air(scenario, seed))
+    trimmed = trim(aircraft, condition, scenario.simulation.rate_hz, air_of(scenario.air, scenario.condition.h_m, seed))
     linear = linearise(aircraft, trimmed)
     plane = scenario.plane
     modes = modes_of(linear, aircraft, plane)
@@ -196,16 +196,6 @@ def _known(scenario: CompareScenario, aircraft: Aircraft, seed: int) -> Known:
     wanted = scenario.targets.parameters or needed_parameters(plane, controls, False, ())
     free = unknowns(aircraft, plane, controls, asked, wanted)
     return Known(aircraft, trimmed, linear, plane, modes, wanted_modes(modes, asked), wanted, free)
-
-
-def _air(scenario: CompareScenario, seed: int) -> Air | None:
-    spec = scenario.air
-    if spec == AirSpec():
-        return None
-    height = scenario.condition.h_m if spec.height_m is None else spec.height_m
-    rms = turbulence_rms(spec.turbulence_rms_m_s, height) if spec.turbulence_rms_m_s else (0.0, 0.0, 0.0)
-    gust = Gust(**spec.gust.model_dump()) if spec.gust else None
-    return Air(spec.wind_north_m_s, spec.wind_east_m_s, spec.wind_down_m_s, rms, spec.height_m, gust, seed)
 
 
 def _flights(
@@ -225,7 +215,7 @@ def _flights(
             with located(scenario.file, f"manoeuvre[{i}]"):
                 signal = build(spec.input, spec.duration_s, known.trimmed.rate_hz)
                 manoeuvre = Flown(spec.name, signal, spec.settle_s)
-                air = _air(scenario, derived_seed(seed, k, i))
+                air = air_of(scenario.air, scenario.condition.h_m, derived_seed(seed, k, i))
                 kept[spec.name] = fly(known.aircraft, known.trimmed, manoeuvre, rate, sorted(needed), air)
             flown += 1
         yield dict(kept), flown

@@ -147,16 +147,6 @@ class Modes:
         out[pair] -= 1j * f[self._first[pair] + 1]
         return out
 
-    def columns(self, CV: FloatArray, g: FloatArray) -> FloatArray:
-        """Return C x (p, n, N) for each real mode driven (or released) alone, of modal states g (n, N)."""
-        out = np.empty((CV.shape[0], *g.shape))
-        for z, at in zip(self._z, self._first, strict=True):
-            out[:, at] = CV[:, at, None] * g[at]
-            if z.imag > 0.0:
-                out[:, at + 1] = CV[:, at + 1, None] * g[at] - CV[:, at, None] * g[at + 1]
-                out[:, at] += CV[:, at + 1, None] * g[at + 1]
-        return out
-
 
 def _size(z: complex) -> int:
     return 2 if z.imag > 0.0 else 1

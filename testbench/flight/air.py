@@ -24,7 +24,7 @@ from testbench.constants import FT_M
 from testbench.errors import LimitError, nearest
 from testbench.flight.condition import FlightCondition
 from testbench.record import FloatArray
-from testbench.scenario import LOWEST_M
+from testbench.scenario import LOWEST_M, AirSpec
 
 AXES = ("north", "east", "down")
 ONSET_S = 1.0  # turbulence rises from the trim's calm over this time, as a half cosine; a jump would ring every mode
@@ -185,6 +185,22 @@ def turbulence_rms(vertical_m_s: float, height_m: float) -> tuple[float, float, 
     h = min(height_m / FT_M, _LOW_FT)
     horizontal = vertical_m_s / (0.177 + 0.000823 * h) ** 0.4
     return horizontal, horizontal, vertical_m_s
+
+
+def air_of(spec: AirSpec, h_m: float, seed: int) -> Air | None:
+    """Return the air that a scenario's table asks for, or None where it is still.
+
+    Args:
+        spec: the table ``[air]``.
+        h_m: height of the flight, at which turbulence is taken unless the table gives another.
+        seed: of the turbulence.
+    """
+    if spec == AirSpec():
+        return None
+    height = h_m if spec.height_m is None else spec.height_m
+    rms = turbulence_rms(spec.turbulence_rms_m_s, height) if spec.turbulence_rms_m_s else (0.0, 0.0, 0.0)
+    gust = Gust(**spec.gust.model_dump()) if spec.gust else None
+    return Air(spec.wind_north_m_s, spec.wind_east_m_s, spec.wind_down_m_s, rms, spec.height_m, gust, seed)
 
 
 def dryden_psd(f_hz: FloatArray, V_m_s: float, rms_m_s: float, length_m: float, component: str) -> FloatArray:
