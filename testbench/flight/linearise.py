@@ -15,7 +15,7 @@ from testbench.constants import FT_M
 from testbench.errors import ChannelError, nearest
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import Executive
-from testbench.record import FloatArray
+from testbench.record import FlightRecord, FloatArray
 
 _RIGID = ("u", "v", "w", "p", "q", "r", "phi", "theta", "h")
 _STEP = {"u": 0.05, "v": 0.05, "w": 0.05, "p": 1e-2, "q": 1e-2, "r": 1e-2, "phi": 1e-3, "theta": 1e-3, "h": 1.0}
@@ -30,6 +30,8 @@ _DERIVATIVES = (
     ("velocities/thetadot-rad_sec", 1.0),
     ("velocities/h-dot-fps", FT_M),
 )
+_FOURTH_ORDER = {-2: 1.0 / 12.0, -1: -8.0 / 12.0, 1: 8.0 / 12.0, 2: -1.0 / 12.0}  # weights of central differences
+_SECOND_ORDER = {-1: -0.5, 1: 0.5}
 _SERVOS = {"de": "elevator", "da": "aileron", "dr": "rudder"}
 
 
@@ -98,29 +100,83 @@ def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
     and thr, and the commands de_cmd, da_cmd, dr_cmd, which pass through the servo lags first (three further states).
     Outputs: every channel of the simulator, and those of the wing stations.
     """
-    fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
-    modes = range(1, fdm.mode_count + 1)
-    states = [*_RIGID, *(f"eta_{i}" for i in modes), *(f"etadot_{i}" for i in modes)]
-    inputs = [n for n in CONTROLS if n in aircraft.controls]
-    x0 = {n: trimmed.state[n] for n in states}
-    if modes:
-        fdm.set("modal/static-ic", 0.0)
-    at = {**x0, **trimmed.controls}
-    steps = {n: _step(n) for n in (*states, *inputs)}
-    jacobian = {}
-    for name, step in steps.items():
-        f = [_derivatives(fdm, {**at, name: at[name] + k * step}, states) for k in (-2, -1, 1, 2)]
-        jacobian[name] = (f[0] - 8.0 * f[1] + 8.0 * f[2] - f[3]) / (12.0 * step)
-    n = len(states)
-    A = np.column_stack([jacobian[s][:n] for s in states])
-    B = np.column_stack([jacobian[u][:n] for u in inputs])
-    C = np.column_stack([jacobian[s][n:] for s in states])
-    D = np.column_stack([jacobian[u][n:] for u in inputs])
-    servos = {u: fdm.get(f"fcs/{_SERVOS[u]}-lag-rad_sec") for u in inputs if u in _SERVOS}
-    names, rows = station_rows(aircraft.flown_stations(), aircraft.flown_modes())
-    weights = np.array([[row.get(c, 0.0) for c in fdm.channels] for row in rows]).reshape(len(rows), len(fdm.channels))
-    C, D = np.vstack([C, weights @ C]), np.vstack([D, weights @ D])
-    return _with_servos(LinearModel(A, B, C, D, tuple(states), tuple(inputs), (*fdm.channels, *names)), servos)
+    point = _Point.of(aircraft, trimmed)
+    at = {n: trimmed.state[n] for n in point.states} | dict(trimmed.controls)
+    slopes = point.slopes(at, (*point.states, *point.inputs), _FOURTH_ORDER)
+    n = len(point.states)
+    A, B, C, D = slopes[:n, :n], slopes[:n, n:], slopes[n:, :n], slopes[n:, n:]
+    servos = {u: point.fdm.get(f"fcs/{_SERVOS[u]}-lag-rad_sec") for u in point.inputs if u in _SERVOS}
+    return _with_servos(LinearModel(A, B, C, D, point.states, point.inputs, point.outputs), servos)
+
+
+def linearise_along(
+    aircraft: Aircraft, trimmed: TrimmedFlight, flown: FlightRecord, states: Sequence[str]
+) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Return the linear models about the states that a flight went through, by central differences of second order.
+
+    Args:
+        aircraft: the aircraft that flew.
+        trimmed: where it began.
+        flown: truth of the flight with every channel, n samples.
+        states: those wanted, k of them; the others follow the flight.
+
+    Returns A (n, k, k), C (n, p, k), and the names of the p outputs: those of :func:`linearise`.
+    """
+    point = _Point.of(aircraft, trimmed)
+    names = (*point.states, *point.inputs)
+    rows = [*(_index(s, point.states) for s in states), *range(len(point.states), len(point.states) + point.size)]
+    slopes = np.empty((len(flown), len(rows), len(states)))
+    for k, values in enumerate(flown.columns(names)):
+        at = dict(zip(names, values.tolist(), strict=True))
+        slopes[k] = point.slopes(at, states, _SECOND_ORDER)[rows]
+    return slopes[:, : len(states)], slopes[:, len(states) :], point.outputs
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """JSBSim ready to be evaluated wherever it is put; ``size`` is the number of ``outputs``."""
+
+    fdm: Executive
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    stations: FloatArray
+
+    @classmethod
+    def of(cls, aircraft: Aircraft, trimmed: TrimmedFlight) -> _Point:
+        fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
+        modes = range(1, fdm.mode_count + 1)
+        if modes:
+            fdm.set("modal/static-ic", 0.0)
+        states = (*_RIGID, *(f"eta_{i}" for i in modes), *(f"etadot_{i}" for i in modes))
+        names, rows = station_rows(aircraft.flown_stations(), aircraft.flown_modes())
+        weights = np.array([[row.get(c, 0.0) for c in fdm.channels] for row in rows])
+        inputs = tuple(n for n in CONTROLS if n in aircraft.controls)
+        return cls(fdm, states, inputs, (*fdm.channels, *names), weights.reshape(len(rows), len(fdm.channels)))
+
+    @property
+    def size(self) -> int:
+        return len(self.outputs)
+
+    def slopes(self, at: Mapping[str, float], names: Sequence[str], weights: Mapping[int, float]) -> FloatArray:
+        """Return the derivatives of all state derivatives and all outputs, in this order, by the named variables.
+
+        Args:
+            at: value of every state and input.
+            names: k of them.
+            weights: multiple of a variable's step -> weight of the value there in the derivative times the step.
+
+        Returns (states + outputs, k).
+        """
+        columns = []
+        for name in names:
+            step = _step(name)
+            values = (
+                w * _derivatives(self.fdm, {**at, name: at[name] + k * step}, self.states) for k, w in weights.items()
+            )
+            columns.append(sum(values) / step)
+        slopes = np.column_stack(columns)
+        return np.vstack([slopes, self.stations @ slopes[len(self.states) :]])
 
 
 def _step(name: str) -> float:

@@ -119,11 +119,18 @@ class Believed:
             FlightAborted, LimitError: the believed aircraft does not survive these commands.
             RecordError: the record holds no command, or no quiet flight before the first one.
         """
+        return self._read(self.flown(record, self._needed))
+
+    def flown(self, record: FlightRecord, channels: tuple[str, ...] | None = None) -> FlightRecord:
+        """Return the truth of that flight at the record's sample times: ``channels``, or all there are.
+
+        Raises:
+            FlightAborted, LimitError, RecordError: as :meth:`predict`.
+        """
         names, u = commands(record)
         held = np.repeat(u[:-1], round(self.rate_hz * record.dt_s), axis=0)  # the last command acts after the record
-        size, flown = held.shape, held.tobytes()
-        truth = _flown(self._key, names, size, flown, 1.0 / record.dt_s, self._needed, self.gust_in(record))
-        return self._read(truth)
+        size, at = held.shape, held.tobytes()
+        return _flown(self._key, names, size, at, 1.0 / record.dt_s, channels, self.gust_in(record))
 
     def predict_linear(self, record: FlightRecord) -> FloatArray:
         """Return the same from the aircraft linearised at trim: ten times faster, and right for small deviations.
@@ -248,14 +255,14 @@ def _flown(
     size: tuple[int, int],
     held: bytes,
     log_hz: float,
-    needed: tuple[str, ...],
+    channels: tuple[str, ...] | None,
     gust: Gust | None = None,
 ) -> FlightRecord:
     """Fly the commands ``held`` (the bytes of an array of ``size``), deviations from trim at every frame."""
     air = None if gust is None else Air(gust=gust)
     u = np.frombuffer(held).reshape(size)
     signal = InputSignal(np.arange(size[0]) / key.rate_hz, u, names)
-    return fly(key.aircraft, _trimmed(key), Manoeuvre("measured commands", signal, 0.0), log_hz, needed, air)
+    return fly(key.aircraft, _trimmed(key), Manoeuvre("measured commands", signal, 0.0), log_hz, channels, air)
 
 
 def _shaped(

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from testbench.gap.fit import FALSE_ALARM, EffectFit
 from testbench.gap.local import Local
 
-MOVING_AIR = 0.05  # share of the samples by which chi-square may be larger in turbulence: its model is not exact
+MOVING_AIR = 0.02  # share of the samples by which chi-square may be larger in turbulence: its model is not exact
 TOLD_APART = 2.0 * np.log(1.0 / FALSE_ALARM)  # gain by which one of two effects must lead to exclude the other
 # Re-tuning is strained if coefficients drawn from their priors would lie as far off with no more than this probability.
 # Without any effect that, or more than noise left, means that something the model lacks has pulled at it: effects are

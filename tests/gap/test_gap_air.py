@@ -9,11 +9,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from gap_flights import believe, measure
+from gap_flights import ELEVATOR, THROTTLE, believe, measure
+from scipy.linalg import solve_discrete_are
 
 from testbench.flight.air import scale_lengths
-from testbench.gap.air import AirFound, GustFilter, in_air, listen, listen_again
+from testbench.gap.air import AirFound, in_air, listen, listen_again
 from testbench.gap.effects import EFFECTS
+from testbench.gap.fit import retune, screen
+from testbench.gap.gust_filter import GustFilter
+from testbench.gap.gust_model import GustModel
+from testbench.gap.local import Local
 from testbench.gap.name import name_effect
 
 RMS = 0.25
@@ -73,15 +78,86 @@ def test_whitening_is_linear_and_leaves_nothing_of_a_bias(believed, turbulent):
 
 
 def test_the_filter_that_knows_of_missing_samples_is_the_steady_one_where_none_are(believed, turbulent):
-    records, found = turbulent
-    gusts = GustFilter.of(believed, found.rms_m_s, found.height_m)
+    _, found = turbulent
+    model = GustModel.at_trim(believed, found.height_m, 0.02)
     rng = np.random.default_rng(2)
-    noise = rng.standard_normal((len(records[0]), 5))
-    valid = records[0].valid.copy()
+    noise, valid = rng.standard_normal((600, 5)), np.ones((600, 5), bool)
+    whole = GustFilter.of(model, found.rms_m_s, valid)
     valid[-1, 0] = False  # the last sample: all before it are as they were
-    masked = gusts.whiten(replace(records[0], valid=valid), noise * valid[:, :5])
-    assert masked[:-1] == pytest.approx(gusts.whiten(records[0], noise)[:-1], abs=0.01)
-    assert masked[-1, 0] == pytest.approx(0.0, abs=0.01)
+    masked = GustFilter.of(model, found.rms_m_s, valid)
+    assert masked.whiten(noise * valid)[:-1] == pytest.approx(whole.whiten(noise)[:-1], abs=0.01)
+    assert masked.whiten(noise * valid)[-1, 0] == pytest.approx(0.0, abs=0.01)
+    assert masked.log_det == pytest.approx(whole.log_det, rel=1e-3)
+
+
+def test_the_filter_whitens_what_its_own_model_makes(believed):
+    """Against the dense covariance of the residuals: the whitened ones have the same sum of squares, to rounding."""
+    model = GustModel.at_trim(believed, 300.0, 0.02)
+    n, p, rms = 40, 5, 0.3
+    F, H, Q = model.F[0], model.H[0], rms**2 * model.Q[0] + model.Q0
+    P = solve_discrete_are(F.T, H.T, Q, np.eye(p))
+    covariance, state = np.eye(n * p), P  # cov(x_i, x_j) = F^(i - j) P_j
+    for j in range(n):
+        ahead = state
+        for i in range(j, n):
+            block = H @ ahead @ H.T
+            covariance[i * p : (i + 1) * p, j * p : (j + 1) * p] += block
+            if i > j:
+                covariance[j * p : (j + 1) * p, i * p : (i + 1) * p] += block.T
+            ahead = F @ ahead
+        state = F @ state @ F.T + Q
+    gusts = GustFilter.of(model, rms, np.ones((n, p), bool))
+    y = np.random.default_rng(5).standard_normal((n, p))
+    white = gusts.whiten(y)
+    propagator = np.eye(F.shape[0])[:, : model.moving]
+    starts = np.empty((n, p, model.moving))
+    for k in range(n):
+        starts[k] = H @ propagator
+        propagator = F @ propagator
+    free = np.column_stack([np.tile(np.eye(p), (n, 1)), starts.reshape(n * p, -1)])
+    root = np.linalg.cholesky(np.linalg.inv(covariance))
+    dense = root.T @ y.ravel()
+    dense = dense - root.T @ free @ np.linalg.lstsq(root.T @ free, dense, rcond=1e-9)[0]
+    assert np.sum(white**2) == pytest.approx(dense @ dense, rel=1e-6)
+    assert gusts.log_det == pytest.approx(np.linalg.slogdet(covariance)[1], rel=1e-6)
+
+
+def test_along_a_flight_at_trim_the_model_is_the_one_about_trim(believed, turbulent):
+    records, _ = turbulent
+    about = GustModel.at_trim(believed, 300.0, records[0].dt_s)
+    along = GustModel.along(believed, 300.0, records[0])
+    for name in ("F", "Q", "H"):
+        there = getattr(about, name)[0]
+        assert getattr(along, name)[0] == pytest.approx(there, rel=1e-4, abs=1e-6 * np.abs(there).max()), name
+    assert np.abs(along.F - about.F).max() > 1e-3  # and in the manoeuvre it is another
+
+
+def test_curved_effects_do_not_stand_out_of_turbulence_alone(believed):
+    """Off trim turbulence moves the aircraft otherwise than about trim, which a steady filter takes for these effects.
+
+    In turbulence alone each gain is chi-square distributed with one degree of freedom, four flights together with
+    four: above 23.5 with a probability of 1e-4 each.
+    """
+    along, about = (dict.fromkeys(("curved_moment", "nonlinear_lift", "speed_effectiveness"), 0.0) for _ in range(2))
+    large = (
+        ELEVATOR.model_copy(update={"amplitude_deg": 3.0}),
+        THROTTLE.model_copy(update={"amplitude_percent": 20.0}),
+    )
+    for seed in (200, 300, 400, 700):
+        records = tuple(measure(believed, seed, RMS, large, 8.0))
+        found = listen(believed, records)
+        model = GustModel.at_trim(believed, found.height_m, records[0].dt_s)
+        steady = [GustFilter.of(model, found.rms_m_s, r.valid[:, :5]) for r in records]
+        by_length = {len(r): f.whiten for r, f in zip(records, steady, strict=True)}
+        for point, gains in (
+            (in_air(believed, found), along),
+            (replace(believed, whiten=lambda record, r, by=by_length: by[len(record)](r)), about),
+        ):
+            tuned = retune(Local.at(point, point, records))
+            for name in gains:
+                gains[name] += screen(tuned, EFFECTS[name]).promise
+    assert max(along.values()) < 23.5, along
+    assert max(about.values()) > 23.5, about
 
 
 def test_a_name_falls_to_turbulence_that_explains_more(believed):
