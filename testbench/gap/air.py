@@ -133,11 +133,15 @@ def _plain_residuals(model: Believed, records: Sequence[FlightRecord]) -> list[t
     return [(r, plain.residuals(r)) for r in records]
 
 
-def in_air(believed: Believed, air: AirFound) -> Believed:
-    """Return ``believed`` with residuals that are white in ``air``; as it is if the air stands still."""
+def in_air(believed: Believed, air: AirFound, along: Believed | None = None) -> Believed:
+    """Return ``believed`` with residuals that are white in ``air``; as it is if the air stands still.
+
+    The turbulence works on the flights of ``along``, those of ``believed`` if that is not given.
+    """
     if not air.moves:
         return believed
-    return replace(believed, whiten=FlightFilter(believed, air.rms_m_s, air.height_m).whiten)
+    flown = replace(along or believed, whiten=None)
+    return replace(believed, whiten=FlightFilter(flown, air.rms_m_s, air.height_m).whiten)
 
 
 def _likeliest(

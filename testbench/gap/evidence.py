@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.stats import chi2
 
+from testbench.gap.believed import Believed
 from testbench.gap.fit import FALSE_ALARM, EffectFit
-from testbench.gap.local import Local
 
 MOVING_AIR = 0.02  # share of the samples by which chi-square may be larger in turbulence: its model is not exact
 TOLD_APART = 2.0 * np.log(1.0 / FALSE_ALARM)  # gain by which one of two effects must lead to exclude the other
@@ -14,16 +14,26 @@ TOLD_APART = 2.0 * np.log(1.0 / FALSE_ALARM)  # gain by which one of two effects
 # Without any effect that, or more than noise left, means that something the model lacks has pulled at it: effects are
 # sought from the believed values, too. An effect that strains it does not fit what is believed, and is not named.
 STRAINED = 0.01
+FORM = 5e-4  # no form is right to this share of what an effect gains: what gains no more beside it is no other effect
+LEFT = 0.02  # what noise exceeds with this probability is not taken for noise where an effect explains too little
 
 
-def noise_floor(point: Local) -> float:
+def noise_floor(believed: Believed, samples: int) -> float:
     """Return the chi-square that noise alone would leave."""
-    return point.exact.size * (1.0 + (MOVING_AIR if point.believed.whiten is not None else 0.0))
+    return samples * (1.0 + (MOVING_AIR if believed.whiten is not None else 0.0))
 
 
-def is_noise(point: Local) -> float:
+def noise_limit(believed: Believed, samples: int) -> float:
     """Return the chi-square that noise alone exceeds with a probability of FALSE_ALARM."""
-    return float(chi2.isf(FALSE_ALARM, noise_floor(point)))
+    return float(chi2.isf(FALSE_ALARM, noise_floor(believed, samples)))
+
+
+def is_special_case(fit: EffectFit, general: EffectFit) -> bool:
+    """Return whether ``general`` is a more general form of ``fit`` that gains no more than noise, or form, would."""
+    if not general.effect.generalises(fit.effect):
+        return False
+    extra = max(len(general.values) - len(fit.values), 1)
+    return general.gain - fit.gain <= max(float(chi2.isf(FALSE_ALARM, extra)), FORM * general.gain)
 
 
 def score(fit: EffectFit, samples: int) -> float:

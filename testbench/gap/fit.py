@@ -23,6 +23,8 @@ AT_REST = 0.1  # the rounds end when another one promises to lower chi-square by
 AT_REST_SHARE = 1e-3  # or by no more than this share of what is left above the noise
 KEPT = 0.9  # share of a promised gain that a step must reach to be content with its tangents
 SHORTENED = (1.0, 0.5, 0.2)  # shares of a step that are tried in turn until one flies and lowers chi-square
+OFF_BOUND = 0.1  # share of its start by which a parameter is moved off a bound before a round: there it feels no slope
+DIFFERENCE = 1e-3  # step of differences, of a parameter's start
 IDLE = 3  # the rounds end, too, when so many in turn have found nothing better
 HOPELESS = 0.7  # a fit that gains less than this share of the best one's gain is not followed to its end,
 HOPELESS_BESIDE_NOISE = 0.9  # or less than this share where the best one leaves noise only
@@ -113,11 +115,12 @@ class Screened:
         return not self.why
 
 
-def screen(base: Local, effect: Effect) -> Screened:
+def screen(base: Local, effect: Effect, share: float = 1.0) -> Screened:
     """Set what ``effect`` changes at its starts, d, against the residual r, nuisances re-tuned in both.
 
     A start promises the larger of |r|^2 - |r + d|^2 and (r'd)^2 / d'd, the gain of the best multiple of d (score test).
-    Where one parameter is a size that may have either sign, the start is moved to that multiple.
+    Where one parameter is a size that may have either sign, the start is moved to that multiple; such a start is taken
+    at a ``share`` of its size.
     """
     changes, size = Changes(base, effect), _size(effect)
     if effect.lateral and not base.lateral:
@@ -127,6 +130,9 @@ def screen(base: Local, effect: Effect) -> Screened:
     starts = [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
     if size is not None:  # the other sign changes the residuals by minus as much
         starts = [s for s in starts if s[size] == effect.parameters[size].starts[0]]
+        none = effect.parameters[size].none or 0.0
+        for s in starts:
+            s[size] = none + share * (s[size] - none)
     r = base.tuned(base.exact)[0]
     flies, found = False, []
     for x in starts:
@@ -210,39 +216,55 @@ class Descent:
     settled: bool = True
 
 
-def descend(changes: Changes, start: FloatArray, hopeless: float, patience: int = 0) -> Descent | None:
+def descend(
+    changes: Changes, start: FloatArray, hopeless: float, patience: int = 0, near: bool = False
+) -> Descent | None:
     """Descend from one start: fit on the linear differences, fly the result, repeat until it rests.
 
     Residuals near a point x0 that was flown: exact(x0) + change(x) - change(x0) + tangents (factors - factors0).
 
+    Args:
+        changes: what the effect changes, from the point that the descent begins at.
+        start: parameters (p,) to begin with.
+        hopeless: chi-square that a descent must promise to get below.
+        patience: rounds before that is asked.
+        near: the start is thought to be near the best fit: the first point flown is the start itself, if that is better
+            than the point without the effect.
+
     Returns None if nothing on the way could be flown.
     """
     effect, here = changes.effect, changes.base
-    bounds = ([p.low for p in effect.parameters], [p.high for p in effect.parameters])
-    scale = np.maximum(np.abs(start), 1e-3 * (np.array(bounds[1]) - np.array(bounds[0])))
+    low, high = np.array([p.low for p in effect.parameters]), np.array([p.high for p in effect.parameters])
+    scale = np.maximum(np.abs(start), 1e-3 * (high - low))
+    off = OFF_BOUND * np.minimum(scale, 0.1 * (high - low))
     known = np.zeros_like(here.exact)  # the change at the point flown last; the first one is the base itself
     curved = effect.flown and changes.model(start).aircraft.amendments != here.model.aircraft.amendments
     best: Descent | None = None
-    x, chi2_here, idle = start, np.inf, 0
+    x, chi2_here, idle, begun = start, np.inf, 0, False
+    if near:
+        there, change = here.moved(changes.model(start), here.factors), changes.at(start)
+        if there is not None and change is not None and there.chi2 < here.chi2:
+            here, known, begun = there, change, True
     for k in range(MAX_ROUNDS):
-        if curved and k > 0:  # what such an effect changes depends on the coefficients, and they on it
+        begun = begun or k > 0  # the point flown last has the effect
+        if curved and begun:  # what such an effect changes depends on the coefficients, and they on it
             changes, known, here = _rebased(changes, known, here)
         elif k in FRESH_TANGENTS:
             here = here.afresh(False)
-        objective = _Objective(changes, here, known)
+        objective = _Objective(changes, here, known, low - scale, scale)
+        inside = np.clip(x, low + off, high - off)
         found = least_squares(
             objective,
-            x,
-            bounds=bounds,
-            x_scale=scale,
-            diff_step=1e-3,
+            objective.scaled(inside),
+            bounds=(objective.scaled(low), objective.scaled(high)),
+            diff_step=DIFFERENCE,
             ftol=1e-5,
             xtol=1e-4,
-            max_nfev=4 if curved and k > 0 else 8,
+            max_nfev=4 if curved and begun else 8,
             callback=_GiveUp(hopeless) if k >= patience else None,
         )
-        promised = 2.0 * float(found.cost)
-        change = changes.at(found.x)
+        promised, x_new = 2.0 * float(found.cost), np.clip(objective.unscaled(found.x), low, high)
+        change, jacobian = changes.at(x_new), found.jac / scale
         if change is None:
             break
         asked = here.tuned(here.exact + change - known)[1]
@@ -251,17 +273,18 @@ def descend(changes: Changes, start: FloatArray, hopeless: float, patience: int 
             if best is not None:
                 return replace(best, settled=False)
             within = within_priors(replace(here, factors=factors))
-            return Descent(found.x, here.named(factors), found.jac, promised, False, within, False)
-        x_new = found.x
+            return Descent(x_new, here.named(factors), jacobian, promised, False, within, False)
+        x_asked = x_new
         if not np.allclose(factors, asked):  # coefficients go so far in one round only: the effect goes along with them
             share = float(np.linalg.norm(factors - here.factors) / np.linalg.norm(asked - here.factors))
             begin = np.array([s if p.none is None else p.none for s, p in zip(start, effect.parameters, strict=True)])
-            x_new = (begin if k == 0 else x) + share * (x_new - (begin if k == 0 else x))
-        step = _shortened(changes, here, None if k == 0 else x, x_new, factors)
+            origin = x if begun else begin
+            x_new = origin + share * (x_new - origin)
+        step = _shortened(changes, here, x if begun else None, x_new, factors)
         if step is None:
             break
         before, moved, x, whole = chi2_here, *step
-        whole = whole and x_new is found.x
+        whole = whole and x_new is x_asked
         after = change if whole else changes.at(x)
         if after is None:
             break
@@ -272,7 +295,7 @@ def descend(changes: Changes, start: FloatArray, hopeless: float, patience: int 
         rest = max(AT_REST, AT_REST_SHARE * (chi2_here - here.exact.size))
         idle = idle + 1 if best is not None and chi2_here > best.chi2 - rest else 0
         if best is None or chi2_here < best.chi2:
-            best = Descent(x, here.tuning, found.jac, chi2_here, True, within_priors(here))
+            best = Descent(x, here.tuning, jacobian, chi2_here, True, within_priors(here))
         if idle == IDLE or (whole and (before - promised < rest or abs(chi2_here - promised) < rest)):
             break
     return best
@@ -332,13 +355,25 @@ def _shortened(
 
 @dataclass(frozen=True, eq=False)
 class _Objective:
-    """Weighted residuals at parameter values, nuisances re-tuned, followed by those of the priors."""
+    """Weighted residuals at parameter values, nuisances re-tuned, followed by those of the priors.
+
+    Of scaled values z = (x - origin) / scale, which are 1 or more, so that relative steps do not vanish near a bound.
+    """
 
     changes: Changes
     here: Local
     known: FloatArray
+    origin: FloatArray
+    scale: FloatArray
 
-    def __call__(self, x: FloatArray) -> FloatArray:
+    def scaled(self, x: FloatArray) -> FloatArray:
+        return (x - self.origin) / self.scale
+
+    def unscaled(self, z: FloatArray) -> FloatArray:
+        return self.origin + self.scale * z
+
+    def __call__(self, z: FloatArray) -> FloatArray:
+        x = self.unscaled(z)
         change = self.changes.at(x)
         left = self.here.lost if change is None else self.here.tuned(self.here.exact + change - self.known)[0]
         return np.concatenate([left, self.changes.effect.prior_residuals(x)])

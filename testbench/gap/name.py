@@ -10,7 +10,7 @@ from scipy.stats import chi2
 
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
 from testbench.gap.effects import Effect, library
-from testbench.gap.evidence import STRAINED, TOLD_APART, noise_floor, score
+from testbench.gap.evidence import LEFT, STRAINED, TOLD_APART, is_special_case, noise_floor, noise_limit, score
 from testbench.gap.fit import (
     FALSE_ALARM,
     HOPELESS,
@@ -29,8 +29,9 @@ from testbench.gap.local import Local
 from testbench.gap.several import several_at_once
 from testbench.record import FlightRecord
 
-ENOUGH = 0.90  # share of the excess that a named effect must explain, unless it leaves what noise alone would exceed
-LEFT = 0.02  # with this probability
+ENOUGH = 0.90  # share of the excess that a named effect must explain, unless it leaves noise,
+ENOUGH_ALONE = 0.80  # or this share where nothing but its own other forms
+NEAR = 0.5  # gains as much as this share of what it gains: its form may be off, but it is the only one of its kind
 WEAK = 40.0  # gain below which nothing is named: no simulation is right to a few parts in a thousand of chi-square
 TOO_CLOSE = 0.85  # a runner-up with this share of the best gain cannot be told apart while more than noise is left
 FOLLOWED = 0.25  # effects that promise less than this share of what the best one promises are not fitted,
@@ -119,7 +120,7 @@ def name_effect(
     rejected = {s.effect.name: s.why for s in screened if not s.seen}
     tested = max(1, len(screened) - len(rejected))
     samples = int(start.exact.size)
-    floor = noise_floor(start)
+    floor = noise_floor(believed, samples)
     strained = tuned.chi2 > chi2.isf(FALSE_ALARM, floor) or within_priors(tuned) < STRAINED
     fits = _fit_promising(tuned, start if strained else None, screened, tested, rejected, say)
     if pairs:
@@ -161,7 +162,7 @@ def _fit_promising(
         afresh += [s for s in there if s.seen and s.effect in relief and s not in afresh]
         queue = [(replace(one, starts=one.starts[:1]), PATIENCE) for one in afresh] + queue
     fits: dict[str, EffectFit] = {}
-    is_noise = chi2.isf(FALSE_ALARM, noise_floor(tuned))
+    noise = noise_limit(tuned.believed, tuned.exact.size)
     for one, patience in queue:
         name = one.effect.name
         best = min(fits.values(), key=lambda f: f.chi2, default=None)
@@ -169,7 +170,7 @@ def _fit_promising(
         if best is not None and best is fits.get(name) and best.settled:
             continue  # from the other base it would come to rest at the same place
         # Where one leaves noise and strains nothing, nothing can explain more: what could explain as much?
-        if best is not None and best.chi2 <= is_noise and best.within >= STRAINED:
+        if best is not None and best.chi2 <= noise and best.within >= STRAINED:
             share = FOLLOWED if len(one.effect.parameters) == 1 else FOLLOWED_FAR
             if name in fits or (len(fits) > 1 and one.promise < share * best_gain):
                 continue
@@ -203,16 +204,21 @@ def _refit_special_cases(
 ) -> None:
     """Fit the special cases of the best effect to their end, whatever they promise; replaces what ``fits`` has of them.
 
-    A general form may find its way to a special case, or near one, that the special case itself was given up on.
+    A general form may find its way to a special case, or near one, that the special case itself was given up on, or
+    where it came to rest elsewhere: it begins anew beside the coefficients that the general form has found.
     """
     best = min(fits.values(), key=lambda f: f.chi2, default=None)
+    if best is None:
+        return
+    near = None
     for one in screened:
         name = one.effect.name
-        if best is None or not one.seen or one.effect is best.effect or not best.effect.generalises(one.effect):
+        if not one.seen or one.effect is best.effect or not best.effect.generalises(one.effect):
             continue
-        if name not in fits or (fits[name].chi2 - best.chi2 > TOLD_APART and not fits[name].settled):
+        if name not in fits or fits[name].chi2 - best.chi2 > TOLD_APART:
+            near = near or base.moved(base.model, np.array([best.tuning[n] for n in base.priors])) or base
             say(f"fit {one.effect.title}, a special case of {best.effect.title}")
-            found = fit(screen(base, one.effect), chi2_tuned, 0.0, tested, MAX_ROUNDS)
+            found = fit(screen(near, one.effect), chi2_tuned, 0.0, tested, MAX_ROUNDS)
             if found is not None and (name not in fits or found.chi2 < fits[name].chi2):
                 fits[name] = found
 
@@ -225,10 +231,10 @@ def _decide(
     ranking: Sequence[EffectFit], chi2_tuned: float, samples: int, floor: float
 ) -> tuple[str, tuple[str, ...], str]:
     """Return outcome, names and sentence."""
-    is_noise = chi2.isf(FALSE_ALARM, floor)
+    noise = chi2.isf(FALSE_ALARM, floor)
     significant = [f for f in ranking if f.significant and f.flown and f.gain > WEAK]
     if not significant:
-        if chi2_tuned <= is_noise:
+        if chi2_tuned <= noise:
             return "no gap", (), (
                 f"no gap: no effect of the library gains more than noise would, and what is left is noise "
                 f"(chi-square {chi2_tuned:.0f} over {samples} samples)"
@@ -238,14 +244,18 @@ def _decide(
             "but no effect of the library explains any of it"
         )  # fmt: skip
     best = significant[0]
+    simpler = [f for f in significant if f.within >= STRAINED and is_special_case(f, best)]
+    best = min(simpler, key=lambda f: len(f.values), default=best)
     others = [f for f in ranking if f is not best and f.flown and f.within >= STRAINED]
-    close = [f for f in others if _indistinct(f, best, samples, best.chi2 <= is_noise)]
+    close = [f for f in others if _indistinct(f, best, samples, best.chi2 <= noise)]
     if best.within < STRAINED:
         return "unexplained", (), (
             f"unexplained: {best.effect.title}, {best.size}, comes nearest, but only beside coefficients that are "
             f"farther off than is believed of them: {_stretched(best)}"
         )  # fmt: skip
-    if not best.share >= ENOUGH and best.chi2 > chi2.isf(LEFT, floor):
+    strangers = [f for f in ranking if not (f is best or _of_one_kind(f.effect, best.effect))]
+    enough = ENOUGH if any(f.gain > NEAR * best.gain for f in strangers) else ENOUGH_ALONE
+    if not best.share >= enough and best.chi2 > chi2.isf(LEFT, floor):
         part = f"only {100 * best.share:.0f} % of the excess" if np.isfinite(best.share) else "too little of it"
         return "unexplained", (), f"unexplained: {best.effect.title} comes nearest, but explains {part}"
     if len(close) >= MANY:
@@ -265,6 +275,10 @@ def _decide(
     return "named", (best.effect.name,), f"{best.effect.title}: {best.size}; {explained}"
 
 
+def _of_one_kind(a: Effect, b: Effect) -> bool:
+    return a.generalises(b) or b.generalises(a)
+
+
 def _stretched(fit: EffectFit) -> str:
     """Return the coefficients that a fit asks most of, in words."""
     priors = {**NUISANCES, **LATERAL_NUISANCES}
@@ -279,10 +293,9 @@ def _indistinct(fit: EffectFit, best: EffectFit, samples: int, is_noise: bool) -
     If the best effect leaves noise only, likelihoods decide: a wrong effect leads the true one by TOLD_APART with a
     probability of FALSE_ALARM at most (Markov's bound on a likelihood ratio, effects of given size). If more than noise
     is left, the form of the best one is not quite right, and then a share of the gain is all there is to go by. A more
-    general form of the best one is another name only if its further parameters gain more than noise would.
+    general form of the best one is another name only if its further parameters gain more than noise or form would.
     """
     if fit.effect.generalises(best.effect):
-        extra = len(fit.values) - len(best.values)
-        return fit.gain - best.gain > chi2.isf(FALSE_ALARM, max(extra, 1))
+        return not is_special_case(best, fit)
     behind = score(best, samples) - score(fit, samples)
     return behind < TOLD_APART or (not is_noise and fit.gain >= TOO_CLOSE * best.gain)

@@ -9,17 +9,20 @@ import numpy as np
 
 from testbench.gap.effects import Effect
 from testbench.gap.effects.base import together
-from testbench.gap.evidence import STRAINED, TOLD_APART, is_noise, score
+from testbench.gap.evidence import FORM, STRAINED, TOLD_APART, noise_limit, score
 from testbench.gap.fit import EffectFit, Screened, descend, promising, screen, summarise
 from testbench.gap.local import Changes, Local
 from testbench.record import FloatArray
 
 LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least,
-SECOND = 0.35  # and the second this share of what the first leaves above the noise, and
-FORM = 5e-4  # more than this share of what the first gains, as no form is exactly right
+SECOND = 0.35  # and the second this share of what the first leaves above the noise
+OF_FORM = 0.05  # no form is right to this share of what the effect gains where a second one acts in the same place
+SMALL = 0.1  # share of its usual start at which an effect is screened for what relief it gives
+PROMISED = 0.5  # and worth a fit from this share of what it must gain, as tangents tell relief badly
 COMPANY = 3  # so many second effects are fitted
 SWAPPED = 0.5  # what alone gains this share of what the first does may take its place beside the second
-PATIENCE = 2  # rounds before a descent of several may be given up: it begins far from rest
+PATIENCE = 2  # rounds before a descent of several may be given up: it begins far from rest,
+PATIENCE_STRAINED = 6  # and if coefficients are strained these have far to go back
 
 
 def several_at_once(
@@ -37,7 +40,7 @@ def several_at_once(
     noise, a third is sought. Of what is found each part but the last is left out again and the rest refitted: it may
     have been named only because the others were not known yet.
     """
-    noise = is_noise(base)
+    noise = noise_limit(base.believed, samples)
     search = _Joint(base, chi2_tuned, screened, samples, tested, noise, say)
     lead = next((f for f in ranking if f.significant and f.flown), None)
     if lead is None or (lead.chi2 > noise and lead.share < LEADS):
@@ -82,19 +85,36 @@ class _Joint:
             first: its effect, or a part of it: what the further effect is sought beside.
             rival: what must be beaten; its effects are not tried.
         """
+        found: list[EffectFit] = []
+        self.say(f"seek another effect beside {first.title}")
+        # What explains as much as re-tuned coefficients far from what is believed may promise nothing where they are.
+        bases = [self._tuning(known)] + ([np.ones(len(self.base.priors))] if rival.within < STRAINED else [])
+        for tuning in bases:
+            self._beside_at(tuning, known, first, rival, found)
+        return found
+
+    def _beside_at(
+        self, tuning: FloatArray, known: EffectFit, first: Effect, rival: EffectFit, found: list[EffectFit]
+    ) -> None:
+        """Begin from coefficients ``tuning`` (k,); adds to ``found``."""
         values = self._values(known, first)
         named = dict(zip((p.name for p in first.parameters), values.tolist(), strict=True))
-        tuning = self._tuning(known)
         point = self.base.moved(self.base.model.with_effect(first, named), tuning)
         if point is None:
-            return []
-        self.say(f"seek another effect beside {first.title}")
+            return
         taken = {p.name for p in _parts(first) + _parts(rival.effect)}
-        others = [screen(point, s.effect) for s in self.screened if s.seen and s.effect.name not in taken]
-        form = 0.0 if rival.within < STRAINED else FORM * rival.gain
-        least = max(SECOND * (rival.chi2 - self.samples), form, TOLD_APART)
-        found: list[EffectFit] = []
-        worth = [s for s in others if s.promise > least + point.chi2 - rival.chi2]
+        strained = rival.within < STRAINED
+        free = [s.effect for s in self.screened if s.seen and s.effect.name not in taken]
+        others = [screen(point, e) for e in free]
+        if strained:  # beside strained coefficients an effect may do little but relieve them
+            linear, flown = point.afresh(False), point.afresh(True)
+            small = (screen(flown if e.flown else linear, e, SMALL) for e in free)
+            others = [max(pair, key=lambda s: s.promise) for pair in zip(others, small, strict=True)]
+        excess = 0.0 if strained and rival.chi2 <= self.noise else SECOND * (rival.chi2 - self.samples)
+        least = {s.effect.name: max(excess, self._form(rival, s.effect), TOLD_APART) for s in others}
+        re_tuned = float(np.sum(point.tuned(point.exact)[0] ** 2))
+        share = PROMISED if strained else 1.0
+        worth = [s for s in others if s.promise > share * least[s.effect.name] + re_tuned - rival.chi2]
         tried = 0
         for other in promising(worth, 0.5, 0.5, 1):
             effects = (*_parts(first), other.effect)
@@ -103,11 +123,13 @@ class _Joint:
             if any(f.chi2 <= self.noise and together(*effects).generalises(f.effect) for f in found):
                 continue
             tried += 1
-            lowest = min([rival.chi2 - least, *(f.chi2 + TOLD_APART for f in found)])
-            both = self._fit(effects, np.concatenate([values, other.starts[0]]), tuning, lowest)
-            if both is not None and both.gain - rival.gain > least and self._ahead(both, rival):
+            more = least[other.effect.name]
+            others_found = (f.chi2 + TOLD_APART for f in found if f.within >= STRAINED)
+            lowest = min([rival.chi2 - more, *others_found])
+            patience = PATIENCE_STRAINED if strained else PATIENCE
+            both = self._fit(effects, np.concatenate([values, other.starts[0]]), tuning, lowest, patience)
+            if both is not None and both.gain - rival.gain > more and self._ahead(both, rival):
                 found.append(both)
-        return found
 
     def swapped(self, pair: EffectFit, lead: EffectFit, ranking: Sequence[EffectFit]) -> list[EffectFit]:
         """Return fits of the second effect of ``pair`` beside those that alone come nearest to its first, ``lead``."""
@@ -121,9 +143,18 @@ class _Joint:
                 continue
             begin = np.concatenate([self._values(rival, rival.effect), self._values(pair, second)])
             both = self._fit(effects, begin, self._tuning(pair), pair.chi2 + TOLD_APART)
-            if both is not None and self._ahead(both, lead):
+            if both is None or both.gain - rival.gain <= self._form(rival, second):
+                continue
+            if self._ahead(both, lead):
                 found.append(both)
         return found
+
+    @staticmethod
+    def _form(single: EffectFit, other: Effect) -> float:
+        """Return the gain beside ``single`` that ``other`` may owe to the form of its effects."""
+        if any(p.place == other.place for p in _parts(single.effect)):
+            return OF_FORM * single.gain
+        return 0.0 if single.within < STRAINED else FORM * single.gain
 
     def _ahead(self, both: EffectFit, single: EffectFit) -> bool:
         return score(both, self.samples) - score(single, self.samples) > TOLD_APART
@@ -144,12 +175,17 @@ class _Joint:
         return np.array([fit.values[prefix + p.name] for p in effect.parameters])
 
     def _fit(
-        self, effects: tuple[Effect, ...], begin: FloatArray, tuning: FloatArray, hopeless: float
+        self,
+        effects: tuple[Effect, ...],
+        begin: FloatArray,
+        tuning: FloatArray,
+        hopeless: float,
+        patience: int = PATIENCE,
     ) -> EffectFit | None:
         """Descend from values (p,) and coefficients (k,) at which one of the effects, or more, came to rest before."""
         effect = together(*effects) if len(effects) > 1 else effects[0]
         near = self.base.moved(self.base.model, tuning) or self.base
-        descent = descend(Changes(near, effect), begin, hopeless, PATIENCE)
+        descent = descend(Changes(near, effect), begin, hopeless, patience, near=True)
         if descent is None or not descent.flown:
             return None
         return summarise(effect, descent, self.chi2_tuned, self.tested ** len(effects))

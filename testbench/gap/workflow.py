@@ -13,10 +13,11 @@ from testbench.gap.air import AirFound, in_air, listen, listen_again
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
 from testbench.gap.check import DataCheck, check_data
 from testbench.gap.effects import Effect
+from testbench.gap.evidence import noise_limit
 from testbench.gap.fit import FALSE_ALARM
 from testbench.gap.forces import EquationErrors, equation_errors
 from testbench.gap.locate import RegionMap, ResidualMap, locate, locate_regions
-from testbench.gap.name import Naming, name_effect
+from testbench.gap.name import WEAK, Naming, name_effect
 from testbench.gap.plan import separate
 from testbench.gap.verdict import FAR, WrongParameter, confirmed, largest_errors, off_parameters, wrong_parameters
 from testbench.record import FlightRecord, FloatArray
@@ -260,23 +261,24 @@ def search(
 
     ``effects`` is the library, that of the suite if not given.
 
-    The rms of turbulence found beside a gap holds some of the gap: what is named first is taken out, and if the rms
-    changes, the search is made once more.
+    The rms of turbulence found beside a gap holds some of the gap, and the turbulence works on flights that the gap has
+    changed. What comes nearest at first is taken out; if the rms changes, or more than noise is left, the search is
+    made once more, in the air beside it and along its flights.
     """
-    for last in (False, True):
-        flown_in = in_air(believed, air)
-        naming = name_effect(flown_in, records, say, effects)
-        if last or (naming.noise_left and not air.moves):
-            break
-        say("listen to the air again")
-        best = naming.best or next(iter(naming.ranking), None)
-        tuned = believed.with_tuning(naming.tuning)
-        beside = tuned if naming.best is None else naming.best.added_to(flown_in)
-        again = listen_again(tuned, beside, records, air, best.gain if best is not None else 0.0)
-        if again.moves == air.moves and abs(again.rms_m_s - air.rms_m_s) <= SAME_AIR * air.rms_m_s:
-            break
-        air = again
-    return flown_in, naming, air
+    flown_in = in_air(believed, air)
+    naming = name_effect(flown_in, records, say, effects)
+    if naming.noise_left and not air.moves:
+        return flown_in, naming, air
+    say("listen to the air again")
+    near = next((f for f in naming.ranking if f.significant and f.flown and f.gain > WEAK), None)
+    beside = believed.with_tuning(naming.tuning) if near is None else near.added_to(believed)
+    gain = max((f.gain for f in naming.ranking), default=0.0)
+    again = listen_again(believed.with_tuning(naming.tuning), beside, records, air, gain)
+    same = again.moves == air.moves and abs(again.rms_m_s - air.rms_m_s) <= SAME_AIR * air.rms_m_s
+    if same and (near is None or not air.moves or near.chi2 <= noise_limit(flown_in, naming.samples)):
+        return flown_in, naming, air
+    flown_in = in_air(believed, again, beside)
+    return flown_in, name_effect(flown_in, records, say, effects), again
 
 
 def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:

@@ -55,8 +55,8 @@ def name_case(
 
 
 def _row(naming: Naming) -> dict[str, Any]:
-    first = naming.ranking[0] if naming.ranking else None
-    second = naming.ranking[1] if len(naming.ranking) > 1 else None
+    first = naming.best or next(iter(naming.ranking), None)
+    second = next((f for f in naming.ranking if f is not first), None)
     return {
         "outcome": naming.outcome,
         "names": list(naming.names),

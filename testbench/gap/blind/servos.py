@@ -63,14 +63,17 @@ def slewing(lag_rad_s: float, down_rad_s: float, up_rad_s: float, soft: bool) ->
 
 
 def late(delay_s: float, jitter: float = 0.0, seed: int = 0) -> Law:
-    """Return a link that hands every command on after a delay, which may scatter from command to command."""
+    """Return a link that hands every command on after a delay, which may scatter from command to command.
+
+    A command that arrives between two frames is a ramp over one frame as every other, from one to the other of them.
+    """
 
     def law(u: FloatArray, dt_s: float) -> FloatArray:
-        rng, t, out = np.random.default_rng(seed), np.arange(len(u)) * dt_s, np.full(len(u), u[0])
-        changed = np.flatnonzero(np.diff(u)) + 1
-        for k in changed:
+        rng, t, out = np.random.default_rng(seed), np.arange(len(u)) * dt_s, np.full(len(u), float(u[0]))
+        for k in np.flatnonzero(np.diff(u)) + 1:
             arrives = t[k] + delay_s * (1.0 + jitter * rng.uniform(-1.0, 1.0))
-            out[t >= arrives - 1e-9] = u[k]
+            share = np.clip((t - arrives) / dt_s + 1.0, 0.0, 1.0)
+            out = (1.0 - share) * out + share * u[k]
         return out
 
     return law

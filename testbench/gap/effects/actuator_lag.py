@@ -22,6 +22,7 @@ def amend(
 EFFECT = Effect(
     name="actuator_lag",
     title="lag of the elevator servo",
+    place="elevator",
     physics=(
         "The elevator follows its command through a first-order lag that is slower than the model believes. "
         "Fast inputs arrive late and reduced, slow ones hardly changed."

@@ -10,6 +10,7 @@ from testbench.gap.effects.base import Effect, Parameter
 EFFECT = Effect(
     name="aileron_lag",
     title="lag of the aileron servo",
+    place="aileron",
     physics=(
         "The aileron follows its command through a first-order lag that is slower than the model believes. "
         "The roll rate builds up late, and fast reversals of the aileron move the aircraft less."

@@ -20,6 +20,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="alpha_dot",
     title="pitching moment due to alpha-dot",
+    place="pitching moment",
     physics=(
         "The downwash of the wing takes time to reach the tail, so that the tail's moment lags behind alpha. "
         "To first order this is a moment in proportion to alpha-dot, which damps the short period like pitch rate."

@@ -28,6 +28,7 @@ def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, 
 EFFECT = Effect(
     name="asymmetric_rate_limit",
     title="rate limit of the elevator servo, another one each way",
+    place="elevator",
     physics=(
         "The air load helps the servo one way and holds it back the other, so that it turns slower against the load. "
         "Large fast inputs arrive as ramps of two slopes and leave a mean deflection behind."

@@ -59,6 +59,8 @@ class Effect:
     Attributes:
         name: short name, as in results.
         title: name for people.
+        place: part of the aircraft or sensor that it acts in. A second effect in one place is likely the form of the
+            first, which is never quite right.
         physics: what happens, in two sentences.
         parameters: what a fit estimates.
         amend: returns aircraft and suite with the effect added; neither argument is changed.
@@ -79,6 +81,7 @@ class Effect:
 
     name: str
     title: str
+    place: str
     physics: str
     parameters: tuple[Parameter, ...]
     amend: Amend
@@ -113,6 +116,7 @@ def together(*effects: Effect) -> Effect:
     return Effect(
         name=" + ".join(e.name for e in effects),
         title=" and ".join(e.title for e in effects),
+        place=" and ".join(e.place for e in effects),
         physics=" ".join(e.physics for e in effects),
         parameters=tuple(replace(p, name=f"{e.name}.{p.name}") for e in effects for p in e.parameters),
         amend=_amend_all,

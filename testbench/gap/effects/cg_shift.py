@@ -40,6 +40,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="cg_shift",
     title="shift of the centre of gravity",
+    place="pitching moment",
     physics=(
         "The centre of gravity lies further aft or forward than believed, so that lift acts with another arm. "
         "Static stability changes by the shift times the lift slope, and accelerometers sit elsewhere beside it."

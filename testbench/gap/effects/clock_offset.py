@@ -27,6 +27,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="clock_offset",
     title="clock of the sensors apart from that of the commands",
+    place="elevator",
     physics=(
         "Sensors and commands are logged by two recorders whose clocks differ by a constant. "
         "All sensors seem late or early by the same time against the commands, whatever moves the aircraft."

@@ -19,6 +19,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="curved_moment",
     title="pitching moment curved over alpha",
+    place="pitching moment",
     physics=(
         "The tail leaves the wing's downwash, or fuselage and wing lose their linear moment, as alpha grows. "
         "To first order the moment gets a term in the square of alpha: stability changes with alpha."

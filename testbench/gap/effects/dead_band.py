@@ -41,6 +41,7 @@ def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, 
 EFFECT = Effect(
     name="dead_band",
     title="dead band of the elevator servo (hysteresis)",
+    place="elevator",
     physics=(
         "Friction or a coarse control loop lets the servo rest until its error exceeds a band. "
         "The deflection stops short of every command and where it stops depends on where it came from."

@@ -20,6 +20,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="drag_increment",
     title="drag increment",
+    place="drag",
     physics=(
         "Something in the flow, as an open door, a probe or a rough surface, adds drag at every angle of attack. "
         "Trim needs more throttle, and speed settles faster after a disturbance."

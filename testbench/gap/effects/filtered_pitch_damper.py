@@ -19,6 +19,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="filtered_pitch_damper",
     title="pitch damper with filter",
+    place="pitching moment",
     physics=(
         "An autopilot turns the elevator in proportion to pitch rate, but behind a filter that keeps out the gyro's "
         "noise and vibration. What comes late damps less and stiffens more, and may set off an oscillation."

@@ -48,6 +48,7 @@ def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, 
 EFFECT = Effect(
     name="free_play",
     title="free play of the elevator",
+    place="elevator",
     physics=(
         "Worn hinges or rods let the servo move by a certain angle before the surface follows. "
         "Every reversal loses the play: small inputs vanish in it, large ones arrive late and reduced by half of it."

@@ -25,6 +25,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="ground_effect",
     title="ground effect",
+    place="air",
     physics=(
         "Within a span of the ground the downwash is hindered, so that the wing gives more lift at the same alpha. "
         "The gain dies out with height over span."

@@ -30,6 +30,7 @@ def _met(record: str, manoeuvre: str, axis: Axis, values: Values) -> MetGust:
 EFFECT = Effect(
     name="gust",
     title="gust met in one manoeuvre",
+    place="air",
     physics=(
         "In one manoeuvre the air moves as a 1-cosine for a second or so, along one axis. Every channel answers as to "
         "a change of airspeed or angle of flow that no command asked for; the other manoeuvres know nothing of it."

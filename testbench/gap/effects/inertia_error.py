@@ -24,6 +24,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="inertia_error",
     title="moment of inertia other than believed",
+    place="pitching moment",
     physics=(
         "Masses lie further out or further in than believed. "
         "All moments turn the aircraft slower or faster by the same factor, and no force changes."

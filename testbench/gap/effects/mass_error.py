@@ -24,6 +24,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="mass_error",
     title="mass other than believed",
+    place="mass",
     physics=(
         "The aircraft carries more or less than believed near its centre of gravity. "
         "Lift and thrust accelerate it less or more, and trim at the same speed needs another angle of attack."

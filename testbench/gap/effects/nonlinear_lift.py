@@ -20,6 +20,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="nonlinear_lift",
     title="curved lift line",
+    place="lift",
     physics=(
         "The lift line is not straight: camber, low Reynolds numbers or the fuselage bend it well below the stall. "
         "To first order lift gets a term in the square of alpha."

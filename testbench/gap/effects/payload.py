@@ -32,6 +32,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="payload",
     title="payload or fuel",
+    place="mass",
     physics=(
         "A load away from the centre of gravity adds mass, shifts the centre of gravity and adds inertia at once. "
         "Forces accelerate the aircraft less, and its static stability changes with the shift."

@@ -20,6 +20,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="pitch_damper",
     title="pitch damper",
+    place="pitching moment",
     physics=(
         "An autopilot turns the elevator in proportion to pitch rate, behind the recorded command and through the "
         "servo. The short period is damped more, or less with the other sign, than the aircraft itself would be."

@@ -40,6 +40,7 @@ def limited(names: Sequence[str], u: FloatArray, dt_s: float, lag: float, down: 
 EFFECT = Effect(
     name="rate_limit",
     title="rate limit of the elevator servo",
+    place="elevator",
     physics=(
         "The servo turns no faster than a limit that lies below what the model believes. "
         "Small or slow commands arrive unchanged, large fast ones are flattened into ramps and arrive late."

@@ -10,6 +10,7 @@ from testbench.gap.effects.base import Effect, Parameter
 EFFECT = Effect(
     name="rudder_lag",
     title="lag of the rudder servo",
+    place="rudder",
     physics=(
         "The rudder follows its command through a first-order lag that is slower than the model believes. "
         "The yaw rate builds up late, and fast reversals of the rudder move the aircraft less."

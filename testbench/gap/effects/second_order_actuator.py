@@ -68,6 +68,7 @@ def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, 
 EFFECT = Effect(
     name="second_order_actuator",
     title="elevator servo of second order",
+    place="elevator",
     physics=(
         "The servo's motor and the surface have inertia, so that deflection follows the command as a mass on a spring. "
         "Beyond its frequency amplitude falls twice as fast as behind a first-order lag, and with it may overshoot."

@@ -111,6 +111,7 @@ def sensor_effects(channels: Iterable[str]) -> dict[str, Effect]:
             out[f"{name}_{kind}"] = Effect(
                 name=f"{name}_{kind}",
                 title=f"{words} of the {name} sensor",
+                place=f"{name} sensor",
                 physics=physics,
                 parameters=(replace(parameter, unit=unit),),
                 amend=partial(amend, name, kind),

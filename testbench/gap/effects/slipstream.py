@@ -23,6 +23,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="slipstream",
     title="slipstream on the tail",
+    place="thrust",
     physics=(
         "The propeller's slipstream raises the dynamic pressure at the tail in proportion to thrust. "
         "Elevator power and pitch damping grow with throttle and fall with airspeed."

@@ -23,6 +23,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="speed_effectiveness",
     title="elevator effectiveness that depends on speed",
+    place="pitching moment",
     physics=(
         "Compressibility, Reynolds number or a tail that twists under load changes the elevator's effectiveness with "
         "speed. Beside the dynamic pressure, its moment depends on speed once more."

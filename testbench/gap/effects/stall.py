@@ -38,6 +38,7 @@ def lost_lift(aircraft: Aircraft, X: str) -> str:
 EFFECT = Effect(
     name="stall",
     title="stall (separation point)",
+    place="lift",
     physics=(
         "Near the stall the flow separates from the trailing edge forward, and lift falls behind the straight line. "
         "The point of separation is a function of alpha alone."

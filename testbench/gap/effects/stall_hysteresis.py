@@ -22,6 +22,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="stall_hysteresis",
     title="stall with hysteresis",
+    place="lift",
     physics=(
         "The point of separation takes time to move, so that lift is higher while alpha rises than while it falls. "
         "Lift over alpha runs through loops that grow with the rate of alpha."

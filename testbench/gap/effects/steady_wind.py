@@ -19,6 +19,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="steady_wind",
     title="steady wind",
+    place="air",
     physics=(
         "The air moves over the ground. Airspeed, angles of flow and rates stay what they are in still air, ground "
         "speed and climb rate do not."

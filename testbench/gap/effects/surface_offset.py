@@ -19,6 +19,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="surface_offset",
     title="offset of the elevator's zero",
+    place="elevator",
     physics=(
         "The elevator stands at an angle when its command is zero. "
         "Trim needs another command, and the motion about trim stays what it was."

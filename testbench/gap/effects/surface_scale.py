@@ -18,6 +18,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="surface_scale",
     title="scale of the elevator's deflection or effectiveness",
+    place="elevator",
     physics=(
         "The linkage turns the elevator by a multiple of the command, or the elevator works better or worse than "
         "believed. Moment and lift due to the command change by the same factor at every frequency."
@@ -26,4 +27,5 @@ EFFECT = Effect(
     amend=amend,
     mistaken_for="an error of Cm_de and CL_de together, exactly, so that only what exceeds their prior can be named",
     separated_by="a measured deflection: a linkage error shows in it, a wrong effectiveness does not",
+    flown=True,  # larger commands meet the slew limit that is believed, which a linearisation does not see
 )

@@ -43,6 +43,7 @@ def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, 
 EFFECT = Effect(
     name="thrust_lag",
     title="lag of the thrust",
+    place="thrust",
     physics=(
         "Motor, propeller and speed controller take time to follow the throttle. "
         "Thrust answers a step of the throttle as a first-order lag, and elevator inputs show nothing of it."

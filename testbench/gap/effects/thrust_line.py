@@ -23,6 +23,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Mapping[str, float]) -
 EFFECT = Effect(
     name="thrust_line",
     title="thrust line off the centre of gravity",
+    place="thrust",
     physics=(
         "Thrust acts above or below the centre of gravity and pitches the aircraft with every change of throttle. "
         "Since thrust falls with airspeed, it also adds a pitching moment due to speed."

@@ -18,6 +18,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="thrust_scale",
     title="scale of the thrust",
+    place="thrust",
     physics=(
         "Motor, battery and propeller give another thrust than the bench said. The same step of the throttle changes "
         "speed and climb by a multiple, while trim needs another throttle for the same thrust."

@@ -48,6 +48,7 @@ def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, 
 EFFECT = Effect(
     name="transport_delay",
     title="delay of the elevator command",
+    place="elevator",
     physics=(
         "The elevator command waits in computers, buses or radio links before the servo sees it. "
         "Every frequency arrives with its full amplitude and a phase loss in proportion to frequency."

@@ -21,6 +21,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="wake_lag",
     title="wake that reaches the tail late",
+    place="pitching moment",
     physics=(
         "The downwash at the tail follows alpha with a lag, that of the wake's way to the tail or of its build-up. "
         "Slow motion feels the damping of an alpha-dot term, fast motion does not."

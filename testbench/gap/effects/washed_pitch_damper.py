@@ -19,6 +19,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="washed_pitch_damper",
     title="pitch damper with washout",
+    place="pitching moment",
     physics=(
         "An autopilot turns the elevator in proportion to pitch rate, but lets a rate that lasts pass, so that it does "
         "not work against a pull-up. The short period is damped more and the phugoid left as it is."

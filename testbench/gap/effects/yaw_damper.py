@@ -19,6 +19,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
 EFFECT = Effect(
     name="yaw_damper",
     title="yaw damper",
+    place="rudder",
     physics=(
         "An autopilot turns the rudder in proportion to yaw rate, behind the recorded command and through the servo; a "
         "washout lets a steady turn pass. The Dutch roll is damped more, or less with the other sign, than by the "
