@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -81,6 +82,21 @@ def test_cases_are_drawn_alike_sealed_and_opened():
     assert len(cases[2].kinds) == len(cases[2].right) == 2
 
 
+def test_sizes_below_detectability_change_next_to_nothing():
+    """What is hidden changes the readings, over all records, by less than noise itself scatters in one number of 18."""
+    for hidden in draw(4, {"below detectability": 2}):
+        seen = hidden.fly("rich")
+        plain = replace(hidden, kinds=(), sizes=()).fly("rich")
+        believed = believe(hidden.aircraft)
+        energy = 0.0
+        for name, record in seen.items():
+            d = believed.in_noise_units(
+                record, record.columns(believed.outputs) - plain[name].columns(believed.outputs)
+            )
+            energy += float(np.sum(d**2))
+        assert 0.0 < energy < 9.5
+
+
 def test_parameter_errors_scatter_as_stated():
     drawn = np.array([list(parameter_errors(np.random.default_rng(s)).values()) for s in range(400)])
     # A normal clipped at two sigma has a standard deviation of 0.96; that of 400 draws scatters by 0.035: 3.4 of it,
@@ -131,7 +147,8 @@ def test_hidden_servos_are_what_they_say():
     t = np.arange(190) * dt
     ramp = (np.exp(0.2) - 1.0) / 0.2  # the step is taken as a ramp over the frame before it
     assert servos.stages(20.0, 1)(u, dt)[10:] == pytest.approx(1.0 - ramp * np.exp(-20.0 * (t + dt)), abs=1e-9)
-    assert servos.late(0.05)(u, dt).sum() == 185
+    assert servos.late(0.05)(u, dt).sum() == pytest.approx(185.0)
+    assert servos.late(0.052)(u, dt)[14:17] == pytest.approx([0.0, 0.8, 1.0])  # between two frames
     assert servos.sprung(30.0, 0.7)(u, dt)[-1] == pytest.approx(1.0, abs=1e-3)
     limited = servos.slewing(50.0, 0.5, 0.5, soft=False)(u, dt)
     assert np.max(np.diff(limited)) == pytest.approx(0.5 * dt, rel=1e-6)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,9 @@ from testbench.gap.blind.run import believe
 from testbench.gap.blind.truths import KINDS
 from testbench.gap.effects import EFFECTS
 from testbench.gap.effects.base import together
-from testbench.gap.evidence import STRAINED
+from testbench.gap.evidence import FORM, STRAINED, is_special_case
+from testbench.gap.fit import fit, screen
+from testbench.gap.local import Local
 from testbench.gap.name import name_effect
 
 FEW = ("actuator_lag", "second_order_actuator", "transport_delay", "alpha_scale", "pitch_damper")
@@ -99,6 +103,52 @@ def test_the_special_case_of_what_fits_best_is_fitted_to_its_end():
     assert naming.best.values["limit_rad_s"] == pytest.approx(0.16, rel=0.02)
 
 
+def test_a_parameter_that_came_to_its_bound_leaves_it_again():
+    """The first round takes the filter's lag to zero, where the effect no longer feels it; the truth has 0.08 s."""
+    factors = {"CL_alpha": 1.018, "CD": 1.122, "Cm_alpha": 0.931, "Cm_q": 0.869, "Cm_de": 0.8}
+    plan = replace(KINDS["damper that filters"].plan({"gain_s": 0.128}, "eolo"), factors=factors)
+    records = tuple(fly_truth("eolo", plan, "rich", 11).values())
+    believed = believe("eolo")
+    start = screen(Local.at(believed, believed, records), EFFECTS["filtered_pitch_damper"])
+    found = fit(start, np.inf, 0.0, 1)
+    assert found.values["gain_s"] == pytest.approx(0.128, abs=4.0 * found.errors["gain_s"])  # false alarm 6e-5
+    assert found.values["lag_s"] == pytest.approx(0.08 + 0.015, abs=0.02)  # stepped another way, 1.5 frames apart
+
+
+def test_a_second_effect_in_the_same_place_is_the_form_of_the_first():
+    """A motor of two stages is no motor of one with another thrust, though thrust_scale gains hundreds beside it."""
+    naming = named(
+        KINDS["motor of two stages"].plan({"lag_s": 0.68}, "taurus"), ("thrust_lag", "thrust_scale"), flown="rich"
+    )
+    assert naming.names == ("thrust_lag",), naming.sentence
+    assert naming.best.values["lag_s"] == pytest.approx(0.72, abs=0.1)
+
+
+def test_a_second_effect_that_only_relieves_a_strained_coefficient_is_found():
+    """Drag beside a late link: its coefficient would take it up, at five times what is believed of it."""
+    plan = KINDS["late link"].plan({"delay_s": 0.05}, "eolo").with_(KINDS["roughness"].plan({"CD0": 0.03}, "eolo"))
+    records = list(fly_truth("eolo", plan, "rich", 11).values())
+    naming = name_effect(
+        believe("eolo"), records, effects={n: EFFECTS[n] for n in ("transport_delay", "drag_increment")}
+    )
+    assert naming.outcome == "named", naming.sentence
+    assert set(naming.names[0].split(" + ")) == {"transport_delay", "drag_increment"}
+    values, errors = naming.best.values, naming.best.errors
+    for name, true in (("transport_delay.delay_s", 0.05), ("drag_increment.CD", 0.03)):
+        assert abs(values[name] - true) < 4.0 * errors[name]  # false alarm 6e-5
+
+
+def test_the_special_case_is_named_where_a_general_form_gains_no_more_than_form_would(slow):
+    special = slow.best
+    general = replace(
+        special, effect=EFFECTS["second_order_actuator"], values={"omega_rad_s": 1.0, "zeta": 1.0}, gain=special.gain
+    )
+    assert is_special_case(special, general)
+    assert is_special_case(special, replace(general, gain=special.gain * (1.0 + 0.5 * FORM) + 5.0))
+    assert not is_special_case(special, replace(general, gain=special.gain * (1.0 + 2.0 * FORM) + 20.0))
+    assert not is_special_case(general, special)
+
+
 def test_a_general_form_is_told_from_special_cases_of_all_its_parts():
     def of(*names: str):
         return together(*(EFFECTS[n] for n in names)) if len(names) > 1 else EFFECTS[names[0]]
@@ -112,8 +162,6 @@ def test_a_general_form_is_told_from_special_cases_of_all_its_parts():
 
 
 def test_whitening_that_halves_residuals_quarters_chi_square(slow):
-    from dataclasses import replace
-
     records = list(fly_truth("taurus", SLOW, "short", 11).values())
     half = replace(believe("taurus"), whiten=lambda record, r: 0.5 * r)
     naming = name_effect(half, records, effects={})
