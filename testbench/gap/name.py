@@ -9,23 +9,13 @@ import numpy as np
 from scipy.stats import chi2
 
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
+from testbench.gap.descent import MAX_ROUNDS, retune, within_priors
 from testbench.gap.effects import Effect, library
 from testbench.gap.evidence import LEFT, STRAINED, TOLD_APART, is_special_case, noise_floor, noise_limit, score
-from testbench.gap.fit import (
-    FALSE_ALARM,
-    HOPELESS,
-    HOPELESS_BESIDE_NOISE,
-    MAX_ROUNDS,
-    EffectFit,
-    Screened,
-    fit,
-    promising,
-    retune,
-    screen,
-    within_priors,
-)
+from testbench.gap.fit import FALSE_ALARM, HOPELESS, HOPELESS_BESIDE_NOISE, EffectFit, fit
 from testbench.gap.gust_search import doubted, sought
 from testbench.gap.local import Local
+from testbench.gap.screening import Screened, promising, screen
 from testbench.gap.several import several_at_once
 from testbench.record import FlightRecord
 

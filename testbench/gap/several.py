@@ -7,11 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from testbench.gap.descent import descend
 from testbench.gap.effects import Effect
 from testbench.gap.effects.base import together
 from testbench.gap.evidence import FORM, STRAINED, TOLD_APART, noise_limit, score
-from testbench.gap.fit import EffectFit, Screened, descend, promising, screen, summarise
+from testbench.gap.fit import EffectFit, summarise
 from testbench.gap.local import Changes, Local
+from testbench.gap.screening import Screened, promising, screen
 from testbench.record import FloatArray
 
 LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least,

@@ -11,8 +11,9 @@ from testbench.aircraft import load_aircraft
 from testbench.flight import FlightCondition, linearise, trim
 from testbench.gap.believed import NUISANCES, Believed
 from testbench.gap.effects import EFFECTS
-from testbench.gap.fit import fit, screen
+from testbench.gap.fit import fit
 from testbench.gap.local import Local
+from testbench.gap.screening import screen
 from testbench.record import FlightRecord
 from testbench.sensors import load_suite
 

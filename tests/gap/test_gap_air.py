@@ -14,12 +14,13 @@ from scipy.linalg import solve_discrete_are
 
 from testbench.flight.air import scale_lengths
 from testbench.gap.air import AirFound, in_air, listen, listen_again
+from testbench.gap.descent import retune
 from testbench.gap.effects import EFFECTS
-from testbench.gap.fit import retune, screen
 from testbench.gap.gust_filter import GustFilter
 from testbench.gap.gust_model import GustModel
 from testbench.gap.local import Local
 from testbench.gap.name import name_effect
+from testbench.gap.screening import screen
 
 RMS = 0.25
 

@@ -17,11 +17,12 @@ from testbench.gap.blind.truths import KINDS
 from testbench.gap.effects import EFFECTS
 from testbench.gap.effects.base import MetGust
 from testbench.gap.export import air_text
-from testbench.gap.fit import fit, screen
+from testbench.gap.fit import fit
 from testbench.gap.gust_search import GustSearch, sought
 from testbench.gap.gusts import manoeuvre_of, record_key
 from testbench.gap.local import Local
 from testbench.gap.name import name_effect
+from testbench.gap.screening import screen
 from testbench.gap.workflow import find_gap
 from testbench.record import FlightRecord
 from testbench.scenario import AirSpec

@@ -20,14 +20,16 @@ from testbench.flight import FlightCondition
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed, moves_laterally, nuisances
 from testbench.gap.case import run_gap
 from testbench.gap.check import check_data
+from testbench.gap.descent import retune
 from testbench.gap.effects import EFFECTS, library
-from testbench.gap.fit import fit, retune, screen
+from testbench.gap.fit import fit
 from testbench.gap.hidden import Hidden, Nothing, SensorError, YawFeedback, measure_hidden
 from testbench.gap.local import Local
 from testbench.gap.locate import locate_regions
 from testbench.gap.name import Naming, name_effect
 from testbench.gap.plan import Grams, as_record, family
 from testbench.gap.records import load_flights
+from testbench.gap.screening import screen
 from testbench.gap.workflow import TOLERANCE, find_gap
 from testbench.paths import SCENARIOS
 from testbench.record import FlightRecord

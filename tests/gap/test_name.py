@@ -13,9 +13,10 @@ from testbench.gap.blind.truths import KINDS
 from testbench.gap.effects import EFFECTS
 from testbench.gap.effects.base import together
 from testbench.gap.evidence import FORM, STRAINED, is_special_case
-from testbench.gap.fit import fit, screen
+from testbench.gap.fit import fit
 from testbench.gap.local import Local
 from testbench.gap.name import name_effect
+from testbench.gap.screening import screen
 
 FEW = ("actuator_lag", "second_order_actuator", "transport_delay", "alpha_scale", "pitch_damper")
 

@@ -9,8 +9,9 @@ import pytest
 from gap_flights import ELEVATOR, believe, measure
 
 from testbench.gap.air import AirFound
+from testbench.gap.descent import retune
 from testbench.gap.effects import EFFECTS
-from testbench.gap.fit import EffectFit, retune
+from testbench.gap.fit import EffectFit
 from testbench.gap.local import Local
 from testbench.gap.name import Naming
 from testbench.gap.verdict import confirmed, largest_errors, off_parameters, wrong_parameters

@@ -1,0 +1,110 @@
+"""Screen the effects of the library: what each promises on linear differences, before any is fitted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from testbench.gap.effects import Effect
+from testbench.gap.local import Changes, Local
+from testbench.record import FloatArray
+
+INVISIBLE = 1e-2  # chi-square by which an effect changes the predictions at its starts: less cannot be seen
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """What an effect promises before it is fitted.
+
+    Attributes:
+        effect: the effect.
+        changes: what it changes.
+        starts: those that can be flown, the most promising first.
+        promise: gain of the best start, or of the best multiple of what it changes.
+        why: why these records cannot show it, or "".
+    """
+
+    effect: Effect
+    changes: Changes
+    starts: tuple[FloatArray, ...]
+    promise: float
+    why: str
+
+    @property
+    def seen(self) -> bool:
+        """True if these records could show it."""
+        return not self.why
+
+
+def screen(base: Local, effect: Effect, share: float = 1.0) -> Screened:
+    """Set what ``effect`` changes at its starts, d, against the residual r, nuisances re-tuned in both.
+
+    A start promises the larger of |r|^2 - |r + d|^2 and (r'd)^2 / d'd, the gain of the best multiple of d (score test).
+    Where one parameter is a size that may have either sign, the start is moved to that multiple; such a start is taken
+    at a ``share`` of its size.
+    """
+    changes, size = Changes(base, effect), _size(effect)
+    if effect.lateral and not base.lateral:
+        return Screened(effect, changes, (), 0.0, "these records cannot show it: neither aileron nor rudder moves")
+    if not effect.looks:
+        return Screened(effect, changes, (), 0.0, f"looked for in every record, no {effect.name} stands out of one")
+    starts = [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
+    if size is not None:  # the other sign changes the residuals by minus as much
+        starts = [s for s in starts if s[size] == effect.parameters[size].starts[0]]
+        none = effect.parameters[size].none or 0.0
+        for s in starts:
+            s[size] = none + share * (s[size] - none)
+    r = base.tuned(base.exact)[0]
+    flies, found = False, []
+    for x in starts:
+        change = changes.at(x)
+        if change is None:
+            continue
+        flies = True
+        left = base.tuned(base.exact + change)[0]
+        d = left - r
+        if d @ d <= INVISIBLE:
+            continue
+        multiple, cost = -float(r @ d) / float(d @ d), float(left @ left)
+        scored = multiple**2 * float(d @ d)
+        if size is not None:
+            x, cost = _multiplied(x, effect, size, multiple), float(r @ r) - scored
+        found.append((cost, max(float(r @ r) - cost, scored), x))
+    if not found:
+        why = "these records cannot show it: their channels, compared about their means, do not change"
+        return Screened(effect, changes, (), 0.0, why if flies else "no start of it flies the measured commands")
+    found.sort(key=lambda f: f[0])
+    return Screened(effect, changes, tuple(f[2] for f in found), max(f[1] for f in found), "")
+
+
+def _size(effect: Effect) -> int | None:
+    """Return the parameter that is a size of either sign, if there is exactly one."""
+    sizes = [i for i, p in enumerate(effect.parameters) if p.none is not None and p.low < p.none < p.high]
+    return sizes[0] if len(sizes) == 1 else None
+
+
+def _multiplied(x: FloatArray, effect: Effect, size: int, multiple: float) -> FloatArray:
+    """Return the start with a multiple of its size, not quite zero and not beyond its bounds."""
+    p, out = effect.parameters[size], x.copy()
+    none = p.none or 0.0
+    step = math.copysign(float(np.clip(abs(multiple), 0.02, 5.0)), multiple)
+    out[size] = np.clip(none + step * (x[size] - none), 0.98 * p.low + 0.02 * none, 0.98 * p.high + 0.02 * none)
+    return out
+
+
+def promising(screened: Sequence[Screened], followed: float, followed_far: float, at_least: int) -> list[Screened]:
+    """Return those worth a fit, the most promising first.
+
+    Followed are the first ``at_least`` and those that promise a share ``followed`` of what the best one promises, or of
+    effects with several parameters, of which screening tries a few combinations only, ``followed_far``.
+    """
+    order = sorted((s for s in screened if s.seen), key=lambda s: -s.promise)
+    return [
+        s
+        for i, s in enumerate(order)
+        if i < at_least or s.promise > (followed if len(s.effect.parameters) == 1 else followed_far) * order[0].promise
+    ]
