@@ -17,6 +17,7 @@ from gap_flights import measure as measure_longitudinal
 import testbench.gap.plan as plan_module
 from testbench.aircraft import load_aircraft
 from testbench.flight import FlightCondition
+from testbench.gap.air import in_air, listen
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed, moves_laterally, nuisances
 from testbench.gap.case import run_gap
 from testbench.gap.check import check_data
@@ -291,3 +292,17 @@ def test_the_case_of_the_scenario_is_solved_among_the_whole_library():
     best = finding.naming.best
     assert abs(best.values["gain_s"] - 0.3) < 4.0 * best.errors["gain_s"]
     assert finding.shrink[0].removed > 0.9
+
+
+def test_in_turbulence_nothing_lateral_is_named_and_a_slow_rudder_is():
+    """False alarm of the first 1e-3; the rudder's corner lies four standard errors off with probability 6e-5."""
+    b, few = believe("eolo"), ("yaw_damper", "rudder_lag", "aileron_lag", "beta_scale")
+    effects = {n: library(b.suite)[n] for n in few}
+    inputs = (RUDDER["eolo"].input[0], AILERON.input[0])
+    slow = b.with_effect(EFFECTS["rudder_lag"], {"lag_rad_s": 5.0})
+    nothing, late = (measure_longitudinal(truth, 31, 0.25, inputs, 10.0) for truth in (b, slow))
+    assert name_effect(in_air(b, listen(b, nothing)), nothing, effects=effects, pairs=False).outcome == "no gap"
+    naming = name_effect(in_air(b, listen(b, late)), late, effects=effects, pairs=False)
+    assert naming.names == ("rudder_lag",), naming.sentence
+    best = naming.best
+    assert abs(best.values["lag_rad_s"] - 5.0) < 4.0 * best.errors["lag_rad_s"]
