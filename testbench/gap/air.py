@@ -28,6 +28,9 @@ from testbench.record import FlightRecord, FloatArray
 from testbench.scenario import LOWEST_M
 
 FALSE_ALARM = 1e-3  # probability of hearing turbulence in still air
+REFUTED = 2.0 * np.log(
+    1.0 / FALSE_ALARM
+)  # fall of twice the log-likelihood of the quiet flight that turbulence does not survive
 _RMS_M_S = (0.01, 3.0)  # vertical rms that is looked for
 _HEIGHTS_M = (15.0, 60.0, 250.0, 700.0)  # above ground; all lengths are 1750 ft from 2000 ft on
 
@@ -83,11 +86,7 @@ def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
         RecordError: a record has less than 0.5 s of quiet flight.
     """
     plain = replace(believed, whiten=None)
-    quiet = []
-    for record in records:
-        n = quiet_samples(record)
-        start = record.between(float(record.t_s[0]), float(record.t_s[n - 1]) + 0.5 * record.dt_s)
-        quiet.append((start, plain.in_noise_units(start, start.columns(plain.outputs))))  # at trim: means are taken out
+    quiet = _quiet(plain, records)
     height = max(believed.condition.h_m, LOWEST_M)
     rms, gain = _likeliest(plain, quiet, height)
     threshold = float(chi2.isf(2.0 * FALSE_ALARM, 1))
@@ -111,7 +110,8 @@ def listen_again(
 
     Where turbulence was heard, its rms is measured anew beside what was named, as a gap adds to it. Where it was not,
     light turbulence may still be all there is: it does not show in a second or two of quiet flight. It is taken for
-    the better explanation if it gains more likelihood on the believed model than what was named.
+    the better explanation if it gains more likelihood on the believed model than what was named, and if the quiet
+    flight does not refute as much of it: a gap that no effect explains looks like turbulence from the first command on.
 
     Args:
         believed: without what was named.
@@ -124,6 +124,10 @@ def listen_again(
         return measure(amended, records, heard)
     rms, of_turbulence = _likeliest(believed, _plain_residuals(believed, records), heard.height_m)
     if of_turbulence <= max(heard.threshold, gain):
+        return heard
+    quiet = _quiet(replace(believed, whiten=None), records)
+    model = GustModel.at_trim(believed, heard.height_m, quiet[0][0].dt_s)
+    if _cost(believed, model, quiet, rms) - _cost(believed, model, quiet, 0.0) > REFUTED:
         return heard
     return measure(believed, records, replace(heard, moves=True, rms_m_s=rms, gain=of_turbulence, in_quiet=False))
 
@@ -144,27 +148,44 @@ def in_air(believed: Believed, air: AirFound, along: Believed | None = None) -> 
     return replace(believed, whiten=FlightFilter(flown, air.rms_m_s, air.height_m).whiten)
 
 
+def _quiet(plain: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:
+    """Return the flight before the first command of every record, and its residuals: at trim, but for the means."""
+    out = []
+    for record in records:
+        n = quiet_samples(record)
+        start = record.between(float(record.t_s[0]), float(record.t_s[n - 1]) + 0.5 * record.dt_s)
+        out.append((start, plain.in_noise_units(start, start.columns(plain.outputs))))
+    return out
+
+
 def _likeliest(
     believed: Believed, residuals: Sequence[tuple[FlightRecord, FloatArray]], height_m: float
 ) -> tuple[float, float]:
     """Return the rms that is likeliest at one height, and twice the log-likelihood that it gains over none."""
     model = GustModel.at_trim(believed, height_m, residuals[0][0].dt_s)
-    taken = [r.valid[:, [r.channels.index(n) for n in believed.outputs]] for r, _ in residuals]
 
-    def cost(rms_m_s: float) -> float:
-        """Minus twice the log-likelihood of the residuals, but for a constant."""
-        filters = {(len(v), v.tobytes()): v for v in taken}
-        at_rms = {key: GustFilter.of(model, rms_m_s, v) for key, v in filters.items()}
-        total = 0.0
-        for (_, r), v in zip(residuals, taken, strict=True):
-            gusts = at_rms[len(v), v.tobytes()]
-            total += float(np.sum(gusts.whiten(r) ** 2)) + gusts.log_det
-        return total
+    def cost(log_rms: float) -> float:
+        return _cost(believed, model, residuals, float(np.exp(log_rms)))
 
     low, high = np.log(_RMS_M_S)
     grid = np.linspace(low, high, 9)
-    costs = [cost(float(np.exp(x))) for x in grid]
+    costs = [cost(x) for x in grid]
     k = int(np.argmin(costs))
     bounds = (grid[max(k - 1, 0)], grid[min(k + 1, grid.size - 1)])
-    found = minimize_scalar(lambda x: cost(float(np.exp(x))), bounds=bounds, method="bounded", options={"xatol": 0.02})
-    return float(np.exp(found.x)), max(cost(0.0) - float(found.fun), 0.0)
+    found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 0.02})
+    return float(np.exp(found.x)), max(_cost(believed, model, residuals, 0.0) - float(found.fun), 0.0)
+
+
+def _cost(
+    believed: Believed, model: GustModel, residuals: Sequence[tuple[FlightRecord, FloatArray]], rms_m_s: float
+) -> float:
+    """Return minus twice the log-likelihood of residuals in units of the noise at an rms, but for a constant."""
+    filters: dict[tuple[int, bytes], GustFilter] = {}
+    total = 0.0
+    for record, r in residuals:
+        taken = record.valid[:, [record.channels.index(n) for n in believed.outputs]]
+        key = (len(taken), taken.tobytes())
+        if key not in filters:
+            filters[key] = GustFilter.of(model, rms_m_s, taken)
+        total += float(np.sum(filters[key].whiten(r) ** 2)) + filters[key].log_det
+    return total

@@ -203,8 +203,16 @@ class _Objective:
 
 
 def retune(base: Local) -> Local:
-    """Re-tune the nuisances of the model of ``base`` until they rest; return the best point."""
-    here = base
+    """Re-tune the nuisances of the model of ``base`` until they rest; return the best point.
+
+    With tangents of linear predictions at first, then with flown ones: where those of a linearisation about trim would
+    rest, a few units of chi-square may be left for an effect to gain that is none.
+    """
+    here = _rest(base)
+    return _rest(here.afresh(True))
+
+
+def _rest(here: Local) -> Local:
     for _ in range(MAX_ROUNDS):
         left, factors = here.tuned(here.exact)
         if here.chi2 - float(left @ left) < AT_REST:

@@ -85,6 +85,7 @@ def fit(
     tested: int,
     patience: int = 0,
     hopeless_share: float = HOPELESS,
+    near: bool = False,
 ) -> EffectFit | None:
     """Fit one of ``tested`` effects from its most promising starts; return the best fit, or None if none flies.
 
@@ -95,12 +96,13 @@ def fit(
         tested: number of effects that are tested.
         patience: rounds before a descent may be given up as hopeless, for a base that is far from rest.
         hopeless_share: a descent ends once it promises to gain no more than this share of ``best_gain``.
+        near: the starts are thought to be near the best fit, see :func:`testbench.gap.descent.descend`.
     """
     effect = screened.effect
     hopeless = chi2_tuned - hopeless_share * best_gain
     reached: list[Descent] = []
     for start in screened.starts[: STARTS if len(effect.parameters) > 1 else 1]:
-        descent = descend(screened.changes, start, hopeless, patience)
+        descent = descend(screened.changes, start, hopeless, patience, near)
         if descent is not None:
             reached.append(descent)
             hopeless = min(hopeless, chi2_tuned - hopeless_share * (chi2_tuned - descent.chi2))

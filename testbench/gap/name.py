@@ -15,7 +15,7 @@ from testbench.gap.evidence import LEFT, STRAINED, TOLD_APART, is_special_case, 
 from testbench.gap.fit import FALSE_ALARM, HOPELESS, HOPELESS_BESIDE_NOISE, EffectFit, fit
 from testbench.gap.gust_search import doubted, sought
 from testbench.gap.local import Local
-from testbench.gap.screening import Screened, promising, screen
+from testbench.gap.screening import Screened, flown_best, promising, screen
 from testbench.gap.several import several_at_once
 from testbench.record import FlightRecord
 
@@ -106,7 +106,8 @@ def name_effect(
     tuned = retune(start)
     say("screen the library")
     choice = tuple(sought(tuned, e) for e in (library(believed.suite) if effects is None else effects).values())
-    screened = [screen(tuned, e) for e in choice]
+    linear = tuned.afresh(False)  # tangents of the kind that the effect is predicted with, else the two never cancel
+    screened = [screen(tuned if e.flown else linear, e) for e in choice]
     rejected = {s.effect.name: s.why for s in screened if not s.seen}
     tested = max(1, len(screened) - len(rejected))
     samples = int(start.exact.size)
@@ -208,7 +209,7 @@ def _refit_special_cases(
         if name not in fits or fits[name].chi2 - best.chi2 > TOLD_APART:
             near = near or base.moved(base.model, np.array([best.tuning[n] for n in base.priors])) or base
             say(f"fit {one.effect.title}, a special case of {best.effect.title}")
-            found = fit(screen(near, one.effect), chi2_tuned, 0.0, tested, MAX_ROUNDS)
+            found = fit(flown_best(near, screen(near, one.effect)), chi2_tuned, 0.0, tested, MAX_ROUNDS, near=True)
             if found is not None and (name not in fits or found.chi2 < fits[name].chi2):
                 fits[name] = found
 
@@ -253,6 +254,12 @@ def _decide(
         return "unexplained", (), (
             f"unexplained: {1 + len(close)} effects come near and these data do not tell them apart: {near}"
         )  # fmt: skip
+    alone = _common(best, close, ranking)
+    if alone is not None:
+        return "named", (alone.effect.name,), (
+            f"{alone.effect.title}: {alone.size}; explains {100 * alone.share:.1f} % of the excess over noise. What it "
+            f"leaves is either its form or one of several other effects, which these data cannot tell apart"
+        )  # fmt: skip
     if close:
         names = (best.effect.name, *(f.effect.name for f in close))
         told = "; ".join(f"{f.effect.title}, {f.size} (gain {f.gain:.4g})" for f in (best, *close))
@@ -263,6 +270,19 @@ def _decide(
     if np.isfinite(best.share):
         explained = f"explains {100 * best.share:.1f} % of the excess over noise"
     return "named", (best.effect.name,), f"{best.effect.title}: {best.size}; {explained}"
+
+
+def _common(best: EffectFit, close: Sequence[EffectFit], ranking: Sequence[EffectFit]) -> EffectFit | None:
+    """Return the fit of what several sets of effects have in common, if they are told apart by nothing else.
+
+    Where it alone explains enough, that each of several others beside it explains the rest speaks for none of them.
+    """
+    parts = [{p.name for p in f.effect.parts or (f.effect,)} for f in (best, *close)]
+    common = set.intersection(*parts)
+    if not close or not common or any(p == common for p in parts):
+        return None
+    alone = (f for f in ranking if {p.name for p in f.effect.parts or (f.effect,)} == common)
+    return next((f for f in alone if f.flown and f.within >= STRAINED and f.share >= ENOUGH), None)
 
 
 def _of_one_kind(a: Effect, b: Effect) -> bool:

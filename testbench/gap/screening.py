@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -79,6 +79,15 @@ def screen(base: Local, effect: Effect, share: float = 1.0) -> Screened:
         return Screened(effect, changes, (), 0.0, why if flies else "no start of it flies the measured commands")
     found.sort(key=lambda f: f[0])
     return Screened(effect, changes, tuple(f[2] for f in found), max(f[1] for f in found), "")
+
+
+def flown_best(base: Local, screened: Screened) -> Screened:
+    """Return ``screened`` with the one start of the effect, of either sign, that leaves least when it is flown."""
+    starts = [np.array(s) for s in product(*(p.starts for p in screened.effect.parameters))]
+    flown = [
+        (there.chi2, k) for k, s in enumerate(starts) if (there := base.moved(screened.changes.model(s), base.factors))
+    ]
+    return replace(screened, starts=(starts[min(flown)[1]],)) if flown else screened
 
 
 def _size(effect: Effect) -> int | None:

@@ -44,5 +44,5 @@ EFFECT = Effect(
     amend=amend,
     mistaken_for="a mass error if it sits near the centre of gravity; a shift of the centre of gravity if it is light",
     separated_by="weighing on two scales",
-    contains=("mass_error",),
+    contains=("mass_error", "cg_shift"),
 )
