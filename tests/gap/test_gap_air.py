@@ -171,6 +171,16 @@ def test_a_name_falls_to_turbulence_that_explains_more(believed):
     assert not listen_again(believed, believed, calm, still, 0.0).moves
 
 
+def test_a_gap_is_not_taken_for_turbulence_that_the_quiet_flight_refutes(believed):
+    """A gap that nothing explains looks like strong turbulence, but only from the first command on."""
+    wrong = believed.with_effect(EFFECTS["surface_scale"], {"scale": 1.6}).with_effect(
+        EFFECTS["theta_delay"], {"delay_s": 0.1}
+    )
+    records = measure(wrong, 60)
+    still = AirFound(False, 0.0, 547.0, 0.0, 9.55, 4.0)
+    assert listen_again(believed, believed, records, still, 0.0) is still
+
+
 def test_no_effect_is_named_in_turbulence(believed, turbulent):
     """The false-alarm probability is 1e-3; without the whitening the same flights are named."""
     records, found = turbulent

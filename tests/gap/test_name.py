@@ -15,7 +15,7 @@ from testbench.gap.effects.base import together
 from testbench.gap.evidence import FORM, STRAINED, is_special_case
 from testbench.gap.fit import fit
 from testbench.gap.local import Local
-from testbench.gap.name import name_effect
+from testbench.gap.name import _decide, name_effect
 from testbench.gap.screening import screen
 
 FEW = ("actuator_lag", "second_order_actuator", "transport_delay", "alpha_scale", "pitch_damper")
@@ -148,6 +148,24 @@ def test_the_special_case_is_named_where_a_general_form_gains_no_more_than_form_
     assert is_special_case(special, replace(general, gain=special.gain * (1.0 + 0.5 * FORM) + 5.0))
     assert not is_special_case(special, replace(general, gain=special.gain * (1.0 + 2.0 * FORM) + 20.0))
     assert not is_special_case(general, special)
+
+
+def test_what_several_pairs_have_in_common_is_named_where_it_explains_enough(slow):
+    """Two partners that each explain what a servo leaves speak for neither of them; one that is alone does."""
+    servo = replace(slow.best, share=0.97, gain=10_000.0, chi2=5_000.0)
+    samples = 4_500
+    pairs = []
+    for partner, gain in (("alpha_scale", 10_500.0), ("mass_error", 10_497.0)):
+        both = together(EFFECTS["actuator_lag"], EFFECTS[partner])
+        ones = dict.fromkeys((p.name for p in both.parameters), 1.0)
+        pairs.append(replace(servo, effect=both, values=ones, errors=ones, gain=gain))
+    fits = tuple(replace(f, share=0.999, chi2=4_500.0) for f in pairs)
+    outcome, names, sentence = _decide((*fits, servo), 15_000.0, samples, samples)
+    assert (outcome, names) == ("named", ("actuator_lag",)), sentence
+    assert "either its form or one of several other effects" in sentence
+    assert _decide((fits[0], servo), 15_000.0, samples, samples)[1] == (fits[0].effect.name,)
+    partial = replace(servo, share=0.5)
+    assert _decide((*fits, partial), 15_000.0, samples, samples)[0] == "set"
 
 
 def test_a_general_form_is_told_from_special_cases_of_all_its_parts():
