@@ -124,7 +124,8 @@ def linearise_along(
     """
     point = _Point.of(aircraft, trimmed)
     names = (*point.states, *point.inputs)
-    rows = [*(_index(s, point.states) for s in states), *range(len(point.states), len(point.states) + point.size)]
+    n = len(point.states)
+    rows = [*(_index(s, point.states) for s in states), *range(n, n + len(point.outputs))]
     slopes = np.empty((len(flown), len(rows), len(states)))
     for k, values in enumerate(flown.columns(names)):
         at = dict(zip(names, values.tolist(), strict=True))
@@ -134,7 +135,7 @@ def linearise_along(
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """JSBSim ready to be evaluated wherever it is put; ``size`` is the number of ``outputs``."""
+    """JSBSim ready to be evaluated wherever it is put; ``stations`` weight its channels for the wing stations."""
 
     fdm: Executive
     states: tuple[str, ...]
@@ -153,10 +154,6 @@ class _Point:
         weights = np.array([[row.get(c, 0.0) for c in fdm.channels] for row in rows])
         inputs = tuple(n for n in CONTROLS if n in aircraft.controls)
         return cls(fdm, states, inputs, (*fdm.channels, *names), weights.reshape(len(rows), len(fdm.channels)))
-
-    @property
-    def size(self) -> int:
-        return len(self.outputs)
 
     def slopes(self, at: Mapping[str, float], names: Sequence[str], weights: Mapping[int, float]) -> FloatArray:
         """Return the derivatives of all state derivatives and all outputs, in this order, by the named variables.

@@ -28,9 +28,8 @@ from testbench.record import FlightRecord, FloatArray
 from testbench.scenario import LOWEST_M
 
 FALSE_ALARM = 1e-3  # probability of hearing turbulence in still air
-REFUTED = 2.0 * np.log(
-    1.0 / FALSE_ALARM
-)  # fall of twice the log-likelihood of the quiet flight that turbulence does not survive
+# Fall of twice the log-likelihood of the quiet flight that turbulence does not survive.
+REFUTED = 2.0 * np.log(1.0 / FALSE_ALARM)
 _RMS_M_S = (0.01, 3.0)  # vertical rms that is looked for
 _HEIGHTS_M = (15.0, 60.0, 250.0, 700.0)  # above ground; all lengths are 1750 ft from 2000 ft on
 
@@ -183,7 +182,7 @@ def _cost(
     filters: dict[tuple[int, bytes], GustFilter] = {}
     total = 0.0
     for record, r in residuals:
-        taken = record.valid[:, [record.channels.index(n) for n in believed.outputs]]
+        taken = believed.taken(record)
         key = (len(taken), taken.tobytes())
         if key not in filters:
             filters[key] = GustFilter.of(model, rms_m_s, taken)

@@ -214,9 +214,13 @@ class Believed:
         """
         return self.in_noise_units(record, record.columns(self.outputs) - self.predict(record))
 
+    def taken(self, record: FlightRecord) -> NDArray[np.bool_]:
+        """Return which samples (n, outputs) of a record were taken."""
+        return record.valid[:, [record.channels.index(n) for n in self.outputs]]
+
     def in_noise_units(self, record: FlightRecord, difference: FloatArray) -> FloatArray:
         """Return ``difference`` (n, outputs) over the noise, about its mean over the valid samples of the record."""
-        valid = record.valid[:, [record.channels.index(n) for n in self.outputs]]
+        valid = self.taken(record)
         r = difference / self.noise_std
         mean = (r * valid).sum(axis=0) / np.maximum(valid.sum(axis=0), 1)
         r = (r - mean) * valid

@@ -97,17 +97,17 @@ def descend(
                 return replace(best, settled=False)
             within = within_priors(replace(here, factors=factors))
             return Descent(x_new, here.named(factors), jacobian, promised, False, within, False)
-        x_asked = x_new
-        if not np.allclose(factors, asked):  # coefficients go so far in one round only: the effect goes along with them
+        within_reach = np.allclose(factors, asked)
+        if not within_reach:  # coefficients go so far in one round only: the effect goes along with them
             share = float(np.linalg.norm(factors - here.factors) / np.linalg.norm(asked - here.factors))
-            begin = np.array([s if p.none is None else p.none for s, p in zip(start, effect.parameters, strict=True)])
-            origin = x if begun else begin
+            none = [s if p.none is None else p.none for s, p in zip(start, effect.parameters, strict=True)]
+            origin = x if begun else np.array(none)
             x_new = origin + share * (x_new - origin)
         step = _shortened(changes, here, x if begun else None, x_new, factors)
         if step is None:
             break
         before, moved, x, whole = chi2_here, *step
-        whole = whole and x_new is x_asked
+        whole = whole and within_reach
         after = change if whole else changes.at(x)
         if after is None:
             break

@@ -39,8 +39,7 @@ class FlightFilter:
         key = record_key(record)
         if key not in self._along:
             model = GustModel.along(self.believed, self.height_m, record)
-            valid = record.valid[:, [record.channels.index(n) for n in self.believed.outputs]]
-            self._along[key] = GustFilter.of(model, self.rms_m_s, valid)
+            self._along[key] = GustFilter.of(model, self.rms_m_s, self.believed.taken(record))
         return self._along[key].whiten(residuals)
 
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import expm
 
+from testbench.estimators.parametric.kalman.gain import sampled_noise
 from testbench.flight import linearise, linearise_along
 from testbench.flight.air import scale_lengths, turbulence_rms
 from testbench.gap.believed import Believed
@@ -88,15 +88,16 @@ class GustModel:
         own, direct = _read(believed, sensors, C, outputs, E)
         lags = [(k, s.lag_s + s.delay_s) for k, s in enumerate(sensors) if s.lag_s + s.delay_s > _LAG_SHARE * dt_s]
         size, gust = n + _FORMING + len(lags), slice(n, n + _FORMING)
-        M, B = np.zeros((len(A), size, size)), np.zeros((size, len(noise)))
+        M, driven = np.zeros((len(A), size, size)), np.zeros(size)
         M[:, :n, :n], M[:, :n, gust], M[:, gust, gust] = A, -rows * (A @ E), G
-        B[[n, n + 1, n + 3], [0, 1, 2]] = noise
+        driven[[n, n + 1, n + 3]] = noise
         H = np.concatenate([own, direct, np.zeros((*own.shape[:2], len(lags)))], axis=2)
         for j, (k, lag) in enumerate(lags, n + _FORMING):  # a delay stands as a lag: close where turbulence is
             M[:, j] = H[:, k] / lag
             M[:, j, j] = -1.0 / lag
             H[:, k] = np.eye(size)[j]
-        F, Q = _sampled(M, B, dt_s)
+        F, Q = sampled_noise(M, driven, dt_s)
+        Q = 0.5 * (Q + np.swapaxes(Q, -1, -2))
         return cls(F, Q, np.diag(np.where(np.arange(size) < n, _UNMODELLED**2, 1e-12)), H, n)
 
 
@@ -140,17 +141,3 @@ def _read(
             if name not in INERTIAL:
                 gust[:, i] -= (c[:, None, :] @ E)[:, 0]
     return own, gust
-
-
-def _sampled(M: FloatArray, B: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
-    """Return transition and noise covariance over a sample of ẋ = M x + B n (C. F. Van Loan, IEEE TAC 23(3), 1978).
-
-    M (k, n, n) is held over the sample.
-    """
-    size = M.shape[1]
-    block = np.zeros((len(M), 2 * size, 2 * size))
-    block[:, :size, :size], block[:, :size, size:], block[:, size:, size:] = -M, B @ B.T, M.transpose(0, 2, 1)
-    e = expm(block * dt_s)
-    F = e[:, size:, size:].transpose(0, 2, 1)
-    Q = F @ e[:, :size, size:]
-    return F, 0.5 * (Q + Q.transpose(0, 2, 1))

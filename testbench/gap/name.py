@@ -112,7 +112,7 @@ def name_effect(
     tested = max(1, len(screened) - len(rejected))
     samples = int(start.exact.size)
     floor = noise_floor(believed, samples)
-    strained = tuned.chi2 > chi2.isf(FALSE_ALARM, floor) or within_priors(tuned) < STRAINED
+    strained = tuned.chi2 > noise_limit(believed, samples) or within_priors(tuned) < STRAINED
     fits = _fit_promising(tuned, start if strained else None, screened, tested, rejected, say)
     if pairs:
         base = start if strained else tuned
@@ -277,11 +277,11 @@ def _common(best: EffectFit, close: Sequence[EffectFit], ranking: Sequence[Effec
 
     Where it alone explains enough, that each of several others beside it explains the rest speaks for none of them.
     """
-    parts = [{p.name for p in f.effect.parts or (f.effect,)} for f in (best, *close)]
+    parts = [{p.name for p in f.effect.singles} for f in (best, *close)]
     common = set.intersection(*parts)
     if not close or not common or any(p == common for p in parts):
         return None
-    alone = (f for f in ranking if {p.name for p in f.effect.parts or (f.effect,)} == common)
+    alone = (f for f in ranking if {p.name for p in f.effect.singles} == common)
     return next((f for f in alone if f.flown and f.within >= STRAINED and f.share >= ENOUGH), None)
 
 

@@ -52,7 +52,7 @@ def screen(base: Local, effect: Effect, share: float = 1.0) -> Screened:
         return Screened(effect, changes, (), 0.0, "these records cannot show it: neither aileron nor rudder moves")
     if not effect.looks:
         return Screened(effect, changes, (), 0.0, f"looked for in every record, no {effect.name} stands out of one")
-    starts = [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
+    starts = _starts(effect)
     if size is not None:  # the other sign changes the residuals by minus as much
         starts = [s for s in starts if s[size] == effect.parameters[size].starts[0]]
         none = effect.parameters[size].none or 0.0
@@ -83,11 +83,16 @@ def screen(base: Local, effect: Effect, share: float = 1.0) -> Screened:
 
 def flown_best(base: Local, screened: Screened) -> Screened:
     """Return ``screened`` with the one start of the effect, of either sign, that leaves least when it is flown."""
-    starts = [np.array(s) for s in product(*(p.starts for p in screened.effect.parameters))]
+    starts = _starts(screened.effect)
     flown = [
         (there.chi2, k) for k, s in enumerate(starts) if (there := base.moved(screened.changes.model(s), base.factors))
     ]
     return replace(screened, starts=(starts[min(flown)[1]],)) if flown else screened
+
+
+def _starts(effect: Effect) -> list[FloatArray]:
+    """Return every combination of the parameters' starts, each (p,)."""
+    return [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
 
 
 def _size(effect: Effect) -> int | None:

@@ -104,7 +104,7 @@ class _Joint:
         point = self.base.moved(self.base.model.with_effect(first, named), tuning)
         if point is None:
             return
-        taken = {p.name for p in _parts(first) + _parts(rival.effect)}
+        taken = {p.name for p in first.singles + rival.effect.singles}
         strained = rival.within < STRAINED
         free = [s.effect for s in self.screened if s.seen and s.effect.name not in taken]
         others = [screen(point, e) for e in free]
@@ -119,7 +119,7 @@ class _Joint:
         worth = [s for s in others if s.promise > share * least[s.effect.name] + re_tuned - rival.chi2]
         tried = 0
         for other in promising(worth, 0.5, 0.5, 1):
-            effects = (*_parts(first), other.effect)
+            effects = (*first.singles, other.effect)
             if tried == COMPANY:
                 break
             if any(f.chi2 <= self.noise and together(*effects).generalises(f.effect) for f in found):
@@ -154,7 +154,7 @@ class _Joint:
     @staticmethod
     def _form(single: EffectFit, other: Effect) -> float:
         """Return the gain beside ``single`` that ``other`` may owe to the form of its effects."""
-        if any(p.place == other.place for p in _parts(single.effect)):
+        if any(p.place == other.place for p in single.effect.singles):
             return OF_FORM * single.gain
         return 0.0 if single.within < STRAINED else FORM * single.gain
 
@@ -191,7 +191,3 @@ class _Joint:
         if descent is None or not descent.flown:
             return None
         return summarise(effect, descent, self.chi2_tuned, self.tested ** len(effects))
-
-
-def _parts(effect: Effect) -> tuple[Effect, ...]:
-    return effect.parts or (effect,)

@@ -271,9 +271,10 @@ def search(
         return flown_in, naming, air
     say("listen to the air again")
     near = next((f for f in naming.ranking if f.significant and f.flown and f.gain > WEAK), None)
-    beside = believed.with_tuning(naming.tuning) if near is None else near.added_to(believed)
+    tuned = believed.with_tuning(naming.tuning)
+    beside = tuned if near is None else near.added_to(believed)
     gain = max((f.gain for f in naming.ranking), default=0.0)
-    again = listen_again(believed.with_tuning(naming.tuning), beside, records, air, gain)
+    again = listen_again(tuned, beside, records, air, gain)
     same = again.moves == air.moves and abs(again.rms_m_s - air.rms_m_s) <= SAME_AIR * air.rms_m_s
     if same and (near is None or not air.moves or near.chi2 <= noise_limit(flown_in, naming.samples)):
         return flown_in, naming, air

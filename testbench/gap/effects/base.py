@@ -95,10 +95,15 @@ class Effect:
     met: Callable[[Values], MetGust] | None = None
     looks: int = 1
 
+    @property
+    def singles(self) -> tuple[Effect, ...]:
+        """Its parts, or itself."""
+        return self.parts or (self,)
+
     def generalises(self, other: Effect) -> bool:
         """Return whether ``other`` is a special case of this effect: each of its parts is one here, or of one here."""
-        mine = list(self.parts or (self,))
-        for part in other.parts or (other,):
+        mine = list(self.singles)
+        for part in other.singles:
             match = next((m for m in mine if part.name == m.name or part.name in m.contains), None)
             if match is None:
                 return False
