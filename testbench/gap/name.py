@@ -15,11 +15,11 @@ from testbench.gap.evidence import LEFT, STRAINED, TOLD_APART, is_special_case, 
 from testbench.gap.fit import FALSE_ALARM, HOPELESS, HOPELESS_BESIDE_NOISE, EffectFit, fit
 from testbench.gap.gust_search import doubted, sought
 from testbench.gap.local import Local
-from testbench.gap.screening import Screened, flown_best, promising, screen
+from testbench.gap.screening import Screened, flown_best, promising, screen, screen_closely
 from testbench.gap.several import several_at_once
 from testbench.record import FlightRecord
 
-ENOUGH = 0.90  # share of the excess that a named effect must explain, unless it leaves noise,
+ENOUGH = 0.95  # share of the excess that a named effect must explain, unless it leaves noise,
 ENOUGH_ALONE = 0.80  # or this share where nothing but its own other forms
 NEAR = 0.5  # gains as much as this share of what it gains: its form may be off, but it is the only one of its kind
 WEAK = 40.0  # gain below which nothing is named: no simulation is right to a few parts in a thousand of chi-square
@@ -113,10 +113,15 @@ def name_effect(
     samples = int(start.exact.size)
     floor = noise_floor(believed, samples)
     strained = tuned.chi2 > noise_limit(believed, samples) or within_priors(tuned) < STRAINED
+    if not strained:
+        say("screen the library closely")
+        screened = [screen_closely(tuned, s) for s in screened]
     fits = _fit_promising(tuned, start if strained else None, screened, tested, rejected, say)
     if pairs:
         base = start if strained else tuned
-        fits += several_at_once(base, tuned.chi2, screened, _ranked(fits, samples), samples, tested, say)
+        for found in several_at_once(base, tuned.chi2, screened, _ranked(fits, samples), samples, tested, say):
+            fits = [f for f in fits if f.effect.name != found.effect.name or (f.flown and f.chi2 < found.chi2)]
+            fits += [] if any(f.effect.name == found.effect.name for f in fits) else [found]
     ranking = _ranked(fits, samples)
     outcome, names, sentence = _decide(ranking, tuned.chi2, samples, floor)
     chi2_believed = float(start.exact @ start.exact)
@@ -150,6 +155,9 @@ def _fit_promising(
         afresh = promising(there, FOLLOWED, FOLLOWED_FAR, AT_LEAST)[:FROM_BELIEVED]
         # What relieves re-tuned coefficients that explain all but lie far from what is believed promises nothing there.
         relief = [s.effect for s in followed[:AT_LEAST]]
+        # Nor does an effect whose work they do, from where they stand: what does most alone may find it out of reach
+        # for them, as an elevator that is weak by coefficients cannot be trimmed.
+        relief += [s.effect for s in sorted(there, key=lambda s: -s.alone)[:1]]
         afresh += [s for s in there if s.seen and s.effect in relief and s not in afresh]
         queue = [(replace(one, starts=one.starts[:1]), PATIENCE) for one in afresh] + queue
     fits: dict[str, EffectFit] = {}
@@ -215,7 +223,11 @@ def _refit_special_cases(
 
 
 def _ranked(fits: Sequence[EffectFit], samples: int) -> tuple[EffectFit, ...]:
-    return tuple(sorted(fits, key=lambda f: -score(f, samples)))
+    """Return the best fit of every effect, flown if any of them was, by score."""
+    best: dict[str, EffectFit] = {}
+    for f in sorted(fits, key=lambda f: (not f.flown, f.chi2)):
+        best.setdefault(f.effect.name, f)
+    return tuple(sorted(best.values(), key=lambda f: -score(f, samples)))
 
 
 def _decide(

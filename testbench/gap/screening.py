@@ -13,6 +13,7 @@ from testbench.gap.effects import Effect
 from testbench.gap.local import Changes, Local
 from testbench.record import FloatArray
 
+SMALL = 0.1  # share of its usual start at which an effect is screened where it can only be small
 INVISIBLE = 1e-2  # chi-square by which an effect changes the predictions at its starts: less cannot be seen
 
 
@@ -26,6 +27,7 @@ class Screened:
         starts: those that can be flown, the most promising first.
         promise: gain of the best start, or of the best multiple of what it changes.
         why: why these records cannot show it, or "".
+        alone: the same gain where no nuisance is re-tuned.
     """
 
     effect: Effect
@@ -33,6 +35,7 @@ class Screened:
     starts: tuple[FloatArray, ...]
     promise: float
     why: str
+    alone: float = 0.0
 
     @property
     def seen(self) -> bool:
@@ -59,7 +62,7 @@ def screen(base: Local, effect: Effect, share: float = 1.0) -> Screened:
         for s in starts:
             s[size] = none + share * (s[size] - none)
     r = base.tuned(base.exact)[0]
-    flies, found = False, []
+    flies, alone, found = False, 0.0, []
     for x in starts:
         change = changes.at(x)
         if change is None:
@@ -69,6 +72,8 @@ def screen(base: Local, effect: Effect, share: float = 1.0) -> Screened:
         d = left - r
         if d @ d <= INVISIBLE:
             continue
+        along = float(base.exact @ change)
+        alone = max(alone, -2.0 * along - float(change @ change), along**2 / float(change @ change))
         multiple, cost = -float(r @ d) / float(d @ d), float(left @ left)
         scored = multiple**2 * float(d @ d)
         if size is not None:
@@ -78,7 +83,20 @@ def screen(base: Local, effect: Effect, share: float = 1.0) -> Screened:
         why = "these records cannot show it: their channels, compared about their means, do not change"
         return Screened(effect, changes, (), 0.0, why if flies else "no start of it flies the measured commands")
     found.sort(key=lambda f: f[0])
-    return Screened(effect, changes, tuple(f[2] for f in found), max(f[1] for f in found), "")
+    return Screened(effect, changes, tuple(f[2] for f in found), max(f[1] for f in found), "", alone)
+
+
+def screen_closely(base: Local, screened: Screened) -> Screened:
+    """Return what the effect promises at a small size, flown, if that is more; otherwise ``screened``.
+
+    Where little more than noise is left no effect is large, and one that works like re-tuned coefficients is what they
+    leave of it: a pitch damper of some thousandths is Cm_q to a few parts in a thousand. So small a difference is lost
+    at a size at which the aircraft flies another flight, and in what linear predictions get wrong.
+    """
+    if not screened.seen or _size(screened.effect) is None:
+        return screened
+    close = screen(base, replace(screened.effect, flown=True), SMALL)
+    return close if close.promise > screened.promise else screened
 
 
 def flown_best(base: Local, screened: Screened) -> Screened:

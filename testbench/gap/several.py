@@ -7,19 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from testbench.gap.descent import descend
+from testbench.gap.descent import MAX_ROUNDS, descend
 from testbench.gap.effects import Effect
 from testbench.gap.effects.base import together
 from testbench.gap.evidence import FORM, STRAINED, TOLD_APART, noise_limit, score
 from testbench.gap.fit import EffectFit, summarise
 from testbench.gap.local import Changes, Local
-from testbench.gap.screening import Screened, promising, screen
+from testbench.gap.screening import SMALL, Screened, flown_best, promising, screen
 from testbench.record import FloatArray
 
 LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least,
 SECOND = 0.35  # and the second this share of what the first leaves above the noise
 OF_FORM = 0.05  # no form is right to this share of what the effect gains where a second one acts in the same place
-SMALL = 0.1  # share of its usual start at which an effect is screened for what relief it gives
 PROMISED = 0.5  # and worth a fit from this share of what it must gain, as tangents tell relief badly
 COMPANY = 3  # so many second effects are fitted
 SWAPPED = 0.5  # what alone gains this share of what the first does may take its place beside the second
@@ -39,8 +38,8 @@ def several_at_once(
     """Return fits of the best effect and a second one, or of three, all parameters together, if they leave only noise.
 
     What was named first is swapped for what may do as well beside the second, and where the best pair leaves more than
-    noise, a third is sought. Of what is found each part but the last is left out again and the rest refitted: it may
-    have been named only because the others were not known yet.
+    noise, a third is sought. Of what is found each part is left out again and the rest refitted: it may have been named
+    only because the others were not known yet, or because these came to rest beside it that had not when alone.
     """
     noise = noise_limit(base.believed, samples)
     search = _Joint(base, chi2_tuned, screened, samples, tested, noise, say)
@@ -57,9 +56,9 @@ def several_at_once(
     found = [f for f in found if f.chi2 <= noise]
     best = min(found, key=lambda f: f.chi2, default=None)
     if best is not None:
-        fitted = {f.effect.name for f in (*ranking, *found) if f.flown}
-        rest = [search.without(best, part, noise) for part in best.effect.parts[:-1]]
-        found += [f for f in rest if f is not None and f.settled and f.effect.name not in fitted]
+        found += search.simpler(best)
+        rest = [search.without(best, part, noise) for part in best.effect.parts]
+        found += [f for f in rest if f is not None and f.settled]
     return found
 
 
@@ -150,6 +149,31 @@ class _Joint:
             if self._ahead(both, lead):
                 found.append(both)
         return found
+
+    def simpler(self, joint: EffectFit) -> list[EffectFit]:
+        """Return fits of ``joint`` with one of its parts replaced by a special case of that part, if they leave noise.
+
+        The general form may be the only one that found its way there.
+        """
+        found = []
+        for part in joint.effect.parts:
+            rest = tuple(p for p in joint.effect.parts if p is not part)
+            others = together(*rest) if rest[1:] else rest[0]
+            values = np.concatenate([self._values(joint, p) for p in rest])
+            named = dict(zip((p.name for p in others.parameters), values.tolist(), strict=True))
+            special = [s.effect for s in self.screened if s.seen and part.generalises(s.effect)]
+            point = (
+                self.base.moved(self.base.model.with_effect(others, named), self._tuning(joint)) if special else None
+            )
+            if point is None:
+                continue
+            for screened in (flown_best(point, screen(point, e)) for e in special):
+                if screened.seen:
+                    begin = np.concatenate([values, screened.starts[0]])
+                    found.append(
+                        self._fit((*rest, screened.effect), begin, self._tuning(joint), self.noise, MAX_ROUNDS)
+                    )
+        return [f for f in found if f is not None and f.chi2 <= self.noise]
 
     @staticmethod
     def _form(single: EffectFit, other: Effect) -> float:

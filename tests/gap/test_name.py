@@ -17,6 +17,7 @@ from testbench.gap.fit import fit
 from testbench.gap.local import Local
 from testbench.gap.name import _decide, name_effect
 from testbench.gap.screening import screen
+from testbench.gap.several import _Joint
 
 FEW = ("actuator_lag", "second_order_actuator", "transport_delay", "alpha_scale", "pitch_damper")
 
@@ -137,6 +138,41 @@ def test_a_second_effect_that_only_relieves_a_strained_coefficient_is_found():
     values, errors = naming.best.values, naming.best.errors
     for name, true in (("transport_delay.delay_s", 0.05), ("drag_increment.CD", 0.03)):
         assert abs(values[name] - true) < 4.0 * errors[name]  # false alarm 6e-5
+
+
+def test_of_a_pair_each_part_is_tried_in_its_special_case():
+    """A lag of second order, overdamped, may be the one that finds its way beside the thrust line."""
+    plan = KINDS["high thrust"].plan({"z_m": -0.04}, "taurus").with_(SLOW)
+    records = tuple(fly_truth("taurus", plan, "short", 11).values())
+    believed = believe("taurus")
+    base = Local.at(believed, believed, records)
+    line, second, first = (EFFECTS[n] for n in ("thrust_line", "second_order_actuator", "actuator_lag"))
+    search = _Joint(
+        base, base.chi2, [screen(base, e) for e in (line, second, first)], base.exact.size, 3, np.inf, print
+    )
+    joint = search._fit((line, second), np.array([-0.04, 40.0, 1.8]), base.factors, np.inf)
+    (simpler,) = search.simpler(joint)
+    assert simpler.effect.name == "thrust_line + actuator_lag"
+    assert simpler.chi2 < joint.chi2 + 10.0  # 9.2 is what two parameters gain from noise once in a hundred cases
+    assert abs(simpler.values["actuator_lag.lag_rad_s"] - 12.0) < 4.0 * simpler.errors["actuator_lag.lag_rad_s"]
+
+
+def test_a_feedback_of_some_thousandths_is_found_beside_the_coefficients_that_do_its_work():
+    """At the size of its start, or in linear predictions, what re-tuned coefficients leave of it is lost."""
+    factors = {"CL_alpha": 1.02, "CD": 1.03, "Cm_alpha": 1.02, "Cm_q": 0.91, "Cm_de": 1.15}
+    plan = replace(KINDS["rate feedback"].plan({"gain_s": 0.02}, "taurus"), factors=factors)
+    naming = named(plan, ("pitch_damper", "speed_effectiveness", "transport_delay"), flown="rich")
+    assert naming.names == ("pitch_damper",), naming.sentence
+    assert abs(naming.best.values["gain_s"] - 0.02) < 4.0 * naming.best.errors["gain_s"]  # false alarm 6e-5
+
+
+def test_an_elevator_too_weak_to_be_trimmed_with_a_smaller_coefficient_is_found():
+    """Cm_de cannot follow: with half of it the believed aircraft has no trim, which the true one never lost."""
+    plan = KINDS["linkage ratio"].plan({"gain": 0.52}, "taurus")
+    naming = named(plan, ("surface_scale", "theta_delay"), flown="rich")
+    assert naming.names == ("surface_scale",), naming.sentence
+    best = naming.best
+    assert best.values["scale"] * best.tuning["Cm_de"] == pytest.approx(0.52, rel=0.05)
 
 
 def test_the_special_case_is_named_where_a_general_form_gains_no_more_than_form_would(slow):

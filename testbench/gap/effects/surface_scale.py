@@ -2,17 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from testbench.aircraft import Aircraft, Amendment
 from testbench.gap.effects.base import Effect, Parameter, Values
-from testbench.gap.effects.reroute import ELEVATOR, product, prop, reroute, value
+from testbench.gap.effects.reroute import ELEVATOR, moving, product, prop, reroute, value
+from testbench.record import FloatArray
 from testbench.sensors import SensorSuite
+
+_TRIM = "gap/surface-scale-trim"
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Multiply what the elevator servo is told."""
+    """Multiply what the elevator servo is told, as a deviation from what it was told in trim.
+
+    The surface stands at trim where the aircraft needs it, whatever the command for it was; scaled from its zero, the
+    command of a weak elevator would run into the throw of the one that is believed.
+    """
     scale = values["scale"]
-    edit = reroute(ELEVATOR, "surface-scale", product(value(scale), prop(ELEVATOR)))
-    return aircraft.amended(Amendment("surface_scale", f"elevator turns {scale:.4g} times the command", (edit,))), suite
+    trim = ("trim", moving(prop(_TRIM), prop(ELEVATOR)))  # kept from where time stands still
+    moved = f"<difference> {prop(ELEVATOR)} {prop(_TRIM)} </difference>"
+    edit = reroute(ELEVATOR, "surface-scale", f"<sum> {prop(_TRIM)} {product(value(scale), moved)} </sum>", (trim,))
+    text = f"elevator turns {scale:.4g} times the command, counted from trim"
+    return aircraft.amended(Amendment("surface_scale", text, (edit,))), suite
+
+
+def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, values: Values) -> FloatArray:
+    """Return the commands ``u`` (n, m), deviations from trim, with the elevator's scaled."""
+    if "de" not in names:
+        return u
+    out = u.copy()
+    out[:, list(names).index("de")] *= values["scale"]
+    return out
 
 
 EFFECT = Effect(
@@ -27,5 +48,6 @@ EFFECT = Effect(
     amend=amend,
     mistaken_for="an error of Cm_de and CL_de together, exactly, so that only what exceeds their prior can be named",
     separated_by="a measured deflection: a linkage error shows in it, a wrong effectiveness does not",
+    shape=shape,
     flown=True,  # larger commands meet the slew limit that is believed, which a linearisation does not see
 )
