@@ -19,6 +19,7 @@ from testbench.record import FloatArray
 LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least,
 SECOND = 0.35  # and the second this share of what the first leaves above the noise
 OF_FORM = 0.05  # no form is right to this share of what the effect gains where a second one acts in the same place
+OF_WHOLE = 0.02  # nor where the first one alone leaves noise: what more a second one finds there is form, too
 PROMISED = 0.5  # and worth a fit from this share of what it must gain, as tangents tell relief badly
 COMPANY = 3  # so many second effects are fitted
 SWAPPED = 0.5  # what alone gains this share of what the first does may take its place beside the second
@@ -59,6 +60,7 @@ def several_at_once(
         found += search.simpler(best)
         rest = [search.without(best, part, noise) for part in best.effect.parts]
         found += [f for f in rest if f is not None and f.settled]
+        found = [f for f in found if not any(search.does_without(f, less) for less in (*ranking, *found))]
     return found
 
 
@@ -175,15 +177,26 @@ class _Joint:
                     )
         return [f for f in found if f is not None and f.chi2 <= self.noise]
 
-    @staticmethod
-    def _form(single: EffectFit, other: Effect) -> float:
+    def _form(self, single: EffectFit, other: Effect) -> float:
         """Return the gain beside ``single`` that ``other`` may owe to the form of its effects."""
         if any(p.place == other.place for p in single.effect.singles):
             return OF_FORM * single.gain
-        return 0.0 if single.within < STRAINED else FORM * single.gain
+        if single.within < STRAINED:
+            return 0.0
+        return (OF_WHOLE if single.chi2 <= self.noise else FORM) * single.gain
 
     def _ahead(self, both: EffectFit, single: EffectFit) -> bool:
         return score(both, self.samples) - score(single, self.samples) > TOLD_APART
+
+    def does_without(self, joint: EffectFit, less: EffectFit) -> bool:
+        """Return whether ``less`` is ``joint`` without one of its parts and loses no more by that than form would."""
+        kept = {e.name for e in less.effect.singles}
+        missing = [e for e in joint.effect.singles if e.name not in kept]
+        if len(missing) != 1 or len(kept) != len(joint.effect.singles) - 1:
+            return False
+        if not (less.flown and less.settled) or less.within < STRAINED:
+            return False
+        return joint.gain - less.gain <= self._form(less, missing[0])
 
     def without(self, joint: EffectFit, part: Effect, hopeless: float) -> EffectFit | None:
         """Return the fit of ``joint`` without one of its parts, from the values that the others have in it."""

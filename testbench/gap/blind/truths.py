@@ -309,7 +309,7 @@ def _kinds() -> dict[str, Kind]:
         ),
         "soft play": kind(
             "other",
-            "free_play dead_band",
+            "free_play creeping_free_play dead_band",
             _between(width_rad=(0.015, 0.04)),
             servo(lambda s, a: servos.after_lag(forms.SERVO_LAG[a], servos.soft_play(s["width_rad"]))),
         ),
@@ -334,20 +334,23 @@ def _kinds() -> dict[str, Kind]:
         ),
         "motor of two times": kind(
             "other",
-            "thrust_lag",
+            "thrust_lag second_order_thrust_lag",
             _between(lag_s=(0.4, 1.5)),
             lambda s, a: Plan(throttle=servos.motor(s["lag_s"], 1.5 * s["lag_s"])),
             "lag_s",
         ),
         "motor of two stages": kind(
             "other",
-            "thrust_lag",
+            "thrust_lag second_order_thrust_lag",
             _between(lag_s=(0.4, 1.5)),
             lambda s, a: Plan(throttle=servos.motor(s["lag_s"], s["lag_s"], 2)),
             "lag_s",
         ),
         "slipstream by momentum": kind(
-            "other", "slipstream", _between(share=(0.3, 0.8), power=(0.8, 1.0)), forms.momentum_slipstream
+            "other",
+            "slipstream elevator_slipstream",
+            _between(share=(0.3, 0.8), power=(0.8, 1.0)),
+            forms.momentum_slipstream,
         ),
         "load off the centre": kind(
             "other",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -30,16 +30,30 @@ def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, 
     column = column_of(names)
     if column is None:
         return u
+    half = 0.5 * values["width_rad"]
+
+    def behind(servo: FloatArray) -> FloatArray:
+        y, surface = float(servo[0]), []
+        for x in servo[1:].tolist():
+            y = min(max(y, x - half), x + half)
+            surface.append(y)
+        return np.array(surface)
+
+    return before_servo(u, column, dt_s, aircraft, behind)
+
+
+def before_servo(
+    u: FloatArray, column: int, dt_s: float, aircraft: Aircraft, behind: Callable[[FloatArray], FloatArray]
+) -> FloatArray:
+    """Return commands that take the servo where the commands ``u`` (n, m) take a surface behind it.
+
+    ``behind`` is the surface (n,) after the positions (n + 1,) of the servo, the first of them at rest.
+    """
     from scipy.signal import lfilter
 
-    half, whole = 0.5 * values["width_rad"], math.exp(-declared(aircraft, LAG) * dt_s)
-    start = float(u[0, column])
+    start, whole = float(u[0, column]), math.exp(-declared(aircraft, LAG) * dt_s)
     servo = np.asarray(lfilter([1.0 - whole], [1.0, -whole], u[:, column] - start)) + start
-    y, surface = start, []
-    for x in servo.tolist():
-        y = min(max(y, x - half), x + half)
-        surface.append(y)
-    d = np.concatenate([[start], surface])
+    d = np.concatenate([[start], behind(np.concatenate([[start], servo]))])
     out = u.copy()
     out[:, column] = (d[1:] - whole * d[:-1]) / (1.0 - whole)
     return out

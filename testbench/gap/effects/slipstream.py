@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft import Aircraft, Amendment, Insert
 from testbench.gap.effects.aero import pitching_moment, thrust_coefficient
 from testbench.gap.effects.base import Effect, Parameter, Values
 from testbench.gap.effects.reroute import product, prop, value
@@ -12,12 +12,16 @@ from testbench.sensors import SensorSuite
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Add k T / (qbar S) times the tail's moments: of the elevator and of pitch rate."""
-    of_elevator = product(value(aircraft.coefficient("Cm_de")), prop(POSITION))
-    of_rate = product(value(aircraft.coefficient("Cm_q")), prop("velocities/q-aero-rad_sec"), prop("aero/ci2vel"))
-    edit = pitching_moment(
-        "slipstream", value(values["k"]), thrust_coefficient(), f"<sum> {of_elevator} {of_rate} </sum>"
-    )
+    edit = blown(aircraft, "slipstream", values["k"], 1.0)
     return aircraft.amended(Amendment("slipstream", f"slipstream on the tail, k = {values['k']:.3g}", (edit,))), suite
+
+
+def blown(aircraft: Aircraft, label: str, k: float, damping_share: float) -> Insert:
+    """Return the edit that adds k T / (qbar S) times the moment of the elevator plus a share of that of pitch rate."""
+    of_elevator = product(value(aircraft.coefficient("Cm_de")), prop(POSITION))
+    cm_q = value(damping_share * aircraft.coefficient("Cm_q"))
+    of_rate = product(cm_q, prop("velocities/q-aero-rad_sec"), prop("aero/ci2vel"))
+    return pitching_moment(label, value(k), thrust_coefficient(), f"<sum> {of_elevator} {of_rate} </sum>")
 
 
 EFFECT = Effect(

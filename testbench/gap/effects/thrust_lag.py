@@ -19,11 +19,16 @@ _SMALLEST_S = 1e-6  # below any frame time: the throttle passes unchanged
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Put a first-order lag behind the throttle command; exact for a command held from frame to frame."""
     lag = values["lag_s"]
-    decay = f"<exp> {product(value(-1.0 / max(lag, _SMALLEST_S)), prop('simulation/dt'))} </exp>"
-    past = f"<difference> {prop('gap/thrust-lag')} {prop(THROTTLE)} </difference>"
-    body = moving(f"<sum> {prop(THROTTLE)} {product(decay, past)} </sum>", prop(THROTTLE))
+    body = moving(lagged("gap/thrust-lag", THROTTLE, lag), prop(THROTTLE))
     edit = reroute(THROTTLE, "thrust-lag", body)
     return aircraft.amended(Amendment("thrust_lag", f"thrust lags by {lag:.4g} s", (edit,))), suite
+
+
+def lagged(name: str, command: str, lag_s: float) -> str:
+    """Return the XML of a first-order lag behind ``command``, whose last value is that of the property ``name``."""
+    decay = f"<exp> {product(value(-1.0 / max(lag_s, _SMALLEST_S)), prop('simulation/dt'))} </exp>"
+    past = f"<difference> {prop(name)} {prop(command)} </difference>"
+    return f"<sum> {prop(command)} {product(decay, past)} </sum>"
 
 
 def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, values: Values) -> FloatArray:
