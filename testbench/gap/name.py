@@ -23,7 +23,8 @@ ENOUGH = 0.95  # share of the excess that a named effect must explain, unless it
 ENOUGH_ALONE = 0.80  # or this share where nothing but its own other forms
 NEAR = 0.5  # gains as much as this share of what it gains: its form may be off, but it is the only one of its kind
 WEAK = 40.0  # gain below which nothing is named: no simulation is right to a few parts in a thousand of chi-square
-TOO_CLOSE = 0.85  # a runner-up with this share of the best gain cannot be told apart while more than noise is left
+TOO_CLOSE = 0.85  # a runner-up with this share of the best gain cannot be told apart while more than noise is left,
+TWICE = 2.0  # unless it leaves so many times what the best one leaves above the noise
 FOLLOWED = 0.25  # effects that promise less than this share of what the best one promises are not fitted,
 FOLLOWED_FAR = 0.1  # of effects with several parameters, of which screening tries few combinations, less than this
 PROMISING = 5.0  # nor are effects that promise a smaller gain than this, a third of any threshold; but
@@ -318,10 +319,11 @@ def _indistinct(fit: EffectFit, best: EffectFit, samples: int, is_noise: bool) -
 
     If the best effect leaves noise only, likelihoods decide: a wrong effect leads the true one by TOLD_APART with a
     probability of FALSE_ALARM at most (Markov's bound on a likelihood ratio, effects of given size). If more than noise
-    is left, the form of the best one is not quite right, and then a share of the gain is all there is to go by. A more
-    general form of the best one is another name only if its further parameters gain more than noise or form would.
+    is left, the form of the best one is not quite right, and then what they gain and leave is all there is to go by. A
+    more general form of the best one is another name only if its further parameters gain more than noise or form would.
     """
     if fit.effect.generalises(best.effect):
         return not is_special_case(best, fit)
     behind = score(best, samples) - score(fit, samples)
-    return behind < TOLD_APART or (not is_noise and fit.gain >= TOO_CLOSE * best.gain)
+    near = fit.gain >= TOO_CLOSE * best.gain and fit.chi2 - samples < TWICE * (best.chi2 - samples)
+    return behind < TOLD_APART or (not is_noise and near)
