@@ -104,7 +104,17 @@ class Aircraft:
         return replace(self, amendments=(*self.amendments, *amendments))
 
     def model_xml(self, rate_hz: float, qbar_Pa: float, V_m_s: float) -> str:
-        """Return the complete JSBSim model for one frame rate and design condition.
+        """Return the complete JSBSim model for one frame rate and design condition, as text for people.
+
+        Raises:
+            ModelError: an amendment does not fit the model.
+        """
+        tree = self.model_tree(rate_hz, qbar_Pa, V_m_s)
+        ET.indent(tree)
+        return '<?xml version="1.0"?>\n' + ET.tostring(tree, encoding="unicode") + "\n"
+
+    def model_tree(self, rate_hz: float, qbar_Pa: float, V_m_s: float) -> ET.Element:
+        """Return the same as the root of a tree of its own.
 
         Raises:
             ModelError: an amendment does not fit the model.
@@ -115,8 +125,7 @@ class Aircraft:
         elastic = self.flown_modes()
         if elastic is not None and len(elastic):
             add_modes(tree, elastic, 1.0 / rate_hz, qbar_Pa, V_m_s)
-        ET.indent(tree)
-        return '<?xml version="1.0"?>\n' + ET.tostring(tree, encoding="unicode") + "\n"
+        return tree
 
     def flown_modes(self) -> ElasticModel | None:
         """Return the modes that the written model carries, those added by amendments included."""

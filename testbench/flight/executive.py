@@ -241,12 +241,12 @@ class _Written:
 @lru_cache(maxsize=64)
 def _write(key: _Key) -> _Written:
     """Write a model where JSBSim finds it; kept, as the same model is loaded for trim, flight and linearisation."""
-    xml = key.aircraft.model_xml(key.rate_hz, key.condition.qbar_Pa, key.condition.V_m_s)
+    tree = key.aircraft.model_tree(key.rate_hz, key.condition.qbar_Pa, key.condition.V_m_s)
     root = tempfile.TemporaryDirectory(prefix="testbench-")
     place = Path(root.name) / "aircraft" / "model"
     (place / "Engines").mkdir(parents=True)
-    (place / "model.xml").write_text(xml, encoding="utf-8")
+    ET.ElementTree(tree).write(place / "model.xml", encoding="utf-8", xml_declaration=True)
     for name, text in key.aircraft.engine_files.items():
         (place / "Engines" / name).write_text(text, encoding="utf-8")
-    read = {(e.text or "").strip().lstrip("-") for e in ET.fromstring(xml).iter("property")}
+    read = {(e.text or "").strip().lstrip("-") for e in tree.iter("property")}
     return _Written(root, frozenset(read - {""}))

@@ -23,6 +23,8 @@ from testbench.flight.trim import place_at_trim, steady_wind
 from testbench.inputs.signal import InputSignal
 from testbench.record import FlightRecord, FloatArray
 
+_JSBSIM = version("jsbsim")  # asked once: the answer takes as long as a flight of some seconds
+
 
 @dataclass(frozen=True)
 class Manoeuvre:
@@ -257,6 +259,6 @@ def _provenance(
         "manoeuvre": manoeuvre.name,
         "settle_s": manoeuvre.settle_s,
         "simulation_rate_hz": trimmed.rate_hz,
-        "jsbsim": version("jsbsim"),
+        "jsbsim": _JSBSIM,
     }
     return out if air is None else out | {"air": air.as_provenance()}

@@ -24,7 +24,7 @@ def declared(aircraft: Aircraft, name: str) -> float:
     Raises:
         ModelError: it is not declared.
     """
-    tree = ET.fromstring(aircraft.model_xml(aircraft.rate_hz, 100.0, aircraft.design_V_m_s))
+    tree = aircraft.model_tree(aircraft.rate_hz, 100.0, aircraft.design_V_m_s)
     found = [e for e in tree.iter("property") if (e.text or "").strip() == name and "value" in e.attrib]
     if not found:
         raise ModelError(f"{aircraft.name} must declare {name}, it does not")
