@@ -16,6 +16,7 @@ from testbench.errors import ModelError, RecordError
 from testbench.estimators.state_space import Trajectories
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
 from testbench.flight.air import Air, Gust
+from testbench.flight.simulate import commands as absolute_commands
 from testbench.gap.effects import Effect
 from testbench.gap.effects.base import MetGust
 from testbench.gap.gusts import linear_response, record_key
@@ -120,6 +121,18 @@ class Believed:
             RecordError: the record holds no command, or no quiet flight before the first one.
         """
         return self._read(self.flown(record, self._needed))
+
+    def check_commands(self, record: FlightRecord) -> None:
+        """Refuse a record whose commands, about the trim of the belief, leave the range of a control.
+
+        Raises:
+            LimitError: they do.
+            RecordError: as :meth:`predict`.
+            TrimError: the belief has no trim.
+        """
+        names, u = commands(record)
+        signal = InputSignal(np.arange(len(u), dtype=np.float64) * record.dt_s, u, names)
+        absolute_commands(self.aircraft, _trimmed(self._key), Manoeuvre("measured commands", signal, 0.0))
 
     def flown(self, record: FlightRecord, channels: tuple[str, ...] | None = None) -> FlightRecord:
         """Return the truth of that flight at the record's sample times: ``channels``, or all there are.
@@ -262,11 +275,17 @@ def _flown(
     channels: tuple[str, ...] | None,
     gust: Gust | None = None,
 ) -> FlightRecord:
-    """Fly the commands ``held`` (the bytes of an array of ``size``), deviations from trim at every frame."""
+    """Fly the commands ``held`` (the bytes of an array of ``size``), deviations from trim at every frame.
+
+    A hypothesis may have its trim where they would leave the range of a control, half the drag with a throttle near
+    idle: the control stops there, so that a search can pass by. The belief is checked (``check_commands``).
+    """
     air = None if gust is None else Air(gust=gust)
-    u = np.frombuffer(held).reshape(size)
-    signal = InputSignal(np.arange(size[0]) / key.rate_hz, u, names)
-    return fly(key.aircraft, _trimmed(key), Manoeuvre("measured commands", signal, 0.0), log_hz, channels, air)
+    trimmed, u = _trimmed(key), np.frombuffer(held).reshape(size)
+    controls = [(key.aircraft.controls[n], trimmed.controls[n]) for n in names]
+    within = np.clip(u, [c.low - at for c, at in controls], [c.full - at for c, at in controls])
+    signal = InputSignal(np.arange(size[0]) / key.rate_hz, within, names)
+    return fly(key.aircraft, trimmed, Manoeuvre("measured commands", signal, 0.0), log_hz, channels, air)
 
 
 def _shaped(

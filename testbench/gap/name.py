@@ -103,6 +103,8 @@ def name_effect(
     """
     say = progress or (lambda text: None)
     say("re-tune the believed model")
+    for record in records:
+        believed.check_commands(record)
     start = Local.at(believed, believed, tuple(records))
     tuned = retune(start)
     say("screen the library")
@@ -320,10 +322,13 @@ def _indistinct(fit: EffectFit, best: EffectFit, samples: int, is_noise: bool) -
     If the best effect leaves noise only, likelihoods decide: a wrong effect leads the true one by TOLD_APART with a
     probability of FALSE_ALARM at most (Markov's bound on a likelihood ratio, effects of given size). If more than noise
     is left, the form of the best one is not quite right, and then what they gain and leave is all there is to go by. A
-    more general form of the best one is another name only if its further parameters gain more than noise or form would.
+    more general form of the best one is another name only if its further parameters gain more than noise or form would;
+    a special case of it is none.
     """
     if fit.effect.generalises(best.effect):
         return not is_special_case(best, fit)
+    if best.effect.generalises(fit.effect):
+        return False  # it would have been named in its place
     behind = score(best, samples) - score(fit, samples)
     near = fit.gain >= TOO_CLOSE * best.gain and fit.chi2 - samples < TWICE * (best.chi2 - samples)
     return behind < TOLD_APART or (not is_noise and near)

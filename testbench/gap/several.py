@@ -24,7 +24,7 @@ PROMISED = 0.5  # and worth a fit from this share of what it must gain, as tange
 COMPANY = 3  # so many second effects are fitted
 SWAPPED = 0.5  # what alone gains this share of what the first does may take its place beside the second
 PATIENCE = 2  # rounds before a descent of several may be given up: it begins far from rest,
-PATIENCE_STRAINED = 6  # and if coefficients are strained these have far to go back
+PATIENCE_FAR = 6  # and if coefficients are strained, or what came to rest alone is to do so beside another, it is far
 
 
 def several_at_once(
@@ -129,7 +129,7 @@ class _Joint:
             more = least[other.effect.name]
             others_found = (f.chi2 + TOLD_APART for f in found if f.within >= STRAINED)
             lowest = min([rival.chi2 - more, *others_found])
-            patience = PATIENCE_STRAINED if strained else PATIENCE
+            patience = PATIENCE_FAR if strained else PATIENCE
             both = self._fit(effects, np.concatenate([values, other.starts[0]]), tuning, lowest, patience)
             if both is not None and both.gain - rival.gain > more and self._ahead(both, rival):
                 found.append(both)
@@ -145,7 +145,7 @@ class _Joint:
             if pair.chi2 <= self.noise and together(*effects).generalises(pair.effect):
                 continue
             begin = np.concatenate([self._values(rival, rival.effect), self._values(pair, second)])
-            both = self._fit(effects, begin, self._tuning(pair), pair.chi2 + TOLD_APART)
+            both = self._fit(effects, begin, self._tuning(pair), pair.chi2 + TOLD_APART, PATIENCE_FAR)
             if both is None or both.gain - rival.gain <= self._form(rival, second):
                 continue
             if self._ahead(both, lead):

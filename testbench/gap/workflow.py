@@ -212,12 +212,13 @@ def find_gap(
 
     Raises:
         RecordError: a record is not measured, or lacks a channel of the believed suite.
-        FlightAborted, TrimError: the believed aircraft cannot fly these commands.
+        FlightAborted, LimitError, TrimError: the believed aircraft cannot fly these commands.
     """
     say = progress or (lambda text: None)
     for name, record in {**records, **held_out}.items():
         if record.kind != "measured":
             raise RecordError(f"the gap workflow takes measured records only, got '{name}' of kind '{record.kind}'")
+        believed.check_commands(record)
     naming_records = list(records.values())
     checked = None
     if check:
