@@ -97,13 +97,15 @@ def descend(
                 return replace(best, settled=False)
             within = within_priors(replace(here, factors=factors))
             return Descent(x_new, here.named(factors), jacobian, promised, False, within, False)
-        within_reach = np.allclose(factors, asked)
+        within_reach, wanted = np.allclose(factors, asked), x_new
         if not within_reach:  # coefficients go so far in one round only: the effect goes along with them
             share = float(np.linalg.norm(factors - here.factors) / np.linalg.norm(asked - here.factors))
             none = [s if p.none is None else p.none for s, p in zip(start, effect.parameters, strict=True)]
             origin = x if begun else np.array(none)
             x_new = origin + share * (x_new - origin)
         step = _shortened(changes, here, x if begun else None, x_new, factors)
+        if not within_reach:
+            step = _lower(step, changes, here, wanted)
         if step is None:
             break
         before, moved, x, whole = chi2_here, *step
@@ -174,6 +176,23 @@ def _shortened(
         if moved is not None and share == 1.0:
             whole = moved
     return None if whole is None else (whole, x_new, True)
+
+
+def _lower(
+    step: tuple[Local, FloatArray, bool] | None, changes: Changes, here: Local, wanted: FloatArray
+) -> tuple[Local, FloatArray, bool] | None:
+    """Return ``step``, or the effect whole with the coefficients left where they are, if that is lower.
+
+    Coefficients that are asked far off may stand in for an effect that has hardly begun.
+    """
+    whole = here.moved(changes.model(wanted), here.factors)
+    if whole is None:
+        return step
+
+    def cost(point: Local, x: FloatArray) -> float:
+        return point.chi2 + float(np.sum(changes.effect.prior_residuals(x) ** 2))
+
+    return step if step is not None and cost(*step[:2]) <= cost(whole, wanted) else (whole, wanted, True)
 
 
 @dataclass(frozen=True, eq=False)

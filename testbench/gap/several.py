@@ -101,8 +101,7 @@ class _Joint:
     ) -> None:
         """Begin from coefficients ``tuning`` (k,); adds to ``found``."""
         values = self._values(known, first)
-        named = dict(zip((p.name for p in first.parameters), values.tolist(), strict=True))
-        point = self.base.moved(self.base.model.with_effect(first, named), tuning)
+        point = self._point(first, values, tuning)
         if point is None:
             return
         taken = {p.name for p in first.singles + rival.effect.singles}
@@ -159,22 +158,16 @@ class _Joint:
         """
         found = []
         for part in joint.effect.parts:
-            rest = tuple(p for p in joint.effect.parts if p is not part)
-            others = together(*rest) if rest[1:] else rest[0]
-            values = np.concatenate([self._values(joint, p) for p in rest])
-            named = dict(zip((p.name for p in others.parameters), values.tolist(), strict=True))
+            rest, values = self._rest(joint, part)
+            tuning = self._tuning(joint)
             special = [s.effect for s in self.screened if s.seen and part.generalises(s.effect)]
-            point = (
-                self.base.moved(self.base.model.with_effect(others, named), self._tuning(joint)) if special else None
-            )
+            point = self._point(_one(rest), values, tuning) if special else None
             if point is None:
                 continue
             for screened in (flown_best(point, screen(point, e)) for e in special):
                 if screened.seen:
                     begin = np.concatenate([values, screened.starts[0]])
-                    found.append(
-                        self._fit((*rest, screened.effect), begin, self._tuning(joint), self.noise, MAX_ROUNDS)
-                    )
+                    found.append(self._fit((*rest, screened.effect), begin, tuning, self.noise, MAX_ROUNDS))
         return [f for f in found if f is not None and f.chi2 <= self.noise]
 
     def _form(self, single: EffectFit, other: Effect) -> float:
@@ -200,9 +193,17 @@ class _Joint:
 
     def without(self, joint: EffectFit, part: Effect, hopeless: float) -> EffectFit | None:
         """Return the fit of ``joint`` without one of its parts, from the values that the others have in it."""
-        rest = tuple(p for p in joint.effect.parts if p is not part)
-        values = np.concatenate([self._values(joint, p) for p in rest])
+        rest, values = self._rest(joint, part)
         return self._fit(rest, values, self._tuning(joint), hopeless)
+
+    def _rest(self, joint: EffectFit, part: Effect) -> tuple[tuple[Effect, ...], FloatArray]:
+        """Return the other parts of a joint fit, and the values (p,) that they have in it."""
+        rest = tuple(p for p in joint.effect.parts if p is not part)
+        return rest, np.concatenate([self._values(joint, p) for p in rest])
+
+    def _point(self, effect: Effect, values: FloatArray, tuning: FloatArray) -> Local | None:
+        """Return the point with an effect at values (p,) and coefficients (k,); None if it cannot fly."""
+        return self.base.moved(Changes(self.base, effect).model(values), tuning)
 
     def _tuning(self, fit: EffectFit) -> FloatArray:
         return np.array([fit.tuning[n] for n in self.base.priors])
@@ -222,9 +223,14 @@ class _Joint:
         patience: int = PATIENCE,
     ) -> EffectFit | None:
         """Descend from values (p,) and coefficients (k,) at which one of the effects, or more, came to rest before."""
-        effect = together(*effects) if len(effects) > 1 else effects[0]
+        effect = _one(effects)
         near = self.base.moved(self.base.model, tuning) or self.base
         descent = descend(Changes(near, effect), begin, hopeless, patience, near=True)
         if descent is None or not descent.flown:
             return None
         return summarise(effect, descent, self.chi2_tuned, self.tested ** len(effects))
+
+
+def _one(effects: tuple[Effect, ...]) -> Effect:
+    """Return several effects put together as one, or the only one itself."""
+    return together(*effects) if len(effects) > 1 else effects[0]

@@ -289,7 +289,7 @@ def _kinds() -> dict[str, Kind]:
         ),
         "servo of three stages": kind(
             "other",
-            "second_order_actuator actuator_lag",
+            "delayed_servo second_order_actuator actuator_lag",
             _between(lag_rad_s=(25.0, 50.0)),
             servo(lambda s, a: servos.stages(s["lag_rad_s"], 3)),
         ),

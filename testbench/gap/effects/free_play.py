@@ -3,59 +3,56 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.gap.effects.base import Effect, Parameter, Values
 from testbench.gap.effects.reroute import moving, prop, value
-from testbench.gap.effects.servo import LAG, POSITION, behind_servo, column_of, declared
+from testbench.gap.effects.servo import LAG, POSITION, BehindServo, behind_servo, column_of, declared
 from testbench.record import FloatArray
 from testbench.sensors import SensorSuite
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Put a play of the given width between servo and surface; in the middle of it at trim."""
-    half = 0.5 * values["width_rad"]
-    last = prop("gap/free-play")
-    low, high = (f"<sum> {prop(POSITION)} {value(s * half)} </sum>" for s in (-1.0, 1.0))
-    body = moving(f"<min> <max> {last} {low} </max> {high} </min>", prop(POSITION))
     text = f"elevator linkage with a play of {values['width_rad']:.3g} rad"
-    return aircraft.amended(Amendment("free_play", text, (behind_servo("free-play", body),))), suite
+    edit = within_play("free-play", prop("gap/free-play"), values["width_rad"])
+    return aircraft.amended(Amendment("free_play", text, (edit,))), suite
 
 
 def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, values: Values) -> FloatArray:
     """Return commands that take the servo without play where the commands ``u`` (n, m) take the surface behind it."""
-    column = column_of(names)
-    if column is None:
-        return u
-    half = 0.5 * values["width_rad"]
-
-    def behind(servo: FloatArray) -> FloatArray:
-        y, surface = float(servo[0]), []
-        for x in servo[1:].tolist():
-            y = min(max(y, x - half), x + half)
-            surface.append(y)
-        return np.array(surface)
-
-    return before_servo(u, column, dt_s, aircraft, behind)
+    return before_play(names, u, dt_s, aircraft, values["width_rad"], 0.0)
 
 
-def before_servo(
-    u: FloatArray, column: int, dt_s: float, aircraft: Aircraft, behind: Callable[[FloatArray], FloatArray]
+def within_play(label: str, drawn: str, width_rad: float) -> BehindServo:
+    """Return the edit that lets the surface stand where ``drawn`` (XML) says, within a play about the servo."""
+    low, high = (f"<sum> {prop(POSITION)} {value(s * 0.5 * width_rad)} </sum>" for s in (-1.0, 1.0))
+    return behind_servo(label, moving(f"<min> <max> {drawn} {low} </max> {high} </min>", prop(POSITION)))
+
+
+def before_play(
+    names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, width_rad: float, creep_1_s: float
 ) -> FloatArray:
-    """Return commands that take the servo where the commands ``u`` (n, m) take a surface behind it.
+    """Return commands that take the servo where the commands ``u`` (n, m) take a surface with a play of its own.
 
-    ``behind`` is the surface (n,) after the positions (n + 1,) of the servo, the first of them at rest.
+    The surface creeps to the middle of the play, where the servo stands, at the rate ``creep_1_s``.
     """
     from scipy.signal import lfilter
 
+    column = column_of(names)
+    if column is None:
+        return u
+    half, step = 0.5 * width_rad, -math.expm1(-creep_1_s * dt_s)
     start, whole = float(u[0, column]), math.exp(-declared(aircraft, LAG) * dt_s)
     servo = np.asarray(lfilter([1.0 - whole], [1.0, -whole], u[:, column] - start)) + start
-    d = np.concatenate([[start], behind(np.concatenate([[start], servo]))])
-    out = u.copy()
-    out[:, column] = (d[1:] - whole * d[:-1]) / (1.0 - whole)
+    d = [start]
+    for x in servo.tolist():
+        d.append(min(max(d[-1] + step * (x - d[-1]), x - half), x + half))
+    surface, out = np.array(d), u.copy()
+    out[:, column] = (surface[1:] - whole * surface[:-1]) / (1.0 - whole)
     return out
 
 
