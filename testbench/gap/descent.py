@@ -49,7 +49,7 @@ def descend(
     Args:
         changes: what the effect changes, from the point that the descent begins at.
         start: parameters (p,) to begin with.
-        hopeless: chi-square that a descent must promise to get below.
+        hopeless: chi-square that a descent must promise to get below, this round or with one more like the last.
         patience: rounds before that is asked.
         near: the start is thought to be near the best fit: the first point flown is the start itself, if that is better
             than the point without the effect.
@@ -63,7 +63,7 @@ def descend(
     known = np.zeros_like(here.exact)  # the change at the point flown last; the first one is the base itself
     curved = effect.flown and changes.model(start).aircraft.amendments != here.model.aircraft.amendments
     best: Descent | None = None
-    x, chi2_here, idle, begun = start, np.inf, 0, False
+    x, chi2_here, idle, begun, promised = start, np.inf, 0, False, np.inf
     if near:
         there, change = here.moved(changes.model(start), here.factors), changes.at(start)
         if there is not None and change is not None and there.chi2 < here.chi2:
@@ -86,13 +86,14 @@ def descend(
             max_nfev=4 if curved and begun else 8,
             callback=_GiveUp(hopeless) if k >= patience else None,
         )
-        promised, x_new = 2.0 * float(found.cost), np.clip(objective.unscaled(found.x), low, high)
+        fallen, promised = promised - 2.0 * float(found.cost), 2.0 * float(found.cost)
+        x_new = np.clip(objective.unscaled(found.x), low, high)
         change, jacobian = changes.at(x_new), found.jac / scale
         if change is None:
             break
         asked = here.tuned(here.exact + change - known)[1]
         factors = here.towards(asked)
-        if promised > hopeless and k >= patience:
+        if promised > hopeless and k >= patience and (k == 0 or fallen < promised - hopeless):
             if best is not None:
                 return replace(best, settled=False)
             within = within_priors(replace(here, factors=factors))

@@ -30,8 +30,8 @@ FOLLOWED_FAR = 0.1  # of effects with several parameters, of which screening tri
 PROMISING = 5.0  # nor are effects that promise a smaller gain than this, a third of any threshold; but
 AT_LEAST = 3  # this many always are
 FROM_BELIEVED = 6  # so many of them,
-GIVEN_UP = 0.3  # what was given up with a promise of this share of the best gain is fitted once more,
-PATIENCE = 2  # and descents from there are given two rounds to settle before they may be called hopeless
+PATIENCE = 2  # and descents from there are given two rounds to settle before they may be called hopeless,
+PATIENCE_BESIDE_NOISE = 1  # or one if another effect leaves noise only
 MANY = 4  # more names than these are no answer
 
 
@@ -180,7 +180,7 @@ def _fit_promising(
             if one.effect.generalises(best.effect):
                 rejected[name] = f"{best.effect.title}, a special case of it, leaves noise only"
                 continue
-            patience, hopeless = 0, HOPELESS_BESIDE_NOISE
+            patience, hopeless = PATIENCE_BESIDE_NOISE, HOPELESS_BESIDE_NOISE
         say(f"fit {one.effect.title}")
         found = fit(one, tuned.chi2, best_gain, tested, patience, hopeless)
         if found is not None and (name not in fits or found.chi2 < fits[name].chi2):
@@ -188,7 +188,6 @@ def _fit_promising(
         elif name not in fits:
             rejected[name] = "nothing on the way to its best fit flies the measured commands"
     _refit_special_cases(tuned if start is None else start, tuned.chi2, screened, tested, fits, say)
-    _refit_given_up(tuned, screened, tested, fits, say)
     most = max((f.gain for f in fits.values()), default=0.0)
     for one in screened:
         if one.seen and one.effect.name not in fits.keys() | rejected.keys():
@@ -225,34 +224,6 @@ def _refit_special_cases(
             found = fit(flown_best(near, screen(near, one.effect)), chi2_tuned, 0.0, tested, MAX_ROUNDS, near=True)
             if found is not None and (name not in fits or found.chi2 < fits[name].chi2):
                 fits[name] = found
-
-
-def _refit_given_up(
-    tuned: Local,
-    screened: Sequence[Screened],
-    tested: int,
-    fits: dict[str, EffectFit],
-    say: Callable[[str], None],
-) -> None:
-    """Fit effects that were given up anew, beside the coefficients of the best fit; replaces what ``fits`` has of them.
-
-    What they promised was told by linear differences from coefficients that the missing effect has pulled away. A
-    rival's coefficients are near the true ones if it nearly is the truth, and a true effect does its work beside them.
-    """
-    best = min(fits.values(), key=lambda f: f.chi2, default=None)
-    if best is None or not best.flown:
-        return
-    near = None
-    for one in screened:
-        name = one.effect.name
-        if name not in fits or fits[name].settled or fits[name].gain < GIVEN_UP * best.gain:
-            continue
-        near = near or tuned.moved(tuned.model, np.array([best.tuning[n] for n in tuned.priors])) or tuned
-        say(f"fit {one.effect.title} beside the coefficients of {best.effect.title}")
-        again = screen(near.afresh(False), one.effect)
-        found = fit(again, tuned.chi2, best.gain, tested, PATIENCE) if again.seen else None
-        if found is not None and found.flown and found.chi2 < fits[name].chi2:
-            fits[name] = found
 
 
 def _ranked(fits: Sequence[EffectFit], samples: int) -> tuple[EffectFit, ...]:

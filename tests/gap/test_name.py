@@ -105,6 +105,15 @@ def test_the_special_case_of_what_fits_best_is_fitted_to_its_end():
     assert naming.best.values["limit_rad_s"] == pytest.approx(0.16, rel=0.02)
 
 
+def test_an_effect_that_comes_nearer_round_by_round_is_not_given_up():
+    """A structural mode does nearly what an elevator that loses effectiveness with speed does, and was named for it."""
+    factors = {"CL_alpha": 1.073, "CD": 1.127, "Cm_alpha": 0.992, "Cm_q": 1.266, "Cm_de": 0.906}
+    plan = replace(KINDS["effectiveness with speed"].plan({"k": -0.4}, "taurus"), factors=factors)
+    naming = named(plan, ("elevator_mode", "speed_effectiveness"), flown="rich")
+    assert naming.names == ("speed_effectiveness",), naming.sentence
+    assert naming.best.values["k"] == pytest.approx(-0.4, abs=4.0 * naming.best.errors["k"])  # false alarm 6e-5
+
+
 def test_a_parameter_that_came_to_its_bound_leaves_it_again():
     """The first round takes the filter's lag to zero, where the effect no longer feels it; the truth has 0.08 s."""
     factors = {"CL_alpha": 1.018, "CD": 1.122, "Cm_alpha": 0.931, "Cm_q": 0.869, "Cm_de": 0.8}
