@@ -106,17 +106,29 @@ class Local:
 
     @cached_property
     def tangents(self) -> FloatArray:
-        """Return d residuals / d factors, (samples, k): ``slopes``, or central differences of linear predictions."""
+        """Return d residuals / d factors, (samples, k): ``slopes``, or central differences of linear predictions.
+
+        Where the model has no trim on one side, the difference is that to the other one; where it has none on either, a
+        factor has no tangent (0) and stays where it is.
+        """
         if self.slopes is not None:
             return self.slopes
         columns = []
-        for i in range(self.factors.size):
-            step = _TUNING_STEP * np.eye(self.factors.size)[i]
-            up, down = (
-                _linear(self.model.with_tuning(self.named(self.factors + s * step)), self.records) for s in (1.0, -1.0)
-            )
-            columns.append((down - up) / (2.0 * _TUNING_STEP))
+        for step in _TUNING_STEP * np.eye(self.factors.size):
+            up, down = self._beside(step), self._beside(-step)
+            if up is None and down is None:
+                columns.append(np.zeros_like(self.exact))
+                continue
+            width = _TUNING_STEP * (2.0 if up is not None and down is not None else 1.0)
+            columns.append(((self.linear if down is None else down) - (self.linear if up is None else up)) / width)
         return np.column_stack(columns)
+
+    def _beside(self, step: FloatArray) -> FloatArray | None:
+        """Return the linear prediction (samples,) a step (k,) of the factors away; None if there is no trim there."""
+        try:
+            return _linear(self.model.with_tuning(self.named(self.factors + step)), self.records)
+        except _NOT_FLOWN:
+            return None
 
     def afresh(self, flown: bool) -> Local:
         """Return the point with tangents of its own: of linear predictions, or ``flown``, at several times the cost."""
