@@ -31,9 +31,9 @@ def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, 
         return u
     half, lag = values["half_width_rad"], declared(aircraft, LAG)
 
-    def move(d: float, c: float, step: float) -> float:
+    def move(d: float, c: float, time_s: float) -> float:
         error = c - d
-        return d - math.expm1(-lag * step) * (error - max(-half, min(half, error)))
+        return d - math.expm1(-lag * time_s) * (error - max(-half, min(half, error)))
 
     return through_servo(u, column, dt_s, lag, move)
 

@@ -31,8 +31,12 @@ def limited(names: Sequence[str], u: FloatArray, dt_s: float, lag: float, down: 
     if column is None:
         return u
 
-    def move(d: float, c: float, step: float) -> float:
-        return d + max(-up * step, min(down * step, -math.expm1(-lag * step) * (c - d)))
+    def move(d: float, c: float, time_s: float) -> float:
+        error = c - d
+        limit = down if error > 0.0 else up
+        slewing = min(max(abs(error) / limit - 1.0 / lag, 0.0), time_s)  # s until the lag asks for less than the limit
+        d += math.copysign(limit * slewing, error)
+        return d if slewing == time_s else c - math.exp(-lag * (time_s - slewing)) * (c - d)
 
     return through_servo(u, column, dt_s, lag, move)
 
@@ -45,7 +49,7 @@ EFFECT = Effect(
         "The servo turns no faster than a limit that lies below what the model believes. "
         "Small or slow commands arrive unchanged, large fast ones are flattened into ramps and arrive late."
     ),
-    parameters=(Parameter("limit_rad_s", "rad/s", 0.02, 10.0, (1.5, 0.4)),),
+    parameters=(Parameter("limit_rad_s", "rad/s", 0.02, 10.0, (1.5, 0.5, 0.15)),),
     amend=amend,
     mistaken_for="a slower servo or a delay if all inputs are of one size; nothing at all if no command is fast enough",
     separated_by="two amplitudes of the same input: a lag and a delay scale with it, a rate limit does not",

@@ -7,6 +7,8 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from testbench.aircraft import Aircraft, Insert
 from testbench.errors import ModelError
 from testbench.gap.effects.reroute import component
@@ -15,7 +17,6 @@ from testbench.record import FloatArray
 POSITION = "fcs/elevator-pos-rad"
 LAG = "fcs/elevator-lag-rad_sec"
 LIMIT = "fcs/elevator-rate-limit-rad_sec"
-_SUBSTEP_S = 0.005
 
 
 def declared(aircraft: Aircraft, name: str) -> float:
@@ -36,19 +37,14 @@ def through_servo(
 ) -> FloatArray:
     """Return commands that take a first-order servo of corner ``lag`` where ``u`` (n, m) takes another device.
 
-    ``move(position, command, step)`` is the device's position ``step`` s later. A command held over one sample moves
-    the servo by d+ = a d + (1 - a) c with a = exp(-lag dt), hence c = (d+ - a d) / (1 - a).
+    ``move(position, command, time)`` is the device's position ``time`` s later under a command that is held. A command
+    held over one sample moves the servo by d+ = a d + (1 - a) c with a = exp(-lag dt), hence c = (d+ - a d) / (1 - a).
     """
-    parts = max(1, round(dt_s / _SUBSTEP_S))
-    step, whole = dt_s / parts, math.exp(-lag * dt_s)
-    d, shaped = float(u[0, column]), []
+    d = [float(u[0, column])]
     for c in u[:, column].tolist():
-        before = d
-        for _ in range(parts):
-            d = move(d, c, step)
-        shaped.append((d - whole * before) / (1.0 - whole))
-    out = u.copy()
-    out[:, column] = shaped
+        d.append(move(d[-1], c, dt_s))
+    position, whole, out = np.array(d), math.exp(-lag * dt_s), u.copy()
+    out[:, column] = (position[1:] - whole * position[:-1]) / (1.0 - whole)
     return out
 
 
