@@ -1,6 +1,6 @@
 """Aircraft folders read into frozen objects, their elastic modes, and changes to them."""
 
-from testbench.aircraft.amend import Amendment, Insert, ScaleCoefficient, SetProperty, SetText
+from testbench.aircraft.amend import Amendment, Insert, Memory, ScaleCoefficient, SetProperty, SetText
 from testbench.aircraft.elastic import ElasticMode, ElasticModel
 from testbench.aircraft.model import Aircraft, Control, load_aircraft
 
@@ -11,6 +11,7 @@ __all__ = [
     "ElasticMode",
     "ElasticModel",
     "Insert",
+    "Memory",
     "ScaleCoefficient",
     "SetProperty",
     "SetText",

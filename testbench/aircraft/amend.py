@@ -77,13 +77,38 @@ Change = SetProperty | SetText | Insert | ScaleCoefficient
 
 
 @dataclass(frozen=True)
+class Memory:
+    """A property that follows another with a first-order lag, a state that is not among JSBSim's own.
+
+    While time stands still it does not move by itself. Linearisations then need to be told that it will.
+
+    Attributes:
+        name: of the state.
+        follows: property that holds what is followed while time stands still.
+        start: property that sets the state while time stands still; 0 before.
+        rate_rad_s: one over the time constant.
+        settles: True if it is then at what it follows, plus ``start``; False if it is ``start`` alone.
+    """
+
+    name: str
+    follows: str
+    start: str
+    rate_rad_s: float
+    settles: bool = False
+
+
+@dataclass(frozen=True)
 class Amendment:
-    """A change with a name: edits of the XML and, possibly, further elastic modes."""
+    """A change with a name: edits of the XML and, possibly, further elastic modes.
+
+    ``memories`` are the states that the edits bring with them.
+    """
 
     name: str
     description: str
     changes: tuple[Change, ...] = ()
     modes: tuple[ElasticMode, ...] = ()
+    memories: tuple[Memory, ...] = ()
 
     def apply(self, tree: ET.Element) -> None:
         """Apply the edits of the XML to ``tree`` in place."""

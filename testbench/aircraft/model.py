@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from testbench.aircraft.airframe import WingStation
-from testbench.aircraft.amend import Amendment
+from testbench.aircraft.amend import Amendment, Memory
 from testbench.aircraft.elastic import ElasticMode, ElasticModel, WingShape, add_modes
 from testbench.aircraft.outline import Outline
 from testbench.constants import DEG_RAD, FT_M, LBF_N, SLUG_KG
@@ -102,6 +102,11 @@ class Aircraft:
     def amended(self, *amendments: Amendment) -> Aircraft:
         """Return the aircraft with further changes; they are applied when the model is written."""
         return replace(self, amendments=(*self.amendments, *amendments))
+
+    @property
+    def memories(self) -> tuple[Memory, ...]:
+        """States that amendments bring with them, elastic modes left out."""
+        return tuple(m for a in self.amendments for m in a.memories)
 
     def model_xml(self, rate_hz: float, qbar_Pa: float, V_m_s: float) -> str:
         """Return the complete JSBSim model for one frame rate and design condition, as text for people.

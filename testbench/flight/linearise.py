@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.aircraft import Aircraft
+from testbench.aircraft import Aircraft, Memory
 from testbench.aircraft.airframe import station_rows
 from testbench.channels import CONTROLS
 from testbench.constants import FT_M
@@ -32,6 +32,9 @@ _DERIVATIVES = (
 )
 _FOURTH_ORDER = {-2: 1.0 / 12.0, -1: -8.0 / 12.0, 1: 8.0 / 12.0, 2: -1.0 / 12.0}  # weights of central differences
 _SECOND_ORDER = {-1: -0.5, 1: 0.5}
+_SERVO = "servo_"  # before the name of a control: the state of its servo
+_STUCK = 1e-6  # deflection per command below which a control does not turn
+_NO_FEEDBACK = 1e-9  # deflection per unit of a state, less than differences of one number with itself leave
 _SERVOS = {"de": "elevator", "da": "aileron", "dr": "rudder"}
 
 
@@ -96,17 +99,30 @@ def _index(name: str, names: Sequence[str]) -> int:
 def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
     """Return the linear model about trim by fourth-order central differences of JSBSim's own equations.
 
-    States: body velocities, rates, phi, theta, h, and eta and etadot of every mode. Inputs: the deflections de, da, dr
-    and thr, and the commands de_cmd, da_cmd, dr_cmd, which pass through the servo lags first (three further states).
-    Outputs: every channel of the simulator, and those of the wing stations.
+    States: body velocities, rates, phi, theta, h, eta and etadot of every mode, and those that amendments bring with
+    them. Inputs: the deflections de, da, dr and thr, and the commands de_cmd, da_cmd, dr_cmd, which pass through the
+    servo lags first (three further states, which what is fed back to a command passes through, too). Outputs: every
+    channel of the simulator, and those of the wing stations.
     """
     point = _Point.of(aircraft, trimmed)
     at = {n: trimmed.state[n] for n in point.states} | dict(trimmed.controls)
-    slopes = point.slopes(at, (*point.states, *point.inputs), _FOURTH_ORDER)
-    n = len(point.states)
-    A, B, C, D = slopes[:n, :n], slopes[:n, n:], slopes[n:, :n], slopes[n:, n:]
-    servos = {u: point.fdm.get(f"fcs/{_SERVOS[u]}-lag-rad_sec") for u in point.inputs if u in _SERVOS}
-    return _with_servos(LinearModel(A, B, C, D, point.states, point.inputs, point.outputs), servos)
+    servos = point.servos
+    memories = tuple(m.name for m in point.memories)
+    slopes = point.slopes(at, (*point.states, *memories, *servos, *point.inputs), _FOURTH_ORDER)
+    n, own = len(point.states), len(point.states) + len(memories) + len(servos)
+    A, C = point.joined(slopes[:n, :own], slopes[n:, :own], servos)
+    B, D = np.zeros((own, len(point.inputs) + len(servos))), slopes[n:, own:][: len(point.outputs)]
+    B[:n, : len(point.inputs)] = slopes[:n, own:]
+    B[own - len(servos) :, len(point.inputs) :] = np.diag([point.servo_rate(u) for u in servos])
+    return LinearModel(
+        A,
+        B,
+        C,
+        np.hstack([D, np.zeros((len(D), len(servos)))]),
+        (*point.states, *memories, *(f"{_SERVO}{u}" for u in servos)),
+        (*point.inputs, *(f"{u}_cmd" for u in servos)),
+        point.outputs,
+    )
 
 
 def linearise_along(
@@ -118,30 +134,42 @@ def linearise_along(
         aircraft: the aircraft that flew.
         trimmed: where it began.
         flown: truth of the flight with every channel, n samples.
-        states: those wanted, k of them; the others follow the flight.
+        states: those wanted, k of them, as :func:`linearise` names and orders them; the others follow the flight. A
+            feedback to a servo that is not wanted acts at once.
 
     Returns A (n, k, k), C (n, p, k), and the names of the p outputs: those of :func:`linearise`.
     """
     point = _Point.of(aircraft, trimmed)
     names = (*point.states, *point.inputs)
-    n = len(point.states)
-    rows = [*(_index(s, point.states) for s in states), *range(n, n + len(point.outputs))]
-    slopes = np.empty((len(flown), len(rows), len(states)))
+    n, brought = len(point.states), [m.name for m in point.memories]
+    servos = [s.removeprefix(_SERVO) for s in states if s.startswith(_SERVO)]
+    wanted = [s for s in states if not s.startswith(_SERVO)]
+    moving = [_index(s, point.states) for s in wanted if s not in brought]
+    if len(wanted) - len(moving) not in (0, len(brought)):
+        raise ChannelError(f"states of amendments must be wanted all or none, got {wanted} of {brought}")
+    variables = (*wanted, *servos)
+    rows = [*moving, *range(n, n + len(point.outputs) + len(brought))]
+    slopes = np.empty((len(flown), len(rows), len(variables)))
     for k, values in enumerate(flown.columns(names)):
         at = dict(zip(names, values.tolist(), strict=True))
-        slopes[k] = point.slopes(at, states, _SECOND_ORDER)[rows]
-    return slopes[:, : len(states)], slopes[:, len(states) :], point.outputs
+        slopes[k] = point.slopes(at, variables, _SECOND_ORDER)[rows]
+    A, C = point.joined(slopes[:, : len(moving)], slopes[:, len(moving) :], servos)
+    return A, C, point.outputs
 
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """JSBSim ready to be evaluated wherever it is put; ``stations`` weight its channels for the wing stations."""
+    """JSBSim ready to be evaluated wherever it is put; ``stations`` weight its channels for the wing stations.
+
+    ``memories`` are the states that amendments bring with them.
+    """
 
     fdm: Executive
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     stations: FloatArray
+    memories: tuple[Memory, ...]
 
     @classmethod
     def of(cls, aircraft: Aircraft, trimmed: TrimmedFlight) -> _Point:
@@ -153,64 +181,91 @@ class _Point:
         names, rows = station_rows(aircraft.flown_stations(), aircraft.flown_modes())
         weights = np.array([[row.get(c, 0.0) for c in fdm.channels] for row in rows])
         inputs = tuple(n for n in CONTROLS if n in aircraft.controls)
-        return cls(fdm, states, inputs, (*fdm.channels, *names), weights.reshape(len(rows), len(fdm.channels)))
+        stations = weights.reshape(len(rows), len(fdm.channels))
+        return cls(fdm, states, inputs, (*fdm.channels, *names), stations, aircraft.memories)
+
+    @property
+    def servos(self) -> tuple[str, ...]:
+        """Inputs that pass through a servo."""
+        return tuple(u for u in self.inputs if u in _SERVOS)
+
+    def servo_rate(self, control: str) -> float:
+        """Return the corner frequency of a servo, rad/s."""
+        return self.fdm.get(f"fcs/{_SERVOS[control]}-lag-rad_sec")
 
     def slopes(self, at: Mapping[str, float], names: Sequence[str], weights: Mapping[int, float]) -> FloatArray:
-        """Return the derivatives of all state derivatives and all outputs, in this order, by the named variables.
+        """Return the derivatives of all state derivatives, all outputs and all that is followed, in this order.
 
         Args:
-            at: value of every state and input.
+            at: value of every state and input; states that amendments bring with them are at rest if not given.
             names: k of them.
             weights: multiple of a variable's step -> weight of the value there in the derivative times the step.
 
-        Returns (states + outputs, k).
+        Returns (states + outputs + memories, k).
         """
         columns = []
         for name in names:
             step = _step(name)
-            values = (
-                w * _derivatives(self.fdm, {**at, name: at[name] + k * step}, self.states) for k, w in weights.items()
-            )
+            values = (w * self._derivatives({**at, name: at.get(name, 0.0) + k * step}) for k, w in weights.items())
             columns.append(sum(values) / step)
         slopes = np.column_stack(columns)
-        return np.vstack([slopes, self.stations @ slopes[len(self.states) :]])
+        first, last = len(self.states), len(slopes) - len(self.memories)
+        return np.vstack([slopes[:last], self.stations @ slopes[first:last], slopes[last:]])
+
+    def joined(self, moving: FloatArray, shown: FloatArray, servos: Sequence[str]) -> tuple[FloatArray, FloatArray]:
+        """Return A (..., k, k) and C (..., outputs, k) of states, memories and servos from slopes by them.
+
+        While time stands still a servo is where its command is, and what is fed back to the command moves it at once,
+        z = K x. In flight it comes behind the servo's lag: ż = rate (K x - z).
+
+        Args:
+            moving: (..., states, k) of the state derivatives.
+            shown: (..., outputs + memories, k) of the outputs and of what the memories follow.
+            servos: the last of the k.
+        """
+        n, p, size = moving.shape[-2], len(self.outputs), moving.shape[-1]
+        first = size - len(servos)
+        memories = self.memories if n < first else ()
+        followed = shown[..., p : p + len(memories), :n]
+        settled = [i for i, memory in enumerate(memories) if memory.settles]
+        moving, shown = moving.copy(), shown[..., :p, :].copy()
+        for slopes in (moving, shown):  # by a state alone, what follows it held
+            slopes[..., :n] -= slopes[..., [n + i for i in settled]] @ followed[..., settled, :]
+        K = np.zeros((*moving.shape[:-2], len(servos), size))
+        for i, u in enumerate(servos):
+            reached = shown[..., self.outputs.index(u), :]
+            direct = reached[..., first + i]
+            turns = np.abs(direct) > _STUCK
+            fed = reached[..., :first] / np.where(turns, direct, 1.0)[..., None]
+            K[..., i, :first] = np.where(turns[..., None] & (np.abs(fed) > _NO_FEEDBACK), fed, 0.0)
+        A = np.zeros((*moving.shape[:-2], size, size))
+        A[..., :n, :] = moving - moving[..., first:] @ K
+        for i, memory in enumerate(memories):
+            A[..., n + i, :n] = memory.rate_rad_s * followed[..., i, :]
+            A[..., n + i, n + i] = -memory.rate_rad_s
+        for i, u in enumerate(servos):
+            A[..., first + i, :] = self.servo_rate(u) * K[..., i, :]
+            A[..., first + i, first + i] = -self.servo_rate(u)
+        return A, shown - shown[..., first:] @ K
+
+    def _derivatives(self, at: Mapping[str, float]) -> FloatArray:
+        """Return the state derivatives, all channels and what the memories follow at one point."""
+        fdm = self.fdm
+        fdm.command({n: at[n] for n in CONTROLS if n in fdm.command_nodes})
+        fdm.place(at["h"], at["theta"], at["phi"], (at["u"], at["v"], at["w"]), (at["p"], at["q"], at["r"]))
+        modes = range(1, fdm.mode_count + 1)
+        for i in modes:
+            fdm.set(f"modal/eta-{i}", at[f"eta_{i}"])
+            fdm.set(f"modal/etadot-{i}", at[f"etadot_{i}"])
+        for memory in self.memories:
+            fdm.set(memory.start, at.get(memory.name, 0.0))
+        fdm.evaluate()
+        rigid = [fdm.get(name) * factor for name, factor in _DERIVATIVES]
+        modal = [at[f"etadot_{i}"] for i in modes] + [fdm.get(f"modal/etaddot-{i}") for i in modes]
+        return np.array([*rigid, *modal, *fdm.read().values(), *(fdm.get(m.follows) for m in self.memories)])
 
 
 def _step(name: str) -> float:
     if name in _STEP:
         return _STEP[name]
     return 1e-2 if name.startswith("etadot") else 1e-3
-
-
-def _derivatives(fdm: Executive, at: Mapping[str, float], states: Sequence[str]) -> FloatArray:
-    """Return the state derivatives followed by all channels at one point."""
-    fdm.command({n: at[n] for n in CONTROLS if n in fdm.command_nodes})
-    fdm.place(at["h"], at["theta"], at["phi"], (at["u"], at["v"], at["w"]), (at["p"], at["q"], at["r"]))
-    modes = range(1, fdm.mode_count + 1)
-    for i in modes:
-        fdm.set(f"modal/eta-{i}", at[f"eta_{i}"])
-        fdm.set(f"modal/etadot-{i}", at[f"etadot_{i}"])
-    fdm.evaluate()
-    rigid = [fdm.get(name) * factor for name, factor in _DERIVATIVES]
-    modal = [at[f"etadot_{i}"] for i in modes] + [fdm.get(f"modal/etaddot-{i}") for i in modes]
-    return np.array([*rigid, *modal, *fdm.read().values()])
-
-
-def _with_servos(model: LinearModel, lags: Mapping[str, float]) -> LinearModel:
-    """Append first-order servos, one state each, driven by the commands."""
-    n, k = len(model.states), len(lags)
-    columns = [model.inputs.index(u) for u in lags]
-    lag = np.diag(list(lags.values()))
-    A = np.block([[model.A, model.B[:, columns]], [np.zeros((k, n)), -lag]])
-    B = np.block([[model.B, np.zeros((n, k))], [np.zeros((k, len(model.inputs))), lag]])
-    C = np.hstack([model.C, model.D[:, columns]])
-    D = np.hstack([model.D, np.zeros((len(model.outputs), k))])
-    return LinearModel(
-        A,
-        B,
-        C,
-        D,
-        (*model.states, *(f"servo_{u}" for u in lags)),
-        (*model.inputs, *(f"{u}_cmd" for u in lags)),
-        model.outputs,
-    )

@@ -69,13 +69,16 @@ class AirFound:
             "the quiet flight before the commands" if self.in_quiet else "the residual, more than any effect explains,"
         )
         return (
-            f"the air moved: {where} shows turbulence ({heard}), over all records of {self.rms_m_s:.2g} m/s rms; every "
+            f"the air moved: {where} shows turbulence ({heard}), of {self.rms_m_s:.2g} m/s rms; every "
             "test is made on residuals whitened by a Kalman filter of the believed aircraft in it"
         )
 
 
 def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
-    """Look for turbulence in the quiet flight before the first commands, and for how much of it in all the records.
+    """Look for turbulence in the quiet flight before the first commands.
+
+    How much of it there is is first taken from there, too: in the manoeuvres coefficients that are off and whatever is
+    missing add to it. :func:`listen_in_flight` and :func:`listen_again` measure it over all records.
 
     The test is a likelihood ratio of turbulence against none, for which the rms 0 is the edge of what may be: half a
     chi-square with one degree of freedom (Chernoff 1954). Trim errors and biases are free in both.
@@ -89,17 +92,36 @@ def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
     height = max(believed.condition.h_m, LOWEST_M)
     rms, gain = _likeliest(plain, quiet, height)
     threshold = float(chi2.isf(2.0 * FALSE_ALARM, 1))
-    heard = AirFound(gain > threshold, rms, height, gain, threshold, sum(r.duration_s for r, _ in quiet))
-    return measure(plain, records, heard) if heard.moves else replace(heard, rms_m_s=0.0)
+    moves = gain > threshold
+    return AirFound(moves, rms if moves else 0.0, height, gain, threshold, sum(r.duration_s for r, _ in quiet))
 
 
 def measure(model: Believed, records: Sequence[FlightRecord], heard: AirFound) -> AirFound:
-    """Return ``heard`` with the rms and height that make the residuals of ``model`` on ``records`` likeliest."""
+    """Return ``heard`` with the rms and height that make the residuals of ``model`` on ``records`` likeliest.
+
+    Rms and height stand for each other in short records; the height is left as it is unless another one is clearly
+    likelier.
+    """
     residuals = _plain_residuals(model, records)
-    heights = sorted({heard.height_m, *_HEIGHTS_M})
-    found = [(*_likeliest(model, residuals, h), h) for h in heights]
-    rms, _, height = max(found, key=lambda f: f[1])
+    found = [(*_likeliest(model, residuals, h), h) for h in (heard.height_m, *_HEIGHTS_M)]
+    best = max(found, key=lambda f: f[1])
+    rms, _, height = found[0] if best[1] - found[0][1] <= REFUTED else best
     return replace(heard, rms_m_s=rms, height_m=height)
+
+
+def listen_in_flight(tuned: Believed, records: Sequence[FlightRecord], heard: AirFound) -> AirFound:
+    """Return ``heard`` as all of the records have it, re-tuned coefficients in ``tuned``.
+
+    They tell more of the air than a few seconds of quiet flight, but a gap adds to what they tell: what the quiet
+    flight refutes is no air, and ``heard`` is left as it is.
+    """
+    found = measure(tuned, records, heard)
+    quiet = _quiet(replace(tuned, whiten=None), records)
+    costs = []
+    for air in (found, heard):
+        model = GustModel.at_trim(tuned, air.height_m, quiet[0][0].dt_s)
+        costs.append(_cost(tuned, model, quiet, air.rms_m_s))
+    return heard if costs[0] - costs[1] > REFUTED else found
 
 
 def listen_again(

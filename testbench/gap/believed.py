@@ -193,6 +193,11 @@ class Believed:
         by_channel = {s.channel: s.respond(truth)[::stride] for s in self._ideal_suite.sensors}
         return np.column_stack([by_channel[n] for n in self.outputs])
 
+    @property
+    def linear(self) -> LinearModel:
+        """The aircraft linearised about trim, all amendments in it."""
+        return _linearised(self._key)
+
     @cached_property
     def _linear(self) -> LinearModel:
         return _linearised(self._rest_key)

@@ -15,7 +15,7 @@ TOLD_APART = 2.0 * np.log(1.0 / FALSE_ALARM)  # gain by which one of two effects
 # sought from the believed values, too. An effect that strains it does not fit what is believed, and is not named.
 STRAINED = 0.01
 FORM = 5e-4  # no form is right to this share of what an effect gains: what gains no more beside it is no other effect
-LEFT = 0.005  # what noise exceeds with this probability is not taken for noise where an effect explains too little
+LEFT = 0.02  # what noise exceeds with this probability is not taken for noise where an effect explains too little
 
 
 def noise_floor(believed: Believed, samples: int) -> float:

@@ -20,7 +20,6 @@ from scipy.linalg import expm
 from scipy.signal import savgol_filter
 
 from testbench.estimators.trajectories import Trajectories
-from testbench.flight import linearise
 from testbench.gap.believed import Believed, commands, quiet_samples
 from testbench.record import FlightRecord, FloatArray
 
@@ -55,7 +54,7 @@ def equation_errors(believed: Believed, name: str, record: FlightRecord) -> Equa
     """
     if not {"V", "alpha", "q", "theta"} <= set(record.channels):
         return None
-    linear = linearise(believed.aircraft, believed.trimmed)
+    linear = believed.linear
     trim, quiet = believed.trimmed.state, quiet_samples(record)
     window = max(_FEWEST, 2 * (round(_WINDOW_S / record.dt_s) // 2) + 1)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from testbench.estimators.parametric.kalman.gain import sampled_noise
-from testbench.flight import linearise, linearise_along
+from testbench.flight import linearise_along
 from testbench.flight.air import scale_lengths, turbulence_rms
 from testbench.gap.believed import Believed
 from testbench.gap.gusts import INERTIAL
@@ -44,7 +44,7 @@ class GustModel:
     @classmethod
     def at_trim(cls, believed: Believed, height_m: float, dt_s: float) -> GustModel:
         """Put the believed aircraft, linear about trim, into Dryden turbulence of vertical rms 1 m/s."""
-        linear, names = linearise(believed.aircraft, believed.trimmed), _moving(believed)
+        linear, names = believed.linear, _moving(believed)
         i = [linear.states.index(s) for s in names]
         theta = np.array([believed.trimmed.theta])
         A, C = linear.A[np.ix_(i, i)][None], linear.C[:, i][None]
@@ -102,7 +102,12 @@ class GustModel:
 
 
 def _moving(believed: Believed) -> tuple[str, ...]:
-    """Return the states of the aircraft that turbulence moves and the outputs show."""
+    """Return the states of the aircraft that turbulence moves and the outputs show.
+
+    Servos are among them where something is fed back to their commands, which is so in some amended aircraft.
+    """
+    linear = believed.linear
+    fed = [i for i, s in enumerate(linear.states) if s.startswith("servo_") and np.count_nonzero(linear.A[i]) > 1]
     outputs, modes = set(believed.outputs), believed.aircraft.flown_modes()
     count = 0 if modes is None else len(modes)
     modal = [f"{kind}_{i + 1}" for kind in ("eta", "etadot") for i in range(count)]
@@ -111,6 +116,8 @@ def _moving(believed: Believed) -> tuple[str, ...]:
         *(("h",) if "h" in outputs else ()),
         *modal,
         *(("v", "p", "r", "phi") if _LATERAL & outputs else ()),
+        *(m.name for m in believed.aircraft.memories),
+        *(linear.states[i] for i in fed),
     )
 
 

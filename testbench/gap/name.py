@@ -124,8 +124,9 @@ def name_effect(
     if pairs:
         base = start if strained else tuned
         for found in several_at_once(base, tuned.chi2, screened, _ranked(fits, samples), samples, tested, say):
-            fits = [f for f in fits if f.effect.name != found.effect.name or (f.flown and f.chi2 < found.chi2)]
-            fits += [] if any(f.effect.name == found.effect.name for f in fits) else [found]
+            same = [f for f in fits if {e.name for e in f.effect.singles} == {e.name for e in found.effect.singles}]
+            if not any(f.flown and f.chi2 < found.chi2 for f in same):
+                fits = [f for f in fits if f not in same] + [found]
     ranking = _ranked(fits, samples)
     outcome, names, sentence = _decide(ranking, tuned.chi2, samples, floor)
     chi2_believed = float(start.exact @ start.exact)

@@ -140,9 +140,9 @@ class _Joint:
         rivals = [f for f in ranking if not f.effect.parts and f.effect.name not in taken]
         rivals = [f for f in rivals if f.gain > SWAPPED * lead.gain]
         # What alone was given up is known by its promise only, and beside the second effect it may keep it.
-        given_up = [f for f in rivals if not f.settled and len(f.values) == 1][:COMPANY]
+        given_up = [f for f in rivals if not f.flown and len(f.values) == 1][:COMPANY]
         found = []
-        for rival in [*[f for f in rivals if f.settled and f.flown][:COMPANY], *given_up]:
+        for rival in [*[f for f in rivals if f.flown][:COMPANY], *given_up]:
             effects = (rival.effect, second)
             if pair.chi2 <= self.noise and together(*effects).generalises(pair.effect):
                 continue

@@ -9,13 +9,15 @@ import numpy as np
 
 from testbench.constants import DEG_RAD, G0_M_S2, KT_M_S
 from testbench.errors import RecordError
-from testbench.gap.air import AirFound, in_air, listen, listen_again
+from testbench.gap.air import AirFound, in_air, listen, listen_again, listen_in_flight
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
 from testbench.gap.check import DataCheck, check_data
+from testbench.gap.descent import retune
 from testbench.gap.effects import Effect
 from testbench.gap.evidence import noise_limit
 from testbench.gap.fit import FALSE_ALARM
 from testbench.gap.forces import EquationErrors, equation_errors
+from testbench.gap.local import Local
 from testbench.gap.locate import RegionMap, ResidualMap, locate, locate_regions
 from testbench.gap.name import WEAK, Naming, name_effect
 from testbench.gap.plan import separate
@@ -266,7 +268,9 @@ def search(
     changed. What comes nearest at first is taken out; if the rms changes, or more than noise is left, the search is
     made once more, in the air beside it and along its flights.
     """
-    flown_in = in_air(believed, air)
+    if air.moves:
+        say("measure the air")
+    flown_in, air = in_measured_air(believed, records, air)
     naming = name_effect(flown_in, records, say, effects)
     if naming.noise_left and not air.moves:
         return flown_in, naming, air
@@ -281,6 +285,19 @@ def search(
         return flown_in, naming, air
     flown_in = in_air(believed, again, beside)
     return flown_in, name_effect(flown_in, records, say, effects), again
+
+
+def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: AirFound) -> tuple[Believed, AirFound]:
+    """Return the believed model in the air that was heard, measured over all records, and that air.
+
+    Turbulence works on the flights of the aircraft as it is, so that coefficients are re-tuned first.
+    """
+    if not air.moves:
+        return believed, air
+    heard = in_air(believed, air)
+    tuned = believed.with_tuning(retune(Local.at(heard, heard, tuple(records))).tuning)
+    air = listen_in_flight(tuned, records, air)
+    return in_air(believed, air, tuned), air
 
 
 def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:

@@ -21,6 +21,7 @@ from testbench.gap.gust_model import GustModel
 from testbench.gap.local import Local
 from testbench.gap.name import name_effect
 from testbench.gap.screening import screen
+from testbench.gap.workflow import in_measured_air
 
 RMS = 0.25
 
@@ -33,7 +34,7 @@ def believed():
 @pytest.fixture(scope="module")
 def turbulent(believed):
     records = measure(believed, 40, RMS)
-    return records, listen(believed, records)
+    return records, in_measured_air(believed, records, listen(believed, records))[1]
 
 
 def test_still_air_is_not_taken_for_turbulence_even_beside_a_gap(believed):
@@ -146,7 +147,7 @@ def test_curved_effects_do_not_stand_out_of_turbulence_alone(believed):
     )
     for seed in (200, 300, 400, 700):
         records = tuple(measure(believed, seed, RMS, large, 8.0))
-        found = listen(believed, records)
+        _, found = in_measured_air(believed, records, listen(believed, records))
         model = GustModel.at_trim(believed, found.height_m, records[0].dt_s)
         steady = [GustFilter.of(model, found.rms_m_s, r.valid[:, :5]) for r in records]
         by_length = {len(r): f.whiten for r, f in zip(records, steady, strict=True)}
@@ -199,6 +200,7 @@ def test_twelve_flights_without_an_effect_in_turbulence_give_no_name(believed):
     outcomes = []
     for seed in range(2000, 2120, 10):
         records = measure(believed, seed, RMS)
-        outcomes.append(name_effect(in_air(believed, listen(believed, records)), records).outcome)
+        moved, _ = in_measured_air(believed, records, listen(believed, records))
+        outcomes.append(name_effect(moved, records).outcome)
     assert {"named", "set"}.isdisjoint(outcomes)
     assert outcomes.count("unexplained") <= 1

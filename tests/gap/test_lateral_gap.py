@@ -17,7 +17,7 @@ from gap_flights import measure as measure_longitudinal
 import testbench.gap.plan as plan_module
 from testbench.aircraft import load_aircraft
 from testbench.flight import FlightCondition
-from testbench.gap.air import in_air, listen
+from testbench.gap.air import listen
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed, moves_laterally, nuisances
 from testbench.gap.case import run_gap
 from testbench.gap.check import check_data
@@ -31,7 +31,7 @@ from testbench.gap.name import Naming, name_effect
 from testbench.gap.plan import Grams, as_record, family
 from testbench.gap.records import load_flights
 from testbench.gap.screening import screen
-from testbench.gap.workflow import TOLERANCE, find_gap
+from testbench.gap.workflow import TOLERANCE, find_gap, in_measured_air
 from testbench.paths import SCENARIOS
 from testbench.record import FlightRecord
 from testbench.scenario import Doublet, Manoeuvre, StandardMultistep
@@ -301,8 +301,9 @@ def test_in_turbulence_nothing_lateral_is_named_and_a_slow_rudder_is():
     inputs = (RUDDER["eolo"].input[0], AILERON.input[0])
     slow = b.with_effect(EFFECTS["rudder_lag"], {"lag_rad_s": 5.0})
     nothing, late = (measure_longitudinal(truth, 31, 0.25, inputs, 10.0) for truth in (b, slow))
-    assert name_effect(in_air(b, listen(b, nothing)), nothing, effects=effects, pairs=False).outcome == "no gap"
-    naming = name_effect(in_air(b, listen(b, late)), late, effects=effects, pairs=False)
+    moved, by_late = (in_measured_air(b, records, listen(b, records))[0] for records in (nothing, late))
+    assert name_effect(moved, nothing, effects=effects, pairs=False).outcome == "no gap"
+    naming = name_effect(by_late, late, effects=effects, pairs=False)
     assert naming.names == ("rudder_lag",), naming.sentence
     best = naming.best
     assert abs(best.values["lag_rad_s"] - 5.0) < 4.0 * best.errors["lag_rad_s"]

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from testbench.aircraft import Insert
-from testbench.gap.effects.reroute import component, moving, product, prop, value
+import math
+
+from testbench.aircraft import Insert, Memory
+from testbench.gap.effects.reroute import component, corner, moving, product, prop, value
 
 ALPHA = "aero/alpha-rad"
 
@@ -30,16 +32,16 @@ def thrust_coefficient() -> str:
     return f"<quotient> {prop('propulsion/engine/thrust-lbs')} {below} </quotient>"
 
 
-def followed(label: str, term: str, time_s: float, rate_hz: float) -> tuple[Insert, Insert]:
-    """Return the edits that make ``gap/LABEL`` follow ``term`` with a first-order lag: its declaration and itself.
+def followed(label: str, term: str, time_s: float, rate_hz: float) -> tuple[tuple[Insert, ...], Memory]:
+    """Return the edits that make ``gap/LABEL`` follow ``term`` with a first-order lag, and the state that it is.
 
-    The value of the frame before is taken, one frame later than the aerodynamics of the same frame see it.
+    The value of the frame before is taken, one frame later than the aerodynamics of the same frame see it. While time
+    stands still it is ``term`` and ``gap/LABEL-ic``, with which a flight may begin away from rest.
     """
-    import math
-
     a = math.exp(-1.0 / (rate_hz * time_s)) if time_s > 0.0 else 0.0
-    name = f"gap/{label}"
-    body = moving(f"<sum> {product(value(a), prop(name))} {product(value(1.0 - a), term)} </sum>", term)
-    declaration = Insert("flight_control", f'<property value="0">{name}</property>', 0)
+    name, start = f"gap/{label}", f"gap/{label}-ic"
+    follow = f"<sum> {product(value(a), prop(name))} {product(value(1.0 - a), term)} </sum>"
+    body = moving(follow, f"<sum> {term} {prop(start)} </sum>")
+    declarations = (Insert("flight_control", f'<property value="0">{p}</property>', 0) for p in (name, start))
     channel = Insert("flight_control", f'<channel name="{name}-channel"> {component(name, body)} </channel>')
-    return declaration, channel
+    return (*declarations, channel), Memory(label, name, start, corner(time_s), settles=True)

@@ -11,9 +11,9 @@ from testbench.sensors import SensorSuite
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Add gain times filtered pitch rate, q / (1 + lag s), to what the elevator servo is told."""
     gain, lag = values["gain_s"], values["lag_s"]
-    edit = filtered_feedback(ELEVATOR, "filtered-pitch-damper", "velocities/q-rad_sec", gain, lag)
+    edit, state = filtered_feedback(ELEVATOR, "filtered-pitch-damper", "velocities/q-rad_sec", gain, lag)
     text = f"elevator fed back {gain:+.4g} rad per rad/s of pitch rate behind a filter of {lag:.3g} s"
-    return aircraft.amended(Amendment("filtered_pitch_damper", text, (edit,))), suite
+    return aircraft.amended(Amendment("filtered_pitch_damper", text, (edit,), memories=(state,))), suite
 
 
 EFFECT = Effect(

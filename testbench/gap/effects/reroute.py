@@ -6,12 +6,13 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from testbench.aircraft import Insert
+from testbench.aircraft import Insert, Memory
 from testbench.errors import ModelError
 
 ELEVATOR = "fcs/elevator-command-rad"
 RUDDER = "fcs/rudder-command-rad"
 THROTTLE = "fcs/throttle-cmd-norm"
+SHORTEST_S = 0.005  # lag that a linear model still tells from none
 _STANDS_STILL = "<gt> <property>simulation/dt</property> <value>0</value> </gt>"
 
 
@@ -74,8 +75,8 @@ def reroute(command: str, label: str, body: str, before: Sequence[tuple[str, str
     return Reroute(".", f"<c>{''.join(components)}</c>", None, command, f"gap/{label}", memory)
 
 
-def washed_feedback(command: str, label: str, rate: str, gain_s: float, washout_rad_s: float) -> Reroute:
-    """Return the edit that adds gain times washed-out ``rate``, s / (s + washout) of it, to ``command``.
+def washed_feedback(command: str, label: str, rate: str, gain_s: float, washout_rad_s: float) -> tuple[Reroute, Memory]:
+    """Return the edit that adds gain times washed-out ``rate``, s / (s + washout) of it, to ``command``, and its state.
 
     The slow part that is washed out is a first-order lag, exact for a rate held from frame to frame; while time stands
     still it keeps its value, zero in straight flight.
@@ -86,11 +87,12 @@ def washed_feedback(command: str, label: str, rate: str, gain_s: float, washout_
     fast = f"<difference> {prop(rate)} {prop(slow_name)} </difference>"
     slow = f"<sum> {prop(slow_name)} {product(share, fast)} </sum>"
     body = f"<sum> {prop(command)} {product(value(gain_s), fast)} </sum>"
-    return reroute(command, label, body, (("slow", slow),))
+    return reroute(command, label, body, (("slow", slow),)), Memory(slow_name, rate, slow_name, washout_rad_s)
 
 
-def filtered_feedback(command: str, label: str, rate: str, gain_s: float, lag_s: float) -> Reroute:
-    """Return the edit that adds gain times ``rate`` behind a first-order lag, rate / (1 + lag s), to ``command``.
+def filtered_feedback(command: str, label: str, rate: str, gain_s: float, lag_s: float) -> tuple[Reroute, Memory]:
+    """Return the edit that adds gain times ``rate`` behind a first-order lag, rate / (1 + lag s), to ``command``, and
+    its state.
 
     The lag is exact for a rate held from frame to frame; while time stands still it keeps its value, zero in straight
     flight. With a lag of 0 the rate itself is fed back.
@@ -100,7 +102,12 @@ def filtered_feedback(command: str, label: str, rate: str, gain_s: float, lag_s:
     share = f"<difference> <value>1</value> {past} </difference>"
     filtered = f"<sum> {prop(name)} {product(share, f'<difference> {prop(rate)} {prop(name)} </difference>')} </sum>"
     body = f"<sum> {prop(command)} {product(value(gain_s), prop(name))} </sum>"
-    return reroute(command, label, body, (("filtered", filtered),))
+    return reroute(command, label, body, (("filtered", filtered),)), Memory(name, rate, name, corner(lag_s))
+
+
+def corner(time_s: float) -> float:
+    """Return the corner frequency of a lag, rad/s; lags of no more than a few frames have one that is far off."""
+    return 1.0 / max(time_s, SHORTEST_S)
 
 
 def component(output: str, term: str) -> str:

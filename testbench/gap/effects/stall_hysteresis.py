@@ -13,10 +13,11 @@ from testbench.sensors import SensorSuite
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Let the separation point follow its static value with a lag."""
     X = attached(values["alpha_rad"], values["sharpness"])
-    state = followed("separation", X, values["time_s"], aircraft.rate_hz)
+    edits, separation = followed("separation", X, values["time_s"], aircraft.rate_hz)
     edit = force("LIFT", "stall-hysteresis", lost_lift(aircraft, prop("gap/separation")))
     text = f"flow separates about alpha = {values['alpha_rad']:.3g} rad, late by {values['time_s']:.2g} s"
-    return aircraft.amended(Amendment("stall_hysteresis", text, (*state, edit))), suite
+    amendment = Amendment("stall_hysteresis", text, (*edits, edit), memories=(separation,))
+    return aircraft.amended(amendment), suite
 
 
 EFFECT = Effect(

@@ -11,11 +11,11 @@ from testbench.sensors import SensorSuite
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Add Cm_wake (alpha lagged - alpha)."""
-    state = followed("wake", prop(ALPHA), values["time_s"], aircraft.rate_hz)
+    edits, wake = followed("wake", prop(ALPHA), values["time_s"], aircraft.rate_hz)
     late = f"<difference> {prop('gap/wake')} {prop(ALPHA)} </difference>"
     edit = pitching_moment("wake-lag", value(values["Cm_wake"]), late)
     text = f"downwash at the tail late by {values['time_s']:.3g} s"
-    return aircraft.amended(Amendment("wake_lag", text, (*state, edit))), suite
+    return aircraft.amended(Amendment("wake_lag", text, (*edits, edit), memories=(wake,))), suite
 
 
 EFFECT = Effect(

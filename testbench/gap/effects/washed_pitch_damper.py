@@ -11,9 +11,9 @@ from testbench.sensors import SensorSuite
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Add gain times washed-out pitch rate, s / (s + washout) q, to what the elevator servo is told."""
     gain, washout = values["gain_s"], values["washout_rad_s"]
-    edit = washed_feedback(ELEVATOR, "washed-pitch-damper", "velocities/q-rad_sec", gain, washout)
+    edit, state = washed_feedback(ELEVATOR, "washed-pitch-damper", "velocities/q-rad_sec", gain, washout)
     text = f"elevator fed back {gain:+.4g} rad per rad/s of pitch rate, washed out below {washout:.3g} rad/s"
-    return aircraft.amended(Amendment("washed_pitch_damper", text, (edit,))), suite
+    return aircraft.amended(Amendment("washed_pitch_damper", text, (edit,), memories=(state,))), suite
 
 
 EFFECT = Effect(

@@ -11,9 +11,9 @@ from testbench.sensors import SensorSuite
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Add gain times washed-out yaw rate, s / (s + washout) r, to what the rudder servo is told."""
     gain, washout = values["gain_s"], values["washout_rad_s"]
-    edit = washed_feedback(RUDDER, "yaw-damper", "velocities/r-rad_sec", gain, washout)
+    edit, state = washed_feedback(RUDDER, "yaw-damper", "velocities/r-rad_sec", gain, washout)
     text = f"rudder fed back {gain:+.4g} rad per rad/s of yaw rate, washed out below {washout:.3g} rad/s"
-    return aircraft.amended(Amendment("yaw_damper", text, (edit,))), suite
+    return aircraft.amended(Amendment("yaw_damper", text, (edit,), memories=(state,))), suite
 
 
 EFFECT = Effect(
