@@ -108,11 +108,12 @@ def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
     at = {n: trimmed.state[n] for n in point.states} | dict(trimmed.controls)
     servos = point.servos
     memories = tuple(m.name for m in point.memories)
-    slopes = point.slopes(at, (*point.states, *memories, *servos, *point.inputs), _FOURTH_ORDER)
-    n, own = len(point.states), len(point.states) + len(memories) + len(servos)
-    A, C = point.joined(slopes[:n, :own], slopes[n:, :own], servos)
-    B, D = np.zeros((own, len(point.inputs) + len(servos))), slopes[n:, own:][: len(point.outputs)]
-    B[:n, : len(point.inputs)] = slopes[:n, own:]
+    slopes = point.slopes(at, (*point.states, *memories, *point.inputs), _FOURTH_ORDER)
+    n, first = len(point.states), len(point.states) + len(memories)
+    own, columns = first + len(servos), [*range(first), *(first + point.inputs.index(u) for u in servos)]
+    A, C = point.joined(slopes[:n, columns], slopes[n:, columns], servos)
+    B, D = np.zeros((own, len(point.inputs) + len(servos))), slopes[n:, first:][: len(point.outputs)]
+    B[:n, : len(point.inputs)] = slopes[:n, first:]
     B[own - len(servos) :, len(point.inputs) :] = np.diag([point.servo_rate(u) for u in servos])
     return LinearModel(
         A,

@@ -27,6 +27,7 @@ _ACCELERATIONS = (
 _THROTTLE_STARTS = (0.3, 0.8)  # a propeller that gives no thrust at the first has no effect there to start from
 # Radii of curvature (m) of the WGS 84 ellipsoid at the equator, where flights start: along the meridian and across it.
 _RADIUS_NORTH, _RADIUS_EAST = 6335439.0, 6378137.0
+_KEPT = 0.3  # of the residual left by a step: with less the Jacobian is kept
 TOLERANCE = 1e-9  # m/s2 and rad/s2 left over; well above the rounding of JSBSim's forces
 
 
@@ -69,23 +70,34 @@ def trim(
 
 
 def _newton(fdm: Executive, condition: FlightCondition, throttle: float) -> tuple[FloatArray, bool]:
-    """Return the unknowns reached from ``throttle`` and whether every step on the way could be solved for."""
+    """Return the unknowns reached from ``throttle`` and whether every step on the way could be solved for.
+
+    A Jacobian costs twelve evaluations; it is kept for as long as each step takes most of the residual away.
+    """
     x = np.array([0.05, 0.0, 0.0, 0.0, 0.0, throttle])
     residual = _accelerations(fdm, condition, x)
-    for _ in range(25):
-        if np.max(np.abs(residual)) < TOLERANCE:
+    jacobian, before = None, np.inf
+    for _ in range(40):
+        left = float(np.max(np.abs(residual)))
+        if left < TOLERANCE:
             break
-        jacobian = np.empty((6, 6))
-        for j, step in enumerate(_STEPS):
-            d = np.zeros(6)
-            d[j] = step
-            up, down = (_accelerations(fdm, condition, x + sign * d) for sign in (1.0, -1.0))
-            jacobian[:, j] = (up - down) / (2.0 * step)
-        if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian) > 1e12:
-            return x, False
+        if jacobian is None or not left < _KEPT * before:
+            jacobian = _jacobian(fdm, condition, x)
+            if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian) > 1e12:
+                return x, False
+        before = left
         x = x - np.clip(np.linalg.solve(jacobian, residual), -0.3, 0.3)
         residual = _accelerations(fdm, condition, x)
     return x, True
+
+
+def _jacobian(fdm: Executive, condition: FlightCondition, x: FloatArray) -> FloatArray:
+    """Return d accelerations / d unknowns (6, 6) by central differences."""
+    columns = []
+    for step, d in zip(_STEPS, np.diag(_STEPS), strict=True):
+        up, down = (_accelerations(fdm, condition, x + sign * d) for sign in (1.0, -1.0))
+        columns.append((up - down) / (2.0 * step))
+    return np.column_stack(columns)
 
 
 def _theta(condition: FlightCondition, alpha: float) -> float:
