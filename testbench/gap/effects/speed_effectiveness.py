@@ -12,11 +12,15 @@ from testbench.sensors import SensorSuite
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Multiply the elevator's moment by 1 + k (V / V0 - 1), V0 the design speed."""
-    over = product(value(FT_M / aircraft.design_V_m_s), prop("velocities/vt-fps"))
+    """Multiply the elevator's moment by 1 + k s + curve s^2 with s = V / V0 - 1, V0 the design speed."""
+    over = excess(product(value(FT_M / aircraft.design_V_m_s), prop("velocities/vt-fps")), 1.0)
+    factor = f"<sum> {value(values['k'])} {product(value(values['curve']), over)} </sum>"
     moment = product(value(aircraft.coefficient("Cm_de")), prop(POSITION))
-    edit = pitching_moment("speed-effectiveness", value(values["k"]), excess(over, 1.0), moment)
-    text = f"elevator effectiveness changes by {values['k']:+.3g} times the relative change of speed"
+    edit = pitching_moment("speed-effectiveness", factor, over, moment)
+    text = (
+        f"elevator effectiveness changes by {values['k']:+.3g} times the relative change of speed, "
+        f"{values['curve']:+.3g} times its square"
+    )
     return aircraft.amended(Amendment("speed_effectiveness", text, (edit,))), suite
 
 
@@ -26,9 +30,12 @@ EFFECT = Effect(
     place="pitching moment",
     physics=(
         "Compressibility, Reynolds number or a tail that twists under load changes the elevator's effectiveness with "
-        "speed. Beside the dynamic pressure, its moment depends on speed once more."
+        "speed. Beside the dynamic pressure, its moment depends on speed once more, in a line that may be curved."
     ),
-    parameters=(Parameter("k", "1", -5.0, 5.0, (0.5, -0.5), none=0.0),),
+    parameters=(
+        Parameter("k", "1", -5.0, 5.0, (0.5, -0.5), none=0.0),
+        Parameter("curve", "1", -10.0, 10.0, (0.0,)),
+    ),
     amend=amend,
     mistaken_for="an error of Cm_de at one speed; slipstream, since thrust falls with speed",
     separated_by="the same elevator input at two speeds with the same throttle",

@@ -10,10 +10,11 @@ from testbench.sensors import SensorSuite
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Take away the lift that separation loses; see :func:`lost_lift`."""
-    edit = force("LIFT", "stall", lost_lift(aircraft, attached(values["alpha_rad"], values["sharpness"])))
-    text = f"flow separates about alpha = {values['alpha_rad']:.3g} rad"
-    return aircraft.amended(Amendment("stall", text, (edit,))), suite
+    """Take away the lift that separation loses, see :func:`lost_lift`, and add the drag that it brings."""
+    X = attached(values["alpha_rad"], values["sharpness"])
+    lift, drag = force("LIFT", "stall", lost_lift(aircraft, X)), force("DRAG", "stall-drag", won_drag(values["CD"], X))
+    text = f"flow separates about alpha = {values['alpha_rad']:.3g} rad, CD rises by {values['CD']:.3g} at most"
+    return aircraft.amended(Amendment("stall", text, (lift, drag))), suite
 
 
 def attached(alpha_rad: float, sharpness: float) -> str:
@@ -35,17 +36,23 @@ def lost_lift(aircraft: Aircraft, X: str) -> str:
     return product(value(aircraft.coefficient("CL_alpha")), prop(ALPHA), loss)
 
 
+def won_drag(CD: float, X: str) -> str:
+    """Return the XML of CD (1 - X), the drag of separated flow."""
+    return product(value(CD), f"<difference> {value(1.0)} {X} </difference>")
+
+
 EFFECT = Effect(
     name="stall",
     title="stall (separation point)",
     place="lift",
     physics=(
-        "Near the stall the flow separates from the trailing edge forward, and lift falls behind the straight line. "
-        "The point of separation is a function of alpha alone."
+        "Near the stall the flow separates from the trailing edge forward: lift falls behind the straight line, drag "
+        "rises. The point of separation is a function of alpha alone."
     ),
     parameters=(
         Parameter("alpha_rad", "rad", 0.03, 0.6, (0.14, 0.22)),
         Parameter("sharpness", "1/rad", 5.0, 80.0, (20.0,)),
+        Parameter("CD", "1", -0.2, 0.5, (0.0,)),
     ),
     amend=amend,
     mistaken_for="a curved lift line, or a lower CL_alpha, as long as alpha stays in a narrow band",

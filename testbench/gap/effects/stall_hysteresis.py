@@ -6,7 +6,7 @@ from testbench.aircraft import Aircraft, Amendment
 from testbench.gap.effects.aero import followed, force
 from testbench.gap.effects.base import Effect, Parameter, Values
 from testbench.gap.effects.reroute import prop
-from testbench.gap.effects.stall import attached, lost_lift
+from testbench.gap.effects.stall import attached, lost_lift, won_drag
 from testbench.sensors import SensorSuite
 
 
@@ -14,9 +14,10 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
     """Let the separation point follow its static value with a lag."""
     X = attached(values["alpha_rad"], values["sharpness"])
     edits, separation = followed("separation", X, values["time_s"], aircraft.rate_hz)
-    edit = force("LIFT", "stall-hysteresis", lost_lift(aircraft, prop("gap/separation")))
+    lift = force("LIFT", "stall-hysteresis", lost_lift(aircraft, prop("gap/separation")))
+    drag = force("DRAG", "stall-hysteresis-drag", won_drag(values["CD"], prop("gap/separation")))
     text = f"flow separates about alpha = {values['alpha_rad']:.3g} rad, late by {values['time_s']:.2g} s"
-    amendment = Amendment("stall_hysteresis", text, (*edits, edit), memories=(separation,))
+    amendment = Amendment("stall_hysteresis", text, (*edits, lift, drag), memories=(separation,))
     return aircraft.amended(amendment), suite
 
 
@@ -31,6 +32,7 @@ EFFECT = Effect(
     parameters=(
         Parameter("alpha_rad", "rad", 0.03, 0.6, (0.14, 0.22)),
         Parameter("sharpness", "1/rad", 5.0, 80.0, (20.0,)),
+        Parameter("CD", "1", -0.2, 0.5, (0.0,)),
         Parameter("time_s", "s", 0.0, 1.0, (0.1,)),
     ),
     amend=amend,
