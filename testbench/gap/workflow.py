@@ -9,7 +9,7 @@ import numpy as np
 
 from testbench.constants import DEG_RAD, G0_M_S2, KT_M_S
 from testbench.errors import RecordError
-from testbench.gap.air import AirFound, in_air, listen, listen_again, listen_in_flight
+from testbench.gap.air import AirFound, in_air, listen, listen_again, listen_in_flight, measure
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
 from testbench.gap.check import DataCheck, check_data
 from testbench.gap.descent import retune
@@ -19,7 +19,7 @@ from testbench.gap.fit import FALSE_ALARM
 from testbench.gap.forces import EquationErrors, equation_errors
 from testbench.gap.local import Local
 from testbench.gap.locate import RegionMap, ResidualMap, locate, locate_regions
-from testbench.gap.name import WEAK, Naming, name_effect
+from testbench.gap.name import ENOUGH_ALONE, WEAK, Naming, name_effect
 from testbench.gap.plan import separate
 from testbench.gap.verdict import FAR, WrongParameter, confirmed, largest_errors, off_parameters, wrong_parameters
 from testbench.record import FlightRecord, FloatArray
@@ -276,6 +276,8 @@ def search(
         return flown_in, naming, air
     say("listen to the air again")
     near = next((f for f in naming.ranking if f.significant and f.flown and f.gain > WEAK), None)
+    if air.moves and near is not None and near.share < ENOUGH_ALONE:
+        near = None  # what explains so little is not what is missing: what it would take out may be the air's
     tuned = believed.with_tuning(naming.tuning)
     beside = tuned if near is None else near.added_to(believed)
     gain = max((f.gain for f in naming.ranking), default=0.0)
@@ -283,6 +285,9 @@ def search(
     same = again.moves == air.moves and abs(again.rms_m_s - air.rms_m_s) <= SAME_AIR * air.rms_m_s
     if same and (near is None or not air.moves or near.chi2 <= noise_limit(flown_in, naming.samples)):
         return flown_in, naming, air
+    if near is None and again.moves:  # coefficients that were re-tuned in another air are not those of this one
+        beside = _retuned(believed, in_air(believed, again, beside), records)
+        again = measure(beside, records, again)
     flown_in = in_air(believed, again, beside)
     return flown_in, name_effect(flown_in, records, say, effects), again
 
@@ -294,10 +299,14 @@ def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: Ai
     """
     if not air.moves:
         return believed, air
-    heard = in_air(believed, air)
-    tuned = believed.with_tuning(retune(Local.at(heard, heard, tuple(records))).tuning)
+    tuned = _retuned(believed, in_air(believed, air), records)
     air = listen_in_flight(tuned, records, air)
     return in_air(believed, air, tuned), air
+
+
+def _retuned(believed: Believed, flown_in: Believed, records: Sequence[FlightRecord]) -> Believed:
+    """Return the believed model with the coefficients that suit the records best in the air of ``flown_in``."""
+    return believed.with_tuning(retune(Local.at(flown_in, flown_in, tuple(records))).tuning)
 
 
 def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:
