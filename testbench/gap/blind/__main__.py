@@ -15,7 +15,7 @@ from testbench.gap.blind.cases import STRATA, Case, draw, opened, seal
 from testbench.gap.blind.report import write_report
 from testbench.gap.blind.rows import row_name, run_case
 
-SEED = 20261204
+SEED = 20261206
 
 
 def main(arguments: list[str] | None = None) -> int:
