@@ -19,6 +19,8 @@ from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.record import FlightRecord, FloatArray
 
+_ROUNDING = 1e-9  # eigenvalue of a correlation matrix below zero that is its rounding
+
 
 @dataclass(frozen=True)
 class UnscentedKalmanFilter:
@@ -48,14 +50,18 @@ class UnscentedKalmanFilter:
         """
         spread = self.weights(state.mean.size)[0]
         size = np.sqrt(np.maximum(np.diag(state.covariance), 1e-300))
+        correlation = state.covariance / np.outer(size, size)
         try:
-            root = size[:, None] * np.linalg.cholesky(state.covariance / np.outer(size, size))
+            root = np.linalg.cholesky(correlation)
         except np.linalg.LinAlgError as error:
-            raise EstimationError(
-                "the covariance of the unscented filter is no longer positive: the equations bend too much over its "
-                "spread; smaller initial deviations, a larger alpha or the extended filter help"
-            ) from error
-        steps = np.sqrt(spread) * root.T
+            values, vectors = np.linalg.eigh(correlation)
+            if not values[0] > -_ROUNDING:
+                raise EstimationError(
+                    "the covariance of the unscented filter is no longer positive: the equations bend too much over "
+                    "its spread; smaller initial deviations, a larger alpha or the extended filter help"
+                ) from error
+            root = vectors * np.sqrt(np.maximum(values, 0.0))  # data without noise leave nothing but rounding
+        steps = np.sqrt(spread) * (size[:, None] * root).T
         return np.asarray(state.mean + np.vstack([np.zeros_like(state.mean)[None], steps, -steps]))
 
     def predict(self, plant: Plant, state: Gaussian, u: FloatArray, du: FloatArray) -> Prediction:
