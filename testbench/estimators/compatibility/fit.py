@@ -36,7 +36,7 @@ _ORDERS = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the whitening filters
 _SAMPLES_PER_ORDER = 20
 _ROUNDS = 4
 _SETTLED = 1e-4  # squared change of the unknowns in standard errors, per unknown, that ends the rounds
-_EXACT = 1e-7  # residuals below this share of an output's size are rounding: nothing to whiten
+_EXACT = 1e-6  # residuals below this share of an output's size are errors of integration: nothing to whiten
 _MOVING = 0.1  # as _SETTLED; beyond it the search is said not to have settled
 _ITERATIONS = 15
 
@@ -269,11 +269,13 @@ class Problem:
         for i in range(len(self.structure.outputs)):
             v = [r[s.valid[:, i], i] for r, s in zip(residuals, self.stretches, strict=True)]
             total = np.concatenate(v)
-            floor = 1e-13 * self.size[i]
-            if total.size == 0 or np.std(total) <= _EXACT * self.size[i]:
-                out.append(Whitener(np.zeros(0), max(float(np.sqrt(np.mean(total**2))) if total.size else 1.0, floor)))
-                continue
-            out.append(_autoregression(v, share, floor))
+            rms = float(np.sqrt(np.mean(total**2))) if total.size else 1.0
+            white = Whitener(np.zeros(0), max(rms, 1e-13 * self.size[i]))
+            least = _EXACT * self.size[i]
+            filtered = white if total.size == 0 or np.std(total) <= least else _autoregression(v, share, least)
+            # What a filter predicts to within errors of integration is no noise, and a filter of it would take out
+            # what the errors sought for show: data without noise stay as they are.
+            out.append(white if filtered.std <= least else filtered)
         return out
 
     def solve(
