@@ -55,6 +55,12 @@ class LinearModel:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
 
+    @property
+    def fed_back(self) -> tuple[str, ...]:
+        """States of the servos whose commands hold more than what is commanded: a feedback that was amended."""
+        rows = dict(zip(self.states, self.A, strict=True))
+        return tuple(s for s, row in rows.items() if s.startswith(_SERVO) and np.count_nonzero(row) > 1)
+
     def poles(self) -> NDArray[np.complex128]:
         """Return the eigenvalues of A, rad/s."""
         return np.asarray(np.linalg.eigvals(self.A), np.complex128)

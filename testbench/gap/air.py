@@ -69,7 +69,7 @@ class AirFound:
             "the quiet flight before the commands" if self.in_quiet else "the residual, more than any effect explains,"
         )
         return (
-            f"the air moved: {where} shows turbulence ({heard}), of {self.rms_m_s:.2g} m/s rms; every "
+            f"the air moved: {where} shows turbulence ({heard}); its rms is {self.rms_m_s:.2g} m/s; every "
             "test is made on residuals whitened by a Kalman filter of the believed aircraft in it"
         )
 
@@ -103,7 +103,8 @@ def measure(model: Believed, records: Sequence[FlightRecord], heard: AirFound) -
     likelier.
     """
     residuals = _plain_residuals(model, records)
-    found = [(*_likeliest(model, residuals, h), h) for h in (heard.height_m, *_HEIGHTS_M)]
+    heights = dict.fromkeys((heard.height_m, *_HEIGHTS_M))
+    found = [(*_likeliest(model, residuals, h), h) for h in heights]
     best = max(found, key=lambda f: f[1])
     rms, _, height = found[0] if best[1] - found[0][1] <= REFUTED else best
     return replace(heard, rms_m_s=rms, height_m=height)
@@ -116,12 +117,7 @@ def listen_in_flight(tuned: Believed, records: Sequence[FlightRecord], heard: Ai
     flight refutes is no air, and ``heard`` is left as it is.
     """
     found = measure(tuned, records, heard)
-    quiet = _quiet(replace(tuned, whiten=None), records)
-    costs = []
-    for air in (found, heard):
-        model = GustModel.at_trim(tuned, air.height_m, quiet[0][0].dt_s)
-        costs.append(_cost(tuned, model, quiet, air.rms_m_s))
-    return heard if costs[0] - costs[1] > REFUTED else found
+    return heard if _refuted(tuned, records, found, heard) else found
 
 
 def listen_again(
@@ -146,11 +142,17 @@ def listen_again(
     rms, of_turbulence = _likeliest(believed, _plain_residuals(believed, records), heard.height_m)
     if of_turbulence <= max(heard.threshold, gain):
         return heard
-    quiet = _quiet(replace(believed, whiten=None), records)
-    model = GustModel.at_trim(believed, heard.height_m, quiet[0][0].dt_s)
-    if _cost(believed, model, quiet, rms) - _cost(believed, model, quiet, 0.0) > REFUTED:
+    if _refuted(believed, records, replace(heard, rms_m_s=rms), replace(heard, rms_m_s=0.0)):
         return heard
     return measure(believed, records, replace(heard, moves=True, rms_m_s=rms, gain=of_turbulence, in_quiet=False))
+
+
+def _refuted(believed: Believed, records: Sequence[FlightRecord], air: AirFound, other: AirFound) -> bool:
+    """Return whether the quiet flight is so much likelier in the ``other`` air that it was not in ``air``."""
+    quiet = _quiet(replace(believed, whiten=None), records)
+    models = (GustModel.at_trim(believed, a.height_m, quiet[0][0].dt_s) for a in (air, other))
+    costs = [_cost(believed, m, quiet, a.rms_m_s) for m, a in zip(models, (air, other), strict=True)]
+    return costs[0] - costs[1] > REFUTED
 
 
 def _plain_residuals(model: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:

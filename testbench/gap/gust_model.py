@@ -106,8 +106,6 @@ def _moving(believed: Believed) -> tuple[str, ...]:
 
     Servos are among them where something is fed back to their commands, which is so in some amended aircraft.
     """
-    linear = believed.linear
-    fed = [i for i, s in enumerate(linear.states) if s.startswith("servo_") and np.count_nonzero(linear.A[i]) > 1]
     outputs, modes = set(believed.outputs), believed.aircraft.flown_modes()
     count = 0 if modes is None else len(modes)
     modal = [f"{kind}_{i + 1}" for kind in ("eta", "etadot") for i in range(count)]
@@ -117,7 +115,7 @@ def _moving(believed: Believed) -> tuple[str, ...]:
         *modal,
         *(("v", "p", "r", "phi") if _LATERAL & outputs else ()),
         *(m.name for m in believed.aircraft.memories),
-        *(linear.states[i] for i in fed),
+        *believed.linear.fed_back,
     )
 
 

@@ -12,7 +12,7 @@ from testbench.errors import ModelError
 ELEVATOR = "fcs/elevator-command-rad"
 RUDDER = "fcs/rudder-command-rad"
 THROTTLE = "fcs/throttle-cmd-norm"
-SHORTEST_S = 0.005  # lag that a linear model still tells from none
+_SHORTEST_S = 0.005  # lag that a linear model still tells from none
 _STANDS_STILL = "<gt> <property>simulation/dt</property> <value>0</value> </gt>"
 
 
@@ -107,7 +107,7 @@ def filtered_feedback(command: str, label: str, rate: str, gain_s: float, lag_s:
 
 def corner(time_s: float) -> float:
     """Return the corner frequency of a lag, rad/s; lags of no more than a few frames have one that is far off."""
-    return 1.0 / max(time_s, SHORTEST_S)
+    return 1.0 / max(time_s, _SHORTEST_S)
 
 
 def component(output: str, term: str) -> str:
