@@ -134,6 +134,7 @@ def test_along_a_flight_at_trim_the_model_is_the_one_about_trim(believed, turbul
     assert np.abs(along.F - about.F).max() > 1e-3  # and in the manoeuvre it is another
 
 
+@pytest.mark.slow
 def test_curved_effects_do_not_stand_out_of_turbulence_alone(believed):
     """Off trim turbulence moves the aircraft otherwise than about trim, which a steady filter takes for these effects.
 

@@ -294,6 +294,7 @@ def test_the_case_of_the_scenario_is_solved_among_the_whole_library():
     assert finding.shrink[0].removed > 0.9
 
 
+@pytest.mark.slow
 def test_in_turbulence_nothing_lateral_is_named_and_a_slow_rudder_is():
     """False alarm of the first 1e-3; the rudder's corner lies four standard errors off with probability 6e-5."""
     b, few = believe("eolo"), ("yaw_damper", "rudder_lag", "aileron_lag", "beta_scale")

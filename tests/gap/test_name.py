@@ -72,6 +72,7 @@ def test_two_effects_at_once_are_one_name_with_both_sizes():
     assert values["alpha_scale.scale"] == pytest.approx(1.7, rel=0.05)
 
 
+@pytest.mark.slow
 def test_three_effects_at_once_are_found_one_beside_the_other():
     hidden = {"late link": {"delay_s": 0.06}, "ballast": {"ratio": 0.3}, "vane gain": {"gain": 1.5}}
     plan = Plan()
@@ -105,6 +106,7 @@ def test_the_special_case_of_what_fits_best_is_fitted_to_its_end():
     assert naming.best.values["limit_rad_s"] == pytest.approx(0.16, rel=0.02)
 
 
+@pytest.mark.slow
 def test_an_effect_that_comes_nearer_round_by_round_is_not_given_up():
     """A structural mode does nearly what an elevator that loses effectiveness with speed does, and was named for it."""
     factors = {"CL_alpha": 1.073, "CD": 1.127, "Cm_alpha": 0.992, "Cm_q": 1.266, "Cm_de": 0.906}
@@ -114,6 +116,7 @@ def test_an_effect_that_comes_nearer_round_by_round_is_not_given_up():
     assert naming.best.values["k"] == pytest.approx(-0.4, abs=4.0 * naming.best.errors["k"])  # false alarm 6e-5
 
 
+@pytest.mark.slow
 def test_a_parameter_that_came_to_its_bound_leaves_it_again():
     """The first round takes the filter's lag to zero, where the effect no longer feels it; the truth has 0.08 s."""
     factors = {"CL_alpha": 1.018, "CD": 1.122, "Cm_alpha": 0.931, "Cm_q": 0.869, "Cm_de": 0.8}
@@ -135,6 +138,7 @@ def test_a_second_effect_in_the_same_place_is_the_form_of_the_first():
     assert naming.best.values["lag_s"] == pytest.approx(0.72, abs=0.1)
 
 
+@pytest.mark.slow
 def test_a_second_effect_that_only_relieves_a_strained_coefficient_is_found():
     """Drag beside a late link: its coefficient would take it up, at five times what is believed of it."""
     plan = KINDS["late link"].plan({"delay_s": 0.05}, "eolo").with_(KINDS["roughness"].plan({"CD0": 0.03}, "eolo"))
@@ -166,6 +170,7 @@ def test_of_a_pair_each_part_is_tried_in_its_special_case():
     assert abs(simpler.values["actuator_lag.lag_rad_s"] - 12.0) < 4.0 * simpler.errors["actuator_lag.lag_rad_s"]
 
 
+@pytest.mark.slow
 def test_a_feedback_of_some_thousandths_is_found_beside_the_coefficients_that_do_its_work():
     """At the size of its start, or in linear predictions, what re-tuned coefficients leave of it is lost."""
     factors = {"CL_alpha": 1.02, "CD": 1.03, "Cm_alpha": 1.02, "Cm_q": 0.91, "Cm_de": 1.15}
@@ -175,6 +180,7 @@ def test_a_feedback_of_some_thousandths_is_found_beside_the_coefficients_that_do
     assert abs(naming.best.values["gain_s"] - 0.02) < 4.0 * naming.best.errors["gain_s"]  # false alarm 6e-5
 
 
+@pytest.mark.slow
 def test_an_elevator_too_weak_to_be_trimmed_with_a_smaller_coefficient_is_found():
     """Cm_de cannot follow: with half of it the believed aircraft has no trim, which the true one never lost."""
     plan = KINDS["linkage ratio"].plan({"gain": 0.52}, "taurus")

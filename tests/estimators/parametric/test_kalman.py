@@ -9,6 +9,7 @@ from testbench.errors import EstimationError
 from testbench.estimators.coverage import approximate
 from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.kalman import ekf, ukf
+from testbench.estimators.parametric.kalman.augmented import Gaussian
 from testbench.estimators.parametric.structures.short_period import short_period
 from testbench.record import FlightRecord
 
@@ -240,6 +241,23 @@ def test_names_and_settings_that_cannot_be_are_refused():
             ekf.estimate([record], structure(), **wrong)
     with pytest.raises(EstimationError, match="alpha"):
         ukf.estimate([record], structure(), alpha=0.0)
+
+
+@pytest.mark.parametrize("rounding", [0.0, 1e-12, -1e-12])
+def test_sigma_points_of_a_singular_covariance_hold_it_whatever_rounding_made_of_it(rounding):
+    tilt = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.3, 0.4, np.sqrt(0.75)]])
+    exact = tilt @ np.diag([4.0, 1e-2, 0.0]) @ tilt.T
+    points = ukf.UnscentedKalmanFilter().points(Gaussian(np.ones(3), exact + rounding * np.diag([0.0, 0.0, 1.0])))
+    spread = ukf.UnscentedKalmanFilter().weights(3)[0]
+    d = points - points[0]
+    assert points[0] == pytest.approx(np.ones(3), abs=0.0)
+    assert np.allclose(d.T @ d / (2.0 * spread), exact, rtol=0.0, atol=1e-11)
+
+
+def test_a_covariance_that_is_not_positive_beyond_rounding_is_refused():
+    covariance = np.array([[1.0, 1.1], [1.1, 1.0]])
+    with pytest.raises(EstimationError, match="no longer positive"):
+        ukf.UnscentedKalmanFilter().points(Gaussian(np.zeros(2), covariance))
 
 
 def attas():
