@@ -186,7 +186,7 @@ def test_a_run_resumes_and_a_changed_seal_is_refused(tmp_path, monkeypatch):
     command.main([*arguments, "--cases", "1"])
     assert len(ran) == 1
     command.main(arguments)
-    assert len(ran) == 2
+    assert len(ran) == 4  # each once more on two manoeuvres
     assert "2 of 2 cases" in (tmp_path / "b" / "README.md").read_text(encoding="utf-8")
     answers = tmp_path / "b" / "answers.json"
     changed = json.loads(answers.read_text(encoding="utf-8"))
@@ -207,13 +207,23 @@ def test_the_report_reads_out_rates_sizes_and_confusion(tmp_path):
     rows = {
         "library form 1": row("named", "actuator_lag"),
         "library form 1, true effect taken out": row("unexplained"),
+        "library form 1, two manoeuvres": row("set", "transport_delay", "actuator_lag"),
         "nothing 1": row("no gap"),
         "unseen 1": {"outcome": "failed", "names": [], "why": "x"},
     }
     write_report(tmp_path, cases, rows, "abc", 1)
     page = (tmp_path / "README.md").read_text(encoding="utf-8")
-    assert "2 of 3 cases have been run, 1 more failed (unseen 1)" in page
+    assert "2 of 3 cases have been run; failed: unseen 1" in page
     assert "| library form: right name | 1 of 1 | 100 % | 21 to 100 % | ≥ 92 % | too few cases |" in page
-    assert "slow servo,actuator_lag,1" in (tmp_path / "confusion.csv").read_text(encoding="utf-8")
+    assert "| library form: right name | 0 of 1 | 0 % | 0 to 79 % |\n" in page.partition("## Two manoeuvres")[2]
+    assert "| slow servo | 1 of 1 |  | 0 of 1 |" in page
+    confusion = (tmp_path / "confusion.csv").read_text(encoding="utf-8")
+    assert "six,slow servo,actuator_lag,1" in confusion
+    assert "two,slow servo,transport_delay | actuator_lag,1" in confusion
+    effects = (tmp_path / "effects.csv").read_text(encoding="utf-8").splitlines()
+    assert effects[1:] == [
+        "slow servo,yes,six,still,1,1,0.207,1.000,0,0,0.000,0.793,0,0,0.100",
+        "slow servo,yes,two,still,1,0,0.000,0.793,1,0,0.000,0.793,0,0,",
+    ]
     assert "10,11,0.5,+0.100" in (tmp_path / "sizes.csv").read_text(encoding="utf-8")
-    assert len((tmp_path / "cases.csv").read_text(encoding="utf-8").splitlines()) == 3
+    assert len((tmp_path / "cases.csv").read_text(encoding="utf-8").splitlines()) == 4

@@ -11,9 +11,9 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from testbench.gap.blind.cases import STRATA, Case, draw, opened, seal
+from testbench.gap.blind.cases import SHORT, STRATA, WITHOUT, Case, draw, opened, seal
 from testbench.gap.blind.report import write_report
-from testbench.gap.blind.rows import row_name, run_case
+from testbench.gap.blind.rows import run_case
 
 SEED = 20261206
 
@@ -35,7 +35,7 @@ def main(arguments: list[str] | None = None) -> int:
     cases, digest = _sealed(asked.out, asked.seed)
     done = _read(rows_file)
     if not asked.report:
-        due = [(c, w) for c, w in _in_turn(cases) if row_name(c, w) not in done][: asked.cases]
+        due = [(c, v) for c, v in _in_turn(cases) if c.name + v not in done][: asked.cases]
         stop = None if asked.minutes is None else time.monotonic() + 60.0 * asked.minutes
         with rows_file.open("a", encoding="utf-8") as file:
             for row in _rows(due, asked.workers, stop):
@@ -48,13 +48,13 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def _rows(due: Sequence[tuple[Case, bool]], workers: int, stop: float | None) -> Generator[dict[str, Any], None, None]:
+def _rows(due: Sequence[tuple[Case, str]], workers: int, stop: float | None) -> Generator[dict[str, Any], None, None]:
     """Yield the rows of cases as they are done; no case is begun after the time ``stop``."""
     if workers == 1:
-        for case, without in due:
+        for case, variant in due:
             if stop is not None and time.monotonic() > stop:
                 return
-            yield run_case(case, without)
+            yield run_case(case, variant)
         return
     waiting = list(reversed(due))
     running: set[Future[dict[str, Any]]] = set()
@@ -70,18 +70,18 @@ def _rows(due: Sequence[tuple[Case, bool]], workers: int, stop: float | None) ->
                 yield future.result()
 
 
-def _in_turn(cases: tuple[Case, ...]) -> list[tuple[Case, bool]]:
+def _in_turn(cases: tuple[Case, ...]) -> list[tuple[Case, str]]:
     """Return what is run, in order: each case, and of those with one effect half at once and half at the end without
-    that effect in the library.
+    that effect in the library; then those with one effect or none once more on two manoeuvres.
     """
-    first: list[tuple[Case, bool]] = []
-    last: list[tuple[Case, bool]] = []
+    first: list[tuple[Case, str]] = []
+    last: list[tuple[Case, str]] = []
     for case in cases:
-        first.append((case, False))
+        first.append((case, ""))
         if case.stratum in ("library form", "other form"):
             odd = int(case.name.split()[-1]) % 2 == 1
-            (first if odd is (case.stratum == "library form") else last).append((case, True))
-    return first + last
+            (first if odd is (case.stratum == "library form") else last).append((case, WITHOUT))
+    return first + last + [(c, SHORT) for c in cases if c.stratum in ("library form", "other form", "nothing")]
 
 
 def _sealed(folder: Path, seed: int) -> tuple[tuple[Case, ...], str]:

@@ -29,6 +29,9 @@ STRATA: Mapping[str, int] = {
     "below detectability": 30,
     "inseparable": 30,
 }
+# What is also run of some cases, by the end of the row's name: without the true effect in the library, and naming on
+# the set "short" alone.
+WITHOUT, SHORT = ", true effect taken out", ", two manoeuvres"
 TURBULENCE_RMS_M_S = 0.25
 # Sizes below detectability are so much of the drawn ones, counted from no effect, and halved further until they change
 # the readings, in units of the noise and summed in squares over all records, by no more than this: so little that who

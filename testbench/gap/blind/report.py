@@ -9,55 +9,79 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from testbench.gap.blind.cases import STRATA, Case
-from testbench.gap.blind.score import FEWEST, Score, judge, rates, removed, set_size, sizes, wilson
+from testbench.gap.blind.cases import SHORT, STRATA, WITHOUT, Case
+from testbench.gap.blind.score import (
+    FEWEST,
+    ByEffect,
+    Rate,
+    Score,
+    by_effect,
+    judge,
+    rates,
+    removed,
+    set_size,
+    sizes,
+    wilson,
+)
 
-WITHOUT = ", true effect taken out"
+_CASES = (
+    "case", "manoeuvres", "aircraft", "hidden", "right", "verdict", "said", "best", "share", "runner_up", "removed",
+    "cpu_s",
+)  # fmt: skip
+_CONFUSION = ("manoeuvres", "hidden", "said", "cases")
+_EFFECTS = (
+    "hidden", "in_library", "manoeuvres", "air", "cases", "right", "right_low", "right_high", "in_set", "wrong",
+    "wrong_low", "wrong_high", "no_gap", "unexplained", "size_error_median",
+)  # fmt: skip
+_RATES = ("manoeuvres", "rate", "count", "of", "value", "wilson_low", "wilson_high", "bar", "met")
+_SIZES = ("case", "manoeuvres", "hidden", "true", "estimate", "standard_error", "relative_error")
 
 
 def write_report(
     folder: Path, cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]], digest: str, seed: int
 ) -> None:
-    """Write cases.csv, confusion.csv, rates.csv, sizes.csv and README.md of the cases that have a row."""
+    """Write cases.csv, confusion.csv, effects.csv, rates.csv, sizes.csv and README.md of the cases that have a row."""
     failed = [n for n, r in rows.items() if r["outcome"] == "failed"]
-    scores = [
-        judge(c, {**rows[c.name], "without": rows.get(c.name + WITHOUT)})
-        for c in cases
-        if c.name in rows and c.name not in failed
-    ]
-    _csv(
-        folder / "cases.csv",
-        ("case", "aircraft", "hidden", "right", "verdict", "said", "best", "share", "runner_up", "removed", "cpu_s"),
-        (
-            (
-                s.case.name, s.case.aircraft, " + ".join(s.case.kinds), " + ".join("/".join(r) for r in s.case.right),
-                s.verdict, s.named, s.row["best"], _number(s.row["share"]), s.row["runner_up"],
-                _number(s.row["removed"]), f"{s.row['seconds']:.1f}",
-            )
-            for s in scores
-        ),
-    )  # fmt: skip
-    table = Counter((_hidden(s), s.named) for s in scores if not s.case.turbulence_rms_m_s)
-    _csv(folder / "confusion.csv", ("hidden", "said", "cases"), ((*k, n) for k, n in sorted(table.items())))
-    found = rates(scores)
-    _csv(
-        folder / "rates.csv",
-        ("rate", "count", "of", "value", "wilson_low", "wilson_high", "bar", "met"),
-        (
-            (
-                r.name, r.count, r.of, _number(r.value if r.of else None), *(f"{x:.3f}" for x in wilson(r.count, r.of)),
-                "" if r.bar is None else f"{'<=' if r.most else '>='} {r.bar:g}", r.met,
-            )
-            for r in found
-        ),
-    )  # fmt: skip
-    compared = sizes(scores)
-    _csv(
-        folder / "sizes.csv",
-        ("case", "hidden", "true", "estimate", "standard_error", "relative_error"),
-        ((c, k, f"{t:.5g}", f"{x:.5g}", f"{e:.2g}", f"{(x - t) / abs(t):+.3f}") for c, k, t, x, e in compared),
-    )
-    (folder / "README.md").write_text(_page(scores, cases, failed, digest, seed), encoding="utf-8")
+    flown = [c for c in cases if c.name in rows and c.name not in failed]
+    six = [judge(c, {**rows[c.name], "without": rows.get(c.name + WITHOUT)}) for c in flown]
+    again = [c for c in cases if c.name + SHORT in rows and c.name + SHORT not in failed]
+    two = [judge(c, rows[c.name + SHORT]) for c in again]
+    sets = {"six": six, "two": two}
+    scored = [(n, s) for n, scores in sets.items() for s in scores]
+    effects = [(n, e) for n, scores in sets.items() for e in by_effect(scores)]
+    table = Counter((n, _hidden(s), s.named) for n, s in scored if not s.case.turbulence_rms_m_s)
+    found = [("six", r) for r in rates(six)] + [("two", r) for r in rates(two, bars=False)]
+    compared = [(n, *row) for n, scores in sets.items() for row in sizes(scores)]
+    _csv(folder / "cases.csv", _CASES, (_case(n, s) for n, s in scored))
+    _csv(folder / "confusion.csv", _CONFUSION, ((*k, c) for k, c in sorted(table.items())))
+    _csv(folder / "effects.csv", _EFFECTS, (_effect(n, e) for n, e in effects))
+    _csv(folder / "rates.csv", _RATES, (_rate(n, r) for n, r in found))
+    _csv(folder / "sizes.csv", _SIZES, (_size(*row) for row in compared))
+    (folder / "README.md").write_text(_page(six, two, cases, failed, digest, seed), encoding="utf-8")
+
+
+def _case(manoeuvres: str, s: Score) -> tuple[object, ...]:
+    hidden, right = " + ".join(s.case.kinds), " + ".join("/".join(r) for r in s.case.right)
+    said = s.verdict, s.named, s.row["best"], _number(s.row["share"]), s.row["runner_up"], _number(s.row["removed"])
+    return s.case.name, manoeuvres, s.case.aircraft, hidden, right, *said, f"{s.row['seconds']:.1f}"
+
+
+def _effect(manoeuvres: str, e: ByEffect) -> tuple[object, ...]:
+    air, right = "turbulence" if e.turbulent else "still", e.verdicts["right"]
+    wrong = e.verdicts["in set"], e.wrong, *_interval(e.wrong, e.cases)
+    nothing = e.verdicts["none"], e.verdicts["unexplained"]
+    sure = right, *_interval(right, e.cases)
+    return e.hidden, "yes" if e.held else "no", manoeuvres, air, e.cases, *sure, *wrong, *nothing, _number(e.size_error)
+
+
+def _rate(manoeuvres: str, r: Rate) -> tuple[object, ...]:
+    bar = "" if r.bar is None else f"{'<=' if r.most else '>='} {r.bar:g}"
+    value = _number(r.value if r.of else None)
+    return manoeuvres, r.name, r.count, r.of, value, *_interval(r.count, r.of), bar, r.met
+
+
+def _size(manoeuvres: str, case: str, hidden: str, true: float, x: float, error: float) -> tuple[object, ...]:
+    return case, manoeuvres, hidden, f"{true:.5g}", f"{x:.5g}", f"{error:.2g}", f"{(x - true) / abs(true):+.3f}"
 
 
 def _hidden(score: Score) -> str:
@@ -65,10 +89,12 @@ def _hidden(score: Score) -> str:
     return f"{kinds} (tiny)" if score.case.stratum in ("below detectability", "inseparable") else kinds
 
 
-def _page(scores: Sequence[Score], cases: Sequence[Case], failed: Sequence[str], digest: str, seed: int) -> str:
-    counts = Counter(s.case.stratum for s in scores)
-    cpu = [s.row["seconds"] for s in scores]
-    shares, compared = removed(scores), sizes(scores)
+def _page(
+    six: Sequence[Score], two: Sequence[Score], cases: Sequence[Case], failed: Sequence[str], digest: str, seed: int
+) -> str:
+    counts = Counter(s.case.stratum for s in six)
+    cpu = [s.row["seconds"] for s in six]
+    shares, compared = removed(six), sizes(six)
     lines = [
         "# Blind test of the gap workflow",
         "",
@@ -79,8 +105,8 @@ def _page(scores: Sequence[Score], cases: Sequence[Case], failed: Sequence[str],
         "",
         f"Seed {seed}. SHA-256 of answers.json without its last line break: `{digest}`.",
         "",
-        f"{len(scores)} of {len(cases)} cases have been run"
-        + (f", {len(failed)} more failed ({', '.join(failed)})" if failed else "")
+        f"{len(six)} of {len(cases)} cases have been run"
+        + (f"; failed: {', '.join(failed)}" if failed else "")
         + f". Intervals are Wilson's, 95 %. Of fewer than {FEWEST} cases nothing is said of a bar, and a rate that "
         "keeps its bar is shown to keep it only where the interval does, too.",
         "",
@@ -90,17 +116,9 @@ def _page(scores: Sequence[Score], cases: Sequence[Case], failed: Sequence[str],
         "",
         "| rate | cases | value | interval | bar | met |",
         "|---|---|---|---|---|---|",
-    ]
-    for r in rates(scores):
-        low, high = wilson(r.count, r.of)
-        bar = "" if r.bar is None else f"{'≤' if r.most else '≥'} {100 * r.bar:g} %"
-        value = f"{100 * r.value:.0f} %" if r.of else "not run"
-        lines.append(
-            f"| {r.name} | {r.count} of {r.of} | {value} | {100 * low:.0f} to {100 * high:.0f} % | {bar} | {r.met} |"
-        )
-    lines += [
+        *(_line(r, bars=True) for r in rates(six)),
         "",
-        f"Mean number of names where any is given: {set_size(scores):.2f} (bar ≤ 1.3).",
+        f"Mean number of names where any is given: {set_size(six):.2f} (bar ≤ 1.3).",
         "",
         f"Share of the held-out excess removed where the name is right: median "
         f"{100 * statistics.median(shares):.1f} % of {len(shares)} cases (bar ≥ 90 %)."
@@ -116,11 +134,56 @@ def _page(scores: Sequence[Score], cases: Sequence[Case], failed: Sequence[str],
         if cpu
         else "",
         "",
-        "`cases.csv`: every case; `confusion.csv`: what was hidden against what was said, in still air; `rates.csv`, "
-        "`sizes.csv`: the tables above; `rows.jsonl`: all that the workflow said.",
+        "## Two manoeuvres",
+        "",
+        "Cases named once more from a 3-2-1-1 and elevator doublets of two sizes alone, and judged on the same held-out"
+        " flights. The bars are for six.",
+        "",
+        "| rate | cases | value | interval |",
+        "|---|---|---|---|",
+        *(_line(r, bars=False) for r in rates(two, bars=False)),
+        "",
+        "## By effect",
+        "",
+        "One effect hidden: right names of all cases, and wrong ones; of those that the library does not hold, how many"
+        " got a name. `effects.csv` has intervals, sets and sizes.",
+        "",
+        "| hidden | six manoeuvres | in turbulence | two manoeuvres |",
+        "|---|---|---|---|",
+        *_by_effect(six, two),
+        "",
+        "`cases.csv`: every case; `confusion.csv`: what was hidden against what was said, in still air; `effects.csv`, "
+        "`rates.csv`, `sizes.csv`: the tables above; `rows.jsonl`: all that the workflow said.",
         "",
     ]
     return "\n".join(lines)
+
+
+def _line(rate: Rate, bars: bool) -> str:
+    low, high = wilson(rate.count, rate.of)
+    value = f"{100 * rate.value:.0f} %" if rate.of else "not run"
+    line = f"| {rate.name} | {rate.count} of {rate.of} | {value} | {100 * low:.0f} to {100 * high:.0f} % |"
+    if not bars:
+        return line
+    bar = "" if rate.bar is None else f"{'≤' if rate.most else '≥'} {100 * rate.bar:g} %"
+    return f"{line} {bar} | {rate.met} |"
+
+
+def _by_effect(six: Sequence[Score], two: Sequence[Score]) -> list[str]:
+    told = {}
+    for column, scores in enumerate((six, two)):
+        for e in by_effect(scores):
+            text = f"{e.verdicts['right']} of {e.cases}" + (f", {e.wrong} wrong" if e.wrong else "")
+            if not e.held:
+                text = f"{e.wrong} of {e.cases} named"
+            told[e.hidden, "turbulence" if e.turbulent else ("six", "two")[column]] = text
+    kinds = sorted({kind for kind, _ in told})
+    return [f"| {k} | " + " | ".join(told.get((k, c), "") for c in ("six", "turbulence", "two")) + " |" for k in kinds]
+
+
+def _interval(k: int, n: int) -> tuple[str, str]:
+    low, high = wilson(k, n)
+    return f"{low:.3f}", f"{high:.3f}"
 
 
 def _number(x: float | None) -> str:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import statistics
+from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from testbench.gap.blind.cases import Case
@@ -100,8 +102,11 @@ class Rate:
         return "yes" if (self.value <= self.bar if self.most else self.value >= self.bar) else "no"
 
 
-def rates(scores: Sequence[Score]) -> list[Rate]:
-    """Return the rates that the test is judged by, and others that help to read them."""
+def rates(scores: Sequence[Score], bars: bool = True) -> list[Rate]:
+    """Return the rates that the test is judged by, and others that help to read them.
+
+    Bars hold for the rich set of manoeuvres: without ``bars`` none is set, and rates of no cases are left out.
+    """
     by: dict[str, list[Score]] = {}
     for s in scores:
         by.setdefault(s.case.stratum, []).append(s)
@@ -167,6 +172,45 @@ def rates(scores: Sequence[Score]) -> list[Rate]:
             True,
         )
     )
+    return out if bars else [replace(r, bar=None) for r in out if r.of]
+
+
+@dataclass(frozen=True)
+class ByEffect:
+    """What was said where one effect was hidden: verdicts, and the median magnitude of the sizes' relative errors.
+
+    ``held`` is False where the library holds no such effect: there every name is wrong.
+    """
+
+    hidden: str
+    turbulent: bool
+    held: bool
+    verdicts: Counter[str]
+    size_error: float | None
+
+    @property
+    def cases(self) -> int:
+        """How many there are."""
+        return self.verdicts.total()
+
+    @property
+    def wrong(self) -> int:
+        """Wrong names and sets without the right one."""
+        return self.verdicts["wrong"] + self.verdicts["wrong set"]
+
+
+def by_effect(scores: Sequence[Score]) -> list[ByEffect]:
+    """Return one line for each kind of truth that is hidden alone, not too small to be seen, by name and air."""
+    strata = ("library form", "other form", "unseen", "turbulence")
+    alone = [s for s in scores if s.case.stratum in strata and len(s.case.kinds) == 1]
+    errors = {name: abs((x - true) / true) for name, _, true, x, _ in sizes(alone)}
+    out = []
+    for kind, turbulent in sorted({(s.case.kinds[0], s.case.turbulence_rms_m_s > 0.0) for s in alone}):
+        own = [s for s in alone if s.case.kinds[0] == kind and (s.case.turbulence_rms_m_s > 0.0) is turbulent]
+        compared = [errors[s.case.name] for s in own if s.case.name in errors]
+        median = statistics.median(compared) if compared else None
+        held = KINDS[kind].form != "unseen"
+        out.append(ByEffect(kind, turbulent, held, Counter(s.verdict for s in own), median))
     return out
 
 
