@@ -35,6 +35,9 @@ def gap(
     ] = None,
     out: OutOption = Path("results"),
     seed: SeedOption = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes that search; as many as there are cores if not given.")
+    ] = None,
 ) -> None:
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
@@ -50,13 +53,14 @@ def gap(
         return
     if case is None:
         raise RecordError("the aircraft that is believed must be named, with its records, or a gap case, got nothing")
+    from testbench.gap.ahead import cores, processes
     from testbench.gap.case import run_flights, run_gap
     from testbench.gap.records import load_flights
     from testbench.paths import aircraft_names
     from testbench.report import record_keeper
     from testbench.report.gap import print_gap, write_gap
 
-    with stages() as say:
+    with stages() as say, processes(workers or cores()):
         if records or case in aircraft_names():
             say("read records")
             held = hold_out or ()

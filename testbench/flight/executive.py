@@ -7,7 +7,10 @@ property creates it and reading one gives zero; loading twice into one executive
 
 from __future__ import annotations
 
+import os
+import shutil
 import tempfile
+import weakref
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -230,11 +233,24 @@ class _Key:
         )
 
 
+class _Folder:
+    """A folder of its own that is removed with this object, by the process that made it: forked ones leave it be."""
+
+    def __init__(self) -> None:
+        self.name = tempfile.mkdtemp(prefix="testbench-")
+        weakref.finalize(self, self._remove, self.name, os.getpid())
+
+    @staticmethod
+    def _remove(name: str, owner: int) -> None:
+        if os.getpid() == owner:
+            shutil.rmtree(name, ignore_errors=True)
+
+
 @dataclass(frozen=True)
 class _Written:
     """A model on disk (removed with this object), and the properties that its functions read."""
 
-    root: tempfile.TemporaryDirectory[str]
+    root: _Folder
     properties: frozenset[str]
 
 
@@ -242,7 +258,7 @@ class _Written:
 def _write(key: _Key) -> _Written:
     """Write a model where JSBSim finds it; kept, as the same model is loaded for trim, flight and linearisation."""
     tree = key.aircraft.model_tree(key.rate_hz, key.condition.qbar_Pa, key.condition.V_m_s)
-    root = tempfile.TemporaryDirectory(prefix="testbench-")
+    root = _Folder()
     place = Path(root.name) / "aircraft" / "model"
     (place / "Engines").mkdir(parents=True)
     ET.ElementTree(tree).write(place / "model.xml", encoding="utf-8", xml_declaration=True)

@@ -104,6 +104,10 @@ class Local:
         """Linear prediction at the point (samples,), in units of the noise."""
         return _linear(self.model.with_tuning(self.tuning), self.records)
 
+    def prepare(self) -> None:
+        """Find the linear prediction and the tangents now: several processes that ask for them would each do so."""
+        _ = self.linear, self._normal
+
     @cached_property
     def tangents(self) -> FloatArray:
         """Return d residuals / d factors, (samples, k): ``slopes``, or central differences of linear predictions.
@@ -203,11 +207,12 @@ class Changes:
 
     The difference of two linear predictions is right to second order although neither prediction is. Effects that a
     linearisation at trim does not see, and those of sensors, which need no flight of their own, are taken from flights.
+    ``known`` holds what was asked for before, by the bytes of the parameter values.
     """
 
     base: Local
     effect: Effect
-    _known: dict[bytes, FloatArray | None] = field(default_factory=dict)
+    known: dict[bytes, FloatArray | None] = field(default_factory=dict)
 
     def model(self, x: FloatArray) -> Believed:
         """Return the model of the point with the effect at the parameter values ``x`` (p,)."""
@@ -218,16 +223,16 @@ class Changes:
     def at(self, x: FloatArray) -> FloatArray | None:
         """Return residuals with the effect at ``x`` (p,) minus those of the point; None if that cannot be flown."""
         key = x.tobytes()
-        if key not in self._known:
+        if key not in self.known:
             tuned = self.model(x).with_tuning(self.base.tuning)
             try:
                 if self.effect.flown:
-                    self._known[key] = _flown(tuned, self.base.records) - self.base.exact
+                    self.known[key] = _flown(tuned, self.base.records) - self.base.exact
                 else:
-                    self._known[key] = self.base.linear - _linear(tuned, self.base.records)
+                    self.known[key] = self.base.linear - _linear(tuned, self.base.records)
             except _NOT_FLOWN:
-                self._known[key] = None
-        return self._known[key]
+                self.known[key] = None
+        return self.known[key]
 
 
 def _flown(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:

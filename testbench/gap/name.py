@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
 
+from testbench.gap.ahead import Ahead
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
 from testbench.gap.descent import MAX_ROUNDS, retune, within_priors
 from testbench.gap.effects import Effect, library
@@ -15,7 +18,7 @@ from testbench.gap.evidence import LEFT, STRAINED, TOLD_APART, is_special_case, 
 from testbench.gap.fit import FALSE_ALARM, HOPELESS, HOPELESS_BESIDE_NOISE, EffectFit, fit
 from testbench.gap.gust_search import doubted, sought
 from testbench.gap.local import Local
-from testbench.gap.screening import Screened, flown_best, promising, screen, screen_closely
+from testbench.gap.screening import Screened, flown_best, promising, screen, screen_all, screen_closely
 from testbench.gap.several import several_at_once
 from testbench.record import FlightRecord
 
@@ -111,7 +114,7 @@ def name_effect(
     say("screen the library")
     choice = tuple(sought(tuned, e) for e in (library(believed.suite) if effects is None else effects).values())
     linear = tuned.afresh(False)  # tangents of the kind that the effect is predicted with, else the two never cancel
-    screened = [screen(tuned if e.flown else linear, e) for e in choice]
+    screened = screen_all([(tuned if e.flown else linear, e) for e in choice])
     rejected = {s.effect.name: s.why for s in screened if not s.seen}
     tested = max(1, len(screened) - len(rejected))
     samples = int(start.exact.size)
@@ -119,7 +122,7 @@ def name_effect(
     strained = tuned.chi2 > noise_limit(believed, samples) or within_priors(tuned) < STRAINED
     if not strained:
         say("screen the library closely")
-        screened = [screen_closely(tuned, s) for s in screened]
+        screened = screen_closely(tuned, screened)
     fits = _fit_promising(tuned, start if strained else None, screened, tested, rejected, say)
     if pairs:
         base = start if strained else tuned
@@ -156,7 +159,7 @@ def _fit_promising(
     followed = promising(screened, FOLLOWED, FOLLOWED_FAR, AT_LEAST)
     queue = [(one, 0) for i, one in enumerate(followed) if i < AT_LEAST or one.promise >= PROMISING]
     if start is not None:  # these first: where one of them explains all, what re-tuning had to stretch for is soon left
-        there = [screen(start, s.effect) for s in screened]
+        there = screen_all([(start, s.effect) for s in screened])
         afresh = promising(there, FOLLOWED, FOLLOWED_FAR, AT_LEAST)[:FROM_BELIEVED]
         # What relieves re-tuned coefficients that explain all but lie far from what is believed promises nothing there.
         relief = [s.effect for s in followed[:AT_LEAST]]
@@ -167,27 +170,25 @@ def _fit_promising(
         queue = [(replace(one, starts=one.starts[:1]), PATIENCE) for one in afresh] + queue
     fits: dict[str, EffectFit] = {}
     noise = noise_limit(tuned.believed, tuned.exact.size)
-    for one, patience in queue:
-        name = one.effect.name
-        best = min(fits.values(), key=lambda f: f.chi2, default=None)
-        best_gain, hopeless = 0.0 if best is None else best.gain, HOPELESS
-        if best is not None and best is fits.get(name) and best.settled:
-            continue  # from the other base it would come to rest at the same place
-        # Where one leaves noise and strains nothing, nothing can explain more: what could explain as much?
-        if best is not None and best.chi2 <= noise and best.within >= STRAINED:
-            share = FOLLOWED if len(one.effect.parameters) == 1 else FOLLOWED_FAR
-            if name in fits or (len(fits) > 1 and one.promise < share * best_gain):
+    with Ahead() as ahead:
+        for i, (one, patience) in enumerate(queue):
+            name, asked = one.effect.name, _asked(one, patience, fits, noise)
+            if isinstance(asked, str):
+                rejected.update({name: asked} if asked else {})
                 continue
-            if one.effect.generalises(best.effect):
-                rejected[name] = f"{best.effect.title}, a special case of it, leaves noise only"
-                continue
-            patience, hopeless = PATIENCE_BESIDE_NOISE, HOPELESS_BESIDE_NOISE
-        say(f"fit {one.effect.title}")
-        found = fit(one, tuned.chi2, best_gain, tested, patience, hopeless)
-        if found is not None and (name not in fits or found.chi2 < fits[name].chi2):
-            fits[name] = found
-        elif name not in fits:
-            rejected[name] = "nothing on the way to its best fit flies the measured commands"
+            # The next ones begin as if this one changed nothing; where it does, they begin anew.
+            tasks = {
+                (j, told): partial(fit, next_one, tuned.chi2, told.best_gain, tested, told.patience, told.hopeless)
+                for j, (next_one, its_patience) in enumerate(queue)
+                if j >= i and not isinstance(told := _asked(next_one, its_patience, fits, noise), str)
+            }
+            ahead.begin_first(tasks)
+            say(f"fit {one.effect.title}")
+            found = ahead.take((i, asked), tasks[i, asked])
+            if found is not None and (name not in fits or found.chi2 < fits[name].chi2):
+                fits[name] = replace(found, effect=one.effect)
+            elif name not in fits:
+                rejected[name] = "nothing on the way to its best fit flies the measured commands"
     _refit_special_cases(tuned if start is None else start, tuned.chi2, screened, tested, fits, say)
     most = max((f.gain for f in fits.values()), default=0.0)
     for one in screened:
@@ -196,6 +197,32 @@ def _fit_promising(
     for name in fits.keys() & rejected.keys():  # it flew from one of the two bases
         del rejected[name]
     return list(fits.values())
+
+
+class _Asked(NamedTuple):
+    """What a fit is told of those before it."""
+
+    best_gain: float
+    patience: int
+    hopeless: float
+
+
+def _asked(one: Screened, patience: int, fits: Mapping[str, EffectFit], noise: float) -> _Asked | str:
+    """Return what a fit is told when ``fits`` have been made, or why there is to be none; "" if there is one."""
+    name = one.effect.name
+    best = min(fits.values(), key=lambda f: f.chi2, default=None)
+    best_gain = 0.0 if best is None else best.gain
+    if best is not None and best is fits.get(name) and best.settled:
+        return ""  # from the other base it would come to rest at the same place
+    # Where one leaves noise and strains nothing, nothing can explain more: what could explain as much?
+    if best is None or best.chi2 > noise or best.within < STRAINED:
+        return _Asked(best_gain, patience, HOPELESS)
+    share = FOLLOWED if len(one.effect.parameters) == 1 else FOLLOWED_FAR
+    if name in fits or (len(fits) > 1 and one.promise < share * best_gain):
+        return ""
+    if one.effect.generalises(best.effect):
+        return f"{best.effect.title}, a special case of it, leaves noise only"
+    return _Asked(best_gain, PATIENCE_BESIDE_NOISE, HOPELESS_BESIDE_NOISE)
 
 
 def _refit_special_cases(

@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
 
+from testbench.gap.ahead import spread
 from testbench.gap.effects import Effect
 from testbench.gap.local import Changes, Local
 from testbench.record import FloatArray
@@ -86,17 +88,37 @@ def screen(base: Local, effect: Effect, share: float = 1.0) -> Screened:
     return Screened(effect, changes, tuple(f[2] for f in found), max(f[1] for f in found), "", alone)
 
 
-def screen_closely(base: Local, screened: Screened) -> Screened:
-    """Return what the effect promises at a small size, flown, if that is more; otherwise ``screened``.
+def screen_all(tasks: Sequence[tuple[Local, Effect]], share: float = 1.0) -> list[Screened]:
+    """Return :func:`screen` of (point, effect) pairs, on all processes that the search may use."""
+    for base in {id(base): base for base, _ in tasks}.values():
+        base.prepare()
+    parts = spread([partial(_parts, base, effect, share) for base, effect in tasks])
+    both = zip(tasks, parts, strict=True)
+    return [Screened(e, Changes(b, e, known), *rest) for (b, e), (known, rest) in both]
+
+
+def _parts(
+    base: Local, effect: Effect, share: float
+) -> tuple[dict[bytes, FloatArray | None], tuple[tuple[FloatArray, ...], float, str, float]]:
+    """Return of what an effect promises all that the searching process does not have."""
+    s = screen(base, effect, share)
+    return s.changes.known, (s.starts, s.promise, s.why, s.alone)
+
+
+def screen_closely(base: Local, screened: Sequence[Screened]) -> list[Screened]:
+    """Return for each effect what it promises at a small size, flown, if that is more; otherwise what it did.
 
     Where little more than noise is left no effect is large, and one that works like re-tuned coefficients is what they
     leave of it: a pitch damper of some thousandths is Cm_q to a few parts in a thousand. So small a difference is lost
     at a size at which the aircraft flies another flight, and in what linear predictions get wrong.
     """
-    if not screened.seen or _size(screened.effect) is None:
-        return screened
-    close = screen(base, replace(screened.effect, flown=True), SMALL)
-    return close if close.promise > screened.promise else screened
+    sized = [i for i, s in enumerate(screened) if s.seen and _size(s.effect) is not None]
+    close = screen_all([(base, replace(screened[i].effect, flown=True)) for i in sized], SMALL)
+    out = list(screened)
+    for i, s in zip(sized, close, strict=True):
+        if s.promise > out[i].promise:
+            out[i] = s
+    return out
 
 
 def flown_best(base: Local, screened: Screened) -> Screened:

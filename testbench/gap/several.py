@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from testbench.gap.ahead import spread
 from testbench.gap.descent import MAX_ROUNDS, descend
 from testbench.gap.effects import Effect
 from testbench.gap.effects.base import together
 from testbench.gap.evidence import FORM, STRAINED, TOLD_APART, noise_limit, score
 from testbench.gap.fit import EffectFit, summarise
 from testbench.gap.local import Changes, Local
-from testbench.gap.screening import SMALL, Screened, flown_best, promising, screen
+from testbench.gap.screening import SMALL, Screened, flown_best, promising, screen, screen_all
 from testbench.record import FloatArray
 
 LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least,
@@ -58,7 +60,7 @@ def several_at_once(
     best = min(found, key=lambda f: f.chi2, default=None)
     if best is not None:
         found += search.simpler(best)
-        rest = [search.without(best, part, noise) for part in best.effect.parts]
+        rest = spread([partial(search.without, best, part, noise) for part in best.effect.parts])
         found += [f for f in rest if f is not None and f.settled]
         found = [f for f in found if not any(search.does_without(f, less) for less in (*ranking, *found))]
     return found
@@ -107,10 +109,10 @@ class _Joint:
         taken = {p.name for p in first.singles + rival.effect.singles}
         strained = rival.within < STRAINED
         free = [s.effect for s in self.screened if s.seen and s.effect.name not in taken]
-        others = [screen(point, e) for e in free]
+        others = screen_all([(point, e) for e in free])
         if strained:  # beside strained coefficients an effect may do little but relieve them
             linear, flown = point.afresh(False), point.afresh(True)
-            small = (screen(flown if e.flown else linear, e, SMALL) for e in free)
+            small = screen_all([(flown if e.flown else linear, e) for e in free], SMALL)
             others = [max(pair, key=lambda s: s.promise) for pair in zip(others, small, strict=True)]
         excess = 0.0 if strained and rival.chi2 <= self.noise else SECOND * (rival.chi2 - self.samples)
         least = {s.effect.name: max(excess, self._form(rival, s.effect), TOLD_APART) for s in others}
@@ -141,18 +143,20 @@ class _Joint:
         rivals = [f for f in rivals if f.gain > SWAPPED * lead.gain]
         # What alone was given up is known by its promise only, and beside the second effect it may keep it.
         given_up = [f for f in rivals if not f.flown and len(f.values) == 1][:COMPANY]
-        found = []
+        begun = []
         for rival in [*[f for f in rivals if f.flown][:COMPANY], *given_up]:
             effects = (rival.effect, second)
             if pair.chi2 <= self.noise and together(*effects).generalises(pair.effect):
                 continue
             begin = np.concatenate([self._values(rival, rival.effect), self._values(pair, second)])
-            both = self._fit(effects, begin, self._tuning(pair), pair.chi2 + TOLD_APART, PATIENCE_FAR)
-            if both is None or both.gain - rival.gain <= self._form(rival, second):
-                continue
-            if self._ahead(both, lead):
-                found.append(both)
-        return found
+            task = partial(self._fit, effects, begin, self._tuning(pair), pair.chi2 + TOLD_APART, PATIENCE_FAR)
+            begun.append((rival, task))
+        found = zip((rival for rival, _ in begun), spread([task for _, task in begun]), strict=True)
+        return [
+            both
+            for rival, both in found
+            if both is not None and both.gain - rival.gain > self._form(rival, second) and self._ahead(both, lead)
+        ]
 
     def simpler(self, joint: EffectFit) -> list[EffectFit]:
         """Return fits of ``joint`` with one of its parts replaced by a special case of that part, if they leave noise.
