@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from testbench.errors import FlightAborted, LimitError, ModelError, TrimError
 from testbench.estimators.residuals import coloured_information
+from testbench.gap.ahead import spread
 from testbench.gap.believed import LATERAL_NUISANCES, Believed, nuisances
 from testbench.gap.effects import Effect
 from testbench.record import FlightRecord, FloatArray
@@ -117,9 +118,9 @@ class Local:
         """
         if self.slopes is not None:
             return self.slopes
-        columns = []
-        for step in _TUNING_STEP * np.eye(self.factors.size):
-            up, down = self._beside(step), self._beside(-step)
+        columns, steps = [], _TUNING_STEP * np.eye(self.factors.size)
+        ends = spread([partial(self._beside, sign * step) for step in steps for sign in (1.0, -1.0)])
+        for up, down in zip(ends[::2], ends[1::2], strict=True):
             if up is None and down is None:
                 columns.append(np.zeros_like(self.exact))
                 continue
@@ -138,8 +139,9 @@ class Local:
         """Return the point with tangents of its own: of linear predictions, or ``flown``, at several times the cost."""
         if not flown:
             return replace(self, slopes=None)
-        ends = [self.moved(self.model, self.factors + step) for step in _FLOWN_STEP * np.eye(self.factors.size)]
-        columns = [(end.exact - self.exact) / _FLOWN_STEP for end in ends if end is not None]
+        steps = _FLOWN_STEP * np.eye(self.factors.size)
+        ends = spread([partial(self._flown, self.model, self.factors + step) for step in steps])
+        columns = [(end - self.exact) / _FLOWN_STEP for end in ends if end is not None]
         return replace(self, slopes=np.column_stack(columns) if len(columns) == len(ends) else None)
 
     @cached_property
@@ -190,11 +192,17 @@ class Local:
             share = min(share, _MAX_LATERAL_STEP / max(float(np.max(np.abs(step[lateral]))), 1e-12))
         return self.factors + step * share
 
+    def _flown(self, model: Believed, factors: FloatArray) -> FloatArray | None:
+        """Return the residuals (samples,) of another model flown at other factors (k,); None if it cannot fly."""
+        try:
+            return _flown(model.with_tuning(self.named(factors)), self.records)
+        except _NOT_FLOWN:
+            return None
+
     def moved(self, model: Believed, factors: FloatArray) -> Local | None:
         """Fly another model at other factors with the tangents of this point; None if it cannot fly."""
-        try:
-            exact = _flown(model.with_tuning(self.named(factors)), self.records)
-        except _NOT_FLOWN:
+        exact = self._flown(model, factors)
+        if exact is None:
             return None
         there = replace(self, model=model, factors=factors, exact=exact, slopes=self.tangents)
         there.__dict__["_normal"] = self._normal  # the same tangents have the same normal equations
