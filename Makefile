@@ -23,6 +23,7 @@ benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/env_speed.py
 	$(BIN)/python tests/benchmarks/subspace_speed.py
 	$(BIN)/python tests/benchmarks/output_error_speed.py
+	$(BIN)/python tests/benchmarks/gap_speed.py
 
 campaign-cost: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/campaign_cost.py
