@@ -1,7 +1,7 @@
 """How long the gap workflow takes over one case of six manoeuvres; run with ``make benchmarks``.
 
-The law, on two cores: the median case is named within 40 s of the clock. The same cases in one process, in the same run,
-tell what the second one is worth; both say the same.
+The law, on two cores: the median case is named within 40 s of the clock. The same cases in one process, in the same
+run, tell what the second one is worth; both say the same.
 """
 
 from __future__ import annotations

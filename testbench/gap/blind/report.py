@@ -130,8 +130,8 @@ def _page(
         if compared
         else "No sizes to compare yet.",
         "",
-        f"Processor time of a case: median {statistics.median(cpu):.1f} s, largest {max(cpu):.1f} s, in one process each. "
-        "The bar of 40 s on the clock is for two cores: `make benchmarks`."
+        f"Processor time of a case: median {statistics.median(cpu):.1f} s, largest {max(cpu):.1f} s, in one process; "
+        "the bar of 40 s on the clock is for two cores: `make benchmarks`."
         if cpu
         else "",
         "",
