@@ -76,15 +76,19 @@ def test_tasks_that_are_no_longer_wanted_are_ended_and_leave_no_folder(tmp_path,
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_process_leaves_the_models_of_the_one_that_it_came_from():
+def test_a_process_leaves_the_models_of_the_one_that_it_came_from(tmp_path, monkeypatch):
     from testbench.flight import executive
 
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    executive._write.cache_clear()
     believed = believe("taurus")
     Executive(believed.aircraft, believed.rate_hz, believed.condition)
+    written = sorted(tmp_path.rglob("*.xml"))
     with processes(2), Ahead() as ahead:
         ahead.begin("a", executive._write.cache_clear)
         ahead.take("a", executive._write.cache_clear)
-    Executive(believed.aircraft, believed.rate_hz, believed.condition)  # reads the same files
+    assert written
+    assert sorted(tmp_path.rglob("*.xml")) == written
 
 
 def test_two_processes_name_what_one_does_with_the_same_numbers():

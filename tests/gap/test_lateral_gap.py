@@ -207,7 +207,7 @@ def test_longitudinal_records_are_re_tuned_as_ever_and_not_asked_for_lateral_eff
     point = Local.at(b, b, records)
     for name in ("yaw_damper", "rudder_lag", "aileron_lag"):
         found = screen(point, EFFECTS[name])
-        assert (found.seen, found.changes._known) == (False, {}), "not even tried"
+        assert (found.seen, found.changes.known) == (False, {}), "not even tried"
         assert "neither aileron nor rudder" in found.why
     still = replace(believe("eolo"), condition=b.condition)
     assert nuisances(hidden("eolo", Nothing(kind="nothing"), spec=(ELEVATOR,))) is NUISANCES, "commands held count not"
