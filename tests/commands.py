@@ -1,14 +1,64 @@
-"""The command line run within the test's own process, for what many tests try."""
+"""The command line for tests: as a process of its own, and within the test's own process."""
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
 
 import testbench.cli as cli
 
+# Imported once, by the process that those of the commands are forked from: importing takes longer than most commands.
+_SERVER = multiprocessing.get_context("forkserver")
+_SERVER.set_forkserver_preload(
+    [
+        "testbench.cli",
+        "testbench.pipeline",
+        "testbench.gap.workflow",
+        "testbench.design.search",
+        "testbench.report.figures",
+        "matplotlib.backends.backend_agg",
+        "matplotlib.backends.backend_svg",
+        "jinja2",
+        "h5netcdf",
+    ]
+)
+
+
+@dataclass(frozen=True)
+class Done:
+    """How a command ended: exit status, and what it wrote."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def command(*words: object, cwd: Path | None = None) -> Done:
+    """Run a command in a process of its own with an output 200 columns wide."""
+    with tempfile.TemporaryDirectory() as folder:
+        out, err = Path(folder, "out"), Path(folder, "err")
+        process = _SERVER.Process(target=_run, args=([*map(str, words)], cwd or Path.cwd(), out, err))
+        process.start()
+        process.join()
+        assert process.exitcode is not None
+        return Done(process.exitcode, out.read_text(encoding="utf-8"), err.read_text(encoding="utf-8"))
+
+
+def _run(words: list[str], cwd: Path, out: Path, err: Path) -> None:
+    for path, number in ((out, 1), (err, 2)):
+        os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND), number)
+    os.chdir(cwd)
+    os.environ["COLUMNS"] = "200"
+    sys.argv = ["testbench", *words]
+    cli.main()
+
 
 def ends(monkeypatch, capsys, *words):
-    """Run a command; return its exit status and the lines of what it says on stderr, without the stages."""
+    """Run a command within the test's process; return its exit status and lines of stderr, without the stages."""
     monkeypatch.setattr(sys, "argv", ["testbench", *map(str, words)])
     status = 0
     try:

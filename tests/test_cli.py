@@ -2,33 +2,20 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 import time
 from pathlib import Path
 
 import pytest
+from commands import Done, command
 
 from testbench.paths import SCENARIOS
 
 ROOT = Path(__file__).resolve().parents[1]
 
 
-def command(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
-    code = "from testbench.cli import main; main()"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", "OPENBLAS_NUM_THREADS": "1"}
-    return subprocess.run(
-        [sys.executable, "-c", code, *map(str, arguments)],
-        cwd=cwd,
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
-def assert_fails(done: subprocess.CompletedProcess[str], status: int, *texts: str) -> None:
+def assert_fails(done: Done, status: int, *texts: str) -> None:
     assert done.returncode == status, done.stderr
     assert "Traceback" not in done.stderr + done.stdout
     for text in texts:
@@ -47,7 +34,10 @@ def test_help_teaches_and_starts_at_once():
     seconds = []
     for _ in range(3):
         start = time.perf_counter()
-        done = command("--help")
+        done = subprocess.run(
+            [sys.executable, "-c", "from testbench.cli import main; main()", "--help"],
+            cwd=ROOT, capture_output=True, text=True, check=False,
+        )  # fmt: skip
         seconds.append(time.perf_counter() - start)
     assert done.returncode == 0
     for word in ("run", "identify", "gap", "check", "list", "Start here", "Exit status"):

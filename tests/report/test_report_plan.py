@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 import re
-import subprocess
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import command
 
 from testbench.design.plan import load_plan, make_plan
 from testbench.evaluation.envelope import fly_envelope
@@ -20,8 +17,6 @@ from testbench.paths import SCENARIOS
 from testbench.report.plan import plan_answer, write_cards, write_plan
 from testbench.report.plan_tables import modes_table, points_table, runs_table
 from testbench.report.plan_text import beyond_limits, card_stem, card_text, levels, sequence_lines
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -41,14 +36,6 @@ def written(tmp_path_factory):
     """What the command line makes of the Taurus campaign: (process, folder)."""
     out = tmp_path_factory.mktemp("plan")
     return command("plan", "taurus_63", "-o", out), out / "plan_taurus_63"
-
-
-def command(*arguments: object) -> subprocess.CompletedProcess[str]:
-    code = "from testbench.cli import main; main()"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", "OPENBLAS_NUM_THREADS": "1"}
-    return subprocess.run(
-        [sys.executable, "-c", code, *map(str, arguments)], env=environment, capture_output=True, text=True, check=False
-    )
 
 
 def test_the_campaign_of_the_paper_has_63_runs(written):
