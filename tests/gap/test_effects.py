@@ -45,7 +45,14 @@ TRUE = {
 }
 SHOWN = [n for n in EFFECTS if n not in UNSEEN]
 # The errors of one sensor stand for those of the others, which take the same code; those are slow tests.
-LONG = {"wing_torsion", "wing_bending", "stall_hysteresis"}  # three or four parameters, seconds each
+LONG = {
+    "wing_torsion",
+    "wing_bending",
+    "stall_hysteresis",
+    "payload",
+    "cg_shift",
+    "elevator_mode",
+}  # up to half a minute each
 OF_OTHER_SENSORS = {n for n in SHOWN if n.partition("_")[0] in ("V", "q", "theta", "az")} - {"V_cross", "az_position"}
 # Effects of which these records tell some combinations of parameters only, or a size that the priors of the
 # coefficients take up (a shift of the centre of gravity is one of Cm_alpha): the gap must close all the same.

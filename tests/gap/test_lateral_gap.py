@@ -96,7 +96,7 @@ def test_a_hidden_yaw_damper_is_named_with_its_gain(aircraft):
     assert not best.at_bound
 
 
-@pytest.mark.parametrize(("channel", "gain"), [("beta", 1.2), ("r", 1.1)])
+@pytest.mark.parametrize(("channel", "gain"), [("beta", 1.2), pytest.param("r", 1.1, marks=pytest.mark.slow)])
 def test_a_scale_error_of_a_lateral_sensor_is_named(channel, gain):
     naming = named("taurus", SensorError(kind="sensor_error", channel=channel, gain=gain))
     assert (naming.outcome, naming.names) == ("named", (f"{channel}_scale",)), naming.sentence

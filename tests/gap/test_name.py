@@ -98,6 +98,7 @@ def test_what_fits_only_beside_coefficients_far_from_what_is_believed_is_not_nam
     assert "CL_alpha 0.7" in naming.sentence
 
 
+@pytest.mark.slow
 def test_the_special_case_of_what_fits_best_is_fitted_to_its_end():
     naming = named(
         KINDS["slew limit"].plan({"limit_rad_s": 0.16}, "taurus"), ("rate_limit", "asymmetric_rate_limit", "stall")
@@ -129,6 +130,7 @@ def test_a_parameter_that_came_to_its_bound_leaves_it_again():
     assert found.values["lag_s"] == pytest.approx(0.08 + 0.015, abs=0.02)  # stepped another way, 1.5 frames apart
 
 
+@pytest.mark.slow
 def test_a_second_effect_in_the_same_place_is_the_form_of_the_first():
     """A motor of two stages is no motor of one with another thrust, though thrust_scale gains hundreds beside it."""
     naming = named(

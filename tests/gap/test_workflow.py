@@ -53,7 +53,7 @@ def solve(name, whole=False):
 @pytest.fixture(
     scope="module",
     params=[
-        *((name, False) for name in CASES if name != "thrust_line"),
+        *((name, False) for name in ("flexible_wings", "alpha_vane")),
         *(pytest.param((name, True), marks=pytest.mark.slow) for name in CASES),
     ],
     ids=lambda p: f"{p[0]}-{'whole library' if p[1] else 'few effects'}",
@@ -81,6 +81,7 @@ def test_the_right_effect_is_named_and_the_gap_shrinks(solved):
         assert abs(best.values[name] - true) < 4.0 * best.errors[name]  # false alarm 6e-5
 
 
+@pytest.mark.slow
 def test_nothing_hidden_is_no_gap():
     finding = solve("nothing").finding
     assert not finding.air.moves
