@@ -221,7 +221,8 @@ def log_axis(axes: Any, which: str, powers: bool) -> None:
 
 def _minor_marks(axis: Any) -> Any:
     """Return marks at 2 to 9 times every power of ten, as one line: as ticks they take a quarter of a figure's time."""
-    from matplotlib.lines import TICKDOWN, TICKLEFT, Line2D
+    from matplotlib.lines import Line2D
+    from matplotlib.markers import TICKDOWN, TICKLEFT
 
     along_x = axis.axis_name == "x"
 
@@ -229,7 +230,7 @@ def _minor_marks(axis: Any) -> Any:
         def draw(self, renderer: Any) -> None:
             """Draw the marks of the limits of this moment."""
             low, high = sorted(axis.get_view_interval())
-            if axis.get_ticks_position() in ("bottom", "left") and 0.0 < low and high < _MARKED * low:
+            if axis.get_ticks_position() in ("bottom", "left") and low > 0.0 and high < _MARKED * low:
                 powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.log10(high))
                 at = np.outer(powers, np.arange(2, 10)).ravel()
                 at = at[(at >= low) & (at <= high)]
