@@ -31,7 +31,6 @@ MARKERS = "osD^vP"
 INK, QUIET, MEASURED, FAINT, BAND = "#202428", "#6b7280", "#a9b0b8", "#dfe3e8", "#eceff3"
 WIDE_IN, NARROW_IN = 8.6, 3.75
 PNG_DPI = 144
-_MARKED = 1e8  # marks between powers of ten up to this ratio of limits: beyond it not every power is labelled
 _POINTS_PER_LETTER = 5.2  # of 9 point DejaVu Sans, on average
 Item = TypeVar("Item")
 _PATH = re.compile(r' d="[^"]*"')
@@ -202,7 +201,7 @@ def log_axis(axes: Any, which: str, powers: bool) -> None:
 
     Where what is drawn spans less than two decades, 2 and 5 are labelled too.
     """
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     def text(value: float, _: int) -> str:
         """Return the label of the tick at ``value``."""
@@ -215,33 +214,7 @@ def log_axis(axes: Any, which: str, powers: bool) -> None:
     close = 0.0 < low < high < 70.0 * low
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if close else (1.0,), numticks=8))
     axis.set_major_formatter(FuncFormatter(text))
-    axis.set_minor_locator(NullLocator())
-    axes.add_artist(_minor_marks(axis))
-
-
-def _minor_marks(axis: Any) -> Any:
-    """Return marks at 2 to 9 times every power of ten, as one line: as ticks they take a quarter of a figure's time."""
-    from matplotlib.lines import Line2D
-    from matplotlib.markers import TICKDOWN, TICKLEFT
-
-    along_x = axis.axis_name == "x"
-
-    class Marks(Line2D):
-        def draw(self, renderer: Any) -> None:
-            """Draw the marks of the limits of this moment."""
-            low, high = sorted(axis.get_view_interval())
-            if axis.get_ticks_position() in ("bottom", "left") and low > 0.0 and high < _MARKED * low:
-                powers = 10.0 ** np.arange(np.floor(np.log10(low)), np.log10(high))
-                at = np.outer(powers, np.arange(2, 10)).ravel()
-                at = at[(at >= low) & (at <= high)]
-                self.set_data(*((at, 0.0 * at) if along_x else (0.0 * at, at)))
-                super().draw(renderer)
-
-    return Marks(
-        [], [], linestyle="", marker=TICKDOWN if along_x else TICKLEFT, markersize=2.0, markeredgewidth=0.4,
-        color="#4b5258", clip_on=False, zorder=2.01,
-        transform=axis.axes.get_xaxis_transform() if along_x else axis.axes.get_yaxis_transform(),
-    )  # fmt: skip
+    axis.set_minor_formatter(NullFormatter())
 
 
 def time_axis(axes: Axes) -> None:
