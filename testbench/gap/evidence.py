@@ -15,6 +15,7 @@ TOLD_APART = 2.0 * np.log(1.0 / FALSE_ALARM)  # gain by which one of two effects
 # sought from the believed values, too. An effect that strains it does not fit what is believed, and is not named.
 STRAINED = 0.01
 FORM = 5e-4  # no form is right to this share of what an effect gains: what gains no more beside it is no other effect
+WEAK = 40.0  # gain below which nothing is named: no simulation is right to a few parts in a thousand of chi-square
 LEFT = 0.02  # what noise exceeds with this probability is not taken for noise where an effect explains too little
 
 

@@ -36,6 +36,8 @@ class EffectFit:
         flown: False if the fit was given up as hopeless on linear predictions, without a flight.
         within: probability that nuisances drawn from their priors lie as far from the believed values as ``tuning``.
         settled: False if it was given up, flown or not, before it came to rest.
+        scatter_s: standard deviation of a delay from command to command, see :mod:`testbench.gap.scatter`; ``chi2`` is
+            then -2 ln of the likelihood, as far as it differs from that of noise alone.
     """
 
     effect: Effect
@@ -49,6 +51,7 @@ class EffectFit:
     flown: bool = True
     within: float = 1.0
     settled: bool = True
+    scatter_s: float = 0.0
 
     def added_to(self, believed: Believed) -> Believed:
         """Return ``believed`` re-tuned and with the effect, as they were fitted."""
@@ -72,10 +75,12 @@ class EffectFit:
     def size(self) -> str:
         """Parameters with their standard errors, in words."""
         units = {p.name: p.unit for p in self.effect.parameters}
-        return ", ".join(
+        said = [
             f"{n} = {v:.4g} ± {self.errors[n]:.2g}" + (f" {units[n]}" if units[n] != "1" else "")
             for n, v in self.values.items()
-        )
+        ]
+        scatter = [f"scattering by {self.scatter_s:.2g} s from command to command"] if self.scatter_s else []
+        return ", ".join(said + scatter)
 
 
 def fit(
@@ -115,8 +120,6 @@ def summarise(effect: Effect, best: Descent, chi2_tuned: float, tested: int) -> 
     samples = best.jacobian.shape[0]
     information = best.jacobian.T @ best.jacobian
     errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0.0) * max(best.chi2 / samples, 1.0))
-    excess = chi2_tuned - samples
-    share = (chi2_tuned - best.chi2) / excess if excess > 4.0 * np.sqrt(2.0 * samples) else float("nan")
     return EffectFit(
         effect=effect,
         values=dict(zip(names, best.x.tolist(), strict=True)),
@@ -124,9 +127,20 @@ def summarise(effect: Effect, best: Descent, chi2_tuned: float, tested: int) -> 
         chi2=best.chi2,
         gain=max(chi2_tuned - best.chi2, 0.0),
         threshold=float(chi2.isf(FALSE_ALARM / (tested * effect.looks), len(names))),
-        share=float(np.clip(share, 0.0, 1.0)),
+        share=share_of_excess(chi2_tuned, best.chi2, samples),
         tuning=best.tuning,
         flown=best.flown,
         within=best.within,
         settled=best.settled,
     )
+
+
+def share_of_excess(chi2_tuned: float, left: float, samples: int) -> float:
+    """Return the share, 0 to 1, of what ``chi2_tuned`` exceeds the noise by that is gone where ``left`` is left.
+
+    NaN if it exceeds the noise by no more than four standard deviations of the noise's chi-square.
+    """
+    excess = chi2_tuned - samples
+    if not excess > 4.0 * np.sqrt(2.0 * samples):
+        return float("nan")
+    return float(np.clip((chi2_tuned - left) / excess, 0.0, 1.0))

@@ -14,10 +14,12 @@ from testbench.gap.ahead import Ahead
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
 from testbench.gap.descent import MAX_ROUNDS, retune, within_priors
 from testbench.gap.effects import Effect, library
-from testbench.gap.evidence import LEFT, STRAINED, TOLD_APART, is_special_case, noise_floor, noise_limit, score
+from testbench.gap.evidence import LEFT, STRAINED, TOLD_APART, WEAK, is_special_case, noise_floor, noise_limit, score
 from testbench.gap.fit import FALSE_ALARM, HOPELESS, HOPELESS_BESIDE_NOISE, EffectFit, fit
 from testbench.gap.gust_search import doubted, sought
 from testbench.gap.local import Local
+from testbench.gap.polish import polished
+from testbench.gap.scatter import scattered
 from testbench.gap.screening import Screened, flown_best, promising, screen, screen_all, screen_closely
 from testbench.gap.several import several_at_once
 from testbench.record import FlightRecord
@@ -25,7 +27,6 @@ from testbench.record import FlightRecord
 ENOUGH = 0.95  # share of the excess that a named effect must explain, unless it leaves noise,
 ENOUGH_ALONE = 0.80  # or this share where nothing but its own other forms
 NEAR = 0.5  # gains as much as this share of what it gains: its form may be off, but it is the only one of its kind
-WEAK = 40.0  # gain below which nothing is named: no simulation is right to a few parts in a thousand of chi-square
 TOO_CLOSE = 0.85  # a runner-up with this share of the best gain cannot be told apart while more than noise is left,
 TWICE = 2.0  # unless it leaves so many times what the best one leaves above the noise
 FOLLOWED = 0.25  # effects that promise less than this share of what the best one promises are not fitted,
@@ -124,13 +125,16 @@ def name_effect(
         say("screen the library closely")
         screened = screen_closely(tuned, screened)
     fits = _fit_promising(tuned, start if strained else None, screened, tested, rejected, say)
-    if pairs:
-        base = start if strained else tuned
+    base = start if strained else tuned
+    scatter = scattered(base, fits, tuned.chi2)
+    if scatter is not None:
+        fits = [scatter if f.effect is scatter.effect else f for f in fits]
+    elif pairs:
         for found in several_at_once(base, tuned.chi2, screened, _ranked(fits, samples), samples, tested, say):
             same = [f for f in fits if {e.name for e in f.effect.singles} == {e.name for e in found.effect.singles}]
             if not any(f.flown and f.chi2 < found.chi2 for f in same):
                 fits = [f for f in fits if f not in same] + [found]
-    ranking = _ranked(fits, samples)
+    ranking = _ranked(polished(base, _ranked(fits, samples), tuned.chi2), samples)
     outcome, names, sentence = _decide(ranking, tuned.chi2, samples, floor)
     chi2_believed = float(start.exact @ start.exact)
     factors, measured = tuned.tuning, tuned.measured()

@@ -12,7 +12,7 @@ from testbench.gap.ahead import spread
 from testbench.gap.descent import MAX_ROUNDS, descend
 from testbench.gap.effects import Effect
 from testbench.gap.effects.base import together
-from testbench.gap.evidence import FORM, STRAINED, TOLD_APART, noise_limit, score
+from testbench.gap.evidence import FORM, STRAINED, TOLD_APART, WEAK, noise_limit, score
 from testbench.gap.fit import EffectFit, summarise
 from testbench.gap.local import Changes, Local
 from testbench.gap.screening import SMALL, Screened, flown_best, promising, screen, screen_all
@@ -59,8 +59,11 @@ def several_at_once(
     found = [f for f in found if f.chi2 <= noise]
     best = min(found, key=lambda f: f.chi2, default=None)
     if best is not None:
-        found += search.simpler(best)
-        rest = spread([partial(search.without, best, part, noise) for part in best.effect.parts])
+        simpler = search.simpler(best)
+        found += simpler
+        # A special case may take the work of another part over, and then lets that one be left out.
+        whole = [best, *sorted(simpler, key=lambda f: f.chi2)[:1]]
+        rest = spread([partial(search.without, f, part, noise) for f in whole for part in f.effect.parts])
         found += [f for f in rest if f is not None and f.settled]
         found = [f for f in found if not any(search.does_without(f, less) for less in (*ranking, *found))]
     return found
@@ -186,7 +189,9 @@ class _Joint:
         return (OF_WHOLE if single.chi2 <= self.noise else FORM) * single.gain
 
     def _ahead(self, both: EffectFit, single: EffectFit) -> bool:
-        return score(both, self.samples) - score(single, self.samples) > TOLD_APART
+        """Return whether ``both`` lead ``single`` clearly; beside one that leaves noise, by as much as a name takes."""
+        lead = score(both, self.samples) - score(single, self.samples)
+        return lead > (WEAK if single.chi2 <= self.noise and single.within >= STRAINED else TOLD_APART)
 
     def does_without(self, joint: EffectFit, less: EffectFit) -> bool:
         """Return whether ``less`` is ``joint`` without one of its parts and loses no more by that than form would."""
@@ -196,7 +201,7 @@ class _Joint:
             return False
         if not (less.flown and less.settled) or less.within < STRAINED:
             return False
-        return joint.gain - less.gain <= self._form(less, missing[0])
+        return joint.gain - less.gain <= self._form(less, missing[0]) or not self._ahead(joint, less)
 
     def without(self, joint: EffectFit, part: Effect, hopeless: float) -> EffectFit | None:
         """Return the fit of ``joint`` without one of its parts, from the values that the others have in it."""

@@ -16,12 +16,12 @@ from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
 from testbench.gap.check import DataCheck, check_data
 from testbench.gap.descent import retune
 from testbench.gap.effects import Effect
-from testbench.gap.evidence import noise_limit
+from testbench.gap.evidence import WEAK, noise_limit
 from testbench.gap.fit import FALSE_ALARM
 from testbench.gap.forces import EquationErrors, equation_errors
 from testbench.gap.local import Local
 from testbench.gap.locate import RegionMap, ResidualMap, locate, locate_regions
-from testbench.gap.name import ENOUGH_ALONE, WEAK, Naming, name_effect
+from testbench.gap.name import ENOUGH_ALONE, Naming, name_effect
 from testbench.gap.plan import separate
 from testbench.gap.verdict import FAR, WrongParameter, confirmed, largest_errors, off_parameters, wrong_parameters
 from testbench.record import FlightRecord, FloatArray

@@ -17,7 +17,7 @@ from testbench.gap.blind.run import believe
 from testbench.gap.blind.score import judge, rates, wilson
 from testbench.gap.blind.truths import KINDS, parameter_errors
 from testbench.gap.effects import library
-from testbench.gap.name import WEAK
+from testbench.gap.evidence import WEAK
 
 
 def case(*right: tuple[str, ...], stratum: str = "library form", kinds: tuple[str, ...] = ()) -> Case:

@@ -12,7 +12,7 @@ from testbench.gap.blind.run import believe
 from testbench.gap.blind.truths import KINDS
 from testbench.gap.effects import EFFECTS
 from testbench.gap.effects.base import together
-from testbench.gap.evidence import FORM, STRAINED, is_special_case
+from testbench.gap.evidence import FORM, STRAINED, TOLD_APART, WEAK, is_special_case
 from testbench.gap.fit import fit
 from testbench.gap.local import Local
 from testbench.gap.name import _decide, name_effect
@@ -236,6 +236,23 @@ def test_a_second_effect_is_dropped_where_the_first_one_alone_does_as_well_but_f
     assert not search.does_without(joint("alpha_scale", 10_190.0), replace(single, chi2=4_700.0))
     assert not search.does_without(joint("alpha_scale", 10_190.0), replace(single, within=0.1 * STRAINED))
     assert not search.does_without(joint("alpha_scale", 10_190.0), replace(single, effect=EFFECTS["mass_error"]))
+
+
+def test_a_second_effect_beside_one_that_leaves_noise_takes_as_much_as_a_name(slow):
+    """No simulation, and no model of turbulence, is right to a few parts in a thousand of chi-square."""
+    single = replace(slow.best, gain=500.0, chi2=4_550.0)
+    search = _Joint(None, 5_000.0, (), 4_500, 3, 4_600.0, print)
+    both = together(EFFECTS["actuator_lag"], EFFECTS["alpha_scale"])
+    values = dict.fromkeys((p.name for p in both.parameters), 1.0)
+    price = np.log(4_500)  # of one parameter more
+
+    def joint(more: float):
+        return replace(single, effect=both, values=values, gain=500.0 + more)
+
+    assert search.does_without(joint(price + WEAK - 1.0), single)
+    assert not search.does_without(joint(price + WEAK + 1.0), single)
+    assert search._ahead(joint(price + TOLD_APART + 1.0), replace(single, chi2=4_700.0))  # it leaves more than noise
+    assert not search._ahead(joint(price + TOLD_APART + 1.0), single)
 
 
 def test_a_general_form_is_told_from_special_cases_of_all_its_parts():

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.gap.effects.base import Effect, Parameter, Values
+from testbench.gap.effects.free_play import WIDEST_RAD
 from testbench.gap.effects.reroute import ELEVATOR, moving, prop, reroute, value
 from testbench.gap.effects.servo import LAG, POSITION, column_of, declared, through_servo
 from testbench.record import FloatArray
@@ -46,7 +47,7 @@ EFFECT = Effect(
         "Friction or a coarse control loop lets the servo rest until its error exceeds a band. "
         "The deflection stops short of every command and where it stops depends on where it came from."
     ),
-    parameters=(Parameter("half_width_rad", "rad", 0.0, 0.1, (0.005, 0.015), none=0.0),),
+    parameters=(Parameter("half_width_rad", "rad", 0.0, 0.5 * WIDEST_RAD, (0.005, 0.015), none=0.0),),
     amend=amend,
     mistaken_for="free play of the linkage",
     separated_by="a measured deflection; small inputs from the rest, in both directions",

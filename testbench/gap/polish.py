@@ -1,0 +1,116 @@
+"""Bring fits to rest on flown tangents: those of linear predictions may rest some units of chi-square too high."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.optimize import lsq_linear
+
+from testbench.gap.ahead import spread
+from testbench.gap.descent import AT_REST, SHORTENED, within_priors
+from testbench.gap.effects import Effect
+from testbench.gap.evidence import TOLD_APART, score
+from testbench.gap.fit import EffectFit, share_of_excess
+from testbench.gap.local import Changes, Local
+from testbench.record import FloatArray
+
+_CLOSE = 2.0 * TOLD_APART  # fits that trail the best one by no more are polished: linear tangents cost less than half
+_ROUNDS = 3
+_STEP = 0.1  # of differences, in standard errors
+_WIDEST, _NARROWEST = 1e-2, 1e-6  # of them, of a parameter's range
+
+
+def polished(base: Local, ranking: Sequence[EffectFit], chi2_tuned: float) -> list[EffectFit]:
+    """Return the fits of ``ranking``, of which those that compete for the first place have come to rest as flown.
+
+    Args:
+        base: a point without any effect.
+        ranking: fits, best first.
+        chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
+    """
+    flown = [f for f in ranking if f.flown and f.settled and not f.scatter_s]
+    first = max((score(f, base.exact.size) for f in flown), default=0.0)
+    close = [f for f in flown if first - score(f, base.exact.size) < _CLOSE]
+    if len(close) < 2:
+        return list(ranking)
+    found = dict(zip(map(id, close), spread([partial(_at_rest, base, f, chi2_tuned) for f in close]), strict=True))
+    return [found.get(id(f), f) for f in ranking]
+
+
+def slopes(changes: Changes, there: Local, x: FloatArray, errors: FloatArray) -> FloatArray:
+    """Return d residuals / d parameters (samples, p) at a point flown with them, by differences of flights.
+
+    Args:
+        changes: the effect, from a point without it.
+        there: the point, flown with the effect at ``x``.
+        x: (p,) parameters.
+        errors: (p,) their standard errors, of which the differences are a tenth.
+    """
+    low, high = _bounds(changes)
+    width = np.clip(_STEP * errors, _NARROWEST * (high - low), _WIDEST * (high - low))
+    columns = []
+    for i, h in enumerate(np.where(x + width < high, width, -width)):
+        beside = there.moved(changes.model(x + h * (np.arange(len(x)) == i)), there.factors)
+        columns.append(np.zeros_like(there.exact) if beside is None else (beside.exact - there.exact) / h)
+    return np.column_stack(columns)
+
+
+def _bounds(changes: Changes) -> tuple[FloatArray, FloatArray]:
+    """Return the lower and upper bounds (p,) of an effect's parameters."""
+    parameters = changes.effect.parameters
+    return np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
+
+
+def _at_rest(base: Local, fit: EffectFit, chi2_tuned: float) -> EffectFit:
+    """Return ``fit`` after Gauss-Newton steps on flown tangents that lower chi-square; its errors stay."""
+    changes, (low, high) = Changes(base, fit.effect), _bounds(Changes(base, fit.effect))
+    x, errors = np.array(list(fit.values.values())), np.array(list(fit.errors.values()))
+    there = base.moved(changes.model(x), np.array([fit.tuning[n] for n in base.priors]))
+    if there is None:
+        return fit
+    lowest, free = _cost(there, changes, x), np.full(len(base.priors), np.inf)
+    for _ in range(_ROUNDS):
+        near = there.afresh(True)
+        J = block_diag(_prior_slopes(fit.effect, x), np.diag(1.0 / np.array(list(base.priors.values()))))
+        J = np.vstack([np.hstack([slopes(changes, there, x, errors), near.tangents]), J])
+        r = np.concatenate([there.exact, fit.effect.prior_residuals(x), there.deviations])
+        ends = np.concatenate([np.minimum(low - x, -1e-12), -free]), np.concatenate([np.maximum(high - x, 1e-12), free])
+        step = lsq_linear(J, -r, ends).x
+        if r @ r - np.sum((r + J @ step) ** 2) < AT_REST:
+            break
+        for share in SHORTENED:
+            x_there = np.clip(x + share * step[: len(x)], low, high)
+            moved = near.moved(changes.model(x_there), there.factors + share * step[len(x) :])
+            if moved is not None and _cost(moved, changes, x_there) < lowest:
+                there, x, lowest = moved, x_there, _cost(moved, changes, x_there)
+                break
+        else:
+            break
+    if lowest >= fit.chi2:
+        return fit
+    return replace(
+        fit,
+        values=dict(zip(fit.values, x.tolist(), strict=True)),
+        chi2=lowest,
+        gain=max(chi2_tuned - lowest, 0.0),
+        share=share_of_excess(chi2_tuned, lowest, there.exact.size),
+        tuning=there.tuning,
+        within=within_priors(there),
+    )
+
+
+def _prior_slopes(effect: Effect, x: FloatArray) -> FloatArray:
+    """Return d residuals of the effect's own priors / d parameters, (priors, p)."""
+    rows = [(i, 1.0 / (x[i] * p.prior[1])) for i, p in enumerate(effect.parameters) if p.prior]
+    out = np.zeros((len(rows), len(x)))
+    for row, (i, slope) in zip(out, rows, strict=True):
+        row[i] = slope
+    return out
+
+
+def _cost(point: Local, changes: Changes, x: FloatArray) -> float:
+    return point.chi2 + float(np.sum(changes.effect.prior_residuals(x) ** 2))

@@ -1,0 +1,174 @@
+"""A link that hands every command on late, each by another time: the scatter beside the mean delay."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
+
+from testbench.gap.believed import Believed
+from testbench.gap.descent import within_priors
+from testbench.gap.evidence import LEFT, noise_floor
+from testbench.gap.fit import EffectFit, share_of_excess
+from testbench.gap.local import Changes, Local
+from testbench.gap.polish import slopes
+from testbench.record import FlightRecord, FloatArray
+
+_SCATTERS = ("transport_delay",)  # effects whose delay may be another one for every command
+_MOST = 0.4  # of the delay that its scatter may be: commands would overtake each other, or another effect is the truth
+_LEADS = 0.7  # share of the excess that the mean delay alone explains at least
+_FORM = 0.01  # share of what both gain that they may leave: lateness is linear only within a sample
+_COMMAND = "de_cmd"
+_ROUNDS = 4
+_AT_REST = 0.05  # standard errors that the last round moves a parameter by at most
+
+
+def scattered(base: Local, fits: Sequence[EffectFit], chi2_tuned: float) -> EffectFit | None:
+    """Return the fit of a delay with the scatter that its remainder asks for; None if noise is not what that leaves.
+
+    Only a delay that alone explains most of the excess, but leaves more than noise, is asked for it.
+
+    Command k changes by du_k and arrives d_k later than the others do. With the response h of the residuals to the
+    elevator, what that adds is -sum_k h(t - t_k) du_k d_k. With independent Gaussian d_k of deviation s the residuals'
+    covariance is V = I + s^2 J J', J the columns -h(t - t_k) du_k. Parameters and coefficients minimise r' V^-1 r,
+    s minimises r' V^-1 r + ln det V (marginal likelihood), which takes the place of chi-square.
+
+    Args:
+        base: a point without any effect.
+        fits: of all effects.
+        chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
+    """
+    noise, samples = chi2.isf(LEFT, noise_floor(base.believed, base.exact.size)), base.exact.size
+    fit = next((f for f in fits if f.effect.name in _SCATTERS and f.settled and f.share > _LEADS), None)
+    if fit is None or fit.chi2 <= noise:
+        return None
+    rest = _at_rest(base, fit)
+    if rest is None:
+        return None
+    there, x, s = rest.point, rest.x, rest.scatter_s
+    left = float(there.exact @ rest.spread.weigh(there.exact, s)) + float(there.deviations @ there.deviations)
+    total = left + rest.spread.volume(s)
+    if s > 0.99 * _MOST * x[0] or left - samples > max(noise - samples, _FORM * (chi2_tuned - total)):
+        return None
+    names = list(fit.values)
+    return replace(
+        fit,
+        values=dict(zip(names, x.tolist(), strict=True)),
+        errors=dict(zip(names, rest.errors.tolist(), strict=True)),
+        chi2=total,
+        gain=max(chi2_tuned - total, 0.0),
+        share=share_of_excess(chi2_tuned, total, samples),
+        tuning=there.tuning,
+        within=within_priors(there),
+        scatter_s=s,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Rest:
+    """Where a delay with scatter came to rest: the point flown there, parameters (p,), their errors, the scatter."""
+
+    point: Local
+    x: FloatArray
+    errors: FloatArray
+    scatter_s: float
+    spread: _Spread
+
+
+def _at_rest(base: Local, fit: EffectFit) -> _Rest | None:
+    """Descend from a delay without scatter by Gauss-Newton steps; None if nothing flies there, or the delay is none."""
+    changes, (delay,) = Changes(base, fit.effect), fit.effect.parameters
+    x, tuning = np.array(list(fit.values.values())), np.array([fit.tuning[n] for n in base.priors])
+    errors = np.array(list(fit.errors.values()))
+    prior = np.concatenate([[0.0], 1.0 / np.array(list(base.priors.values())) ** 2])
+    spread: _Spread | None = None
+    rest: _Rest | None = None
+    for _ in range(_ROUNDS):
+        there = base.moved(changes.model(x), tuning)
+        if there is None or x[0] <= delay.low:
+            return None
+        spread = spread or _Spread([_responses(there.model.with_tuning(there.tuning), r) for r in base.records])
+        s = spread.likeliest(there.exact, _MOST * float(x[0]))
+        J = np.hstack([slopes(changes, there, x, errors), there.tangents])
+        weighed = spread.weigh(J, s)
+        off = np.concatenate([[0.0], tuning - 1.0])
+        step = -np.linalg.solve(J.T @ weighed + np.diag(prior), weighed.T @ there.exact + prior * off)
+        # Of the mean of delays that scatter only so much is known: its slope is the sum of theirs, as they are linear.
+        J = np.hstack([spread.together[:, None], there.tangents])
+        deviations = np.sqrt(np.diag(np.linalg.inv(J.T @ spread.weigh(J, s) + np.diag(prior))))
+        rest = _Rest(there, x, deviations[:1], s, spread)
+        if np.all(np.abs(step) < _AT_REST * deviations):
+            break
+        x, tuning = np.clip(x + step[:1], delay.low, delay.high), there.towards(tuning + step[1:])
+    return rest
+
+
+@dataclass(frozen=True, eq=False)
+class _Spread:
+    """What scattered commands spread the residuals by.
+
+    Attributes:
+        responses: (samples of a record, commands that change) of every record, residuals per second of lateness.
+    """
+
+    responses: Sequence[FloatArray]
+
+    @property
+    def together(self) -> FloatArray:
+        """What all commands a second later add to the residuals (samples,)."""
+        return np.concatenate([J.sum(axis=1) for J in self.responses])
+
+    @cached_property
+    def _modes(self) -> list[tuple[FloatArray, FloatArray]]:
+        """Directions (samples, modes) and the squares (modes,) of their sizes, of every record."""
+        out = []
+        for J in self.responses:
+            U, sizes, _ = np.linalg.svd(J, full_matrices=False)
+            out.append((U, sizes**2))
+        return out
+
+    def _split(self, r: FloatArray) -> list[FloatArray]:
+        return np.split(r, np.cumsum([len(J) for J in self.responses])[:-1])
+
+    def weigh(self, r: FloatArray, s: float) -> FloatArray:
+        """Return V^-1 r, r (samples, ...)."""
+        parts = []
+        for part, (U, sizes) in zip(self._split(r), self._modes, strict=True):
+            share = s**2 * sizes / (1.0 + s**2 * sizes)
+            parts.append(part - U @ (share[:, None] * (U.T @ part) if part.ndim > 1 else share * (U.T @ part)))
+        return np.concatenate(parts)
+
+    def volume(self, s: float) -> float:
+        """Return ln det V."""
+        return float(sum(np.sum(np.log1p(s**2 * sizes)) for _, sizes in self._modes))
+
+    def likeliest(self, r: FloatArray, most: float) -> float:
+        """Return the scatter s, in seconds and up to ``most``, of the largest likelihood of residuals (samples,)."""
+        seen = [((U.T @ part) ** 2, sizes) for part, (U, sizes) in zip(self._split(r), self._modes, strict=True)]
+
+        def cost(ln_s: float) -> float:
+            s2 = np.exp(2.0 * ln_s)
+            return float(sum(np.sum(np.log1p(s2 * z) - c * s2 * z / (1.0 + s2 * z)) for c, z in seen))
+
+        return float(np.exp(minimize_scalar(cost, bounds=(np.log(1e-6), np.log(most)), method="bounded").x))
+
+
+def _responses(believed: Believed, record: FlightRecord) -> FloatArray:
+    """Return what a command that comes a second late adds to the residuals (samples, commands that change)."""
+    u, dt = record.columns([_COMMAND])[:, 0], record.dt_s
+    changed = np.flatnonzero(np.diff(u)) + 1
+    if not changed.size:
+        return np.zeros((believed.residuals(record).size, 1))
+    first, data = int(changed[0]), record.data.copy()
+    data[first - 1 : first + 1, record.channels.index(_COMMAND)] += 0.5  # half to either side of where it changes
+    pulse = (believed.predict_linear(replace(record, data=data)) - believed.predict_linear(record))[first - 1 :]
+    columns = []
+    for k in changed:
+        late = np.zeros((len(record), pulse.shape[1]))
+        late[k - 1 :] = pulse[: len(record) - k + 1]
+        columns.append(believed.in_noise_units(record, late * (u[k] - u[k - 1]) / dt).ravel())
+    return np.column_stack(columns)

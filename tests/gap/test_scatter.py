@@ -1,0 +1,95 @@
+"""Delays that scatter from command to command: what they leave is told from the form of another effect."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize_scalar
+
+from testbench.gap.blind.flights import Plan, fly_truth
+from testbench.gap.blind.run import believe
+from testbench.gap.blind.truths import KINDS
+from testbench.gap.effects import EFFECTS
+from testbench.gap.name import name_effect
+from testbench.gap.scatter import _Spread
+
+LATE = ("transport_delay", "delayed_servo", "clock_offset")
+RNG_SEED = 3
+
+
+def jittery(delay_s: float, scatter_s: float, drawn: list[float]):
+    """A link that hands steps on, each late by a time of its own, which is noted in ``drawn``."""
+
+    def law(u, dt_s):
+        rng, t, out = np.random.default_rng(RNG_SEED), np.arange(len(u)) * dt_s, np.full(len(u), float(u[0]))
+        for k in np.flatnonzero(np.diff(u)) + 1:
+            drawn.append(delay_s + scatter_s * rng.standard_normal())
+            share = np.clip((t - t[k] - drawn[-1]) / dt_s + 1.0, 0.0, 1.0)
+            out = (1.0 - share) * out + share * u[k]
+        return out
+
+    return law
+
+
+def named(plan: Plan, names: tuple[str, ...] = LATE):
+    records = list(fly_truth("taurus", plan, "short", 11).values())
+    return name_effect(believe("taurus"), records, effects={n: EFFECTS[n] for n in names})
+
+
+def test_a_delay_is_named_with_its_scatter_where_each_command_arrives_at_a_time_of_its_own():
+    drawn: list[float] = []
+    naming = named(Plan(elevator=jittery(0.08, 0.006, drawn)))
+    assert naming.names == ("transport_delay",), naming.sentence
+    best, edges = naming.best, len(drawn)
+    assert edges > 8
+    # Four standard errors of a mean and of a standard deviation of so many draws: false alarm 2e-4.
+    assert abs(best.values["delay_s"] - 0.08) < 4.0 * 0.006 / np.sqrt(edges)
+    assert abs(best.scatter_s / 0.006 - 1.0) < 4.0 / np.sqrt(2.0 * edges)
+    assert "from command to command" in best.size
+    assert abs(best.values["delay_s"] - 0.08) < 4.0 * best.errors["delay_s"]  # false alarm 6e-5
+
+
+def test_a_delay_that_is_the_same_for_all_commands_has_no_scatter():
+    naming = named(KINDS["late link"].plan({"delay_s": 0.07}, "taurus"))
+    assert naming.names == ("transport_delay",), naming.sentence
+    assert naming.best.scatter_s == 0.0
+
+
+def test_the_form_of_a_servo_is_not_taken_for_scatter():
+    naming = named(KINDS["servo of second order"].plan({"omega_rad_s": 15.0, "zeta": 0.6}, "taurus"), LATE[:1])
+    assert naming.ranking
+    assert all(f.scatter_s == 0.0 for f in naming.ranking), naming.sentence
+
+
+@pytest.fixture(scope="module")
+def spread():
+    rng = np.random.default_rng(5)
+    return _Spread([rng.standard_normal((40, 6)), rng.standard_normal((30, 4))])
+
+
+def covariance(spread: _Spread, s: float) -> np.ndarray:
+    """V = I + s^2 J J', dense."""
+    sizes = np.cumsum([0, *(len(J) for J in spread.responses)])
+    V = np.eye(sizes[-1])
+    for a, b, J in zip(sizes, sizes[1:], spread.responses, strict=False):
+        V[a:b, a:b] += s**2 * J @ J.T
+    return V
+
+
+def test_weights_and_volume_are_those_of_the_dense_covariance(spread):
+    V, r = covariance(spread, 0.7), np.random.default_rng(6).standard_normal((70, 3))
+    assert spread.weigh(r, 0.7) == pytest.approx(np.linalg.solve(V, r), abs=1e-10)
+    assert spread.weigh(r[:, 0], 0.7) == pytest.approx(np.linalg.solve(V, r[:, 0]), abs=1e-10)
+    assert spread.volume(0.7) == pytest.approx(np.linalg.slogdet(V)[1], rel=1e-10)
+
+
+def test_the_likeliest_scatter_is_that_of_the_dense_likelihood(spread):
+    r = np.linalg.cholesky(covariance(spread, 0.5)) @ np.random.default_rng(7).standard_normal(70)
+
+    def cost(s: float) -> float:
+        V = covariance(spread, s)
+        return float(r @ np.linalg.solve(V, r) + np.linalg.slogdet(V)[1])
+
+    dense = minimize_scalar(cost, bounds=(1e-3, 5.0), method="bounded", options={"xatol": 1e-8}).x
+    assert spread.likeliest(r, 5.0) == pytest.approx(dense, rel=1e-3)
+    assert spread.likeliest(r, 0.1) == pytest.approx(0.1, rel=1e-3)  # no more than is asked for
