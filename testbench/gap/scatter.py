@@ -23,6 +23,7 @@ _MOST = 0.4  # of the delay that its scatter may be: commands would overtake eac
 _LEADS = 0.7  # share of the excess that the mean delay alone explains at least
 _FORM = 0.01  # share of what both gain that they may leave: lateness is linear only within a sample
 _COMMAND = "de_cmd"
+_SMALL = 1e-2  # share of the largest change of a command: what changes by less, noise of a measured one, is none
 _ROUNDS = 4
 _AT_REST = 0.05  # standard errors that the last round moves a parameter by at most
 
@@ -70,7 +71,7 @@ def scattered(base: Local, fits: Sequence[EffectFit], chi2_tuned: float) -> Effe
 
 @dataclass(frozen=True, eq=False)
 class _Rest:
-    """Where a delay with scatter came to rest: the point flown there, parameters (p,), their errors, the scatter."""
+    """Where a delay with scatter came to rest: the point flown there, the delay (1,), its error (1,), the scatter."""
 
     point: Local
     x: FloatArray
@@ -158,11 +159,12 @@ class _Spread:
 
 
 def _responses(believed: Believed, record: FlightRecord) -> FloatArray:
-    """Return what a command that comes a second late adds to the residuals (samples, commands that change)."""
-    u, dt = record.columns([_COMMAND])[:, 0], record.dt_s
-    changed = np.flatnonzero(np.diff(u)) + 1
+    """Return the change of residuals (samples, commands that change) per second that a model has a command late."""
+    u = record.columns([_COMMAND])[:, 0] if _COMMAND in record else np.zeros(len(record))
+    du = np.diff(u, prepend=u[0])
+    changed = np.flatnonzero(np.abs(du) > _SMALL * np.max(np.abs(du)))
     if not changed.size:
-        return np.zeros((believed.residuals(record).size, 1))
+        return np.zeros((len(record) * len(believed.outputs), 1))
     first, data = int(changed[0]), record.data.copy()
     data[first - 1 : first + 1, record.channels.index(_COMMAND)] += 0.5  # half to either side of where it changes
     pulse = (believed.predict_linear(replace(record, data=data)) - believed.predict_linear(record))[first - 1 :]
@@ -170,5 +172,5 @@ def _responses(believed: Believed, record: FlightRecord) -> FloatArray:
     for k in changed:
         late = np.zeros((len(record), pulse.shape[1]))
         late[k - 1 :] = pulse[: len(record) - k + 1]
-        columns.append(believed.in_noise_units(record, late * (u[k] - u[k - 1]) / dt).ravel())
+        columns.append(believed.in_noise_units(record, late * du[k] / record.dt_s).ravel())
     return np.column_stack(columns)
