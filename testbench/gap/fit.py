@@ -79,12 +79,9 @@ class EffectFit:
             f"{n} = {v:.4g} ± {self.errors[n]:.2g}" + (f" {units[n]}" if units[n] != "1" else "")
             for n, v in self.values.items()
         ]
-        scatter = (
-            [f"scattering by {self.scatter_s:.2g} s from command to command (flown: the mean)"]
-            if self.scatter_s
-            else []
-        )
-        return ", ".join(said + scatter)
+        if self.scatter_s:
+            said.append(f"scattering by {self.scatter_s:.2g} s from command to command (flown: the mean)")
+        return ", ".join(said)
 
 
 def fit(

@@ -30,6 +30,7 @@ TRUE = {
     "rate_limit": {"limit_rad_s": 0.25},
     "asymmetric_rate_limit": {"down_rad_s": 0.15, "up_rad_s": 0.4},
     "second_order_actuator": {"omega_rad_s": 20.0, "zeta": 0.6},
+    "creeping_free_play": {"width_rad": 0.02, "creep_1_s": 6.0, "power": 3.0},
     "wing_bending": {"f_hz": 5.0, "mass_ratio": 0.083, "twist_rad": 0.05, "lever": 0.04},
     "wing_torsion": {"f_hz": 9.0, "share": 0.4, "lever": 0.06},
     "elevator_mode": {"f_hz": 5.2, "Cm_eta": 0.15},

@@ -50,7 +50,7 @@ EFFECT = Effect(
     parameters=(
         Parameter("width_rad", "rad", 0.0, WIDEST_RAD, (0.01, 0.03), none=0.0),
         Parameter("creep_1_s", "1/s", 0.0, 50.0, (0.5, 3.0)),
-        Parameter("power", "1", 1.0, 8.0, (1.0,)),
+        Parameter("power", "1", 1.0, 8.0, (1.5,)),
     ),
     amend=amend,
     mistaken_for="play without creep, where no input is held for long",
