@@ -317,7 +317,7 @@ def _decide(
     explained = "what is left is noise"
     if np.isfinite(best.share):
         explained = f"explains {100 * best.share:.1f} % of the excess over noise"
-    if best.chi2 > noise:
+    if best.chi2 > noise and not best.scatter_s:
         explained += (
             "; what it leaves is more than noise: its form is not quite right, or an effect like it is the truth"
         )

@@ -15,7 +15,7 @@ from testbench.gap.blind.cases import SHORT, STRATA, WITHOUT, Case, draw, opened
 from testbench.gap.blind.report import write_report
 from testbench.gap.blind.rows import run_case
 
-SEED = 20261206
+SEED = 20261207
 
 
 def main(arguments: list[str] | None = None) -> int:
