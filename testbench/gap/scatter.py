@@ -11,7 +11,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 from testbench.gap.believed import Believed
-from testbench.gap.descent import within_priors
+from testbench.gap.descent import AT_REST, SHORTENED, within_priors
 from testbench.gap.evidence import LEFT, noise_floor
 from testbench.gap.fit import EffectFit, share_of_excess
 from testbench.gap.local import Changes, Local
@@ -24,8 +24,7 @@ _LEADS = 0.7  # share of the excess that the mean delay alone explains at least
 _FORM = 0.01  # share of what both gain that they may leave: lateness is linear only within a sample
 _COMMAND = "de_cmd"
 _SMALL = 1e-2  # share of the largest change of a command: what changes by less, noise of a measured one, is none
-_ROUNDS = 4
-_AT_REST = 0.05  # standard errors that the last round moves a parameter by at most
+_ROUNDS = 8
 
 
 def scattered(base: Local, fits: Sequence[EffectFit], chi2_tuned: float) -> EffectFit | None:
@@ -47,65 +46,93 @@ def scattered(base: Local, fits: Sequence[EffectFit], chi2_tuned: float) -> Effe
     fit = next((f for f in fits if f.effect.name in _SCATTERS and f.settled and f.share > _LEADS), None)
     if fit is None or fit.chi2 <= noise:
         return None
-    rest = _at_rest(base, fit)
-    if rest is None:
+    found = _at_rest(base, fit)
+    if found is None or found.s > 0.99 * _MOST * found.x[0]:
         return None
-    there, x, s = rest.point, rest.x, rest.scatter_s
-    left = float(there.exact @ rest.spread.weigh(there.exact, s)) + float(there.deviations @ there.deviations)
-    total = left + rest.spread.volume(s)
-    if s > 0.99 * _MOST * x[0] or left - samples > max(noise - samples, _FORM * (chi2_tuned - total)):
+    if found.left - samples > max(noise - samples, _FORM * (chi2_tuned - found.cost)):
         return None
     names = list(fit.values)
     return replace(
         fit,
-        values=dict(zip(names, x.tolist(), strict=True)),
-        errors=dict(zip(names, rest.errors.tolist(), strict=True)),
-        chi2=total,
-        gain=max(chi2_tuned - total, 0.0),
-        share=share_of_excess(chi2_tuned, total, samples),
-        tuning=there.tuning,
-        within=within_priors(there),
-        scatter_s=s,
+        values=dict(zip(names, found.x.tolist(), strict=True)),
+        errors=dict(zip(names, found.error.tolist(), strict=True)),
+        chi2=found.cost,
+        gain=max(chi2_tuned - found.cost, 0.0),
+        share=share_of_excess(chi2_tuned, found.cost, samples),
+        tuning=found.point.tuning,
+        within=within_priors(found.point),
+        scatter_s=found.s,
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Rest:
-    """Where a delay with scatter came to rest: the point flown there, the delay (1,), its error (1,), the scatter."""
+class _Scattered:
+    """A point flown with a delay x (1,), and the likeliest scatter s of its residuals."""
 
     point: Local
     x: FloatArray
-    errors: FloatArray
-    scatter_s: float
+    s: float
     spread: _Spread
 
+    @property
+    def left(self) -> float:
+        """The weighted sum of squares r' V^-1 r, and the price of the coefficients."""
+        point = self.point
+        return float(point.exact @ self.spread.weigh(point.exact, self.s) + point.deviations @ point.deviations)
 
-def _at_rest(base: Local, fit: EffectFit) -> _Rest | None:
+    @property
+    def cost(self) -> float:
+        """What takes the place of chi-square."""
+        return self.left + self.spread.volume(self.s)
+
+    def normal(self, slope: FloatArray, tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return normal matrix and gradient of half of ``left`` over the delay and the coefficients."""
+        J = np.hstack([slope, tangents])
+        price = np.concatenate([np.zeros(slope.shape[1]), 1.0 / np.array(list(self.point.priors.values())) ** 2])
+        off = np.concatenate([np.zeros(slope.shape[1]), self.point.factors - 1.0])
+        weighed = self.spread.weigh(J, self.s)
+        return J.T @ weighed + np.diag(price), weighed.T @ self.point.exact + price * off
+
+    @property
+    def error(self) -> FloatArray:
+        """Standard error of the delay (1,): of the mean of delays that scatter only so much is known.
+
+        Its slope is the sum of those of all commands, as V takes them for linear.
+        """
+        normal, _ = self.normal(self.spread.together[:, None], self.point.tangents)
+        return np.sqrt(np.diag(np.linalg.inv(normal))[:1])
+
+
+def _at_rest(base: Local, fit: EffectFit) -> _Scattered | None:
     """Descend from a delay without scatter by Gauss-Newton steps; None if nothing flies there, or the delay is none."""
     changes, (delay,) = Changes(base, fit.effect), fit.effect.parameters
-    x, tuning = np.array(list(fit.values.values())), np.array([fit.tuning[n] for n in base.priors])
     errors = np.array(list(fit.errors.values()))
-    prior = np.concatenate([[0.0], 1.0 / np.array(list(base.priors.values())) ** 2])
-    spread: _Spread | None = None
-    rest: _Rest | None = None
-    for _ in range(_ROUNDS):
-        there = base.moved(changes.model(x), tuning)
-        if there is None or x[0] <= delay.low:
+
+    def at(x: FloatArray, factors: FloatArray, spread: _Spread | None) -> _Scattered | None:
+        point = base.moved(changes.model(x), factors)
+        if point is None or x[0] <= delay.low:
             return None
-        spread = spread or _Spread([_responses(there.model.with_tuning(there.tuning), r) for r in base.records])
-        s = spread.likeliest(there.exact, _MOST * float(x[0]))
-        J = np.hstack([slopes(changes, there, x, errors), there.tangents])
-        weighed = spread.weigh(J, s)
-        off = np.concatenate([[0.0], tuning - 1.0])
-        step = -np.linalg.solve(J.T @ weighed + np.diag(prior), weighed.T @ there.exact + prior * off)
-        # Of the mean of delays that scatter only so much is known: its slope is the sum of theirs, as they are linear.
-        J = np.hstack([spread.together[:, None], there.tangents])
-        deviations = np.sqrt(np.diag(np.linalg.inv(J.T @ spread.weigh(J, s) + np.diag(prior))))
-        rest = _Rest(there, x, deviations[:1], s, spread)
-        if np.all(np.abs(step) < _AT_REST * deviations):
-            break
-        x, tuning = np.clip(x + step[:1], delay.low, delay.high), there.towards(tuning + step[1:])
-    return rest
+        spread = spread or _Spread([_responses(point.model.with_tuning(point.tuning), r) for r in base.records])
+        return _Scattered(point, x, spread.likeliest(point.exact, _MOST * float(x[0])), spread)
+
+    here = at(np.array(list(fit.values.values())), np.array([fit.tuning[n] for n in base.priors]), None)
+    for _ in range(_ROUNDS if here is not None else 0):
+        assert here is not None
+        near = here.point.afresh(True)
+        here = replace(here, point=near)
+        normal, gradient = here.normal(slopes(changes, near, here.x, errors), near.tangents)
+        step = -np.linalg.solve(normal, gradient)
+        for share in SHORTENED:
+            x = np.clip(here.x + share * step[:1], delay.low, delay.high)
+            there = at(x, near.towards(near.factors + share * step[1:]), here.spread)
+            if there is not None and there.cost < here.cost:
+                break
+        else:
+            return here
+        fallen, here = here.cost - there.cost, there
+        if fallen < AT_REST:
+            return here
+    return here
 
 
 @dataclass(frozen=True, eq=False)
