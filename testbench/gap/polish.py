@@ -13,12 +13,13 @@ from scipy.optimize import lsq_linear
 from testbench.gap.ahead import spread
 from testbench.gap.descent import AT_REST, SHORTENED, within_priors
 from testbench.gap.effects import Effect
-from testbench.gap.evidence import TOLD_APART, score
+from testbench.gap.evidence import TOLD_APART, WEAK, score
 from testbench.gap.fit import EffectFit, share_of_excess
 from testbench.gap.local import Changes, Local
 from testbench.record import FloatArray
 
 _CLOSE = 2.0 * TOLD_APART  # fits that trail the best one by no more are polished: linear tangents cost less than half
+_SEEN = 0.5 * WEAK  # gain below which no polish makes a name of a fit
 _ROUNDS = 3
 _STEP = 0.1  # of differences, in standard errors
 _WIDEST, _NARROWEST = 1e-2, 1e-6  # of them, of a parameter's range
@@ -32,7 +33,7 @@ def polished(base: Local, ranking: Sequence[EffectFit], chi2_tuned: float) -> li
         ranking: fits, best first.
         chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
     """
-    flown = [f for f in ranking if f.flown and f.settled and not f.scatter_s]
+    flown = [f for f in ranking if f.flown and f.settled and not f.scatter_s and f.gain > _SEEN]
     first = max((score(f, base.exact.size) for f in flown), default=0.0)
     close = [f for f in flown if first - score(f, base.exact.size) < _CLOSE]
     if len(close) < 2:
