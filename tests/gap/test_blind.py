@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
+import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -194,6 +198,34 @@ def test_a_run_resumes_and_a_changed_seal_is_refused(tmp_path, monkeypatch):
     answers.write_text(json.dumps(changed, indent=1, sort_keys=True) + "\n", encoding="utf-8")
     with pytest.raises(SystemExit, match="must be those sealed"):
         command.main(arguments)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="asks /proc")
+def test_workers_end_with_a_run_that_is_killed():
+    script = (
+        "import os, time\n"
+        "from concurrent.futures import ProcessPoolExecutor\n"
+        "from multiprocessing import get_context\n"
+        "from testbench.gap.blind.__main__ import leave_with\n"
+        "pool = ProcessPoolExecutor(1, get_context('spawn'), initializer=leave_with, initargs=(os.getpid(),))\n"
+        "if __name__ == '__main__':\n"
+        "    print(pool.submit(os.getpid).result(), flush=True)\n"
+        "    time.sleep(60)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as run:
+        worker = int(run.stdout.readline())
+        assert runs(worker)
+        run.kill()
+    latest = time.monotonic() + 10.0
+    while runs(worker) and time.monotonic() < latest:
+        time.sleep(0.1)
+    assert not runs(worker)
+
+
+def runs(process: int) -> bool:
+    """Whether a process is there and has not ended (Z: ended, and nobody has asked how)."""
+    status = Path(f"/proc/{process}/stat")
+    return status.exists() and status.read_text(encoding="utf-8").rpartition(")")[2].split()[0] != "Z"
 
 
 def test_the_report_reads_out_rates_sizes_and_confusion(tmp_path):

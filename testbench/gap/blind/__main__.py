@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import threading
 import time
 from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -58,7 +60,8 @@ def _rows(due: Sequence[tuple[Case, str]], workers: int, stop: float | None) -> 
         return
     waiting = list(reversed(due))
     running: set[Future[dict[str, Any]]] = set()
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
+    context = get_context("spawn")
+    with ProcessPoolExecutor(workers, context, initializer=leave_with, initargs=(os.getpid(),)) as pool:
         while waiting or running:
             late = stop is not None and time.monotonic() > stop
             while waiting and not late and len(running) < workers:
@@ -68,6 +71,17 @@ def _rows(due: Sequence[tuple[Case, str]], workers: int, stop: float | None) -> 
             ready, running = wait(running, return_when=FIRST_COMPLETED)
             for future in ready:
                 yield future.result()
+
+
+def leave_with(parent: int) -> None:
+    """End this process once that of number ``parent`` has: a worker whose pool was killed would wait for it forever."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 def _in_turn(cases: tuple[Case, ...]) -> list[tuple[Case, str]]:
