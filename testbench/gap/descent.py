@@ -57,7 +57,7 @@ def descend(
     Returns None if nothing on the way could be flown.
     """
     effect, here = changes.effect, changes.base
-    low, high = np.array([p.low for p in effect.parameters]), np.array([p.high for p in effect.parameters])
+    low, high = effect.bounds
     scale = np.maximum(np.abs(start), 1e-3 * (high - low))
     off = OFF_BOUND * np.minimum(scale, 0.1 * (high - low))
     known = np.zeros_like(here.exact)  # the change at the point flown last; the first one is the base itself

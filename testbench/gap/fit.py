@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import chi2
 
 from testbench.gap.believed import Believed
-from testbench.gap.descent import Descent, descend
+from testbench.gap.descent import Descent, descend, within_priors
 from testbench.gap.effects import Effect
+from testbench.gap.local import Local
 from testbench.gap.screening import Screened
+from testbench.record import FloatArray
 
 FALSE_ALARM = 1e-3  # probability of naming any effect where there is none, all effects of the library together
 HOPELESS = 0.7  # a fit that gains less than this share of the best one's gain is not followed to its end,
@@ -52,6 +54,21 @@ class EffectFit:
     within: float = 1.0
     settled: bool = True
     scatter_s: float = 0.0
+
+    def brought_to(self, x: FloatArray, point: Local, left: float, chi2_tuned: float) -> EffectFit:
+        """Return the fit at parameters ``x`` (p,) and the coefficients of a point flown with them; its errors stay.
+
+        ``left`` is the weighted sum of squares there, ``chi2_tuned`` that without any effect, nuisances re-tuned.
+        """
+        return replace(
+            self,
+            values=dict(zip(self.values, x.tolist(), strict=True)),
+            chi2=left,
+            gain=max(chi2_tuned - left, 0.0),
+            share=share_of_excess(chi2_tuned, left, point.exact.size),
+            tuning=point.tuning,
+            within=within_priors(point),
+        )
 
     def added_to(self, believed: Believed) -> Believed:
         """Return ``believed`` re-tuned and with the effect, as they were fitted."""

@@ -100,7 +100,7 @@ class GustSearch:
             axes = (*axes, "east")
         places = tuple((axis, d) for axis in axes for d in DURATIONS_S)
         T = np.split(point.tangents, np.cumsum([len(r) * p for r in records])[:-1])
-        A = cho_factor(point.tangents.T @ point.tangents + np.diag(np.array(list(point.priors.values())) ** -2.0))
+        A = cho_factor(point.tangents.T @ point.tangents + np.diag(point.prior_std**-2.0))
         responses = _responses(point, max(records, key=len), places)
         filters, information, sizes = [], [], []
         for record, tangents in zip(records, T, strict=True):

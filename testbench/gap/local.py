@@ -71,6 +71,10 @@ class Local:
         """Return nuisance -> factor of factors (k,)."""
         return dict(zip(self.priors, factors.tolist(), strict=True))
 
+    def factors_of(self, tuning: Mapping[str, float]) -> FloatArray:
+        """Return the factors (k,) of nuisance -> factor."""
+        return np.array([tuning[n] for n in self.priors])
+
     @property
     def tuning(self) -> Mapping[str, float]:
         """Nuisance -> factor of the point."""
@@ -82,13 +86,14 @@ class Local:
         return not LATERAL_NUISANCES.keys().isdisjoint(self.priors)
 
     @cached_property
-    def _spread(self) -> FloatArray:
+    def prior_std(self) -> FloatArray:
+        """Relative standard deviations (k,) of the nuisances' priors."""
         return np.array(list(self.priors.values()))
 
     @property
     def deviations(self) -> FloatArray:
         """How far each nuisance is re-tuned (k,), in standard deviations of its prior."""
-        return (self.factors - 1.0) / self._spread
+        return (self.factors - 1.0) / self.prior_std
 
     @property
     def chi2(self) -> float:
@@ -146,7 +151,7 @@ class Local:
 
     @cached_property
     def _normal(self) -> tuple[FloatArray, tuple[FloatArray, bool]]:
-        J = np.vstack([self.tangents, np.diag(1.0 / self._spread)])
+        J = np.vstack([self.tangents, np.diag(1.0 / self.prior_std)])
         return J, cho_factor(J.T @ J)
 
     def tuned(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -172,7 +177,7 @@ class Local:
         ends = np.cumsum([len(r) * p for r in self.records])[:-1]
         tangents = [T.reshape(-1, p, k) for T in np.split(self.tangents, ends)]
         score = coloured_information(tangents, [e.reshape(-1, p) for e in np.split(self.exact, ends)])
-        prior = 1.0 / self._spread**2
+        prior = 1.0 / self.prior_std**2
         whole = self.tangents.T @ self.tangents + np.diag(prior)
         v, out = np.diag(np.linalg.inv(whole)), {}
         for i, name in enumerate(self.priors):

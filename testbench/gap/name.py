@@ -251,7 +251,7 @@ def _refit_special_cases(
         if not one.seen or one.effect is best.effect or not best.effect.generalises(one.effect):
             continue
         if name not in fits or fits[name].chi2 - best.chi2 > TOLD_APART:
-            near = near or base.moved(base.model, np.array([best.tuning[n] for n in base.priors])) or base
+            near = near or base.moved(base.model, base.factors_of(best.tuning)) or base
             say(f"fit {one.effect.title}, a special case of {best.effect.title}")
             found = fit(flown_best(near, screen(near, one.effect)), chi2_tuned, 0.0, tested, MAX_ROUNDS, near=True)
             if found is not None and (name not in fits or found.chi2 < fits[name].chi2):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,10 +10,9 @@ from scipy.linalg import block_diag
 from scipy.optimize import lsq_linear
 
 from testbench.gap.ahead import spread
-from testbench.gap.descent import AT_REST, SHORTENED, within_priors
-from testbench.gap.effects import Effect
+from testbench.gap.descent import AT_REST, SHORTENED
 from testbench.gap.evidence import TOLD_APART, WEAK, score
-from testbench.gap.fit import EffectFit, share_of_excess
+from testbench.gap.fit import EffectFit
 from testbench.gap.local import Changes, Local
 from testbench.record import FloatArray
 
@@ -51,7 +49,7 @@ def slopes(changes: Changes, there: Local, x: FloatArray, errors: FloatArray) ->
         x: (p,) parameters.
         errors: (p,) their standard errors, of which the differences are a tenth.
     """
-    low, high = _bounds(changes)
+    low, high = changes.effect.bounds
     width = np.clip(_STEP * errors, _NARROWEST * (high - low), _WIDEST * (high - low))
     columns = []
     for i, h in enumerate(np.where(x + width < high, width, -width)):
@@ -60,23 +58,17 @@ def slopes(changes: Changes, there: Local, x: FloatArray, errors: FloatArray) ->
     return np.column_stack(columns)
 
 
-def _bounds(changes: Changes) -> tuple[FloatArray, FloatArray]:
-    """Return the lower and upper bounds (p,) of an effect's parameters."""
-    parameters = changes.effect.parameters
-    return np.array([p.low for p in parameters]), np.array([p.high for p in parameters])
-
-
 def _at_rest(base: Local, fit: EffectFit, chi2_tuned: float) -> EffectFit:
     """Return ``fit`` after Gauss-Newton steps on flown tangents that lower chi-square; its errors stay."""
-    changes, (low, high) = Changes(base, fit.effect), _bounds(Changes(base, fit.effect))
+    changes, (low, high) = Changes(base, fit.effect), fit.effect.bounds
     x, errors = np.array(list(fit.values.values())), np.array(list(fit.errors.values()))
-    there = base.moved(changes.model(x), np.array([fit.tuning[n] for n in base.priors]))
+    there = base.moved(changes.model(x), base.factors_of(fit.tuning))
     if there is None:
         return fit
     lowest, free = _cost(there, changes, x), np.full(len(base.priors), np.inf)
     for _ in range(_ROUNDS):
         near = there.afresh(True)
-        J = block_diag(_prior_slopes(fit.effect, x), np.diag(1.0 / np.array(list(base.priors.values()))))
+        J = block_diag(fit.effect.prior_slopes(x), np.diag(1.0 / base.prior_std))
         J = np.vstack([np.hstack([slopes(changes, there, x, errors), near.tangents]), J])
         r = np.concatenate([there.exact, fit.effect.prior_residuals(x), there.deviations])
         ends = np.concatenate([np.minimum(low - x, -1e-12), -free]), np.concatenate([np.maximum(high - x, 1e-12), free])
@@ -91,26 +83,7 @@ def _at_rest(base: Local, fit: EffectFit, chi2_tuned: float) -> EffectFit:
                 break
         else:
             break
-    if lowest >= fit.chi2:
-        return fit
-    return replace(
-        fit,
-        values=dict(zip(fit.values, x.tolist(), strict=True)),
-        chi2=lowest,
-        gain=max(chi2_tuned - lowest, 0.0),
-        share=share_of_excess(chi2_tuned, lowest, there.exact.size),
-        tuning=there.tuning,
-        within=within_priors(there),
-    )
-
-
-def _prior_slopes(effect: Effect, x: FloatArray) -> FloatArray:
-    """Return d residuals of the effect's own priors / d parameters, (priors, p)."""
-    rows = [(i, 1.0 / (x[i] * p.prior[1])) for i, p in enumerate(effect.parameters) if p.prior]
-    out = np.zeros((len(rows), len(x)))
-    for row, (i, slope) in zip(out, rows, strict=True):
-        row[i] = slope
-    return out
+    return fit if lowest >= fit.chi2 else fit.brought_to(x, there, lowest, chi2_tuned)
 
 
 def _cost(point: Local, changes: Changes, x: FloatArray) -> float:

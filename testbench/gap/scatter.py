@@ -11,9 +11,9 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
 from testbench.gap.believed import Believed
-from testbench.gap.descent import AT_REST, SHORTENED, within_priors
+from testbench.gap.descent import AT_REST, SHORTENED
 from testbench.gap.evidence import LEFT, noise_floor
-from testbench.gap.fit import EffectFit, share_of_excess
+from testbench.gap.fit import EffectFit
 from testbench.gap.local import Changes, Local
 from testbench.gap.polish import slopes
 from testbench.record import FlightRecord, FloatArray
@@ -51,18 +51,8 @@ def scattered(base: Local, fits: Sequence[EffectFit], chi2_tuned: float) -> Effe
         return None
     if found.left - samples > max(noise - samples, _FORM * (chi2_tuned - found.cost)):
         return None
-    names = list(fit.values)
-    return replace(
-        fit,
-        values=dict(zip(names, found.x.tolist(), strict=True)),
-        errors=dict(zip(names, found.error.tolist(), strict=True)),
-        chi2=found.cost,
-        gain=max(chi2_tuned - found.cost, 0.0),
-        share=share_of_excess(chi2_tuned, found.cost, samples),
-        tuning=found.point.tuning,
-        within=within_priors(found.point),
-        scatter_s=found.s,
-    )
+    errors = dict(zip(fit.values, found.error.tolist(), strict=True))
+    return replace(fit.brought_to(found.x, found.point, found.cost, chi2_tuned), errors=errors, scatter_s=found.s)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +78,7 @@ class _Scattered:
     def normal(self, slope: FloatArray, tangents: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return normal matrix and gradient of half of ``left`` over the delay and the coefficients."""
         J = np.hstack([slope, tangents])
-        price = np.concatenate([np.zeros(slope.shape[1]), 1.0 / np.array(list(self.point.priors.values())) ** 2])
+        price = np.concatenate([np.zeros(slope.shape[1]), 1.0 / self.point.prior_std**2])
         off = np.concatenate([np.zeros(slope.shape[1]), self.point.factors - 1.0])
         weighed = self.spread.weigh(J, self.s)
         return J.T @ weighed + np.diag(price), weighed.T @ self.point.exact + price * off
@@ -115,7 +105,7 @@ def _at_rest(base: Local, fit: EffectFit) -> _Scattered | None:
         spread = spread or _Spread([_responses(point.model.with_tuning(point.tuning), r) for r in base.records])
         return _Scattered(point, x, spread.likeliest(point.exact, _MOST * float(x[0])), spread)
 
-    here = at(np.array(list(fit.values.values())), np.array([fit.tuning[n] for n in base.priors]), None)
+    here = at(np.array(list(fit.values.values())), base.factors_of(fit.tuning), None)
     for _ in range(_ROUNDS if here is not None else 0):
         assert here is not None
         near = here.point.afresh(True)

@@ -218,7 +218,7 @@ class _Joint:
         return self.base.moved(Changes(self.base, effect).model(values), tuning)
 
     def _tuning(self, fit: EffectFit) -> FloatArray:
-        return np.array([fit.tuning[n] for n in self.base.priors])
+        return self.base.factors_of(fit.tuning)
 
     @staticmethod
     def _values(fit: EffectFit, effect: Effect) -> FloatArray:

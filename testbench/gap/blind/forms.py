@@ -232,7 +232,7 @@ def boom(s: Size, aircraft: str) -> Plan:
         (nx, go(term("sum", mean, moved), load_now)),
         (v, go(turned, number(0.0))),
         (x, go(prop(nx), load_now)),
-        (last, go(load_now, load_now)),
+        (last, term("sum", load_now, number(0.0))),
     )
     parts = "".join(
         f'<fcs_function name="{name}-f"><function>{body}</function><output>{name}</output></fcs_function>'

@@ -110,10 +110,23 @@ class Effect:
             mine.remove(match)
         return self is not other
 
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds (p,) of its parameters."""
+        return np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
+
     def prior_residuals(self, x: FloatArray) -> FloatArray:
         """Return ln(x / value) / deviation of every parameter that has a prior."""
         priors = [(v, p.prior) for v, p in zip(x, self.parameters, strict=True) if p.prior]
         return np.array([np.log(v / value) / deviation for v, (value, deviation) in priors])
+
+    def prior_slopes(self, x: FloatArray) -> FloatArray:
+        """Return d :meth:`prior_residuals` / d parameters, (priors, p)."""
+        rows = [(i, 1.0 / (x[i] * p.prior[1])) for i, p in enumerate(self.parameters) if p.prior]
+        out = np.zeros((len(rows), len(x)))
+        for row, (i, slope) in zip(out, rows, strict=True):
+            row[i] = slope
+        return out
 
 
 def together(*effects: Effect) -> Effect:
