@@ -200,13 +200,17 @@ def test_a_run_resumes_and_a_changed_seal_is_refused(tmp_path, monkeypatch):
         command.main(arguments)
 
 
+def test_what_workers_are_given_is_where_a_spawned_process_finds_it():
+    assert not [f for f in (command.run_case, command.leave_with) if f.__module__.endswith("__main__")]
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="asks /proc")
 def test_workers_end_with_a_run_that_is_killed():
     script = (
         "import os, time\n"
         "from concurrent.futures import ProcessPoolExecutor\n"
         "from multiprocessing import get_context\n"
-        "from testbench.gap.blind.__main__ import leave_with\n"
+        "from testbench.gap.blind.rows import leave_with\n"
         "pool = ProcessPoolExecutor(1, get_context('spawn'), initializer=leave_with, initargs=(os.getpid(),))\n"
         "if __name__ == '__main__':\n"
         "    print(pool.submit(os.getpid).result(), flush=True)\n"

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import threading
 import time
 from collections.abc import Generator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -15,7 +14,7 @@ from typing import Any
 
 from testbench.gap.blind.cases import SHORT, STRATA, WITHOUT, Case, draw, opened, seal
 from testbench.gap.blind.report import write_report
-from testbench.gap.blind.rows import run_case
+from testbench.gap.blind.rows import leave_with, run_case
 
 SEED = 20261207
 
@@ -71,17 +70,6 @@ def _rows(due: Sequence[tuple[Case, str]], workers: int, stop: float | None) -> 
             ready, running = wait(running, return_when=FIRST_COMPLETED)
             for future in ready:
                 yield future.result()
-
-
-def leave_with(parent: int) -> None:
-    """End this process once that of number ``parent`` has: a worker whose pool was killed would wait for it forever."""
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(1.0)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 def _in_turn(cases: tuple[Case, ...]) -> list[tuple[Case, str]]:
