@@ -15,7 +15,7 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-import importlib.util
+import importlib
 import shutil
 import statistics
 import subprocess
@@ -23,6 +23,7 @@ import tempfile
 import time
 import tracemalloc
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -113,15 +114,15 @@ def octave(z: np.ndarray) -> list[float]:
 
 
 def python_peers(z: np.ndarray) -> dict[str, float | None]:
-    """Return the times of SIPPY's MOESP and of nfoursid, None for one that is absent."""
+    """Return the times of SIPPY's MOESP and of nfoursid, None for one that is absent or lacks what it imports."""
     times: dict[str, float | None] = {"SIPPY": None, "nfoursid": None}
-    if importlib.util.find_spec("sippy_unipi") is not None:
+    with suppress(ImportError):  # its package does not declare all that it imports
         sippy = importlib.import_module("sippy_unipi")
         settings = {"SS_fixed_order": ORDER, "SS_f": HORIZON, "SS_p": HORIZON}
         times["SIPPY"] = median_seconds(
             lambda: sippy.system_identification(z[:, 2:].T, z[:, :2].T, "MOESP", **settings), rounds=1
         )
-    if importlib.util.find_spec("nfoursid") is not None:
+    with suppress(ImportError):
         import pandas as pd
         from nfoursid.nfoursid import NFourSID
 
