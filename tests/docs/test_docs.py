@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from testbench.gap.effects import EFFECTS
 from testbench.paths import find_scenario
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -27,6 +28,12 @@ def anchors(path):
     """Return the anchors of a page's headings, as the generator makes them."""
     headings = re.findall(r"^#{1,3} (.+)$", path.read_text("utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", h.lower()).strip().replace(" ", "-") for h in headings}
+
+
+def test_the_readme_counts_the_effects_of_aircraft_and_air():
+    said = re.search(r"(\d+) effects of the aircraft", (ROOT / "README.md").read_text(encoding="utf-8"))
+    names = list(EFFECTS)
+    assert int(said.group(1)) == names.index("clock_offset")  # those of the instruments follow
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda p: p.stem)
