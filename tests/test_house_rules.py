@@ -21,6 +21,7 @@ RANKS = (
     {"aircraft", "inputs", "sensors", "estimators", "logs"},
     {"flight"},
     {"design", "evaluation"},
+    {"results"},
     {"pipeline", "designer"},
     {"campaign", "comparison", "operational"},
     {"gap"},

@@ -24,8 +24,9 @@ from testbench.campaign.load import versions
 from testbench.campaign.targets import change_aircraft, change_suites, set_keys
 from testbench.errors import CampaignError, ScenarioError, TestbenchError
 from testbench.flight import TrimmedFlight
-from testbench.pipeline import Case, Prepared, RunResult, Truth, run, trim_for, true_model
+from testbench.pipeline import Prepared, run, trim_for, true_model
 from testbench.record import FlightRecord
+from testbench.results import Case, RunResult, Truth
 from testbench.scenario import Scenario
 from testbench.scenario.campaign import CampaignSpec
 from testbench.schema import parse

@@ -10,7 +10,7 @@ from testbench.report.labels import case_names
 from testbench.report.pole_tables import reference_tables
 
 if TYPE_CHECKING:
-    from testbench.pipeline import RunResult
+    from testbench.results import RunResult
 
 
 _BEFORE_UNIT = re.compile(r"(\d) (%|rad/s|Hz|dB|s\b)")

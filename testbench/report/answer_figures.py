@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from testbench.pipeline import RunResult
+    from testbench.results import RunResult
 
 _MOST_MODES, _ROW_IN, _TALLEST_IN, _LETTERS = 8, 0.3, 2.6, 24
 _RANGE_PERCENT = (0.1, 1000.0)  # a free run that diverges, or a copy of what was measured, is drawn at the edge

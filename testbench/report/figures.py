@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from testbench.pipeline import RunResult
+    from testbench.results import RunResult
 
 __all__ = ["bode_plates", "history_plates", "input_plates", "plates", "pole_plates", "singular_value_plates", "style"]
 

@@ -12,7 +12,7 @@ from testbench.report.labels import axis_label, shown_unit, symbol
 from testbench.report.tables import Column, Table, Value
 
 if TYPE_CHECKING:
-    from testbench.pipeline import RunResult, Truth
+    from testbench.results import RunResult, Truth
     from testbench.sensors import Sensor, SensorSuite
 
 _HIDDEN = {"signal", "control", "amplitude_deg", "amplitude_percent"}

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from testbench.pipeline import Flight, RunResult
+    from testbench.results import Flight, RunResult
 
 _DECADES = 5  # of energy density that are shown
 _RIGID, _ELASTIC = "#00664a", "#8a4f74"

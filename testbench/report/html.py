@@ -18,8 +18,8 @@ from testbench.channels import CHANNELS
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-    from testbench.pipeline import RunResult
     from testbench.report.plot import Plate
+    from testbench.results import RunResult
 
 _TEMPLATES = Path(__file__).resolve().parent / "templates"
 _ANSWER_ROWS, _LETTERS_PER_ROW = 9.0, 88  # of the answer above its figure, so that both stand on a screen of 900 px

@@ -12,7 +12,7 @@ from testbench.constants import DEG_RAD, PERCENT
 from testbench.scenario import estimator_name
 
 if TYPE_CHECKING:
-    from testbench.pipeline import Case, RunResult
+    from testbench.results import Case, RunResult
 
 _POWERS = str.maketrans("23", "²³")
 USES = {"identification": "identification", "validation": "validation", "split": "identification and validation"}

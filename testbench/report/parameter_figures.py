@@ -10,7 +10,7 @@ from testbench.report.plot import INK, Plate, grid, label, legend, legend_in, ma
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from testbench.pipeline import RunResult
+    from testbench.results import RunResult
 
 _INTERVAL = 1.96  # standard errors on either side hold 95 % of a normal distribution
 _MOST = 24  # parameters drawn; more than that is for the table

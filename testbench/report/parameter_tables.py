@@ -8,7 +8,7 @@ from testbench.report.labels import case_names
 from testbench.report.tables import Column, Table, Value
 
 if TYPE_CHECKING:
-    from testbench.pipeline import RunResult
+    from testbench.results import RunResult
 
 
 def parameter_table(result: RunResult) -> Table | None:

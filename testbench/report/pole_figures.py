@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from testbench.pipeline import RunResult
+    from testbench.results import RunResult
 
 _Found = Sequence[tuple[str, list[complex], int]]  # label, poles of the upper half-plane, number of colour
 

@@ -12,7 +12,7 @@ from testbench.report.tables import Column, Table, Value
 from testbench.scenario import estimator_name
 
 if TYPE_CHECKING:
-    from testbench.pipeline import RunResult
+    from testbench.results import RunResult
 
 _FARTHEST = 1.0  # as in the evaluation: a factor of e in frequency, or 57 deg in the s-plane
 _MODES = {"phugoid", "short period", "dutch roll"}

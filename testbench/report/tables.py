@@ -15,7 +15,7 @@ import numpy as np
 from testbench.report.labels import case_names, number, outputs_of, superscript, symbol
 
 if TYPE_CHECKING:
-    from testbench.pipeline import RunResult
+    from testbench.results import RunResult
 
 Value = str | float | int | bool | None
 

@@ -11,7 +11,7 @@ from testbench.report.labels import case_names, number, outputs_of, symbol
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from testbench.pipeline import RunResult
+    from testbench.results import RunResult
 
 _STYLES = {"lead": "bold", "finding": "", "doubt": "yellow"}
 

@@ -11,11 +11,12 @@ from testbench.errors import RecordError
 from testbench.report.labels import file_stem, unique
 
 if TYPE_CHECKING:
-    from testbench.pipeline import Keep, RunResult
+    from testbench.pipeline import Keep
     from testbench.record import FlightRecord
     from testbench.report.html import Picture
     from testbench.report.plot import Plate
     from testbench.report.tables import Table
+    from testbench.results import RunResult
 
 PAGE = "report.html"
 

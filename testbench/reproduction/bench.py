@@ -18,8 +18,9 @@ from testbench.evaluation.metrics import mrse_percent
 from testbench.flight import Manoeuvre, TrimmedFlight, fly
 from testbench.flight.air import Air, turbulence_rms
 from testbench.inputs import build
-from testbench.pipeline import Truth, load_scenario, trim_for, true_model
+from testbench.pipeline import load_scenario, trim_for, true_model
 from testbench.record import FlightRecord, FloatArray
+from testbench.results import Truth
 from testbench.scenario import DsrE, Estimator, Input, Scenario
 from testbench.scenario.estimators import Subspace
 

@@ -10,7 +10,7 @@ from testbench.estimators.model import ComplexArray
 from testbench.evaluation.bode import bode_error
 from testbench.evaluation.envelope import Envelope, fly_envelope
 from testbench.evaluation.modes import frequency_and_damping
-from testbench.pipeline import RunResult, load_scenario, run
+from testbench.pipeline import load_scenario, run
 from testbench.record import FloatArray
 from testbench.report.labels import ratio_unit, symbol
 from testbench.report.plot import Plate
@@ -19,6 +19,7 @@ from testbench.reproduction.draw import Line, Panel, plate
 from testbench.reproduction.printed import BAND_RAD_S, HEIGHT_M, RATE_HZ, SPEEDS_M_S, VIBRATION_M_S, A, B, C, D
 from testbench.reproduction.section import Comparison, Say, Section
 from testbench.reproduction.verdict import Why, claim_row, joined
+from testbench.results import RunResult
 
 OUTPUTS = ("q", "V", "theta")
 BAND = (1.0, BAND_RAD_S)

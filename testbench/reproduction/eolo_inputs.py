@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from testbench.inputs.signal import band_share, energy_spectrum, frequency_below
-from testbench.pipeline import RunResult, load_scenario, run
+from testbench.pipeline import load_scenario, run
 from testbench.report.labels import number
 from testbench.report.plot import Plate
 from testbench.report.tables import Column, Table
@@ -15,6 +15,7 @@ from testbench.reproduction.draw import Line, Panel, plate
 from testbench.reproduction.printed import BAND_RAD_S, EOLO_PAST, IDENTIFICATION
 from testbench.reproduction.section import Comparison, Say, Section
 from testbench.reproduction.verdict import Why, claim_row, joined
+from testbench.results import RunResult
 
 CHOSEN, NONE, FIVE = "6 3-2-1-1 of 0.4 s", "eolo_no_alpha", "eolo_five_accelerometers"
 EXCITED_DB = 10.0

@@ -8,7 +8,7 @@ import numpy as np
 
 from testbench.estimators.model import ComplexArray
 from testbench.estimators.state_space import StateSpaceModel
-from testbench.pipeline import Case, RunResult, load_scenario, run
+from testbench.pipeline import load_scenario, run
 from testbench.record import FloatArray
 from testbench.report.labels import number, shown_unit, symbol
 from testbench.report.plot import Plate
@@ -31,6 +31,7 @@ from testbench.reproduction.printed import (
 )
 from testbench.reproduction.section import Comparison, Say, Section
 from testbench.reproduction.verdict import SAME, Why, claim_row, joined, number_row, taken_over
+from testbench.results import Case, RunResult
 
 OUTPUTS = ("q", "V", "theta")
 PRINTED_ORDER = 4

@@ -8,7 +8,7 @@ import numpy as np
 
 from testbench.estimators.model import ComplexArray
 from testbench.inputs import build
-from testbench.pipeline import RunResult, load_scenario, run
+from testbench.pipeline import load_scenario, run
 from testbench.report.labels import number, shown_unit, symbol
 from testbench.report.plot import Plate
 from testbench.report.tables import Column, Table
@@ -16,6 +16,7 @@ from testbench.reproduction.draw import Line, Panel, plate
 from testbench.reproduction.printed import DOUBLET_S, LOG_HZ, TRANSFER_FUNCTIONS, polynomial
 from testbench.reproduction.section import Comparison, Say, Section
 from testbench.reproduction.verdict import Why, claim_row, not_printed, number_row, span
+from testbench.results import RunResult
 from testbench.scenario import Doublet, Input, StandardMultistep
 
 _FIGURE = {"theta": "figure 5", "h": "figure 6", "u": "figure 7", "q": "figure 8"}

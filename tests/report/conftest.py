@@ -15,8 +15,8 @@ from testbench.estimators.model import IdentifiedModel
 from testbench.evaluation import evaluate
 from testbench.evaluation.excitation import ModeExcitation
 from testbench.flight import FlightCondition, LinearModel, TrimmedFlight
-from testbench.pipeline import Case, Flight, RunResult, Truth
 from testbench.record import FlightRecord
+from testbench.results import Case, Flight, RunResult, Truth
 from testbench.scenario import Scenario, attach_file
 from testbench.sensors import load_suite
 
