@@ -147,6 +147,15 @@ def listen_again(
     return measure(believed, records, replace(heard, moves=True, rms_m_s=rms, gain=of_turbulence, in_quiet=False))
 
 
+def misfit(model: Believed, records: Sequence[FlightRecord], air: AirFound) -> float:
+    """Return minus twice the log-likelihood of what ``model`` leaves on ``records``, if they were flown in ``air``.
+
+    But for a constant of the records.
+    """
+    at_trim = GustModel.at_trim(model, air.height_m, records[0].dt_s)
+    return _cost(model, at_trim, _plain_residuals(model, records), air.rms_m_s)
+
+
 def _refuted(believed: Believed, records: Sequence[FlightRecord], air: AirFound, other: AirFound) -> bool:
     """Return whether the quiet flight is so much likelier in the ``other`` air that it was not in ``air``."""
     quiet = _quiet(replace(believed, whiten=None), records)

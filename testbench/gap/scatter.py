@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from testbench.gap.believed import Believed
 from testbench.gap.descent import AT_REST, SHORTENED
-from testbench.gap.evidence import LEFT, noise_floor
+from testbench.gap.evidence import LEFT, TOLD_APART, noise_floor
 from testbench.gap.fit import EffectFit
 from testbench.gap.local import Changes, Local
 from testbench.gap.polish import slopes
@@ -47,8 +47,8 @@ def scattered(base: Local, fits: Sequence[EffectFit], chi2_tuned: float) -> Effe
     if fit is None or fit.chi2 <= noise:
         return None
     found = _at_rest(base, fit)
-    if found is None or found.s > 0.99 * _MOST * found.x[0]:
-        return None
+    if found is None or found.s > 0.99 * _MOST * found.x[0] or fit.chi2 - found.cost < TOLD_APART:
+        return None  # the link is late by something else, or what is left does not scatter with the commands
     if found.left - samples > max(noise - samples, _FORM * (chi2_tuned - found.cost)):
         return None
     errors = dict(zip(fit.values, found.error.tolist(), strict=True))

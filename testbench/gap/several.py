@@ -24,6 +24,9 @@ OF_FORM = 0.05  # no form is right to this share of what the effect gains where 
 OF_WHOLE = 0.02  # nor where the first one alone leaves noise: what more a second one finds there is form, too
 PROMISED = 0.5  # and worth a fit from this share of what it must gain, as tangents tell relief badly
 COMPANY = 3  # so many second effects are fitted
+# A fit that leaves more than noise beside coefficients that lie so far off with no more than this probability may have
+# them do what another effect does: that one is sought beside the believed values, too.
+DOUBTFUL = 0.05
 SWAPPED = 0.5  # what alone gains this share of what the first does may take its place beside the second
 PATIENCE = 2  # rounds before a descent of several may be given up: it begins far from rest,
 PATIENCE_FAR = 6  # and if coefficients are strained, or what came to rest alone is to do so beside another, it is far
@@ -63,8 +66,13 @@ def several_at_once(
         found += simpler
         # A special case may take the work of another part over, and then lets that one be left out.
         whole = [best, *sorted(simpler, key=lambda f: f.chi2)[:1]]
-        rest = spread([partial(search.without, f, part, noise) for f in whole for part in f.effect.parts])
-        found += [f for f in rest if f is not None and f.settled]
+        while whole:
+            rest = spread([partial(search.without, f, part, noise) for f in whole for part in f.effect.parts])
+            less = [f for f in rest if f is not None and f.settled]
+            found += less
+            # Of three, all but one may have been company on the way of that one to where it rests.
+            whole = [f for f in less if f.effect.parts and f.chi2 <= noise and f.within >= STRAINED]
+            whole = sorted(whole, key=lambda f: f.chi2)[:1]
         found = [f for f in found if not any(search.does_without(f, less) for less in (*ranking, *found))]
     return found
 
@@ -96,7 +104,7 @@ class _Joint:
         found: list[EffectFit] = []
         self.say(f"seek another effect beside {first.title}")
         # What explains as much as re-tuned coefficients far from what is believed may promise nothing where they are.
-        bases = [self._tuning(known)] + ([np.ones(len(self.base.priors))] if rival.within < STRAINED else [])
+        bases = [self._tuning(known)] + ([np.ones(len(self.base.priors))] if self._doubtful(rival) else [])
         for tuning in bases:
             self._beside_at(tuning, known, first, rival, found)
         return found
@@ -110,17 +118,17 @@ class _Joint:
         if point is None:
             return
         taken = {p.name for p in first.singles + rival.effect.singles}
-        strained = rival.within < STRAINED
+        doubtful = self._doubtful(rival)
         free = [s.effect for s in self.screened if s.seen and s.effect.name not in taken]
         others = screen_all([(point, e) for e in free])
-        if strained:  # beside strained coefficients an effect may do little but relieve them
+        if doubtful:  # beside strained coefficients an effect may do little but relieve them
             linear, flown = point.afresh(False), point.afresh(True)
             small = screen_all([(flown if e.flown else linear, e) for e in free], SMALL)
             others = [max(pair, key=lambda s: s.promise) for pair in zip(others, small, strict=True)]
-        excess = 0.0 if strained and rival.chi2 <= self.noise else SECOND * (rival.chi2 - self.samples)
+        excess = 0.0 if doubtful and rival.chi2 <= self.noise else SECOND * (rival.chi2 - self.samples)
         least = {s.effect.name: max(excess, self._form(rival, s.effect), TOLD_APART) for s in others}
         re_tuned = float(np.sum(point.tuned(point.exact)[0] ** 2))
-        share = PROMISED if strained else 1.0
+        share = PROMISED if doubtful else 1.0
         worth = [s for s in others if s.promise > share * least[s.effect.name] + re_tuned - rival.chi2]
         tried = 0
         for other in promising(worth, 0.5, 0.5, 1):
@@ -133,10 +141,14 @@ class _Joint:
             more = least[other.effect.name]
             others_found = (f.chi2 + TOLD_APART for f in found if f.within >= STRAINED)
             lowest = min([rival.chi2 - more, *others_found])
-            patience = PATIENCE_FAR if strained else PATIENCE
+            patience = PATIENCE_FAR if doubtful else PATIENCE
             both = self._fit(effects, np.concatenate([values, other.starts[0]]), tuning, lowest, patience)
             if both is not None and both.gain - rival.gain > more and self._ahead(both, rival):
                 found.append(both)
+
+    def _doubtful(self, rival: EffectFit) -> bool:
+        """Return whether re-tuned coefficients may do in ``rival`` what an effect does."""
+        return rival.within < (DOUBTFUL if rival.chi2 > self.noise else STRAINED)
 
     def swapped(self, pair: EffectFit, lead: EffectFit, ranking: Sequence[EffectFit]) -> list[EffectFit]:
         """Return fits of the second effect of ``pair`` beside those that alone come nearest to its first, ``lead``."""

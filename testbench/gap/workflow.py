@@ -11,7 +11,7 @@ import numpy as np
 from testbench.constants import DEG_RAD, G0_M_S2, KT_M_S
 from testbench.errors import RecordError
 from testbench.gap.ahead import Ahead
-from testbench.gap.air import AirFound, in_air, listen, listen_again, listen_in_flight, measure
+from testbench.gap.air import AirFound, in_air, listen, listen_again, listen_in_flight, measure, misfit
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
 from testbench.gap.check import DataCheck, check_data
 from testbench.gap.descent import retune
@@ -273,7 +273,8 @@ def search(
 
     The rms of turbulence found beside a gap holds some of the gap, and the turbulence works on flights that the gap has
     changed. What comes nearest at first is taken out; if the rms changes, or more than noise is left, the search is
-    made once more, in the air beside it and along its flights.
+    made once more, in the air beside it and along its flights. What explains little may owe that to an rms that holds
+    most of it: if in the air beside it something is named, that is the answer.
     """
     if air.moves:
         say("measure the air")
@@ -282,10 +283,17 @@ def search(
     if naming.noise_left and not air.moves:
         return flown_in, naming, air
     say("listen to the air again")
+    tuned = believed.with_tuning(naming.tuning)
     near = next((f for f in naming.ranking if f.significant and f.flown and f.gain > WEAK), None)
     if air.moves and near is not None and near.share < ENOUGH_ALONE:
+        beside = near.added_to(believed)
+        again = measure(beside, records, air)
+        if misfit(tuned, records, measure(tuned, records, air)) - misfit(beside, records, again) > WEAK:
+            flown_beside = in_air(believed, again, beside)
+            second = name_effect(flown_beside, records, say, effects)
+            if second.names:
+                return flown_beside, second, again
         near = None  # what explains so little is not what is missing: what it would take out may be the air's
-    tuned = believed.with_tuning(naming.tuning)
     beside = tuned if near is None else near.added_to(believed)
     gain = max((f.gain for f in naming.ranking), default=0.0)
     again = listen_again(tuned, beside, records, air, gain)

@@ -13,9 +13,11 @@ from gap_flights import ELEVATOR, THROTTLE, believe, measure
 from scipy.linalg import solve_discrete_are
 
 from testbench.flight.air import scale_lengths
+from testbench.gap import air
 from testbench.gap.air import AirFound, in_air, listen, listen_again
 from testbench.gap.descent import retune
 from testbench.gap.effects import EFFECTS
+from testbench.gap.evidence import WEAK
 from testbench.gap.gust_filter import GustFilter
 from testbench.gap.gust_model import GustModel
 from testbench.gap.local import Local
@@ -190,6 +192,21 @@ def test_no_effect_is_named_in_turbulence(believed, turbulent):
     """The false-alarm probability is 1e-3."""
     records, found = turbulent
     assert name_effect(in_air(believed, found), records, effects=FEW, pairs=False).outcome == "no gap"
+
+
+@pytest.mark.parametrize("hidden", [True, False])
+def test_an_effect_in_its_air_is_likelier_than_strong_turbulence_only_where_it_is(believed, turbulent, hidden):
+    slow = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 5.0})
+    records, strong = measure(slow, 40, RMS) if hidden else turbulent[0], replace(turbulent[1], rms_m_s=0.9)
+    alone, beside = (air.misfit(m, records, air.measure(m, records, strong)) for m in (believed, slow))
+    assert (alone - beside > WEAK) == hidden
+
+
+def test_the_likeliest_air_misfits_least(believed, turbulent):
+    records, found = turbulent
+    least = air.misfit(believed, records, air.measure(believed, records, found))
+    for rms in (0.5 * RMS, 2.0 * RMS):
+        assert air.misfit(believed, records, replace(found, rms_m_s=rms)) > least
 
 
 @pytest.mark.slow

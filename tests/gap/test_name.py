@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,12 +13,12 @@ from testbench.gap.blind.run import believe
 from testbench.gap.blind.truths import KINDS
 from testbench.gap.effects import EFFECTS
 from testbench.gap.effects.base import together
-from testbench.gap.evidence import FORM, STRAINED, TOLD_APART, WEAK, is_special_case
+from testbench.gap.evidence import FORM, STRAINED, TOLD_APART, WEAK, is_special_case, score
 from testbench.gap.fit import fit
 from testbench.gap.local import Local
 from testbench.gap.name import _decide, name_effect
 from testbench.gap.screening import screen
-from testbench.gap.several import _Joint
+from testbench.gap.several import _Joint, several_at_once
 
 FEW = ("actuator_lag", "second_order_actuator", "transport_delay", "alpha_scale", "pitch_damper")
 
@@ -253,6 +254,32 @@ def test_a_second_effect_beside_one_that_leaves_noise_takes_as_much_as_a_name(sl
     assert not search.does_without(joint(price + WEAK + 1.0), single)
     assert search._ahead(joint(price + TOLD_APART + 1.0), replace(single, chi2=4_700.0))  # it leaves more than noise
     assert not search._ahead(joint(price + TOLD_APART + 1.0), single)
+
+
+def test_company_that_one_effect_needed_on_its_way_is_left_out_again(slow, monkeypatch):
+    """A shifted centre of gravity came to rest beside two others only, and had no need of them once it was there."""
+    samples, noise = 4_500, 4_500.0
+    lead = replace(slow.best, gain=10_000.0, chi2=6_000.0, share=0.9)
+    gains = {"actuator_lag": 11_990.0, "alpha_scale": 200.0, "mass_error": 300.0}
+
+    def fit_of(*names: str):
+        effect = together(*(EFFECTS[n] for n in names)) if len(names) > 1 else EFFECTS[names[0]]
+        gain = max(gains[n] for n in names) + 2.0 * len(names)
+        values = dict.fromkeys((p.name for p in effect.parameters), 1.0)
+        return replace(lead, effect=effect, values=values, errors=values, gain=gain, chi2=16_000.0 - gain)
+
+    def without(self, joint, part, hopeless):
+        return fit_of(*(p.name for p in joint.effect.parts if p is not part))
+
+    monkeypatch.setattr(_Joint, "beside", lambda self, *args: [fit_of(*gains)])
+    monkeypatch.setattr(_Joint, "swapped", lambda self, *args: [])
+    monkeypatch.setattr(_Joint, "simpler", lambda self, *args: [])
+    monkeypatch.setattr(_Joint, "without", without)
+    base = SimpleNamespace(believed=SimpleNamespace(whiten=None))
+    found = several_at_once(base, 16_000.0, (), (lead,), samples, 3, print)
+    best = max(found, key=lambda f: score(f, samples))
+    assert best.effect.name == "actuator_lag"
+    assert best.chi2 < noise
 
 
 def test_a_general_form_is_told_from_special_cases_of_all_its_parts():

@@ -54,13 +54,19 @@ def test_a_delay_is_named_with_its_scatter_where_each_command_arrives_at_a_time_
 
 
 @pytest.mark.parametrize(
-    ("kind", "sizes"),
-    [("late link", {"delay_s": 0.07}), ("servo of second order", {"omega_rad_s": 15.0, "zeta": 0.6})],
-    ids=["the same delay for all commands", "form of a servo"],
+    "kinds",
+    [
+        {"late link": {"delay_s": 0.07}},
+        {"servo of second order": {"omega_rad_s": 15.0, "zeta": 0.6}},
+        {"late link": {"delay_s": 0.07}, "airspeed lag": {"lag_s": 0.5}},
+    ],
+    ids=["the same delay for all commands", "form of a servo", "another effect beside it"],
 )
-def test_what_is_the_same_for_all_commands_is_not_taken_for_scatter(kind, sizes):
-    believed = believe("taurus")
-    records = tuple(fly_truth("taurus", KINDS[kind].plan(sizes, "taurus"), "short", 11).values())
+def test_what_is_the_same_for_all_commands_is_not_taken_for_scatter(kinds):
+    believed, plan = believe("taurus"), Plan()
+    for kind, sizes in kinds.items():
+        plan = plan.with_(KINDS[kind].plan(sizes, "taurus"))
+    records = tuple(fly_truth("taurus", plan, "short", 11).values())
     base = Local.at(believed, believed, records)
     found = fit(screen(base, EFFECTS["transport_delay"]), base.chi2, 0.0, 1)
     assert found.gain > 1000.0
