@@ -201,7 +201,9 @@ def log_axis(axes: Any, which: str, powers: bool) -> None:
 
     Where what is drawn spans less than two decades, 2 and 5 are labelled too.
     """
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
+
+    from testbench.report.minor_ticks import MinorTicks
 
     def text(value: float, _: int) -> str:
         """Return the label of the tick at ``value``."""
@@ -215,6 +217,8 @@ def log_axis(axes: Any, which: str, powers: bool) -> None:
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if close else (1.0,), numticks=8))
     axis.set_major_formatter(FuncFormatter(text))
     axis.set_minor_formatter(NullFormatter())
+    axes.add_artist(MinorTicks(axis, axis.get_minor_locator()))
+    axis.set_minor_locator(NullLocator())
 
 
 def time_axis(axes: Axes) -> None:
