@@ -14,7 +14,11 @@ from testbench.pipeline import attach_file, load_scenario, run
 from testbench.report import figures, record_keeper, write_results
 from testbench.scenario import Scenario
 
-SIMULATED = sorted(SCENARIOS.glob("*.toml"))
+LONG = ("eolo_methods",)
+SIMULATED = [
+    pytest.param(f, id=f.stem, marks=[pytest.mark.slow] if f.stem in LONG else [])
+    for f in sorted(SCENARIOS.glob("*.toml"))
+]
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +33,7 @@ def results():
     return get
 
 
-@pytest.mark.parametrize("path", SIMULATED, ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", SIMULATED)
 def test_every_scenario_runs(path, results):
     result = results(path.stem)
     assert result.findings

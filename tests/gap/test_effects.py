@@ -49,6 +49,7 @@ SHOWN = [n for n in EFFECTS if n not in UNSEEN]
 LONG = {
     "wing_torsion",
     "wing_bending",
+    "stall",
     "stall_hysteresis",
     "payload",
     "cg_shift",

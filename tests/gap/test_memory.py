@@ -60,9 +60,8 @@ def test_along_a_flight_at_trim_the_model_is_the_one_about_trim(name):
         assert getattr(along, matrix)[0] == pytest.approx(there, rel=1e-4, abs=1e-6 * np.abs(there).max()), matrix
 
 
-@pytest.mark.parametrize(
-    ("name", "hidden"), [("wake_lag", True), pytest.param("filtered_pitch_damper", False, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "hidden"), [("wake_lag", True), ("filtered_pitch_damper", False)])
 def test_in_turbulence_the_true_model_leaves_noise(name, hidden):
     """Chi-square of white residuals leaves its 1e-4 bounds, 2 % wider for a linear model, once in 5 000 tries at most.
 

@@ -87,6 +87,7 @@ def test_three_effects_at_once_are_found_one_beside_the_other():
         assert naming.best.values[name] == pytest.approx(value, rel=0.02)
 
 
+@pytest.mark.slow
 def test_what_fits_only_beside_coefficients_far_from_what_is_believed_is_not_named():
     """More mass flies like less thrust, lift slope and drag: to noise, but these are off by 5 and 4 deviations then."""
     naming = named(KINDS["ballast"].plan({"ratio": 0.35}, "taurus"), ("thrust_scale", "alpha_scale"), flown="rich")

@@ -53,7 +53,7 @@ def solve(name, whole=False):
 @pytest.fixture(
     scope="module",
     params=[
-        *((name, False) for name in ("flexible_wings", "alpha_vane")),
+        ("flexible_wings", False),
         *(pytest.param((name, True), marks=pytest.mark.slow) for name in CASES),
     ],
     ids=lambda p: f"{p[0]}-{'whole library' if p[1] else 'few effects'}",
