@@ -40,7 +40,12 @@ class Descent:
 
 
 def descend(
-    changes: Changes, start: FloatArray, hopeless: float, patience: int = 0, near: bool = False
+    changes: Changes,
+    start: FloatArray,
+    hopeless: float,
+    patience: int = 0,
+    near: bool = False,
+    at_first: float = np.inf,
 ) -> Descent | None:
     """Descend from one start: fit on the linear differences, fly the result, repeat until it rests.
 
@@ -53,6 +58,7 @@ def descend(
         patience: rounds before that is asked.
         near: the start is thought to be near the best fit: the first point flown is the start itself, if that is better
             than the point without the effect.
+        at_first: chi-square that the first round must promise to get below, however much patience there is.
 
     Returns None if nothing on the way could be flown.
     """
@@ -69,6 +75,7 @@ def descend(
         if there is not None and change is not None and there.chi2 < here.chi2:
             here, known, begun = there, change, True
     for k in range(MAX_ROUNDS):
+        aim = hopeless if k >= patience else at_first if k == 0 else np.inf
         begun = begun or k > 0  # the point flown last has the effect
         if curved and begun:  # what such an effect changes depends on the coefficients, and they on it
             changes, known, here = _rebased(changes, known, here)
@@ -84,7 +91,7 @@ def descend(
             ftol=1e-5,
             xtol=1e-4,
             max_nfev=4 if curved and begun else 8,
-            callback=_GiveUp(hopeless) if k >= patience else None,
+            callback=_GiveUp(aim) if np.isfinite(aim) else None,
         )
         fallen, promised = promised - 2.0 * float(found.cost), 2.0 * float(found.cost)
         x_new = np.clip(objective.unscaled(found.x), low, high)
@@ -93,7 +100,7 @@ def descend(
             break
         asked = here.tuned(here.exact + change - known)[1]
         factors = here.towards(asked)
-        if promised > hopeless and k >= patience and (k == 0 or fallen < promised - hopeless):
+        if promised > aim and (k == 0 or fallen < promised - aim):
             if best is not None:
                 return replace(best, settled=False)
             within = within_priors(replace(here, factors=factors))

@@ -18,6 +18,7 @@ from testbench.record import FloatArray
 FALSE_ALARM = 1e-3  # probability of naming any effect where there is none, all effects of the library together
 HOPELESS = 0.7  # a fit that gains less than this share of the best one's gain is not followed to its end,
 HOPELESS_BESIDE_NOISE = 0.9  # or less than this share where the best one leaves noise only
+HOPELESS_AT_FIRST = 0.5  # which must promise this share before its first flight, from its best start
 STARTS = 2  # the most promising starts of an effect with several parameters are fitted, of one with one the best
 
 
@@ -108,6 +109,7 @@ def fit(
     tested: int,
     patience: int = 0,
     hopeless_share: float = HOPELESS,
+    at_first_share: float | None = None,
     near: bool = False,
 ) -> EffectFit | None:
     """Fit one of ``tested`` effects from its most promising starts; return the best fit, or None if none flies.
@@ -119,13 +121,16 @@ def fit(
         tested: number of effects that are tested.
         patience: rounds before a descent may be given up as hopeless, for a base that is far from rest.
         hopeless_share: a descent ends once it promises to gain no more than this share of ``best_gain``.
+        at_first_share: share of ``best_gain`` that the first round must promise; only the best start is fitted then.
         near: the starts are thought to be near the best fit, see :func:`testbench.gap.descent.descend`.
     """
     effect = screened.effect
     hopeless = chi2_tuned - hopeless_share * best_gain
+    at_first = np.inf if at_first_share is None else chi2_tuned - at_first_share * best_gain
+    several = len(effect.parameters) > 1 and at_first_share is None
     reached: list[Descent] = []
-    for start in screened.starts[: STARTS if len(effect.parameters) > 1 else 1]:
-        descent = descend(screened.changes, start, hopeless, patience, near)
+    for start in screened.starts[: STARTS if several else 1]:
+        descent = descend(screened.changes, start, hopeless, patience, near, at_first)
         if descent is not None:
             reached.append(descent)
             hopeless = min(hopeless, chi2_tuned - hopeless_share * (chi2_tuned - descent.chi2))

@@ -15,7 +15,7 @@ from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
 from testbench.gap.descent import MAX_ROUNDS, retune, within_priors
 from testbench.gap.effects import Effect, library
 from testbench.gap.evidence import LEFT, STRAINED, TOLD_APART, WEAK, is_special_case, noise_floor, noise_limit, score
-from testbench.gap.fit import FALSE_ALARM, HOPELESS, HOPELESS_BESIDE_NOISE, EffectFit, fit
+from testbench.gap.fit import FALSE_ALARM, HOPELESS, HOPELESS_AT_FIRST, HOPELESS_BESIDE_NOISE, EffectFit, fit
 from testbench.gap.gust_search import doubted, sought
 from testbench.gap.local import Local
 from testbench.gap.polish import polished
@@ -182,7 +182,7 @@ def _fit_promising(
                 continue
             # The next ones begin as if this one changed nothing; where it does, they begin anew.
             tasks = {
-                (j, told): partial(fit, next_one, tuned.chi2, told.best_gain, tested, told.patience, told.hopeless)
+                (j, told): partial(fit, next_one, tuned.chi2, told.best_gain, tested, *told[1:])
                 for j, (next_one, its_patience) in enumerate(queue)
                 if j >= i and not isinstance(told := _asked(next_one, its_patience, fits, noise), str)
             }
@@ -209,6 +209,7 @@ class _Asked(NamedTuple):
     best_gain: float
     patience: int
     hopeless: float
+    at_first: float | None = None
 
 
 def _asked(one: Screened, patience: int, fits: Mapping[str, EffectFit], noise: float) -> _Asked | str:
@@ -226,7 +227,7 @@ def _asked(one: Screened, patience: int, fits: Mapping[str, EffectFit], noise: f
         return ""
     if one.effect.generalises(best.effect):
         return f"{best.effect.title}, a special case of it, leaves noise only"
-    return _Asked(best_gain, PATIENCE_BESIDE_NOISE, HOPELESS_BESIDE_NOISE)
+    return _Asked(best_gain, PATIENCE_BESIDE_NOISE, HOPELESS_BESIDE_NOISE, HOPELESS_AT_FIRST)
 
 
 def _refit_special_cases(

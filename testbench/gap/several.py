@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from scipy.stats import chi2
 
 from testbench.gap.ahead import spread
 from testbench.gap.descent import MAX_ROUNDS, descend
@@ -22,6 +23,7 @@ LEADS = 0.4  # of two effects, the first alone explains this share of the excess
 SECOND = 0.35  # and the second this share of what the first leaves above the noise
 OF_FORM = 0.05  # no form is right to this share of what the effect gains where a second one acts in the same place
 OF_WHOLE = 0.02  # nor where the first one alone leaves noise: what more a second one finds there is form, too
+RARE = 1e-4  # probability of the least that noise is thought to leave
 PROMISED = 0.5  # and worth a fit from this share of what it must gain, as tangents tell relief badly
 COMPANY = 3  # so many second effects are fitted
 # A fit that leaves more than noise beside coefficients that lie so far off with no more than this probability may have
@@ -52,6 +54,8 @@ def several_at_once(
     lead = next((f for f in ranking if f.significant and f.flown), None)
     if lead is None or (lead.chi2 > noise and lead.share < LEADS):
         return []
+    if lead.chi2 <= noise and lead.within >= STRAINED and OF_WHOLE * lead.gain > lead.chi2 - chi2.ppf(RARE, samples):
+        return []  # all that it leaves above the least that noise is would be its form
     found = search.beside(lead, lead.effect, lead)
     best = min(found, key=lambda f: f.chi2, default=None)
     if best is not None:
