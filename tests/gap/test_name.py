@@ -157,6 +157,16 @@ def test_a_second_effect_that_only_relieves_a_strained_coefficient_is_found():
         assert abs(values[name] - true) < 4.0 * errors[name]  # false alarm 6e-5
 
 
+def test_a_rival_that_promises_less_than_half_is_given_up_before_its_first_flight():
+    records = tuple(fly_truth("taurus", SLOW, "short", 11).values())
+    base = Local.at(believe("taurus"), believe("taurus"), records)
+    vane, gain = screen(base, EFFECTS["alpha_scale"]), 2.0 * base.chi2  # a half of which is all there is
+    given_up = fit(vane, base.chi2, gain, 1, patience=1, at_first_share=0.5)
+    assert not given_up.flown
+    assert not given_up.settled
+    assert fit(vane, base.chi2, gain, 1, patience=1).flown
+
+
 def test_of_a_pair_each_part_is_tried_in_its_special_case():
     """A lag of second order, overdamped, may be the one that finds its way beside the thrust line."""
     plan = KINDS["high thrust"].plan({"z_m": -0.04}, "taurus").with_(SLOW)
