@@ -14,7 +14,7 @@ from matplotlib.artist import Artist
 from matplotlib.lines import Line2D
 from matplotlib.markers import TICKDOWN, TICKLEFT, TICKRIGHT, TICKUP
 
-_SIDES = {
+_SIDES: dict[str, tuple[tuple[str, str, Any], ...]] = {
     "x": (("bottom", "tick1", TICKDOWN), ("top", "tick2", TICKUP)),
     "y": (("left", "tick1", TICKLEFT), ("right", "tick2", TICKRIGHT)),
 }
@@ -39,6 +39,7 @@ class MinorTicks(Artist):
         """Draw the ticks within the limits that the axis has now."""
         panel, name = self._axis.axes, self._axis.axis_name
         low, high = sorted(self._axis.get_view_interval())
+        settings: Any = rcParams
         places = np.array([x for x in self._locator() if low <= x <= high])
         if not (panel.axison and self._axis.get_visible() and places.size):
             return
@@ -49,9 +50,9 @@ class MinorTicks(Artist):
             across = getattr(panel, f"get_{name}axis_transform")(which=which)
             line = Line2D(*((places, zeros) if name == "x" else (zeros, places)), linestyle="none", marker=marker)
             line.set(
-                markersize=rcParams[f"{name}tick.minor.size"],
-                markeredgewidth=rcParams[f"{name}tick.minor.width"],
-                color=rcParams[f"{name}tick.color"],
+                markersize=settings[f"{name}tick.minor.size"],
+                markeredgewidth=settings[f"{name}tick.minor.width"],
+                color=settings[f"{name}tick.color"],
                 transform=across,
             )
             line.set_figure(panel.get_figure(root=True))
