@@ -101,6 +101,10 @@ class Workers:
         except (CancelledError, FutureCancelledError) as error:
             self._check()
             raise Lost from error
+        except OSError as error:  # the scheduler may go while it is asked, before its client knows
+            if future.status == "error":
+                raise
+            raise self._gone() from error
         except ImportError as error:
             raise CampaignError(
                 f"workers must have the testbench and what it needs installed, but one of {self.place} says: {error}; "

@@ -382,6 +382,20 @@ def test_workers_without_the_testbench_are_told():
         Workers(None, "the cluster").collect(Bare())
 
 
+@pytest.mark.parametrize(
+    ("status", "error", "words"), [("finished", CampaignError, "the cluster has gone"), ("error", OSError, "disk full")]
+)
+def test_a_scheduler_that_goes_while_it_is_asked_is_told_from_a_batch_that_failed(status, error, words):
+    class Asked:
+        def result(self):
+            raise OSError("disk full")
+
+    asked = Asked()
+    asked.status = status
+    with pytest.raises(error, match=words):
+        Workers(None, "the cluster").collect(asked)
+
+
 def test_workers_of_other_versions_are_refused(short):
     loaded = short("runs = 1")
     job = Job(loaded.spec.model_dump_json(), json.dumps(loaded.content), (("jsbsim", "0.0"),))
