@@ -152,16 +152,18 @@ def misfit(model: Believed, records: Sequence[FlightRecord], air: AirFound) -> f
 
     But for a constant of the records.
     """
-    at_trim = GustModel.at_trim(model, air.height_m, records[0].dt_s)
-    return _cost(model, at_trim, _plain_residuals(model, records), air.rms_m_s)
+    return _misfit(model, _plain_residuals(model, records), air)
+
+
+def _misfit(believed: Believed, residuals: Sequence[tuple[FlightRecord, FloatArray]], air: AirFound) -> float:
+    model = GustModel.at_trim(believed, air.height_m, residuals[0][0].dt_s)
+    return _cost(believed, model, residuals, air.rms_m_s)
 
 
 def _refuted(believed: Believed, records: Sequence[FlightRecord], air: AirFound, other: AirFound) -> bool:
     """Return whether the quiet flight is so much likelier in the ``other`` air that it was not in ``air``."""
     quiet = _quiet(replace(believed, whiten=None), records)
-    models = (GustModel.at_trim(believed, a.height_m, quiet[0][0].dt_s) for a in (air, other))
-    costs = [_cost(believed, m, quiet, a.rms_m_s) for m, a in zip(models, (air, other), strict=True)]
-    return costs[0] - costs[1] > REFUTED
+    return _misfit(believed, quiet, air) - _misfit(believed, quiet, other) > REFUTED
 
 
 def _plain_residuals(model: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:

@@ -91,7 +91,7 @@ def descend(
             ftol=1e-5,
             xtol=1e-4,
             max_nfev=4 if curved and begun else 8,
-            callback=_GiveUp(aim) if np.isfinite(aim) else None,
+            callback=_GiveUp(aim),
         )
         fallen, promised = promised - 2.0 * float(found.cost), 2.0 * float(found.cost)
         x_new = np.clip(objective.unscaled(found.x), low, high)

@@ -29,6 +29,11 @@ def noise_limit(believed: Believed, samples: int) -> float:
     return float(chi2.isf(FALSE_ALARM, noise_floor(believed, samples)))
 
 
+def leaves_noise(fit: EffectFit, noise: float) -> bool:
+    """Return whether a fit explains all: chi-square is within that of ``noise``, and no coefficient is strained."""
+    return fit.chi2 <= noise and fit.within >= STRAINED
+
+
 def is_special_case(fit: EffectFit, general: EffectFit) -> bool:
     """Return whether ``general`` is a more general form of ``fit`` that gains no more than noise, or form, would."""
     if not general.effect.generalises(fit.effect):

@@ -14,7 +14,17 @@ from testbench.gap.ahead import Ahead
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
 from testbench.gap.descent import MAX_ROUNDS, retune, within_priors
 from testbench.gap.effects import Effect, library
-from testbench.gap.evidence import LEFT, STRAINED, TOLD_APART, WEAK, is_special_case, noise_floor, noise_limit, score
+from testbench.gap.evidence import (
+    LEFT,
+    STRAINED,
+    TOLD_APART,
+    WEAK,
+    is_special_case,
+    leaves_noise,
+    noise_floor,
+    noise_limit,
+    score,
+)
 from testbench.gap.fit import FALSE_ALARM, HOPELESS, HOPELESS_AT_FIRST, HOPELESS_BESIDE_NOISE, EffectFit, fit
 from testbench.gap.gust_search import doubted, sought
 from testbench.gap.local import Local
@@ -204,7 +214,7 @@ def _fit_promising(
 
 
 class _Asked(NamedTuple):
-    """What a fit is told of those before it."""
+    """What a fit is told of those before it, in the order of the arguments of :func:`testbench.gap.fit.fit`."""
 
     best_gain: float
     patience: int
@@ -220,7 +230,7 @@ def _asked(one: Screened, patience: int, fits: Mapping[str, EffectFit], noise: f
     if best is not None and best is fits.get(name) and best.settled:
         return ""  # from the other base it would come to rest at the same place
     # Where one leaves noise and strains nothing, nothing can explain more: what could explain as much?
-    if best is None or best.chi2 > noise or best.within < STRAINED:
+    if best is None or not leaves_noise(best, noise):
         return _Asked(best_gain, patience, HOPELESS)
     share = FOLLOWED if len(one.effect.parameters) == 1 else FOLLOWED_FAR
     if name in fits or (len(fits) > 1 and one.promise < share * best_gain):

@@ -13,7 +13,7 @@ from testbench.gap.ahead import spread
 from testbench.gap.descent import MAX_ROUNDS, descend
 from testbench.gap.effects import Effect
 from testbench.gap.effects.base import together
-from testbench.gap.evidence import FORM, STRAINED, TOLD_APART, WEAK, noise_limit, score
+from testbench.gap.evidence import FORM, STRAINED, TOLD_APART, WEAK, leaves_noise, noise_limit, score
 from testbench.gap.fit import EffectFit, summarise
 from testbench.gap.local import Changes, Local
 from testbench.gap.screening import SMALL, Screened, flown_best, promising, screen, screen_all
@@ -54,14 +54,14 @@ def several_at_once(
     lead = next((f for f in ranking if f.significant and f.flown), None)
     if lead is None or (lead.chi2 > noise and lead.share < LEADS):
         return []
-    if lead.chi2 <= noise and lead.within >= STRAINED and OF_WHOLE * lead.gain > lead.chi2 - chi2.ppf(RARE, samples):
+    if leaves_noise(lead, noise) and OF_WHOLE * lead.gain > lead.chi2 - chi2.ppf(RARE, samples):
         return []  # all that it leaves above the least that noise is would be its form
     found = search.beside(lead, lead.effect, lead)
     best = min(found, key=lambda f: f.chi2, default=None)
     if best is not None:
         found += search.swapped(best, lead, ranking)
         best = min(found, key=lambda f: f.chi2)
-        if best.chi2 > noise or best.within < STRAINED:
+        if not leaves_noise(best, noise):
             found += search.beside(best, best.effect, best)
     found = [f for f in found if f.chi2 <= noise]
     best = min(found, key=lambda f: f.chi2, default=None)
@@ -75,7 +75,7 @@ def several_at_once(
             less = [f for f in rest if f is not None and f.settled]
             found += less
             # Of three, all but one may have been company on the way of that one to where it rests.
-            whole = [f for f in less if f.effect.parts and f.chi2 <= noise and f.within >= STRAINED]
+            whole = [f for f in less if f.effect.parts and leaves_noise(f, noise)]
             whole = sorted(whole, key=lambda f: f.chi2)[:1]
         found = [f for f in found if not any(search.does_without(f, less) for less in (*ranking, *found))]
     return found
@@ -207,7 +207,7 @@ class _Joint:
     def _ahead(self, both: EffectFit, single: EffectFit) -> bool:
         """Return whether ``both`` lead ``single`` clearly; beside one that leaves noise, by as much as a name takes."""
         lead = score(both, self.samples) - score(single, self.samples)
-        return lead > (WEAK if single.chi2 <= self.noise and single.within >= STRAINED else TOLD_APART)
+        return lead > (WEAK if leaves_noise(single, self.noise) else TOLD_APART)
 
     def does_without(self, joint: EffectFit, less: EffectFit) -> bool:
         """Return whether ``less`` is ``joint`` without one of its parts and loses no more by that than form would."""

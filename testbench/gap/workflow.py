@@ -286,13 +286,9 @@ def search(
     tuned = believed.with_tuning(naming.tuning)
     near = next((f for f in naming.ranking if f.significant and f.flown and f.gain > WEAK), None)
     if air.moves and near is not None and near.share < ENOUGH_ALONE:
-        beside = near.added_to(believed)
-        again = measure(beside, records, air)
-        if misfit(tuned, records, measure(tuned, records, air)) - misfit(beside, records, again) > WEAK:
-            flown_beside = in_air(believed, again, beside)
-            second = name_effect(flown_beside, records, say, effects)
-            if second.names:
-                return flown_beside, second, again
+        hidden = _hidden_by_air(believed, tuned, near.added_to(believed), records, air, say, effects)
+        if hidden is not None:
+            return hidden
         near = None  # what explains so little is not what is missing: what it would take out may be the air's
     beside = tuned if near is None else near.added_to(believed)
     gain = max((f.gain for f in naming.ranking), default=0.0)
@@ -305,6 +301,34 @@ def search(
         again = measure(beside, records, again)
     flown_in = in_air(believed, again, beside)
     return flown_in, name_effect(flown_in, records, say, effects), again
+
+
+def _hidden_by_air(
+    believed: Believed,
+    tuned: Believed,
+    beside: Believed,
+    records: Sequence[FlightRecord],
+    air: AirFound,
+    say: Callable[[str], None],
+    effects: Mapping[str, Effect] | None,
+) -> tuple[Believed, Naming, AirFound] | None:
+    """Return what :func:`search` does, if in the air beside an effect something is named; None if not.
+
+    Args:
+        believed: model.
+        tuned: the same, re-tuned without an effect.
+        beside: the same, with an effect that explains little.
+        records: those that are named from.
+        air: what was heard.
+        say: called with a few words as each stage begins.
+        effects: the library.
+    """
+    again = measure(beside, records, air)
+    if misfit(tuned, records, measure(tuned, records, air)) - misfit(beside, records, again) <= WEAK:
+        return None
+    flown_in = in_air(believed, again, beside)
+    naming = name_effect(flown_in, records, say, effects)
+    return (flown_in, naming, again) if naming.names else None
 
 
 def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: AirFound) -> tuple[Believed, AirFound]:

@@ -39,7 +39,7 @@ class MinorTicks(Artist):
         """Draw the ticks within the limits that the axis has now."""
         panel, name = self._axis.axes, self._axis.axis_name
         low, high = sorted(self._axis.get_view_interval())
-        settings: Any = rcParams
+        settings: Any = rcParams  # matplotlib types its keys one by one, these are put together here
         places = np.array([x for x in self._locator() if low <= x <= high])
         if not (panel.axison and self._axis.get_visible() and places.size):
             return
