@@ -255,14 +255,26 @@ class _Written:
 
 
 @lru_cache(maxsize=64)
+def _model(key: _Key) -> tuple[bytes, frozenset[str]]:
+    """Return the text of a model and the properties that its functions read."""
+    tree = key.aircraft.model_tree(key.rate_hz, key.condition.qbar_Pa, key.condition.V_m_s)
+    read = {(e.text or "").strip().lstrip("-") for e in tree.iter("property")}
+    return ET.tostring(tree, encoding="utf-8", xml_declaration=True), frozenset(read - {""})
+
+
+@lru_cache(maxsize=64)
 def _write(key: _Key) -> _Written:
     """Write a model where JSBSim finds it; kept, as the same model is loaded for trim, flight and linearisation."""
-    tree = key.aircraft.model_tree(key.rate_hz, key.condition.qbar_Pa, key.condition.V_m_s)
+    text, properties = _model(key)
     root = _Folder()
     place = Path(root.name) / "aircraft" / "model"
     (place / "Engines").mkdir(parents=True)
-    ET.ElementTree(tree).write(place / "model.xml", encoding="utf-8", xml_declaration=True)
-    for name, text in key.aircraft.engine_files.items():
-        (place / "Engines" / name).write_text(text, encoding="utf-8")
-    read = {(e.text or "").strip().lstrip("-") for e in tree.iter("property")}
-    return _Written(root, frozenset(read - {""}))
+    (place / "model.xml").write_bytes(text)
+    for name, engine in key.aircraft.engine_files.items():
+        (place / "Engines" / name).write_text(engine, encoding="utf-8")
+    return _Written(root, properties)
+
+
+if hasattr(os, "register_at_fork"):
+    # The process that a fork came from removes its folders when it needs them no more, whoever else does.
+    os.register_at_fork(after_in_child=_write.cache_clear)

@@ -91,6 +91,29 @@ def test_a_process_leaves_the_models_of_the_one_that_it_came_from(tmp_path, monk
     assert sorted(tmp_path.rglob("*.xml")) == written
 
 
+def test_a_process_flies_on_when_the_one_that_it_came_from_removes_its_models():
+    from testbench.flight import executive
+
+    believed = believe("taurus")
+    read, write = os.pipe()
+
+    def load():
+        return Executive(believed.aircraft, believed.rate_hz, believed.condition).get("inertia/weight-lbs")
+
+    def load_later():
+        os.read(read, 1)
+        return load()
+
+    weight = load()
+    with processes(2), Ahead() as ahead:
+        ahead.begin("a", load_later)
+        executive._write.cache_clear()
+        os.write(write, b"1")
+        assert ahead.take("a", pytest.fail) == weight
+    os.close(read)
+    os.close(write)
+
+
 def test_two_processes_name_what_one_does_with_the_same_numbers():
     plan = KINDS["slow servo"].plan({"lag_rad_s": 12.0}, "taurus")
     records = list(fly_truth("taurus", plan, "short", 3).values())
