@@ -38,7 +38,7 @@ CASES = {
 TRUE_SIZE = {"slow_servo": ("lag_rad_s", 12.0), "thrust_line": ("z_m", 0.03), "alpha_vane": ("scale", 1.10)}
 
 
-SMALL = ("wing_bending", "actuator_lag", "thrust_line", "alpha_scale", "q_lag", "mass_error")
+SMALL = ("wing_bending", "actuator_lag", "q_lag")
 
 
 @cache
@@ -166,14 +166,32 @@ def test_faults_of_a_gap_scenario_come_at_once(tmp_path):
     assert any("did you mean 'nothing'" in f for f in caught.value.faults)
 
 
-def test_the_amended_model_flies_in_stock_jsbsim_and_the_amended_suite_is_read_back(tmp_path):
+VANE_EFFECTS = {n: EFFECTS[n] for n in ("alpha_scale", "actuator_lag")}
+VANE_MANOEUVRES = ("elevator 3211", "doublets and throttle")  # one to name from, one held out
+
+
+@pytest.fixture(scope="module")
+def vane(tmp_path_factory):
+    """The case of the vane among two effects and from one manoeuvre: (its text up to [hidden], result, records)."""
+    folder = tmp_path_factory.mktemp("vane")
+    head, *tables = (SCENARIOS / "gap" / "alpha_vane.toml").read_text(encoding="utf-8").split("[[manoeuvre]]\n")
+    file = folder / "vane.toml"
+    flown = (t for t in tables if t.startswith(tuple(f'name = "{n}"' for n in VANE_MANOEUVRES)))
+    file.write_text("[[manoeuvre]]\n".join((head, *flown)), encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workflow, "name_effect", among(VANE_EFFECTS))
+        result = run_gap(file, keep=record_keeper(folder))
+    return head.split("\n[hidden]")[0] + "\n", result, folder / "records"
+
+
+def test_the_amended_model_flies_in_stock_jsbsim_and_the_amended_suite_is_read_back(tmp_path, vane):
     """What is written needs nothing of this project: JSBSim loads, trims and flies it from the folder alone."""
     import jsbsim
 
     from testbench.report.gap import write_amended
     from testbench.sensors import load_suite
 
-    result = solve("alpha_vane")
+    _, result, _ = vane
     paths = write_amended(result, tmp_path / "vane")
     suite = load_suite(next(p for p in paths if p.suffix == ".toml"))
     scale = next(s.scale for s in suite.sensors if s.channel == "alpha")
@@ -217,33 +235,28 @@ def test_thirty_flights_without_an_effect_give_no_name():
     assert 0.3 < np.median([n.ranking[0].gain for n in namings]) < 4.0
 
 
-def test_measured_records_on_disk_give_the_same_answer_as_the_case_they_came_from(tmp_path, monkeypatch):
+def test_measured_records_on_disk_give_the_same_answer_as_the_case_they_came_from(tmp_path, monkeypatch, vane):
     """The search needs the files alone: records saved by one run are named alike by a scenario that only lists them,
-    and from the command line's form. A library of two effects keeps it short.
+    and from the command line's form.
     """
-    few = {n: EFFECTS[n] for n in ("alpha_scale", "actuator_lag")}
-    monkeypatch.setattr(workflow, "name_effect", among(few))
-    source = SCENARIOS / "gap" / "alpha_vane.toml"
-    made = run_gap(source, keep=record_keeper(tmp_path))
-    head = source.read_text(encoding="utf-8").split("\n[hidden]")[0] + "\n"
-    held_out = "doublets and throttle"
-    tables = []
-    for name in made.records:
-        path, use = f"records/{name.replace(' ', '_')}.nc", "held_out" if name == held_out else "naming"
-        tables.append(f'[[measured]]\nname = "{name}"\nfile = "{path}"\nuse = "{use}"\n')
+    head, made, folder = vane
+    monkeypatch.setattr(workflow, "name_effect", among(VANE_EFFECTS))
+    paths = {name: folder / f"{name.replace(' ', '_')}.nc" for name in VANE_MANOEUVRES}
+    uses = zip(paths.items(), ("naming", "held_out"), strict=True)
+    tables = [
+        f'[[measured]]\nname = "{name}"\nfile = "{path.as_posix()}"\nuse = "{use}"\n' for (name, path), use in uses
+    ]
     file = tmp_path / "recorded.toml"
     file.write_text(head + "".join(tables), encoding="utf-8")
     found = run_gap(file).finding.naming
     assert found.names == ("alpha_scale",)
     assert found.ranking[0].values == made.finding.naming.ranking[0].values
-    folder = tmp_path / "records"
-    flights = load_flights(
-        "eolo", sorted(folder.glob("*.nc")), [folder / "doublets_and_throttle.nc"], "eolo_gap", "rigid", 16.0, 547.0
-    )
+    naming, held_out = paths.values()
+    flights = load_flights("eolo", [naming], [held_out], "eolo_gap", "rigid", 16.0, 547.0)
     handed = run_flights("eolo", flights, check=False).finding
     assert handed.naming.names == ("alpha_scale",)
     assert handed.naming.best.values["scale"] == pytest.approx(made.finding.naming.best.values["scale"], rel=1e-6)
-    assert [s.manoeuvre for s in handed.shrink] == [held_out]
+    assert [s.manoeuvre for s in handed.shrink] == [VANE_MANOEUVRES[1]]
 
 
 def test_a_set_gets_a_manoeuvre_to_fly_next(monkeypatch, case):

@@ -139,6 +139,7 @@ class Problem:
         self.structure, self.stretches, self.dt_s = structure, stretches, dt_s
         self.held = np.zeros(len(structure.inputs), bool)
         self.n = len(structure.states)
+        self._near = [s.x for s in stretches]  # of each the states found last, where the next response is begun
         y = [s.y[s.valid[:, i], i] for s in stretches for i in range(len(structure.outputs))]
         spread = np.array([np.std(column) if column.size else 0.0 for column in y]).reshape(len(stretches), -1)
         self.size = np.maximum(spread.max(axis=0), 1e-6)
@@ -162,7 +163,9 @@ class Problem:
         chosen = [of.index(name) for name in names if name in of]
         out = []
         for i, (s, start) in enumerate(zip(self.stretches, x0, strict=True)):
-            r = respond(self.structure, params, chosen, s.u, self.dt_s, self.held, start)
+            r = respond(self.structure, params, chosen, s.u, self.dt_s, self.held, start, near=self._near[i])
+            if np.all(np.isfinite(r.x)):
+                self._near[i] = r.x
             J = np.zeros((*s.y.shape, len(names) + self.n * len(self.stretches)))
             J[:, :, [j for j, name in enumerate(names) if name in of]] = r.dparams
             own = slice(len(names) + i * self.n, len(names) + (i + 1) * self.n)

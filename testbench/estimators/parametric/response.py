@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -73,9 +74,13 @@ def respond(
     x0: FloatArray,
     biased: Sequence[int] = (),
     substeps: int = 1,
+    near: FloatArray | None = None,
 ) -> Response:
-    """Return the response to ``u`` (N, m) from ``x0`` (n,) and its sensitivities; see :func:`responses`."""
-    return responses(structure, params, chosen, [u], dt_s, held, [x0], biased, substeps)[0]
+    """Return the response to ``u`` (N, m) from ``x0`` (n,) and its sensitivities; see :func:`responses`.
+
+    ``near`` (N, n) are the states of a response like it, where some are known: a nonlinear one is then found sooner.
+    """
+    return responses(structure, params, chosen, [u], dt_s, held, [x0], biased, substeps, [near])[0]
 
 
 def responses(
@@ -88,6 +93,7 @@ def responses(
     starts: Sequence[FloatArray],
     biased: Sequence[int] = (),
     substeps: int = 1,
+    near: Sequence[FloatArray | None] | None = None,
 ) -> list[Response]:
     """Return the responses to several inputs, each (N, m), from as many initial states, each (n,).
 
@@ -104,13 +110,14 @@ def responses(
         starts: initial states.
         biased: indices of the inputs whose bias sensitivities are wanted.
         substeps: Runge-Kutta steps per sample, for nonlinear structures.
+        near: states (N, n) to begin nonlinear ones at, or None.
     """
     pairs = list(zip(inputs, starts, strict=True))
     with np.errstate(all="ignore"):  # a trial step may diverge; whoever asked sees that the result is not finite
         if not isinstance(structure, LinearStructure):
             return [
-                _nonlinear(structure, params, list(chosen), u, dt_s, held, x0, list(biased), substeps)
-                for u, x0 in pairs
+                _nonlinear(structure, params, list(chosen), u, dt_s, held, x0, list(biased), substeps, begin)
+                for (u, x0), begin in zip(pairs, near or [None] * len(pairs), strict=True)
             ]
         sizes = len(structure.states), len(structure.outputs), len(chosen), len(biased)
         z = np.tile(params.astype(complex), (len(chosen) + 1, 1))
@@ -239,10 +246,11 @@ def _nonlinear(
     x0: FloatArray,
     biased: list[int],
     substeps: int,
+    near: FloatArray | None,
 ) -> Response:
     N, n, p, f, b = len(u), len(structure.states), len(structure.outputs), len(chosen), len(biased)
     du = np.where(held, 0.0, np.diff(u, axis=0, append=u[-1:]))
-    x, transition = _trajectory(structure, params, u, du, dt_s, x0, substeps)
+    x, transition = _trajectory(structure, params, u, du, dt_s, x0, substeps, near)
     if not np.all(np.isfinite(x)):
         return _diverged(N, n, p, f, b)
     P = np.tile(params.astype(complex), (f + b, 1))
@@ -253,12 +261,9 @@ def _nonlinear(
     P_all, u_all = np.broadcast_to(P, (*shape, params.size)), u[:, None, :] + shift
     x_all, du_all = np.broadcast_to(x[:, None, :], (*shape, n)), np.broadcast_to(du[:, None, :], u_all.shape)
     force = runge_kutta(structure, x_all, u_all, du_all, P_all, dt_s, substeps).imag / STEP  # (N, f + b, n)
-    S = np.zeros((N, n, n + f + b))  # sensitivities of the states: by the initial state first
-    S[0, :, :n] = np.eye(n)
+    # sensitivities of the states: by the initial state first
     force = np.concatenate([np.zeros((N, n, n)), force.transpose(0, 2, 1)], axis=2)
-    for k in range(N - 1):
-        np.matmul(transition[k], S[k], out=S[k + 1])
-        S[k + 1] += force[k]
+    S = _carried(transition, force, np.eye(n, n + f + b))
     direct = structure.output(x_all, u_all, P_all).imag.transpose(0, 2, 1) / STEP
     y, hx = _output(structure, params, u, x)
     d = np.matmul(hx, S)
@@ -284,12 +289,13 @@ def _trajectory(
     dt_s: float,
     x0: FloatArray,
     substeps: int,
+    near: FloatArray | None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return states (N, n) and the derivatives (N, n, n) of each by the one before.
 
     Newton's method on all samples at once: every sweep takes one Runge-Kutta step from every sample side by side and
     carries the defects x[k+1] - F(x[k]) through the linearised recursion (multiple shooting with one sample per
-    interval). Trajectories that it does not settle run sample by sample.
+    interval), from ``near`` where it is given. Trajectories that it does not settle run sample by sample.
     """
     N, n = len(u), x0.size
     steps = 1j * STEP * np.eye(n)
@@ -300,7 +306,7 @@ def _trajectory(
         out = runge_kutta(structure, x[:, None, :] + steps, wide_u, wide_du, wide_p, dt_s, substeps)
         return out[:, 0].real, out.imag.transpose(0, 2, 1) / STEP
 
-    x = np.tile(x0, (N, 1))
+    x = np.tile(x0, (N, 1)) if near is None or not np.all(np.isfinite(near)) else np.concatenate([x0[None], near[1:]])
     for _ in range(_SWEEPS):
         ahead, transition = forward(x)
         if not np.all(np.isfinite(transition)):
@@ -308,16 +314,44 @@ def _trajectory(
         defect = ahead[:-1] - x[1:]
         if np.all(np.abs(defect) <= _TRAJECTORY * np.max(np.abs(x), axis=0)):
             return x, transition
-        correction = np.zeros((N, n))
-        for k in range(N - 1):
-            correction[k + 1] = transition[k] @ correction[k] + defect[k]
-        x = x + correction
+        force = np.concatenate([defect, np.zeros((1, n))])
+        x = x + _carried(transition, force[:, :, None], np.zeros((n, 1)))[:, :, 0]
     x = np.tile(x0, (N, 1))
     for k in range(N - 1):
         x[k + 1] = runge_kutta(structure, x[k], u[k], du[k], params, dt_s, substeps)
         if not np.all(np.isfinite(x[k + 1])):
             return np.full((N, n), np.inf), np.zeros((N, n, n))
     return x, forward(x)[1]
+
+
+def _carried(transition: FloatArray, force: FloatArray, start: FloatArray) -> FloatArray:
+    """Return x (N, n, m) of x[k+1] = transition[k] x[k] + force[k] from x[0] = ``start`` (n, m).
+
+    Stretches of about sqrt(N) samples run side by side, each from the unit matrix and from zero, and are joined
+    afterwards: 2 sqrt(N) products of arrays instead of N of matrices.
+
+    Args:
+        transition: (N, n, n); the last one is not used.
+        force: (N, n, m); the last one is not used.
+        start: initial states.
+    """
+    N, n, m = force.shape
+    length = math.isqrt(N - 1) + 1
+    count = -(-N // length)
+    A, f = np.zeros((count * length, n, n)), np.zeros((count * length, n, m))
+    A[:N], f[:N] = transition, force
+    A, f = A.reshape(count, length, n, n), f.reshape(count, length, n, m)
+    own = np.empty((length + 1, count, n, n + m))
+    own[0] = np.eye(n, n + m)
+    for k in range(length):
+        np.matmul(A[:, k], own[k], out=own[k + 1])
+        own[k + 1, :, :, n:] += f[:, k]
+    starts = np.empty((count, n, m))
+    for i, last in enumerate(own[length]):
+        starts[i], start = start, last[:, :n] @ start + last[:, n:]
+    x = np.matmul(own[:length, :, :, :n], starts) + own[:length, :, :, n:]
+    joined: FloatArray = x.transpose(1, 0, 2, 3).reshape(count * length, n, m)[:N]
+    return joined
 
 
 def delayed(u: FloatArray, dt_s: float, delays_s: FloatArray) -> FloatArray:

@@ -66,8 +66,9 @@ def small():
 
 @pytest.fixture(scope="module")
 def eolo_plan():
-    """The packaged build-up of EOLO, whole."""
-    return make_plan(load_plan(SCENARIOS / "plan" / "eolo_envelope.toml"), fly_envelope)
+    """The packaged build-up of EOLO at three of its nine speeds."""
+    base = load_plan(SCENARIOS / "plan" / "eolo_envelope.toml")
+    return make_plan(base.model_copy(update={"speeds_m_s": (13.0, 16.0, 19.0)}), fly_envelope)
 
 
 def test_points_rise_in_dynamic_pressure(small):
@@ -204,7 +205,7 @@ def test_repeats_are_the_square_of_the_ratio():
 
 def test_information_of_the_repeats_reaches_what_is_wanted(eolo_plan):
     asked = [c for c in eolo_plan.cards if c.reached]
-    assert len(asked) == 9
+    assert len(asked) == 3
     for card in asked:
         for r in card.reached:
             assert r.reached == pytest.approx(r.one / math.sqrt(card.repeats))
@@ -212,7 +213,7 @@ def test_information_of_the_repeats_reaches_what_is_wanted(eolo_plan):
         # one run less would not do
         assert card.repeats == 1 or any(r.one / math.sqrt(card.repeats - 1) > r.wanted for r in card.reached)
     # half the amplitude doubles the error: four times the repeats
-    card = asked[4]
+    card = asked[1]
     hard = card.spec.model_copy(update={"accuracy_percent": {"M_alpha": 1.0}, "most_repeats": 1000})
     suite, modes = eolo_plan.suite, (1, 5, 7)
     half = [i.model_copy(update={"amplitude_deg": 0.5 * i.amplitude_deg}) for i in hard.input]
@@ -278,7 +279,7 @@ def test_margin_to_the_onset_and_damping_at_this_and_the_next_point(eolo_plan):
     (envelope,) = eolo_plan.envelopes
     onset = first_onset(envelope)
     assert onset.V_m_s == pytest.approx(20.3, abs=0.1)
-    assert [p.V_m_s for p in eolo_plan.points] == [11.0, 12.0, 13.0, 14.0, 15.0, 16.0, 17.0, 18.0, 19.0]
+    assert [p.V_m_s for p in eolo_plan.points] == [13.0, 16.0, 19.0]
     torsion = "1st symmetric wing torsion and tail-boom bending"
     least = eolo_plan.scenario.least_damping
     modes = [next(m for m in p.modes if m.name == torsion) for p in eolo_plan.points]
@@ -287,7 +288,7 @@ def test_margin_to_the_onset_and_damping_at_this_and_the_next_point(eolo_plan):
         assert mode.zeta_next == (following.zeta if following else None)
         loss = max(0.0, mode.zeta - following.zeta) if following else 0.0
         assert mode.go == pytest.approx(least + loss)
-    assert [m.zeta for m in modes][2:] == sorted((m.zeta for m in modes[2:]), reverse=True)
+    assert [m.zeta for m in modes] == sorted((m.zeta for m in modes), reverse=True)
     assert all(m.go is None for p in eolo_plan.points for m in p.modes if not m.elastic)
 
 
