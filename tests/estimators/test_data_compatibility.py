@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import OdeSolution, solve_ivp
 from scipy.optimize import least_squares
 
 from testbench.constants import DEG_RAD, G0_M_S2
@@ -62,13 +62,21 @@ def manoeuvre(duration_s: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def flown(duration_s: float):
-    """Times, exact inputs, and the exact flight between them as a function of time."""
-    t, inputs, x0 = manoeuvre(duration_s)
-    run = solve_ivp(
-        equations, (0.0, t[-1]), x0, method="DOP853", args=(inputs, t), rtol=1e-10, atol=1e-10, max_step=DT,
-        dense_output=True,
-    )  # fmt: skip
-    return t, inputs, run.sol
+    """Times, exact inputs, and the exact flight between them as a function of time.
+
+    It is integrated from sample to sample, as the inputs have a kink at each.
+    """
+    t, inputs, x = manoeuvre(duration_s)
+    times, steps = [t[0]], []
+    for k in range(len(t) - 1):
+        run = solve_ivp(
+            equations, t[k : k + 2], x, method="DOP853", args=(inputs[k : k + 2], t[k : k + 2]), rtol=1e-10, atol=1e-10,
+            first_step=t[k + 1] - t[k], dense_output=True,
+        )  # fmt: skip
+        x = run.y[:, -1]
+        times.extend(run.t[1:])
+        steps.extend(run.sol.interpolants)
+    return t, inputs, OdeSolution(times, steps)
 
 
 @pytest.fixture(scope="module")
@@ -146,8 +154,9 @@ def test_without_an_error_none_is_found_and_the_record_is_rebuilt(flight):
     rebuilt = result.reconstructed[0]
     for name in CHANNELS:  # Runge-Kutta at 25 Hz is all that is left: less than from the true initial state
         limit = np.max(np.abs(from_truth[:, structure.outputs.index(name)])) if name in structure.outputs else 1e-15
-        assert limit < 1e-5
-        assert np.max(np.abs(rebuilt[name] - record[name])) < limit, name
+        assert limit < 3e-6
+        # least squares may give a little of one channel, some 1e-10 rad, for more of others
+        assert np.max(np.abs(rebuilt[name] - record[name])) < limit + 1e-9, name
     assert result.reconstructed[0].kind == "measured"
     assert "reconstructed" in result.reconstructed[0].provenance
 
