@@ -6,7 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from testbench.estimators.state_space import Series, Trajectories
+from testbench.estimators.state_space import Series
+from testbench.estimators.trajectories import Trajectories, carried
 from testbench.record import FloatArray
 
 _GROWTH = 1e3  # over a series, beyond which digits are lost in a recursion forwards
@@ -92,7 +93,7 @@ def errors(s: Matrices, series: Series, nuisance: FloatArray, layout: Layout, de
 
     The predictor x+ = (A - K M C) x + (B - K M D) u + K M (y - o), M = 1 where measured, is linear, and its
     sensitivities obey the same recursion with other inputs: sample by sample all of them at once, or, where it grows
-    over the series, by :class:`.state_space.Trajectories` in numbers that stay bounded (all outputs measured).
+    over the series, by :class:`.trajectories.Trajectories` in numbers that stay bounded (all outputs measured).
     """
     u, y, valid = series
     n, p, N = layout.n, layout.p, len(u)
@@ -111,11 +112,7 @@ def errors(s: Matrices, series: Series, nuisance: FloatArray, layout: Layout, de
         if paths is not None:
             out = paths.forced(drive)
             return np.asarray(out + np.matmul(free, first - out[0]))
-        x = np.empty(drive.shape)
-        x[0] = first
-        for k in range(N - 1):
-            x[k + 1] = A[k] @ x[k] + drive[k]
-        return x
+        return carried(A, drive, first)
 
     x = path((u @ s.B.T + rest @ s.K.T)[:, :, None], x0[:, None])[:, :, 0]
     e = rest - mask * (x @ s.C.T)

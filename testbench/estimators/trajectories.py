@@ -1,6 +1,8 @@
-"""All trajectories of a linear recursion over many samples, bounded whatever the poles, in few operations."""
+"""Trajectories of linear recursions over many samples, in few operations."""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from scipy.linalg import schur, solve_sylvester
@@ -88,6 +90,36 @@ def _recursion(T: FloatArray, f: FloatArray) -> FloatArray:
             x[i - 1] = lfilter([0.0, 1.0], [1.0, -T[i - 1, i - 1]], drive[0])
         i = rows.start
     return x
+
+
+def carried(transition: FloatArray, force: FloatArray, start: FloatArray) -> FloatArray:
+    """Return x (N, n, m) of x[k+1] = transition[k] x[k] + force[k] from x[0] = ``start`` (n, m).
+
+    Stretches of about sqrt(N) samples run side by side, each from the unit matrix and from zero, and are joined
+    afterwards: 2 sqrt(N) products of arrays instead of N of matrices.
+
+    Args:
+        transition: (N, n, n); the last one is not used.
+        force: (N, n, m); the last one is not used.
+        start: initial states.
+    """
+    N, n, m = force.shape
+    length = math.isqrt(N - 1) + 1
+    count = -(-N // length)
+    A, f = np.zeros((count * length, n, n)), np.zeros((count * length, n, m))
+    A[:N], f[:N] = transition, force
+    A, f = A.reshape(count, length, n, n), f.reshape(count, length, n, m)
+    own = np.empty((length + 1, count, n, n + m))
+    own[0] = np.eye(n, n + m)
+    for k in range(length):
+        np.matmul(A[:, k], own[k], out=own[k + 1])
+        own[k + 1, :, :, n:] += f[:, k]
+    starts = np.empty((count, n, m))
+    for i, last in enumerate(own[length]):
+        starts[i], start = start, last[:, :n] @ start + last[:, n:]
+    x = np.matmul(own[:length, :, :, :n], starts) + own[:length, :, :, n:]
+    joined: FloatArray = x.transpose(1, 0, 2, 3).reshape(count * length, n, m)[:N]
+    return joined
 
 
 class Modes:

@@ -7,7 +7,8 @@ import pytest
 
 from testbench.errors import EstimationError, RecordError
 from testbench.estimators.hankel import cholesky_factor, fold, triangle
-from testbench.estimators.state_space import Series, StateSpaceModel, Trajectories, fit_inputs
+from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs
+from testbench.estimators.trajectories import Trajectories, carried
 from testbench.record import FlightRecord
 
 DT = 0.05
@@ -190,3 +191,13 @@ def test_many_rows_fold_into_the_triangle_of_their_qr_decomposition(kind):
     if kind == "dependent":
         last = fold(np.zeros((0, 5)), rows)[-1, -1]
         assert abs(last) < 1e-12 * size[-1]
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 5, 100, 121, 122])
+def test_stretches_carried_side_by_side_are_the_recursion_sample_by_sample(samples):
+    rng = np.random.default_rng(samples)
+    transition, force = 0.4 * rng.standard_normal((samples, 3, 3)), rng.standard_normal((samples, 3, 2))
+    x = rng.standard_normal((3, 2))
+    for k, row in enumerate(carried(transition, force, x)):
+        assert row == pytest.approx(x, abs=1e-12)
+        x = transition[k] @ x + force[k]

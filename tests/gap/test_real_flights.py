@@ -34,8 +34,8 @@ from testbench.gap.workflow import find_gap
 RECORDS = ("fAttasElv1", "fAttasElv2")
 
 
-# Of the library the effect that comes nearest to explaining an ATTAS record, and the one that could most easily pass for
-# a wrong derivative: fast, and as hard a test. The slow tests search the whole library.
+# Of the library the effect that comes nearest to explaining an ATTAS record, and the one that passes most easily for a
+# wrong derivative: fast, and as hard a test. The slow tests search the whole library.
 TEMPTING = ("curved_moment", "surface_scale")
 
 

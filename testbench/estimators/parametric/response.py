@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from testbench.estimators.parametric.structure import STEP, AnyArray, LinearStructure, Matrices, ModelStructure
-from testbench.estimators.state_space import Trajectories
+from testbench.estimators.trajectories import Trajectories, carried
 from testbench.record import FloatArray
 
 _SWEEPS = 12  # Newton sweeps over a whole trajectory before it is run sample by sample
@@ -263,7 +262,7 @@ def _nonlinear(
     force = runge_kutta(structure, x_all, u_all, du_all, P_all, dt_s, substeps).imag / STEP  # (N, f + b, n)
     # sensitivities of the states: by the initial state first
     force = np.concatenate([np.zeros((N, n, n)), force.transpose(0, 2, 1)], axis=2)
-    S = _carried(transition, force, np.eye(n, n + f + b))
+    S = carried(transition, force, np.eye(n, n + f + b))
     direct = structure.output(x_all, u_all, P_all).imag.transpose(0, 2, 1) / STEP
     y, hx = _output(structure, params, u, x)
     d = np.matmul(hx, S)
@@ -315,43 +314,13 @@ def _trajectory(
         if np.all(np.abs(defect) <= _TRAJECTORY * np.max(np.abs(x), axis=0)):
             return x, transition
         force = np.concatenate([defect, np.zeros((1, n))])
-        x = x + _carried(transition, force[:, :, None], np.zeros((n, 1)))[:, :, 0]
+        x = x + carried(transition, force[:, :, None], np.zeros((n, 1)))[:, :, 0]
     x = np.tile(x0, (N, 1))
     for k in range(N - 1):
         x[k + 1] = runge_kutta(structure, x[k], u[k], du[k], params, dt_s, substeps)
         if not np.all(np.isfinite(x[k + 1])):
             return np.full((N, n), np.inf), np.zeros((N, n, n))
     return x, forward(x)[1]
-
-
-def _carried(transition: FloatArray, force: FloatArray, start: FloatArray) -> FloatArray:
-    """Return x (N, n, m) of x[k+1] = transition[k] x[k] + force[k] from x[0] = ``start`` (n, m).
-
-    Stretches of about sqrt(N) samples run side by side, each from the unit matrix and from zero, and are joined
-    afterwards: 2 sqrt(N) products of arrays instead of N of matrices.
-
-    Args:
-        transition: (N, n, n); the last one is not used.
-        force: (N, n, m); the last one is not used.
-        start: initial states.
-    """
-    N, n, m = force.shape
-    length = math.isqrt(N - 1) + 1
-    count = -(-N // length)
-    A, f = np.zeros((count * length, n, n)), np.zeros((count * length, n, m))
-    A[:N], f[:N] = transition, force
-    A, f = A.reshape(count, length, n, n), f.reshape(count, length, n, m)
-    own = np.empty((length + 1, count, n, n + m))
-    own[0] = np.eye(n, n + m)
-    for k in range(length):
-        np.matmul(A[:, k], own[k], out=own[k + 1])
-        own[k + 1, :, :, n:] += f[:, k]
-    starts = np.empty((count, n, m))
-    for i, last in enumerate(own[length]):
-        starts[i], start = start, last[:, :n] @ start + last[:, n:]
-    x = np.matmul(own[:length, :, :, :n], starts) + own[:length, :, :, n:]
-    joined: FloatArray = x.transpose(1, 0, 2, 3).reshape(count * length, n, m)[:N]
-    return joined
 
 
 def delayed(u: FloatArray, dt_s: float, delays_s: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ import pytest
 from parametric_cases import CASES, HFB, inputs, truth
 
 from testbench.errors import ChannelError, EstimationError
-from testbench.estimators.parametric.response import _carried, _trajectory, respond, runge_kutta
+from testbench.estimators.parametric.response import _trajectory, respond, runge_kutta
 from testbench.estimators.parametric.structure import LinearStructure, ModelStructure, Parameter
 from testbench.estimators.parametric.structures import (
     STRUCTURES,
@@ -143,16 +143,6 @@ def test_trajectory_found_at_once_is_the_one_run_sample_by_sample():
         x, transition = _trajectory(s, p, u, du, case.dt_s, case.starts[0], 2, near)
         assert np.abs(x - slow).max(axis=0) == pytest.approx(0.0, abs=1e-9)
         assert transition.shape == (600, 4, 4)
-
-
-@pytest.mark.parametrize("samples", [1, 2, 3, 5, 100, 121, 122])
-def test_stretches_carried_side_by_side_are_the_recursion_sample_by_sample(samples):
-    rng = np.random.default_rng(samples)
-    transition, force = 0.4 * rng.standard_normal((samples, 3, 3)), rng.standard_normal((samples, 3, 2))
-    x = rng.standard_normal((3, 2))
-    for k, carried in enumerate(_carried(transition, force, x)):
-        assert carried == pytest.approx(x, abs=1e-12)
-        x = transition[k] @ x + force[k]
 
 
 def test_a_response_that_diverges_says_so_by_not_being_finite():
