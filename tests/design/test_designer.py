@@ -30,7 +30,11 @@ from testbench.sensors import Sensor, load_suite
 
 FOLDER = SCENARIOS / "design"
 UNKNOWN = ["X_V", "X_alpha", "X_de", "X_q", "Z_V", "Z_q", "Z_de", "M_V"]
-FILES = sorted(FOLDER.glob("*.toml"))
+LONG = ("eolo_short_period",)
+FILES = [
+    pytest.param(path, id=path.stem, marks=[pytest.mark.slow] if path.stem in LONG else [])
+    for path in sorted(FOLDER.glob("*.toml"))
+]
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +59,7 @@ def written(tmp_path, name, *changes):
     return file
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", FILES)
 def test_every_scenario_gives_a_ranking_inside_its_limits(path, designed):
     result = designed(path.stem)
     costs = [r.design.cost for r in result.ranking]
@@ -72,7 +76,7 @@ def test_every_scenario_gives_a_ranking_inside_its_limits(path, designed):
     assert result.shortest.design.duration_s < 0.5 * result.problem.duration_s
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
+@pytest.mark.parametrize("path", FILES)
 def test_the_written_scenario_flies_the_design_and_identifies(path, designed, tmp_path):
     result = designed(path.stem)
     for entry in (result.best, result.shortest):

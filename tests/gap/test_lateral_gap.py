@@ -39,7 +39,7 @@ from testbench.sensors import load_suite
 
 CONDITIONS = {"eolo": FlightCondition(16.0, 547.0), "taurus": FlightCondition(15.0, 100.0)}
 RATE_HZ = 100.0
-FEW = ("yaw_damper", "rudder_lag", "aileron_lag", "actuator_lag", "beta_scale", "r_scale", "r_lag", "p_scale")
+FEW = ("yaw_damper", "rudder_lag", "beta_scale", "r_scale")
 # The rudder of the taurus is seven times as powerful as that of the eolo.
 RUDDER = {
     aircraft: Manoeuvre(

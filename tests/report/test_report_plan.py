@@ -122,6 +122,7 @@ def test_a_card_says_what_decides_the_next_step(eolo_plan):
 
 
 def test_scripts_and_tables_of_an_autopilot_s_plan(eolo_plan, tmp_path):
+    eolo_plan = replace(eolo_plan, cards=eolo_plan.cards[:2])
     paths = write_plan(eolo_plan, tmp_path)
     scripts = [p for p in paths if p.suffix == ".lua"]
     assert [p.stem for p in scripts] == [card_stem(c) for c in eolo_plan.cards]
