@@ -77,16 +77,16 @@ def test_the_papers_horizons_give_the_papers_kind_of_model(results):
 
 
 def test_what_alpha_buys_holds_over_seeds():
-    """The median error of the fast root over five seeds, with the long future: at least three times as large without.
+    """The median error of the fast root over three seeds, with the long future: at least three times as large without.
 
-    Measured medians: 0.32 and 0.02.
+    Measured medians of five: 0.32 and 0.02.
     """
     scenario = load_scenario(SCENARIOS / "eolo_alpha.toml")
     long = tuple(e for e in scenario.identification.estimators if e.label == "long future")
     asked = scenario.identification.model_copy(update={"estimators": long})
     scenario = attach_file(scenario.model_copy(update={"identification": asked}), scenario.file)
     errors = {"eolo_no_alpha": [], "eolo_alpha": []}
-    for seed in range(10, 60, 10):
+    for seed in (10, 20, 30):
         for case in run(scenario, seed).cases:
             error = pole_error(case, FAST)
             errors[case.suite].append(1.0 if error is None else error)
@@ -157,7 +157,9 @@ def test_taurus_shows_good_fits_with_poles_that_are_no_mode(results):
     assert any("a good fit is no proof of a mode" in finding for finding in result.findings)
 
 
-def test_same_scenario_and_seed_give_the_same_bytes(results, tmp_path):
+def test_same_scenario_and_seed_give_the_same_bytes(results, tmp_path, monkeypatch):
+    """Of records, models, tables and text; that figures come out alike is tested with the report's page."""
+    monkeypatch.setattr(figures, "plates", lambda result: [])
     scenario = tb.load_scenario(SCENARIOS / "taurus_doublet.toml")
     again = tb.run(scenario)
     for folder, result in (("a", results("taurus_doublet")), ("b", again)):

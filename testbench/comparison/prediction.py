@@ -93,7 +93,7 @@ def predict(
     without = {}
     for i, sensor in enumerate(sensors):
         rest = [k for k in range(len(sensors)) if k != i]
-        less = aims.errors(reached(rest)[0])
+        less = aims.errors(reached(rest)[0]) if rest else np.full(len(std), np.inf)
         with np.errstate(invalid="ignore"):
             without[sensor.channel] = less / std
     return Prediction(aims.names, std * in_percent(aims), beyond, without, found)

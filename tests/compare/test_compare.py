@@ -259,6 +259,17 @@ def test_wing_sensors_make_the_elastic_modes_known() -> None:
     assert "for some quantities through eolo_no_alpha and eolo_alpha it is not" in " ".join(compare_sentences(result))
 
 
+def test_nothing_is_known_without_the_only_sensor_beside_the_input(tmp_path: Path) -> None:
+    loaded = load_compare(
+        scenario(tmp_path, [suite(tmp_path, "a", "q", "de"), suite(tmp_path, "b", "V", "q", "de")], "de")
+    )
+    few, more = (compare(loaded, simulate=False).predictions["3211", n] for n in "ab")
+    assert np.isfinite(few.std).all()
+    assert (few.std > more.std).all()
+    assert np.isinf(few.without["q"]).all()
+    assert more.std * more.without["V"] == pytest.approx(few.std)
+
+
 def test_missing_a_mode_is_compared_too(packaged) -> None:
     missed = [g for g in packaged.gains if g.quantity.kind == "missed"]
     assert {g.quantity.name for g in missed} >= {"short period, fast root"}

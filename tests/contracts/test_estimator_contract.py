@@ -182,8 +182,8 @@ def test_the_order_of_records_does_not_matter(method):
     # A search that starts from sums in another order ends within its tolerance; a filter's linearisation depends on
     # where it has been, by less than its errors (5 % noise).
     bound = 0.1 if method in SEQUENTIAL else 1e-4 if method in SEARCHED else 1e-9
-    records = flights(method, 300, 200, noise=0.05)
-    one, other = found_from(method, 300, 200, noise=0.05), run(method, records[::-1])
+    records = flights(method, 200, 140, noise=0.05)
+    one, other = found_from(method, 200, 140, noise=0.05), run(method, records[::-1])
     same_poles(one.poles(), other.poles(), bound)
     omega = np.geomspace(0.6, 20.0, 20)
     a, b = one.frequency_response(omega), other.frequency_response(omega)
@@ -194,10 +194,10 @@ def test_the_order_of_records_does_not_matter(method):
 def test_a_record_given_twice_says_nothing_new(method):
     if method in SEQUENTIAL:
         pytest.skip("a filter that runs through a record again believes what it has seen")
-    (r,) = flights(method, 300, noise=0.05)
+    (r,) = flights(method, 200, noise=0.05)
     # N4SID damps directions of the past in units of the innovations, whose deviation counts degrees of freedom.
     bound = 1e-3 if method in SEARCHED else 1e-4 if method == "n4sid" else 1e-9
-    same_poles(found_from(method, 300, noise=0.05).poles(), run(method, [r, r]).poles(), bound)
+    same_poles(found_from(method, 200, noise=0.05).poles(), run(method, [r, r]).poles(), bound)
 
 
 @METHOD
@@ -222,7 +222,7 @@ def test_samples_that_were_not_taken_do_not_count(method):
 
 @METHOD
 def test_channels_in_another_order_change_nothing(method):
-    (r,), model = flights(method, 300, noise=0.05), found_from(method, 300, noise=0.05)
+    (r,), model = flights(method, 200, noise=0.05), found_from(method, 200, noise=0.05)
     again = run(method, [r.select(("alpha", "de", "V", "theta", "q"))])
     same_poles(model.poles(), again.poles(), 1e-12)
     turned = run(method, [r], outputs=("q", "V", "alpha", "theta"))
@@ -243,8 +243,8 @@ def test_units_do_not_matter(method, channel):
     def scaled(record):
         return record.with_columns({name: 1000.0 * record[name] for name in scaled_channels})
 
-    (r,), judge = flights(method, 300, noise=0.05), flight(99)
-    model = found_from(method, 300, noise=0.05)
+    (r,), judge = flights(method, 200, noise=0.05), flight(99)
+    model = found_from(method, 200, noise=0.05)
     other = run(method, [scaled(r)], validation=[scaled(judge)])
     bound = 1e-4 if method in SEARCHED else 1e-6
     same_poles(model.poles(), other.poles(), bound)
@@ -257,15 +257,15 @@ def test_units_do_not_matter(method, channel):
 
 @METHOD
 def test_the_same_records_give_the_same_bytes(method):
-    records = flights(method, 300, 200, noise=0.05)
-    one, other = found_from(method, 300, 200, noise=0.05), run(method, records)
+    records = flights(method, 200, 140, noise=0.05)
+    one, other = found_from(method, 200, 140, noise=0.05), run(method, records)
     assert pickle.dumps(one.to_dict()) == pickle.dumps(other.to_dict())
     assert np.array_equal(one.simulate(records[0]), other.simulate(records[0]))
 
 
 @METHOD
 def test_a_model_survives_pickling_and_keeps_its_records_unchanged(method):
-    (r,) = flights(method, 300, noise=0.05)
+    (r,) = flights(method, 200, noise=0.05)
     before = r.data.tobytes()
     model = run(method, [r])
     assert r.data.tobytes() == before
@@ -278,7 +278,7 @@ def test_a_model_survives_pickling_and_keeps_its_records_unchanged(method):
 @pytest.mark.parametrize("noise", [0.0, 0.05, 3.0])
 def test_status_goes_with_advice(method, noise):
     try:
-        model = found_from(method, 300, noise=noise)
+        model = found_from(method, 200, noise=noise)
     except EstimationError:  # noise of three times the signal may be refused
         if noise < 3.0:
             raise

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dtrtri
 
 from testbench.errors import EstimationError
 from testbench.estimators.model import check_records
@@ -31,6 +32,7 @@ from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import discretise
 from testbench.estimators.parametric.structure import LinearStructure
+from testbench.estimators.trajectories import carried
 from testbench.record import FlightRecord, FloatArray
 
 _TOLERANCE = 1e-6  # the search ends where a full step would lower the cost by this much: a thousandth of an error
@@ -87,29 +89,29 @@ class Whitening:
 
     def _run(self, P: FloatArray, Q: FloatArray) -> None:
         """Fill in gains (N, n, p) and inverse Cholesky factors (N, p, p) of the innovations, from P (n, n) on."""
-        one = np.eye(self._C.shape[0])
+        one, lost = np.eye(self._C.shape[0]), 0
         for k, taken in enumerate(self._taken):
             C = self._C * taken[:, None]
             PC = P @ C.T
-            root = np.linalg.inv(np.linalg.cholesky(C @ PC + one))
+            factor, lost = dpotrf(C @ PC + one, lower=1)  # LAPACK itself: numpy takes twice as long
+            if lost:
+                break
+            root, _ = dtrtri(factor, lower=1)
             half = self._F @ PC @ root.T
             self._root[k], self._gain[k] = root, half @ root
             P = self._F @ P @ self._F.T - half @ half.T + Q
             P = 0.5 * (P + P.T)
-        if not np.all(np.isfinite(P)):
+        if lost or not np.all(np.isfinite(P)):
             raise EstimationError("the model diverges from its start values; start from others, or from equation error")
 
     def apply(self, x: FloatArray) -> FloatArray:
         """Return ``x`` (N, p, k), in units of the outputs' noise and zero where not taken, whitened (N, p, k)."""
         if not self._noisy:
             return x
-        out = np.empty_like(x)
-        state = np.zeros((len(self._F), x.shape[2]))
-        for k, taken in enumerate(self._taken):
-            innovation = x[k] - taken[:, None] * (self._C @ state)
-            out[k] = self._root[k] @ innovation
-            state = self._F @ state + self._gain[k] @ innovation
-        return out
+        C = self._taken[:, :, None] * self._C
+        rest = np.zeros((len(self._F), x.shape[2]))
+        states = carried(self._F - np.matmul(self._gain, C), np.matmul(self._gain, x), rest)
+        return np.asarray(np.matmul(self._root, x - np.matmul(C, states)))
 
 
 def estimate(
