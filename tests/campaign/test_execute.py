@@ -77,10 +77,10 @@ def reference_store(tmp_path_factory):
     """The table of the short campaign from one worker, not interrupted; the same file as ``written`` gives."""
     folder = tmp_path_factory.mktemp("reference")
     file = folder / "short.toml"
-    file.write_text(SHORT.format(head="runs = 40", vary=""), encoding="utf-8")
+    file.write_text(SHORT.format(head="runs = 24", vary=""), encoding="utf-8")
     ending = fly_campaign(load_campaign(file), folder / "store", workers=1)
-    assert ending.counts.finished == 40
-    assert ending.counts.done >= 38
+    assert ending.counts.finished == 24
+    assert ending.counts.done >= 22
     return folder / "store"
 
 
@@ -91,9 +91,9 @@ def reference(reference_store):
 
 def test_eight_workers_give_the_same_table(short, tmp_path, reference):
     seen = []
-    fly_campaign(short("runs = 40"), tmp_path / "s", workers=8, progress=seen.append)
+    fly_campaign(short("runs = 24"), tmp_path / "s", workers=8, progress=seen.append)
     assert table(tmp_path / "s") == reference
-    assert seen[-1].counts.finished == 40
+    assert seen[-1].counts.finished == 24
     assert seen[-1].rate > 0.0
     assert seen[-1].left_s == 0.0
 
@@ -120,7 +120,7 @@ def test_nothing_is_lost_or_counted_twice_when_it_is_interrupted_and_then_killed
     runs = behind(store)
     cut = load_campaign(written(f"runs = {runs}"))
     assert fly_campaign(cut, store, resume=True, workers=2).counts.finished == runs
-    assert rows(store)[:40] == rows(reference_store)[:runs]
+    assert rows(store)[:24] == rows(reference_store)[:runs]
 
 
 def fatal(marks: Path):
@@ -354,7 +354,7 @@ def test_a_cluster_of_separate_processes_gives_the_same_table_whatever_is_killed
     cluster.worker(address)
     ending = fly_campaign(short(f"runs = {runs}"), tmp_path / "s", resume=True, scheduler=address)
     assert ending.counts.finished == runs
-    assert rows(tmp_path / "s")[:40] == rows(reference_store)[:runs]
+    assert rows(tmp_path / "s")[:24] == rows(reference_store)[:runs]
 
 
 def test_a_scheduler_that_does_not_answer_is_named(short, tmp_path, monkeypatch):

@@ -33,7 +33,9 @@ def test_every_notebook_belongs_to_an_exercise_and_is_clean():
         assert (NOTEBOOKS / load_exercise(name).notebook).stat().st_size < 20_000
 
 
-@pytest.mark.parametrize("name", WITH_NOTEBOOK)
+@pytest.mark.parametrize(
+    "name", [WITH_NOTEBOOK[0], *(pytest.param(name, marks=pytest.mark.slow) for name in WITH_NOTEBOOK[1:])]
+)
 def test_a_notebook_runs_unanswered_and_answered(name, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.delenv(VARIABLE, raising=False)

@@ -103,6 +103,7 @@ def test_a_scale_error_of_a_lateral_sensor_is_named(channel, gain):
     assert abs(naming.best.values["scale"] - gain) < 4.0 * naming.best.errors["scale"]
 
 
+@pytest.mark.slow
 def test_lateral_coefficients_off_by_their_priors_are_no_gap():
     """As far as one deviation each, of either sign; without re-tuning them the residual would be far from noise."""
     b = believe("eolo")

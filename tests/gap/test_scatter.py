@@ -57,7 +57,7 @@ def test_a_delay_is_named_with_its_scatter_where_each_command_arrives_at_a_time_
     "kinds",
     [
         {"late link": {"delay_s": 0.07}},
-        {"servo of second order": {"omega_rad_s": 15.0, "zeta": 0.6}},
+        pytest.param({"servo of second order": {"omega_rad_s": 15.0, "zeta": 0.6}}, marks=pytest.mark.slow),
         {"late link": {"delay_s": 0.07}, "airspeed lag": {"lag_s": 0.5}},
     ],
     ids=["the same delay for all commands", "form of a servo", "another effect beside it"],

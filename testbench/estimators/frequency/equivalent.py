@@ -243,6 +243,31 @@ def _residuals(problem: _Problem, G: ComplexArray, weighting: Weighting | None =
     return problem.weight * np.stack([gain, np.sqrt(_PHASE) * phase])
 
 
+def _jacobian(problem: _Problem, x: FloatArray, w0: float) -> FloatArray:
+    """Return the derivatives (2 k p m, unknowns) of the residuals where no input is held between samples."""
+    n, G, tau = problem.n, _model(problem, x, w0), _unpack(problem, x, w0)[2]
+    powers = (problem.s[:, None] / w0) ** np.arange(n, -1.0, -1.0)
+    below = (powers @ np.concatenate([[1.0], x[:n]]))[:, None, None]
+    slopes = np.zeros((*G.shape, x.size), np.complex128)
+    slopes[..., :n] = -(G / below)[..., None] * powers[:, None, None, 1:]
+    across = np.exp(-problem.s[:, None, None] * tau) * problem.held[:, None, :] / below
+    at = n
+    for i, nz in enumerate(problem.zeros):
+        for j in range(G.shape[2]):
+            slopes[:, i, j, at : at + nz + 1] = across[:, i, j, None] * powers[:, n - nz :]
+            at += nz + 1
+    if problem.delay:
+        pairs = slopes.reshape(len(G), -1, x.size)
+        own = np.arange(pairs.shape[1])
+        pairs[:, own, at + own] = -(problem.s[:, None] / w0) * G.reshape(len(G), -1)
+    if problem.weighting == "likelihood":
+        slopes *= (problem.weight / np.abs(problem.H))[..., None]
+        return np.stack([slopes.real, slopes.imag]).reshape(-1, x.size)
+    slopes /= G[..., None]
+    parts = np.stack([_DB * slopes.real, np.sqrt(_PHASE) * _DEGREE * slopes.imag])
+    return (problem.weight[..., None] * parts).reshape(-1, x.size)
+
+
 def _start(problem: _Problem, w0: float, tau: FloatArray) -> tuple[FloatArray, float]:
     """Return unknowns from iterated linear least squares for given delays (p, m), and their cost."""
     n, s = problem.n, problem.s / w0
@@ -307,6 +332,8 @@ def _solve(problem: _Problem) -> tuple[FloatArray, FloatArray, FloatArray, Float
     w = np.abs(problem.s)
     w0 = float(np.exp(np.mean(np.log(w))))
     pairs = problem.H.shape[1] * problem.H.shape[2]
+    # What holds does to a response at the samples is differentiated by numbers.
+    jacobian: Any = "3-point" if any(problem.zoh) else lambda x: _jacobian(problem, x, w0)
     best: Any = None
     for x0 in _search(problem, w0):
         low = np.full(x0.size, -np.inf)
@@ -315,7 +342,7 @@ def _solve(problem: _Problem) -> tuple[FloatArray, FloatArray, FloatArray, Float
         found = least_squares(
             lambda x: _residuals(problem, _model(problem, x, w0)).ravel(),
             x0,
-            jac="3-point",
+            jac=jacobian,
             bounds=(low, np.inf),
             x_scale="jac",
             xtol=1e-14,
