@@ -39,6 +39,12 @@ def turbulent(believed):
     return records, in_measured_air(believed, records, listen(believed, records))[1]
 
 
+@pytest.fixture(scope="module")
+def moved(believed, turbulent):
+    """The believed model in the air that was found; it keeps its linear models along the flights."""
+    return in_air(believed, turbulent[1])
+
+
 def test_still_air_is_not_taken_for_turbulence_even_beside_a_gap(believed):
     """Before the first command a gap does not show: a slow servo leaves the quiet flight as it is."""
     slow = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 8.0})
@@ -61,20 +67,17 @@ def test_turbulence_is_heard_and_measured(turbulent):
     assert "turbulence" in found.sentence
 
 
-def test_residuals_are_white_in_the_air_that_was_found_and_far_from_it_without(believed, turbulent):
-    records, found = turbulent
-    white = in_air(believed, found)
-    for record in records:
-        e, n = white.residuals(record), len(record)
+def test_residuals_are_white_in_the_air_that_was_found_and_far_from_it_without(believed, turbulent, moved):
+    for record in turbulent[0]:
+        e, n = moved.residuals(record), len(record)
         # Mean squares scatter by sqrt(2 / n) = 0.04, correlations by sqrt(1 / n) = 0.027: five of each, 3e-6 apiece.
         assert (e**2).mean(axis=0) == pytest.approx(np.ones(5), abs=5.0 * np.sqrt(2.0 / n))
         assert np.abs((e[1:] * e[:-1]).mean(axis=0)).max() < 5.0 / np.sqrt(n)
         assert (believed.residuals(record) ** 2).mean(axis=0).max() > 1.5
 
 
-def test_whitening_is_linear_and_leaves_nothing_of_a_bias(believed, turbulent):
-    records, found = turbulent
-    whiten = in_air(believed, found).whiten
+def test_whitening_is_linear_and_leaves_nothing_of_a_bias(turbulent, moved):
+    records, whiten = turbulent[0], moved.whiten
     rng = np.random.default_rng(1)
     a, b = rng.standard_normal((2, len(records[0]), 5))
     whole = whiten(records[0], 2.0 * a - b + 30.0)
@@ -188,10 +191,9 @@ def test_a_gap_is_not_taken_for_turbulence_that_the_quiet_flight_refutes(believe
 FEW = {n: EFFECTS[n] for n in ("actuator_lag", "alpha_scale", "thrust_line", "mass_error")}
 
 
-def test_no_effect_is_named_in_turbulence(believed, turbulent):
+def test_no_effect_is_named_in_turbulence(turbulent, moved):
     """The false-alarm probability is 1e-3."""
-    records, found = turbulent
-    assert name_effect(in_air(believed, found), records, effects=FEW, pairs=False).outcome == "no gap"
+    assert name_effect(moved, turbulent[0], effects=FEW, pairs=False).outcome == "no gap"
 
 
 @pytest.mark.parametrize("hidden", [True, False])
