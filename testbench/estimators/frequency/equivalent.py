@@ -263,7 +263,8 @@ def _jacobian(problem: _Problem, x: FloatArray, w0: float) -> FloatArray:
     if problem.weighting == "likelihood":
         slopes *= (problem.weight / np.abs(problem.H))[..., None]
         return np.stack([slopes.real, slopes.imag]).reshape(-1, x.size)
-    slopes /= G[..., None]
+    own_size = G[..., None]  # where it is zero the logarithm is cut off, and flat
+    slopes = np.divide(slopes, own_size, out=np.zeros_like(slopes), where=own_size != 0.0)
     parts = np.stack([_DB * slopes.real, np.sqrt(_PHASE) * _DEGREE * slopes.imag])
     return (problem.weight[..., None] * parts).reshape(-1, x.size)
 
