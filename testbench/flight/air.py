@@ -133,7 +133,7 @@ class Air:
             LimitError: the height is below the law of the scale lengths.
         """
         t = np.arange(n) / rate_hz
-        out = np.tile(np.array(self.wind_m_s), (n, 1))
+        out = np.tile(np.array(self.wind_m_s, float), (n, 1))
         if any(self.turbulence_rms_m_s):
             lengths = scale_lengths(self.height_m if self.height_m is not None else condition.h_m)
             rng = np.random.default_rng(np.random.SeedSequence([self.seed, zlib.crc32(b"turbulence")]))

@@ -105,6 +105,11 @@ def test_a_seed_gives_the_same_bits_and_another_seed_other_air():
     assert np.max(np.abs(np.diff(first[:10], axis=0))) < 0.05  # and nothing jumps after it
 
 
+def test_a_wind_of_whole_numbers_is_a_wind():
+    whole, floats = Air(3, 0, -1, (1, 1, 1), 100, seed=3), Air(3.0, 0.0, -1.0, (1.0, 1.0, 1.0), 100.0, seed=3)
+    assert np.array_equal(whole.velocities(200, 100.0, CONDITION), floats.velocities(200, 100.0, CONDITION))
+
+
 def test_a_gust_is_the_cosine_it_is_said_to_be():
     t = np.arange(-100, 400) / 100.0
     gust = Gust("down", -2.0, start_s=0.5, duration_s=1.0)
