@@ -64,11 +64,12 @@ def test_without_the_true_effect_no_other_one_is_named(others):
     assert naming.best is None
 
 
-def test_two_effects_at_once_are_one_name_with_both_sizes():
+@pytest.mark.parametrize("others", [(), pytest.param(("transport_delay",), marks=pytest.mark.slow)])
+def test_two_effects_at_once_are_one_name_with_both_sizes(others):
     slower, vane = (
         KINDS[k].plan(v, "taurus") for k, v in (("slow servo", {"lag_rad_s": 12.0}), ("vane gain", {"gain": 1.7}))
     )
-    naming = named(slower.with_(vane), ("actuator_lag", "alpha_scale"))
+    naming = named(slower.with_(vane), ("actuator_lag", "alpha_scale", *others))
     assert naming.outcome == "named", naming.sentence
     assert set(naming.names[0].split(" + ")) == {"actuator_lag", "alpha_scale"}
     values = naming.best.values

@@ -142,6 +142,7 @@ def test_a_rigid_aircraft_has_no_elastic_table(rigid, rigid_page):
     assert "elastic_modes" not in {t.name for t in aircraft_tables(rigid)}
     assert 'id="table-elastic_modes"' not in rigid_page
     assert 'id="table-modes"' in rigid_page
+    assert len(rigid_page) > 10_000
     assert folder_name(load_aircraft("eolo", "rigid"), "eolo") == "aircraft_eolo_rigid"
     assert folder_name(load_aircraft("taurus", "rigid"), "taurus") == "aircraft_taurus"
 
