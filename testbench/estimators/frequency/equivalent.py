@@ -8,7 +8,7 @@ Transactions on Automatic Control 8(1), 1963 (starts). Numbers of the first two 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Literal, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -16,40 +16,25 @@ from scipy.optimize import least_squares
 from testbench.errors import EstimationError, nearest
 from testbench.estimators.continuous import ContinuousTransferModel
 from testbench.estimators.coverage import approximate
+from testbench.estimators.frequency.misfit import (
+    DB,
+    DEGREE,
+    PHASE,
+    Problem,
+    Weighting,
+    model_of,
+    problem_of,
+    residuals,
+    slopes_of,
+    unpack,
+)
 from testbench.estimators.frequency.response import FrequencyResponse
-from testbench.estimators.frequency.sampled import sampled_response
-from testbench.estimators.model import ComplexArray
-from testbench.estimators.state_variable import Hold, holds
+from testbench.estimators.state_variable import holds
 from testbench.record import FloatArray
 
-Weighting = Literal["loes", "likelihood"]
-_DB = 20.0 / np.log(10.0)
-_DEGREE = 180.0 / np.pi
-_PHASE = 0.01745  # a degree of phase weighs as 0.13 dB of gain
 _POOR = 100.0  # mean cost above which a low-order equivalent is not acceptable (Tischler and Remple, section 11.2)
 _DELAYS = 13  # starts of each delay, up to a whole turn at the highest frequency
 _EXACT = 1e-9  # random errors below this are rounding
-_FLOOR = 1e-2  # random errors below this share of the median count as that: no value outweighs all others
-
-
-class _Problem(NamedTuple):
-    """The values of some outputs: s (k,), H (k, p, m), the hold (k, m), weights and random errors (k, p, m).
-
-    ``zoh`` (m,): which inputs are held for ``dt_s``; ``held`` is what that does below the folding frequencies.
-    """
-
-    s: ComplexArray
-    H: ComplexArray
-    held: ComplexArray
-    zoh: tuple[bool, ...]
-    dt_s: float
-    weight: FloatArray
-    error: FloatArray
-    n: int
-    zeros: tuple[int, ...]
-    delay: bool
-    weighting: Weighting
-    crowding: float  # values within one resolution: they count as one
 
 
 def fit_equivalent(
@@ -101,7 +86,7 @@ def fit_equivalent(
     part = response if band_rad_s is None else response.between(*band_rad_s)
     groups = [list(range(len(outputs)))] if common else [[i] for i in range(len(outputs))]
     shared = common and len(outputs) > 1
-    fits = [_solve(_problem(part, g, table, poles, delay, weighting, words)) for g in groups]
+    fits = [_solve(problem_of(part, g, table, poles, delay, weighting, words)) for g in groups]
     names, values, blocks, advice = [], [], [], []
     p, m = len(outputs), len(inputs)
     numerators, denominators, delays = np.zeros((p, m, poles + 1)), np.zeros((p, poles + 1)), np.zeros((p, m))
@@ -165,111 +150,7 @@ def _zeros(zeros: int | Mapping[str, int], outputs: tuple[str, ...], poles: int)
     return {name: table[name] for name in outputs}
 
 
-def _problem(
-    part: FrequencyResponse,
-    group: list[int],
-    zeros: Mapping[str, int],
-    n: int,
-    delay: bool,
-    weighting: Weighting,
-    words: tuple[Hold, ...],
-) -> _Problem:
-    s = np.asarray(1j * part.omega_rad_s, np.complex128)
-    half = 0.5 * part.omega_rad_s * part.dt_s
-    held = np.ones((s.size, len(words)), np.complex128)
-    for j, word in enumerate(words):
-        if word == "zoh":
-            held[:, j] = np.sinc(half / np.pi) * np.exp(-1j * half)
-    H, error = part.H[:, group], part.random_error[:, group]
-    nzs = tuple(zeros[part.outputs[i]] for i in group)
-    unknowns = n + sum(len(words) * (nz + 1 + delay) for nz in nzs)
-    if 2 * H.size < unknowns + 1:
-        raise EstimationError(
-            f"a fit of {unknowns} unknowns needs at least {(unknowns + 1) // 2 + 1} complex values, got {H.size}; "
-            "widen the band or lower the order"
-        )
-    if np.any(H == 0.0):
-        raise EstimationError("a response of exactly zero has no phase to fit; leave that output or band out")
-    if weighting == "loes":
-        weight = 1.58 * (1.0 - np.exp(-part.partial_coherence[:, group])) * np.sqrt(20.0 / s.size)
-    else:
-        middle = float(np.median(error))
-        weight = 1.0 / np.maximum(error, _FLOOR * middle) if middle > 0.0 else np.ones(error.shape)
-    spacing = np.gradient(part.omega_rad_s) if s.size > 1 else part.resolution_rad_s
-    crowding = max(1.0, float(np.mean(part.resolution_rad_s / spacing)))
-    return _Problem(
-        s, H, held, tuple(w == "zoh" for w in words), part.dt_s, weight, error, n, nzs, delay, weighting, crowding
-    )
-
-
-def _unpack(problem: _Problem, x: FloatArray, w0: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return a (n + 1,), b (p, m, n + 1) and tau (p, m) from unknowns in units of w0."""
-    n, (_, p, m) = problem.n, problem.H.shape
-    scale = w0 ** np.arange(n + 1.0)
-    a = np.concatenate([[1.0], x[:n]]) * scale
-    b, at = np.zeros((p, m, n + 1)), n
-    for i, nz in enumerate(problem.zeros):
-        b[i, :, n - nz :] = x[at : at + m * (nz + 1)].reshape(m, nz + 1)
-        at += m * (nz + 1)
-    tau = x[at:].reshape(p, m) / w0 if problem.delay else np.zeros((p, m))
-    return a, b * scale, tau
-
-
-def _model(problem: _Problem, x: FloatArray, w0: float) -> ComplexArray:
-    a, b, tau = _unpack(problem, x, w0)
-    s = problem.s
-    powers = s[:, None] ** np.arange(problem.n, -1.0, -1.0)
-    above = np.einsum("kn,pmn->kpm", powers, b)
-    below = powers @ a
-    out = np.asarray(
-        above / below[:, None, None] * np.exp(-s[:, None, None] * tau) * problem.held[:, None, :], np.complex128
-    )
-    for i, j in np.ndindex(*tau.shape):
-        if problem.zoh[j]:
-            sampled = sampled_response(b[i, j], a, s, problem.dt_s, float(tau[i, j]), w0)
-            if np.all(np.isfinite(sampled)):
-                out[:, i, j] = sampled
-    return out
-
-
-def _residuals(problem: _Problem, G: ComplexArray, weighting: Weighting | None = None) -> FloatArray:
-    """Return the two weighted residuals of every value, (2, k, p, m)."""
-    if (weighting or problem.weighting) == "likelihood":
-        miss = problem.weight * (G - problem.H) / np.abs(problem.H)
-        return np.stack([miss.real, miss.imag])
-    with np.errstate(divide="ignore"):
-        gain = _DB * np.log(np.maximum(np.abs(G / problem.H), 1e-12))
-    phase = _DEGREE * np.angle(G / problem.H)
-    return problem.weight * np.stack([gain, np.sqrt(_PHASE) * phase])
-
-
-def _jacobian(problem: _Problem, x: FloatArray, w0: float) -> FloatArray:
-    """Return the derivatives (2 k p m, unknowns) of the residuals where no input is held between samples."""
-    n, G, tau = problem.n, _model(problem, x, w0), _unpack(problem, x, w0)[2]
-    powers = (problem.s[:, None] / w0) ** np.arange(n, -1.0, -1.0)
-    below = (powers @ np.concatenate([[1.0], x[:n]]))[:, None, None]
-    slopes = np.zeros((*G.shape, x.size), np.complex128)
-    slopes[..., :n] = -(G / below)[..., None] * powers[:, None, None, 1:]
-    across = np.exp(-problem.s[:, None, None] * tau) * problem.held[:, None, :] / below
-    at = n
-    for i, nz in enumerate(problem.zeros):
-        for j in range(G.shape[2]):
-            slopes[:, i, j, at : at + nz + 1] = across[:, i, j, None] * powers[:, n - nz :]
-            at += nz + 1
-    if problem.delay:
-        pairs = slopes.reshape(len(G), -1, x.size)
-        own = np.arange(pairs.shape[1])
-        pairs[:, own, at + own] = -(problem.s[:, None] / w0) * G.reshape(len(G), -1)
-    if problem.weighting == "likelihood":
-        slopes *= (problem.weight / np.abs(problem.H))[..., None]
-        return np.stack([slopes.real, slopes.imag]).reshape(-1, x.size)
-    own_size = G[..., None]  # where it is zero the logarithm is cut off, and flat
-    slopes = np.divide(slopes, own_size, out=np.zeros_like(slopes), where=own_size != 0.0)
-    parts = np.stack([_DB * slopes.real, np.sqrt(_PHASE) * _DEGREE * slopes.imag])
-    return (problem.weight[..., None] * parts).reshape(-1, x.size)
-
-
-def _start(problem: _Problem, w0: float, tau: FloatArray) -> tuple[FloatArray, float]:
+def _start(problem: Problem, w0: float, tau: FloatArray) -> tuple[FloatArray, float]:
     """Return unknowns from iterated linear least squares for given delays (p, m), and their cost."""
     n, s = problem.n, problem.s / w0
     k, m = len(s), problem.H.shape[2]
@@ -300,13 +181,13 @@ def _start(problem: _Problem, w0: float, tau: FloatArray) -> tuple[FloatArray, f
         if not np.all(np.abs(below) > 0.0):
             break
         full = np.concatenate([x, tau.ravel() * w0]) if problem.delay else x
-        cost = float(np.sum(_residuals(problem, _model(problem, full, w0)) ** 2))
+        cost = float(np.sum(residuals(problem, model_of(problem, full, w0)) ** 2))
         if cost < lowest:
             best, lowest = full, cost
     return best, lowest
 
 
-def _search(problem: _Problem, w0: float) -> list[FloatArray]:
+def _search(problem: Problem, w0: float) -> list[FloatArray]:
     """Return the starts: equal delays over the grid, then each delay by itself from the best of them."""
     _, p, m = problem.H.shape
     grid = np.linspace(0.0, 2.0 * np.pi / np.abs(problem.s[-1]), _DELAYS) if problem.delay else np.zeros(1)
@@ -328,20 +209,20 @@ def _search(problem: _Problem, w0: float) -> list[FloatArray]:
     return starts
 
 
-def _solve(problem: _Problem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, dict[str, float]]:
+def _solve(problem: Problem) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, dict[str, float]]:
     """Return a, b, tau, the covariance of the unknowns in SI units, and notes."""
     w = np.abs(problem.s)
     w0 = float(np.exp(np.mean(np.log(w))))
     pairs = problem.H.shape[1] * problem.H.shape[2]
     # What holds does to a response at the samples is differentiated by numbers.
-    jacobian: Any = "3-point" if any(problem.zoh) else lambda x: _jacobian(problem, x, w0)
+    jacobian: Any = "3-point" if any(problem.zoh) else lambda x: slopes_of(problem, x, w0)
     best: Any = None
     for x0 in _search(problem, w0):
         low = np.full(x0.size, -np.inf)
         if problem.delay:
             low[-pairs:] = 0.0
         found = least_squares(
-            lambda x: _residuals(problem, _model(problem, x, w0)).ravel(),
+            lambda x: residuals(problem, model_of(problem, x, w0)).ravel(),
             x0,
             jac=jacobian,
             bounds=(low, np.inf),
@@ -353,20 +234,20 @@ def _solve(problem: _Problem) -> tuple[FloatArray, FloatArray, FloatArray, Float
         )
         if best is None or found.cost < best.cost:
             best = found
-    a, b, tau = _unpack(problem, best.x, w0)
+    a, b, tau = unpack(problem, best.x, w0)
     covariance, notes = _errors(problem, best.x, np.asarray(best.jac), w0)
     return a, b, tau, covariance, notes
 
 
-def _errors(problem: _Problem, x: FloatArray, J: FloatArray, w0: float) -> tuple[FloatArray, dict[str, float]]:
+def _errors(problem: Problem, x: FloatArray, J: FloatArray, w0: float) -> tuple[FloatArray, dict[str, float]]:
     """Return the covariance of the unknowns in SI units, and what the misfit says."""
-    G = _model(problem, x, w0)
-    r = _residuals(problem, G)
+    G = model_of(problem, x, w0)
+    r = residuals(problem, G)
     if problem.weighting == "likelihood":
         spread = np.stack([problem.weight * problem.error] * 2)
     else:
         spread = (
-            problem.weight * problem.error * np.stack([np.full(G.shape, _DB), np.full(G.shape, _DEGREE * _PHASE**0.5)])
+            problem.weight * problem.error * np.stack([np.full(G.shape, DB), np.full(G.shape, DEGREE * PHASE**0.5)])
         )
     size = np.sqrt(np.sum(J**2, axis=0))
     size = np.where(size > 0.0, size, 1.0)
@@ -389,7 +270,7 @@ def _errors(problem: _Problem, x: FloatArray, J: FloatArray, w0: float) -> tuple
     loes = problem._replace(
         weight=problem.weight if problem.weighting == "loes" else np.full(G.shape, np.sqrt(20.0 / len(G)))
     )
-    cost = float(np.sum(_residuals(loes, G, "loes") ** 2)) / (G.shape[1] * m)
+    cost = float(np.sum(residuals(loes, G, "loes") ** 2)) / (G.shape[1] * m)
     notes = {"cost": cost, "misfit_ratio": ratio, "condition": float(s[0] / s[-1]) if s[-1] > 0.0 else np.inf}
     return covariance * np.outer(unit, unit), notes
 

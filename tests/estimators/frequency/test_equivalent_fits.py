@@ -6,7 +6,8 @@ from scipy.signal import cont2discrete, lfilter
 
 from testbench.errors import EstimationError
 from testbench.estimators.continuous import ContinuousTransferModel
-from testbench.estimators.frequency.equivalent import _jacobian, _model, _problem, _residuals, fit_equivalent
+from testbench.estimators.frequency.equivalent import fit_equivalent
+from testbench.estimators.frequency.misfit import model_of, problem_of, residuals, slopes_of
 from testbench.estimators.frequency.response import FrequencyResponse
 from testbench.record import FlightRecord
 
@@ -98,11 +99,11 @@ def test_the_hold_of_a_command_is_no_delay():
 def test_slopes_of_the_residuals_are_central_differences(weighting, delay):
     two = [np.stack([transfer(Q, tau=0.1), transfer(ALPHA)], 1), np.stack([transfer(ALPHA), transfer(2.0 * Q)], 1)]
     response = measured(np.stack(two, 2), error=0.02, inputs=("de", "da"))
-    problem = _problem(response, [0, 1], {"q": 1, "alpha": 2}, 3, delay, weighting, ("foh", "foh"))
+    problem = problem_of(response, [0, 1], {"q": 1, "alpha": 2}, 3, delay, weighting, ("foh", "foh"))
     x, w0 = 0.3 + np.random.default_rng(2).random(3 + 4 + 6 + 4 * delay), 3.0
-    slopes = _jacobian(problem, x, w0)
+    slopes = slopes_of(problem, x, w0)
     for i, step in enumerate(1e-5 * np.eye(x.size)):
-        up, down = (_residuals(problem, _model(problem, x + d, w0)).ravel() for d in (step, -step))
+        up, down = (residuals(problem, model_of(problem, x + d, w0)).ravel() for d in (step, -step))
         assert slopes[:, i] == pytest.approx((up - down) / 2e-5, abs=1e-7 * np.abs(slopes).max())
 
 
