@@ -47,6 +47,7 @@ LATERAL_NUISANCES: Mapping[str, float] = {
     "Cn_dr": 0.10,
 }
 LATERAL_COMMANDS = ("da_cmd", "dr_cmd")
+BEYOND = 0.25  # share of the range between its limits by which a hypothesis may leave them to either side
 MOVED = 1e-3  # rad, or share of the throttle, by which a command that moves does at least
 
 
@@ -256,7 +257,8 @@ class _Key:
 
     @classmethod
     def of(cls, aircraft: Aircraft, condition: FlightCondition, rate_hz: float) -> _Key:
-        contents = (aircraft.xml, repr(aircraft.elastic), repr(aircraft.amendments), aircraft.mass)
+        limits = tuple(sorted(aircraft.limits.items()))
+        contents = (aircraft.xml, repr(aircraft.elastic), repr(aircraft.amendments), aircraft.mass, limits)
         return cls(aircraft, (aircraft.name, contents), condition, rate_hz)
 
 
@@ -283,14 +285,25 @@ def _flown(
     """Fly the commands ``held`` (the bytes of an array of ``size``), deviations from trim at every frame.
 
     A hypothesis may have its trim where they would leave the range of a control, half the drag with a throttle near
-    idle: the control stops there, so that a search can pass by. The belief is checked (``check_commands``).
+    idle: the control stops there, so that a search can pass by. The belief is checked (``check_commands``). For the
+    same reason a flight may leave the limits of the aircraft by BEYOND, as one does that stalls too early.
     """
     air = None if gust is None else Air(gust=gust)
     trimmed, u = _trimmed(key), np.frombuffer(held).reshape(size)
     controls = [(key.aircraft.controls[n], trimmed.controls[n]) for n in names]
     within = np.clip(u, [c.low - at for c, at in controls], [c.full - at for c, at in controls])
     signal = InputSignal(np.arange(size[0]) / key.rate_hz, within, names)
-    return fly(key.aircraft, trimmed, Manoeuvre("measured commands", signal, 0.0), log_hz, channels, air)
+    aircraft = _beyond_limits(key.aircraft)
+    return fly(aircraft, trimmed, Manoeuvre("measured commands", signal, 0.0), log_hz, channels, air)
+
+
+def _beyond_limits(aircraft: Aircraft) -> Aircraft:
+    """Return the aircraft with limits of its flights that are wider by a share of what lies between them."""
+    limits = {
+        n: (low, high) if n == "h" else (low - BEYOND * (high - low), high + BEYOND * (high - low))
+        for n, (low, high) in aircraft.limits.items()
+    }
+    return replace(aircraft, limits=limits)
 
 
 def _shaped(

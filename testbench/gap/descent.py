@@ -9,6 +9,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.stats import chi2, norm
 
+from testbench.gap.effects import Effect
 from testbench.gap.local import Changes, Local
 from testbench.record import FloatArray
 
@@ -63,6 +64,7 @@ def descend(
     Returns None if nothing on the way could be flown.
     """
     effect, here = changes.effect, changes.base
+    start = _flyable(changes, start)
     low, high = effect.bounds
     scale = np.maximum(np.abs(start), 1e-3 * (high - low))
     off = OFF_BOUND * np.minimum(scale, 0.1 * (high - low))
@@ -108,8 +110,7 @@ def descend(
         within_reach, wanted = np.allclose(factors, asked), x_new
         if not within_reach:  # coefficients go so far in one round only: the effect goes along with them
             share = float(np.linalg.norm(factors - here.factors) / np.linalg.norm(asked - here.factors))
-            none = [s if p.none is None else p.none for s, p in zip(start, effect.parameters, strict=True)]
-            origin = x if begun else np.array(none)
+            origin = x if begun else _none(effect, start)
             x_new = origin + share * (x_new - origin)
         step = _shortened(changes, here, x if begun else None, x_new, factors)
         if not within_reach:
@@ -132,6 +133,18 @@ def descend(
         if idle == IDLE or (whole and (before - promised < rest or abs(chi2_here - promised) < rest)):
             break
     return best
+
+
+def _none(effect: Effect, x: FloatArray) -> FloatArray:
+    """Return parameters ``x`` (p,), but for those that have a value without effect: of them that one."""
+    return np.array([v if p.none is None else p.none for v, p in zip(x, effect.parameters, strict=True)])
+
+
+def _flyable(changes: Changes, start: FloatArray) -> FloatArray:
+    """Return as much of a start (p,), counted from no effect, as can be flown; all of it if nothing of it can."""
+    none = _none(changes.effect, start)
+    shares = (none + share * (start - none) for share in SHORTENED)
+    return next((x for x in shares if changes.at(x) is not None), start)
 
 
 def _rebased(changes: Changes, known: FloatArray, here: Local) -> tuple[Changes, FloatArray, Local]:

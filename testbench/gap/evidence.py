@@ -15,7 +15,13 @@ TOLD_APART = 2.0 * np.log(1.0 / FALSE_ALARM)  # gain by which one of two effects
 # sought from the believed values, too. An effect that strains it does not fit what is believed, and is not named.
 STRAINED = 0.01
 FORM = 5e-4  # no form is right to this share of what an effect gains: what gains no more beside it is no other effect
-WEAK = 40.0  # gain below which nothing is named: no simulation is right to a few parts in a thousand of chi-square
+# Gain below which nothing is named. All effects of the library together gain as much from noise once in a thousand
+# flights or less; of those whose truth it lacks, what simulations get wrong by a part in a thousand may.
+LEAST = 25.0
+WEAK = 40.0  # the same of what is said of two effects, or of the air, beside one that leaves noise already
+# A name that leaves so many standard deviations of the noise's chi-square, and this share of what it gains, is not the
+# whole: a relative of it, or an effect beside it, leaves as much.
+REMAINDER, REMAINING_SHARE = 10.0, 2e-3
 LEFT = 0.02  # what noise exceeds with this probability is not taken for noise where an effect explains too little
 
 

@@ -15,10 +15,12 @@ from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
 from testbench.gap.descent import MAX_ROUNDS, retune, within_priors
 from testbench.gap.effects import Effect, library
 from testbench.gap.evidence import (
+    LEAST,
     LEFT,
+    REMAINDER,
+    REMAINING_SHARE,
     STRAINED,
     TOLD_APART,
-    WEAK,
     is_special_case,
     leaves_noise,
     noise_floor,
@@ -173,7 +175,7 @@ def _fit_promising(
     followed = promising(screened, FOLLOWED, FOLLOWED_FAR, AT_LEAST)
     queue = [(one, 0) for i, one in enumerate(followed) if i < AT_LEAST or one.promise >= PROMISING]
     if start is not None:  # these first: where one of them explains all, what re-tuning had to stretch for is soon left
-        there = screen_all([(start, s.effect) for s in screened])
+        there = screen_all([(start, s.effect) for s in screened], far=True)
         afresh = promising(there, FOLLOWED, FOLLOWED_FAR, AT_LEAST)[:FROM_BELIEVED]
         # What relieves re-tuned coefficients that explain all but lie far from what is believed promises nothing there.
         relief = [s.effect for s in followed[:AT_LEAST]]
@@ -282,7 +284,7 @@ def _decide(
 ) -> tuple[str, tuple[str, ...], str]:
     """Return outcome, names and sentence."""
     noise = chi2.isf(FALSE_ALARM, floor)
-    significant = [f for f in ranking if f.significant and f.flown and f.gain > WEAK]
+    significant = [f for f in ranking if f.significant and f.flown and f.gain > LEAST]
     if not significant:
         if chi2_tuned <= noise:
             return "no gap", (), (
@@ -308,6 +310,12 @@ def _decide(
     if not best.share >= enough and best.chi2 > chi2.isf(LEFT, floor):
         part = f"only {100 * best.share:.0f} % of the excess" if np.isfinite(best.share) else "too little of it"
         return "unexplained", (), f"unexplained: {best.effect.title} comes nearest, but explains {part}"
+    left = best.chi2 - floor
+    if left > max(REMAINDER * np.sqrt(2.0 * floor), REMAINING_SHARE * best.gain):
+        return "unexplained", (), (
+            f"unexplained: {best.effect.title} comes nearest, but of {best.gain + left:.0f} of chi-square above the "
+            f"noise it leaves {left:.0f}: a relative of it, or another effect beside it, is the truth"
+        )  # fmt: skip
     if len(close) >= MANY:
         near = ", ".join(f.effect.title for f in (best, *close))
         return "unexplained", (), (

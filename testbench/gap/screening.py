@@ -45,12 +45,13 @@ class Screened:
         return not self.why
 
 
-def screen(base: Local, effect: Effect, share: float = 1.0) -> Screened:
+def screen(base: Local, effect: Effect, share: float = 1.0, far: bool = False) -> Screened:
     """Set what ``effect`` changes at its starts, d, against the residual r, nuisances re-tuned in both.
 
     A start promises the larger of |r|^2 - |r + d|^2 and (r'd)^2 / d'd, the gain of the best multiple of d (score test).
     Where one parameter is a size that may have either sign, the start is moved to that multiple; such a start is taken
-    at a ``share`` of its size.
+    at a ``share`` of its size. From a base that is ``far`` from rest both signs are flown: to other flights than those
+    of the base, one does not change the residuals by minus what the other does.
     """
     changes, size = Changes(base, effect), _size(effect)
     if effect.lateral and not base.lateral:
@@ -58,8 +59,9 @@ def screen(base: Local, effect: Effect, share: float = 1.0) -> Screened:
     if not effect.looks:
         return Screened(effect, changes, (), 0.0, f"looked for in every record, no {effect.name} stands out of one")
     starts = _starts(effect)
-    if size is not None:  # the other sign changes the residuals by minus as much
-        starts = [s for s in starts if s[size] == effect.parameters[size].starts[0]]
+    if size is not None:
+        if not (far and effect.flown):  # the other sign changes the residuals by minus as much
+            starts = [s for s in starts if s[size] == effect.parameters[size].starts[0]]
         none = effect.parameters[size].none or 0.0
         for s in starts:
             s[size] = none + share * (s[size] - none)
@@ -88,20 +90,20 @@ def screen(base: Local, effect: Effect, share: float = 1.0) -> Screened:
     return Screened(effect, changes, tuple(f[2] for f in found), max(f[1] for f in found), "", alone)
 
 
-def screen_all(tasks: Sequence[tuple[Local, Effect]], share: float = 1.0) -> list[Screened]:
+def screen_all(tasks: Sequence[tuple[Local, Effect]], share: float = 1.0, far: bool = False) -> list[Screened]:
     """Return :func:`screen` of (point, effect) pairs, on all processes that the search may use."""
     for base in {id(base): base for base, _ in tasks}.values():
         base.prepare()
-    parts = spread([partial(_parts, base, effect, share) for base, effect in tasks])
+    parts = spread([partial(_parts, base, effect, share, far) for base, effect in tasks])
     both = zip(tasks, parts, strict=True)
     return [Screened(e, Changes(b, e, known), *rest) for (b, e), (known, rest) in both]
 
 
 def _parts(
-    base: Local, effect: Effect, share: float
+    base: Local, effect: Effect, share: float, far: bool
 ) -> tuple[dict[bytes, FloatArray | None], tuple[tuple[FloatArray, ...], float, str, float]]:
     """Return of what an effect promises all that the searching process does not have."""
-    s = screen(base, effect, share)
+    s = screen(base, effect, share, far)
     return s.changes.known, (s.starts, s.promise, s.why, s.alone)
 
 

@@ -122,22 +122,25 @@ class _Joint:
         if point is None:
             return
         taken = {p.name for p in first.singles + rival.effect.singles}
-        doubtful = self._doubtful(rival)
+        doubtful, believed = self._doubtful(rival), bool(np.all(tuning == 1.0))
         free = [s.effect for s in self.screened if s.seen and s.effect.name not in taken]
-        others = screen_all([(point, e) for e in free])
+        others = screen_all([(point, e) for e in free], far=believed)
         if doubtful:  # beside strained coefficients an effect may do little but relieve them
             linear, flown = point.afresh(False), point.afresh(True)
             small = screen_all([(flown if e.flown else linear, e) for e in free], SMALL)
             others = [max(pair, key=lambda s: s.promise) for pair in zip(others, small, strict=True)]
-        excess = 0.0 if doubtful and rival.chi2 <= self.noise else SECOND * (rival.chi2 - self.samples)
+        excess = 0.0 if rival.chi2 <= self.noise else SECOND * (rival.chi2 - self.samples)
         least = {s.effect.name: max(excess, self._form(rival, s.effect), TOLD_APART) for s in others}
         re_tuned = float(np.sum(point.tuned(point.exact)[0] ** 2))
         share = PROMISED if doubtful else 1.0
         worth = [s for s in others if s.promise > share * least[s.effect.name] + re_tuned - rival.chi2]
+        queue = promising(worth, 0.5, 0.5, 1)
+        # Nor does an effect promise much whose work coefficients do even from the believed values: it does most alone.
+        relief = [max(others, key=lambda s: s.alone)] if doubtful and others and believed else []
         tried = 0
-        for other in promising(worth, 0.5, 0.5, 1):
+        for other in relief + [s for s in queue if s not in relief]:
             effects = (*first.singles, other.effect)
-            if tried == COMPANY:
+            if tried == COMPANY + len(relief):
                 break
             if any(f.chi2 <= self.noise and together(*effects).generalises(f.effect) for f in found):
                 continue

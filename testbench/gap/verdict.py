@@ -78,7 +78,7 @@ def confirmed(naming: Naming, believed: Believed, held_out: Sequence[FlightRecor
 
     A name is refuted if it raises the sum of squares there, against re-tuning alone or against the believed model as it
     is, by more than it had to lower it by to be named: an effect that is there does not make worse what it was not
-    fitted to. What noise does to the sums is the same in all.
+    fitted to. What noise does to the sums is the same in all. Of a gust that one record met the others say nothing.
     """
     fits = [next(f for f in naming.ranking if f.effect.name == name) for name in naming.names]
     if not fits or not held_out:
@@ -86,7 +86,9 @@ def confirmed(naming: Naming, believed: Believed, held_out: Sequence[FlightRecor
     without = min(_sum_of_squares(m, held_out) for m in (believed, believed.with_tuning(naming.tuning)))
     if not np.isfinite(without):
         return naming  # nothing to compare with: without the effect nothing flies there
-    worse = {f.effect.name: _sum_of_squares(f.added_to(believed), held_out) - without for f in fits}
+    worse = {
+        f.effect.name: 0.0 if f.effect.met else _sum_of_squares(f.added_to(believed), held_out) - without for f in fits
+    }
     kept = [f for f in fits if worse[f.effect.name] <= f.threshold]
     if len(kept) == len(fits):
         return naming

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from testbench.errors import LimitError
+from testbench.errors import FlightAborted, LimitError
 from testbench.gap.blind.flights import Plan, fly_truth
 from testbench.gap.blind.run import believe
 from testbench.gap.name import name_effect
@@ -27,6 +27,21 @@ def test_a_hypothesis_of_little_drag_flies_with_the_throttle_at_its_stop(throttl
         slippery.check_commands(throttled)
     left = [float(np.sum(believed.with_tuning({"CD": f}).residuals(throttled) ** 2)) for f in (1.0, 0.7, 0.4)]
     assert left[0] < left[1] < left[2] < np.inf  # the way back is downhill
+
+
+def test_a_hypothesis_that_leaves_the_limits_by_a_little_flies_on(throttled):
+    """A stall that comes too early flies through its limit of alpha on the way to the right one."""
+    believed = believe("eolo")
+    V = believed.flown(throttled, ("V",)).columns(("V",))
+    top, least = float(V.max()), float(V.min())
+
+    def within(low: float, high: float):
+        return replace(believed, aircraft=replace(believed.aircraft, limits={"V": (low, high)}))
+
+    crossed = within(least - 1.0, top - 0.1 * (top - least)).flown(throttled, ("V",))
+    assert crossed.columns(("V",)).tolist() == V.tolist()
+    with pytest.raises(FlightAborted, match="V <="):
+        within(least, top - 0.5 * (top - least)).flown(throttled, ("V",))
 
 
 def test_commands_that_the_believed_aircraft_cannot_take_are_refused(throttled):

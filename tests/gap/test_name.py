@@ -13,7 +13,7 @@ from testbench.gap.blind.run import believe
 from testbench.gap.blind.truths import KINDS
 from testbench.gap.effects import EFFECTS
 from testbench.gap.effects.base import together
-from testbench.gap.evidence import FORM, STRAINED, TOLD_APART, WEAK, is_special_case, score
+from testbench.gap.evidence import FORM, LEAST, STRAINED, TOLD_APART, WEAK, is_special_case, score
 from testbench.gap.fit import fit
 from testbench.gap.local import Local
 from testbench.gap.name import _decide, name_effect
@@ -208,6 +208,66 @@ def test_an_elevator_too_weak_to_be_trimmed_with_a_smaller_coefficient_is_found(
     assert best.values["scale"] * best.tuning["Cm_de"] == pytest.approx(0.52, rel=0.05)
 
 
+TAURUS_OFF = {"CL_alpha": 1.028, "CD": 0.885, "Cm_alpha": 0.868, "Cm_q": 1.3, "Cm_de": 1.145}
+
+
+def test_far_from_rest_both_signs_of_an_effect_are_flown():
+    """At half an elevator's speed dependence the linear difference points the wrong way."""
+    plan = replace(KINDS["effectiveness with speed"].plan({"k": -1.018}, "taurus"), factors=TAURUS_OFF)
+    believed = believe("taurus")
+    base = Local.at(believed, believed, tuple(fly_truth("taurus", plan, "rich", 11).values()))
+    one, both = (screen(base, EFFECTS["speed_effectiveness"], far=far) for far in (False, True))
+    assert [float(np.sign(s[0])) for s in one.starts] == [1.0]
+    assert [float(np.sign(s[0])) for s in both.starts] == [-1.0, 1.0]
+    assert both.promise > 2.0 * one.promise
+
+
+@pytest.mark.slow
+def test_an_elevator_that_fades_with_speed_is_found_from_far_away():
+    plan = replace(KINDS["effectiveness with speed"].plan({"k": -1.018}, "taurus"), factors=TAURUS_OFF)
+    naming = named(plan, ("elevator_mode", "thrust_scale", "speed_effectiveness"), flown="rich")
+    assert naming.names == ("speed_effectiveness",), naming.sentence
+    assert naming.best.values["k"] == pytest.approx(-1.018, abs=4.0 * naming.best.errors["k"])  # false alarm 6e-5
+
+
+@pytest.mark.slow
+def test_a_second_effect_is_found_although_the_first_leaves_little_more_than_noise():
+    """A vane's gain is worth 125 in chi-square here, which scatters by 184."""
+    factors = {"CL_alpha": 0.931, "CD": 0.95, "Cm_alpha": 0.977, "Cm_q": 1.189, "Cm_de": 0.981}
+    vane = KINDS["vane gain"].plan({"gain": 0.846}, "taurus")
+    plan = replace(KINDS["slow servo"].plan({"lag_rad_s": 12.6}, "taurus").with_(vane), factors=factors)
+    naming = named(plan, ("actuator_lag", "alpha_scale", "clock_offset"), flown="rich")
+    assert naming.names == ("actuator_lag + alpha_scale",), naming.sentence
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hidden", "off", "known"),
+    [
+        (
+            {"separation": {"alpha_rad": 0.114, "sharpness": 18.45}, "slow servo": {"lag_rad_s": 18.0}},
+            {"CL_alpha": 1.006, "CD": 1.072, "Cm_alpha": 0.982, "Cm_q": 0.947, "Cm_de": 0.973},
+            ("actuator_lag", "nonlinear_lift", "stall"),
+        ),
+        (
+            {"linkage ratio": {"gain": 1.37}, "late attitude": {"delay_s": 0.06}},
+            {"CL_alpha": 0.945, "CD": 0.985, "Cm_alpha": 1.059, "Cm_q": 0.849, "Cm_de": 1.11},
+            ("rate_limit", "surface_scale", "theta_delay"),
+        ),
+    ],
+    ids=["a stall that first flies too early", "a linkage whose work a strained coefficient does"],
+)
+def test_two_effects_of_which_one_cannot_be_flown_at_first_are_found(hidden, off, known):
+    plan = Plan(factors=off)
+    for kind, sizes in hidden.items():
+        plan = plan.with_(KINDS[kind].plan(sizes, "eolo"))
+    records = list(fly_truth("eolo", plan, "rich", 11).values())
+    naming = name_effect(believe("eolo"), records, effects={n: EFFECTS[n] for n in known})
+    assert naming.outcome == "named", naming.sentence
+    right = {"separation": "stall", "slow servo": "actuator_lag", "linkage ratio": "surface_scale"}
+    assert set(naming.names[0].split(" + ")) == {right.get(kind, "theta_delay") for kind in hidden}
+
+
 def test_the_special_case_is_named_where_a_general_form_gains_no_more_than_form_would(slow):
     special = slow.best
     general = replace(
@@ -235,6 +295,23 @@ def test_what_several_pairs_have_in_common_is_named_where_it_explains_enough(slo
     assert _decide((fits[0], servo), 15_000.0, samples, samples)[1] == (fits[0].effect.name,)
     partial = replace(servo, share=0.5)
     assert _decide((*fits, partial), 15_000.0, samples, samples)[0] == "set"
+
+
+def test_what_leaves_far_more_than_noise_is_nearest_and_no_name(slow):
+    """Ten standard deviations of the noise's chi-square, and two thousandths of the gain: a relative leaves as much."""
+    samples, limit = 4_500, 10.0 * np.sqrt(2.0 * 4_500)
+    near = replace(slow.best, gain=0.5 * limit / 2e-3, share=0.99)
+    for left, outcome in ((0.9 * limit, "named"), (1.1 * limit, "unexplained")):
+        fit_left = replace(near, chi2=samples + left)
+        assert _decide((fit_left,), fit_left.chi2 + near.gain, samples, samples)[0] == outcome
+    loud = replace(near, gain=2.0 * limit / 2e-3, chi2=samples + 1.9 * limit)  # no form is right to so little of it
+    assert _decide((loud,), loud.chi2 + loud.gain, samples, samples)[0] == "named"
+
+
+def test_the_least_gain_that_is_named(slow):
+    for gain, outcome in ((LEAST - 1.0, "no gap"), (LEAST + 1.0, "named")):
+        small = replace(slow.best, gain=gain, threshold=20.0, chi2=4_500.0, share=float("nan"))
+        assert _decide((small,), 4_500.0 + gain, 4_500, 4_500)[0] == outcome
 
 
 def test_a_second_effect_is_dropped_where_the_first_one_alone_does_as_well_but_for_its_form(slow):

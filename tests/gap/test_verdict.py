@@ -101,6 +101,16 @@ def test_a_name_that_makes_held_out_flights_worse_is_withdrawn(flights, tuned):
     assert "refute delay" in left.sentence
 
 
+def test_flights_held_out_say_nothing_of_a_gust_that_another_one_met(flights, tuned):
+    believed, _, held = flights
+    values = {"amplitude_m_s": 2.0, "start_s": 3.0, "duration_s": 1.0}
+    far = {**tuned.tuning, "Cm_alpha": 0.5}
+    gust = replace(fit_of(tuned, "surface_scale", {"scale": 1.0}, far), effect=EFFECTS["gust"], values=values)
+    assert confirmed(naming_of(tuned, [gust]), believed, [held]).names == ("gust",)
+    other = fit_of(tuned, "surface_scale", {"scale": 1.0}, far)
+    assert confirmed(naming_of(tuned, [other]), believed, [held]).names == ()
+
+
 def test_what_is_left_unnamed_is_immaterial_if_every_channel_errs_less_than_a_simulator_may(flights, tuned):
     believed, record, held = flights
     errors = largest_errors(believed, [record, held])

@@ -151,7 +151,8 @@ def fly_truth(
         if plan.throttle is not None:
             sent[:, 1] = plan.throttle(u[:, 1], 1.0 / RATE_HZ)
         flown = InputSignal(np.arange(len(u)) / RATE_HZ, sent, channels)
-        air = _air(turbulence_rms_m_s, plan.gust if i == 0 else None, seed + 7919 * i)
+        met = plan.gust if i == 0 and which != "held_out" else None  # a gust belongs to one flight and no other
+        air = _air(turbulence_rms_m_s, met, seed + 7919 * i)
         truth = fly(real, trimmed, Manoeuvre(name, flown, SETTLE_S), LOG_HZ, None, air)
         measured = replace(sensors.measure(truth, seed + i), provenance={"manoeuvre": name})
         out[name] = _as_recorded(measured, coarse, trimmed.controls, plan)

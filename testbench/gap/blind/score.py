@@ -33,7 +33,8 @@ def judge(case: Case, row: Mapping[str, Any]) -> Score:
     """Score one case.
 
     Of two effects at once both must be named for "right". Where nothing is hidden, or nothing that the library holds,
-    any name is wrong, and so is a set.
+    any name is wrong, and so is a set. Where one effect has several right names, several of them together are right,
+    too: a vane of second order is a lag and a delay.
     """
     outcome, names = row["outcome"], list(row["names"])
     if outcome in ("no gap", "unexplained"):
@@ -45,8 +46,8 @@ def judge(case: Case, row: Mapping[str, Any]) -> Score:
         return Score(case, "wrong" if len(names) == 1 else "wrong set", said, row)
     if len(names) > 1:
         return Score(case, "in set" if max(fits) == len(known) else "wrong set", said, row)
-    parts = len(names[0].split(" + "))
-    if fits[0] < parts:
+    parts = names[0].split(" + ")
+    if fits[0] < len(parts) and not all(any(p in r for r in known) for p in parts):
         return Score(case, "wrong", said, row)
     return Score(case, "right" if fits[0] == len(known) else "one of two", said, row)
 

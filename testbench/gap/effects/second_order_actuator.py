@@ -16,32 +16,36 @@ from testbench.record import FloatArray
 from testbench.sensors import SensorSuite
 
 
-def _step(values: Values, dt_s: float) -> tuple[FloatArray, FloatArray]:
-    """Return (Ad (2, 2), Bd (2,)) of position and rate under a command held over ``dt_s``."""
+def _step(values: Values, dt_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return (A (2, 2), B (2,), R (2,)) of position and rate over ``dt_s``: A x + B c under a command c that is held,
+    and R c from rest under one that rises from 0 to c.
+    """
     w, zeta = values["omega_rad_s"], values["zeta"]
-    block = np.zeros((3, 3))
-    block[0, 1], block[1] = 1.0, (-w * w, -2.0 * zeta * w, w * w)
+    block = np.zeros((4, 4))
+    block[0, 1], block[1, :3], block[2, 3] = 1.0, (-w * w, -2.0 * zeta * w, w * w), 1.0
     discrete = expm(block * dt_s)
-    return discrete[:2, :2], discrete[:2, 2]
+    return discrete[:2, :2], discrete[:2, 2], discrete[:2, 3] / dt_s
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Replace the first-order servo by one of second order.
 
     What the believed servo of corner a is told is d + d' / a, with d the position of the second-order servo: that takes
-    it to d itself.
+    it to d itself. As the believed servo does, it takes a command that changes from frame to frame as a ramp.
     """
-    A, B = _step(values, 1.0 / aircraft.rate_hz)
-    p, v, c = prop("gap/servo-position"), prop("gap/servo-rate"), prop(ELEVATOR)
+    A, B, ramp = _step(values, 1.0 / aircraft.rate_hz)
+    p, v, c, last = prop("gap/servo-position"), prop("gap/servo-rate"), prop(ELEVATOR), prop("gap/servo-last")
     still = value(0.0)
     rows = [
-        f"<sum> {product(value(A[i, 0]), p)} {product(value(A[i, 1]), v)} {product(value(B[i]), c)} </sum>"
+        f"<sum> {product(value(A[i, 0]), p)} {product(value(A[i, 1]), v)} "
+        f"{product(value(B[i] - ramp[i]), last)} {product(value(ramp[i]), c)} </sum>"
         for i in (0, 1)
     ]
     before = [
         ("next-rate", moving(rows[1], still)),
         ("position", moving(rows[0], c)),
         ("rate", moving(prop("gap/servo-next-rate"), still)),
+        ("last", c),
     ]
     body = f"<sum> {p} {product(value(1.0 / declared(aircraft, LAG)), v)} </sum>"
     text = f"elevator servo of second order, {values['omega_rad_s']:.3g} rad/s, damping {values['zeta']:.2g}"
@@ -56,7 +60,7 @@ def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, 
         return u
     from testbench.estimators.trajectories import Trajectories
 
-    A, B = _step(values, dt_s)
+    A, B, _ = _step(values, dt_s)
     c = u[:, column] - u[0, column]
     d = Trajectories(A, len(c) + 1).forced((np.append(c, c[-1])[:, None] * B)[:, :, None])[:, 0, 0]
     whole = math.exp(-declared(aircraft, LAG) * dt_s)

@@ -50,7 +50,7 @@ EFFECT = Effect(
         "rises. The point of separation is a function of alpha alone."
     ),
     parameters=(
-        Parameter("alpha_rad", "rad", 0.03, 0.6, (0.14, 0.22)),
+        Parameter("alpha_rad", "rad", 0.03, 0.6, (0.1, 0.14, 0.22)),
         Parameter("sharpness", "1/rad", 5.0, 80.0, (20.0,)),
         Parameter("CD", "1", -0.2, 0.5, (0.0,)),
     ),

@@ -33,7 +33,7 @@ EFFECT = Effect(
         "Lift over alpha runs through loops that grow with the rate of alpha."
     ),
     parameters=(
-        Parameter("alpha_rad", "rad", 0.03, 0.6, (0.14, 0.22)),
+        Parameter("alpha_rad", "rad", 0.03, 0.6, (0.1, 0.14, 0.22)),
         Parameter("sharpness", "1/rad", 5.0, 80.0, (20.0,)),
         Parameter("CD", "1", -0.2, 0.5, (0.0,)),
         Parameter("time_s", "s", 0.0, 1.0, (0.1,)),
