@@ -25,7 +25,7 @@ OF_FORM = 0.05  # no form is right to this share of what the effect gains where 
 OF_WHOLE = 0.02  # nor where the first one alone leaves noise: what more a second one finds there is form, too
 RARE = 1e-4  # probability of the least that noise is thought to leave
 PROMISED = 0.5  # and worth a fit from this share of what it must gain, as tangents tell relief badly
-COMPANY = 3  # so many second effects are fitted
+COMPANY = 5  # so many second effects are fitted
 # A fit that leaves more than noise beside coefficients that lie so far off with no more than this probability may have
 # them do what another effect does: that one is sought beside the believed values, too.
 DOUBTFUL = 0.05

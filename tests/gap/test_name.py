@@ -16,7 +16,7 @@ from testbench.gap.effects.base import together
 from testbench.gap.evidence import FORM, LEAST, STRAINED, TOLD_APART, WEAK, is_special_case, score
 from testbench.gap.fit import fit
 from testbench.gap.local import Local
-from testbench.gap.name import _decide, name_effect
+from testbench.gap.name import _asked, _decide, name_effect
 from testbench.gap.screening import screen
 from testbench.gap.several import _Joint, several_at_once
 
@@ -306,6 +306,17 @@ def test_what_leaves_far_more_than_noise_is_nearest_and_no_name(slow):
         assert _decide((fit_left,), fit_left.chi2 + near.gain, samples, samples)[0] == outcome
     loud = replace(near, gain=2.0 * limit / 2e-3, chi2=samples + 1.9 * limit)  # no form is right to so little of it
     assert _decide((loud,), loud.chi2 + loud.gain, samples, samples)[0] == "named"
+
+
+def test_a_rival_given_up_before_it_flew_is_tried_from_where_coefficients_rest(slow):
+    """From the believed values, far from rest, a late attitude was given up beside a lag of it, and the lag named."""
+    best = replace(slow.best, gain=2_000.0, chi2=4_500.0, settled=True)
+    rival = replace(best, effect=EFFECTS["transport_delay"], gain=0.0, chi2=7_000.0, flown=False, settled=False)
+    one = SimpleNamespace(effect=rival.effect, promise=1_500.0)
+    fits = {f.effect.name: f for f in (best, rival)}
+    assert _asked(one, 0, fits, 4_600.0).best_gain == 2_000.0
+    assert _asked(one, 0, {**fits, "transport_delay": replace(rival, flown=True)}, 4_600.0) == ""
+    assert _asked(SimpleNamespace(effect=rival.effect, promise=100.0), 0, fits, 4_600.0) == ""
 
 
 def test_the_least_gain_that_is_named(slow):
