@@ -297,6 +297,9 @@ def _decide(
             "but no effect of the library explains any of it"
         )  # fmt: skip
     best = significant[0]
+    if best.within < STRAINED:  # what trails it by no more than chance would, and strains nothing, takes its place
+        unstrained = (f for f in significant if f.within >= STRAINED)
+        best = next((f for f in unstrained if score(best, samples) - score(f, samples) < TOLD_APART), best)
     simpler = [f for f in significant if f.within >= STRAINED and is_special_case(f, best)]
     best = min(simpler, key=lambda f: len(f.values), default=best)
     others = [f for f in ranking if f is not best and f.flown and f.within >= STRAINED]

@@ -319,6 +319,15 @@ def test_a_rival_given_up_before_it_flew_is_tried_from_where_coefficients_rest(s
     assert _asked(SimpleNamespace(effect=rival.effect, promise=100.0), 0, fits, 4_600.0) == ""
 
 
+def test_what_strains_nothing_takes_the_place_of_what_leads_it_by_chance(slow):
+    """Mass alone, beside a coefficient 3.7 deviations off, came before a payload that needs none."""
+    strained = replace(slow.best, gain=1_000.0, chi2=4_500.0, within=0.1 * STRAINED, share=0.99)
+    for trails, outcome in ((TOLD_APART - 1.0, "named"), (TOLD_APART + 1.0, "unexplained")):
+        another = replace(slow.best.effect, name="another")
+        other = replace(strained, effect=another, gain=1_000.0 - trails, within=1.0)
+        assert _decide((strained, other), 5_500.0, 4_500, 4_500)[0] == outcome
+
+
 def test_the_least_gain_that_is_named(slow):
     for gain, outcome in ((LEAST - 1.0, "no gap"), (LEAST + 1.0, "named")):
         small = replace(slow.best, gain=gain, threshold=20.0, chi2=4_500.0, share=float("nan"))
