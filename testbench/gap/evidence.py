@@ -15,13 +15,11 @@ TOLD_APART = 2.0 * np.log(1.0 / FALSE_ALARM)  # gain by which one of two effects
 # sought from the believed values, too. An effect that strains it does not fit what is believed, and is not named.
 STRAINED = 0.01
 FORM = 5e-4  # no form is right to this share of what an effect gains: what gains no more beside it is no other effect
-# Gain below which nothing is named. All effects of the library together gain as much from noise once in a thousand
-# flights or less; of those whose truth it lacks, what simulations get wrong by a part in a thousand may.
-LEAST = 25.0
-WEAK = 40.0  # the same of what is said of two effects, or of the air, beside one that leaves noise already
-# A name that leaves so many standard deviations of the noise's chi-square, and this share of what it gains, is not the
-# whole: a relative of it, or an effect beside it, leaves as much.
-REMAINDER, REMAINING_SHARE = 10.0, 2e-3
+LEAST = 25.0  # gain below which nothing is named: noise reaches it less often than any threshold
+WEAK = 40.0  # the same of a second effect, or of moving air, beside an effect that leaves noise already
+# What leaves more than so many standard deviations of the noise's chi-square, and this share of what it gains, is not
+# the whole: a relative of it, or an effect beside it, leaves as much.
+_REMAINDER, _REMAINING_SHARE = 10.0, 2e-3
 LEFT = 0.02  # what noise exceeds with this probability is not taken for noise where an effect explains too little
 
 
@@ -38,6 +36,11 @@ def noise_limit(believed: Believed, samples: int) -> float:
 def leaves_noise(fit: EffectFit, noise: float) -> bool:
     """Return whether a fit explains all: chi-square is within that of ``noise``, and no coefficient is strained."""
     return fit.chi2 <= noise and fit.within >= STRAINED
+
+
+def leaves_far_more(fit: EffectFit, floor: float) -> bool:
+    """Return whether a fit leaves so much more than the ``floor`` of the noise that it cannot be the whole."""
+    return fit.chi2 - floor > max(_REMAINDER * float(np.sqrt(2.0 * floor)), _REMAINING_SHARE * fit.gain)
 
 
 def is_special_case(fit: EffectFit, general: EffectFit) -> bool:

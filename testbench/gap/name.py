@@ -17,11 +17,10 @@ from testbench.gap.effects import Effect, library
 from testbench.gap.evidence import (
     LEAST,
     LEFT,
-    REMAINDER,
-    REMAINING_SHARE,
     STRAINED,
     TOLD_APART,
     is_special_case,
+    leaves_far_more,
     leaves_noise,
     noise_floor,
     noise_limit,
@@ -296,12 +295,7 @@ def _decide(
             f"unexplained: the residual exceeds the noise (chi-square {chi2_tuned:.0f} over {samples} samples), "
             "but no effect of the library explains any of it"
         )  # fmt: skip
-    best = significant[0]
-    if best.within < STRAINED:  # what trails it by no more than chance would, and strains nothing, takes its place
-        unstrained = (f for f in significant if f.within >= STRAINED)
-        best = next((f for f in unstrained if score(best, samples) - score(f, samples) < TOLD_APART), best)
-    simpler = [f for f in significant if f.within >= STRAINED and is_special_case(f, best)]
-    best = min(simpler, key=lambda f: len(f.values), default=best)
+    best = _foremost(significant, samples)
     others = [f for f in ranking if f is not best and f.flown and f.within >= STRAINED]
     close = [f for f in others if _indistinct(f, best, samples, best.chi2 <= noise)]
     if best.within < STRAINED:
@@ -314,8 +308,8 @@ def _decide(
     if not best.share >= enough and best.chi2 > chi2.isf(LEFT, floor):
         part = f"only {100 * best.share:.0f} % of the excess" if np.isfinite(best.share) else "too little of it"
         return "unexplained", (), f"unexplained: {best.effect.title} comes nearest, but explains {part}"
-    left = best.chi2 - floor
-    if left > max(REMAINDER * np.sqrt(2.0 * floor), REMAINING_SHARE * best.gain):
+    if leaves_far_more(best, floor):
+        left = best.chi2 - floor
         return "unexplained", (), (
             f"unexplained: {best.effect.title} comes nearest, but of {best.gain + left:.0f} of chi-square above the "
             f"noise it leaves {left:.0f}: a relative of it, or another effect beside it, is the truth"
@@ -345,6 +339,19 @@ def _decide(
             "; what it leaves is more than noise: its form is not quite right, or an effect like it is the truth"
         )
     return "named", (best.effect.name,), f"{best.effect.title}: {best.size}; {explained}"
+
+
+def _foremost(significant: Sequence[EffectFit], samples: int) -> EffectFit:
+    """Return the best of some fits in the order of their scores: the first one, or what does as well in its place.
+
+    Where the first strains coefficients, that is one that strains none and trails it by no more than chance would;
+    of either, a special case that gains no less than noise or form would make it.
+    """
+    best = significant[0]
+    unstrained = [f for f in significant if f.within >= STRAINED]
+    if best.within < STRAINED:
+        best = next((f for f in unstrained if score(best, samples) - score(f, samples) < TOLD_APART), best)
+    return min((f for f in unstrained if is_special_case(f, best)), key=lambda f: len(f.values), default=best)
 
 
 def _common(best: EffectFit, close: Sequence[EffectFit], ranking: Sequence[EffectFit]) -> EffectFit | None:

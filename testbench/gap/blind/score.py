@@ -46,8 +46,7 @@ def judge(case: Case, row: Mapping[str, Any]) -> Score:
         return Score(case, "wrong" if len(names) == 1 else "wrong set", said, row)
     if len(names) > 1:
         return Score(case, "in set" if max(fits) == len(known) else "wrong set", said, row)
-    parts = names[0].split(" + ")
-    if fits[0] < len(parts) and not all(any(p in r for r in known) for p in parts):
+    if not set(names[0].split(" + ")) <= set().union(*known):
         return Score(case, "wrong", said, row)
     return Score(case, "right" if fits[0] == len(known) else "one of two", said, row)
 

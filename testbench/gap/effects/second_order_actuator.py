@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import expm
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.elastic import first_order_hold
 from testbench.gap.effects.base import Effect, Parameter, Values
 from testbench.gap.effects.reroute import ELEVATOR, moving, product, prop, reroute, value
 from testbench.gap.effects.servo import LAG, column_of, declared
@@ -17,14 +17,13 @@ from testbench.sensors import SensorSuite
 
 
 def _step(values: Values, dt_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return (A (2, 2), B (2,), R (2,)) of position and rate over ``dt_s``: A x + B c under a command c that is held,
-    and R c from rest under one that rises from 0 to c.
+    """Return A (2, 2), B0 (2,), B1 (2,) of the step A x + B0 c + B1 c+ of position and rate under a ramp from c to c+.
+
+    Under a command that is held it is A x + (B0 + B1) c.
     """
     w, zeta = values["omega_rad_s"], values["zeta"]
-    block = np.zeros((4, 4))
-    block[0, 1], block[1, :3], block[2, 3] = 1.0, (-w * w, -2.0 * zeta * w, w * w), 1.0
-    discrete = expm(block * dt_s)
-    return discrete[:2, :2], discrete[:2, 2], discrete[:2, 3] / dt_s
+    A, B0, B1 = first_order_hold(np.array([[0.0, 1.0], [-w * w, -2.0 * zeta * w]]), np.array([[0.0], [w * w]]), dt_s)
+    return A, B0[:, 0], B1[:, 0]
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
@@ -33,12 +32,12 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
     What the believed servo of corner a is told is d + d' / a, with d the position of the second-order servo: that takes
     it to d itself. As the believed servo does, it takes a command that changes from frame to frame as a ramp.
     """
-    A, B, ramp = _step(values, 1.0 / aircraft.rate_hz)
+    A, B0, B1 = _step(values, 1.0 / aircraft.rate_hz)
     p, v, c, last = prop("gap/servo-position"), prop("gap/servo-rate"), prop(ELEVATOR), prop("gap/servo-last")
     still = value(0.0)
     rows = [
         f"<sum> {product(value(A[i, 0]), p)} {product(value(A[i, 1]), v)} "
-        f"{product(value(B[i] - ramp[i]), last)} {product(value(ramp[i]), c)} </sum>"
+        f"{product(value(B0[i]), last)} {product(value(B1[i]), c)} </sum>"
         for i in (0, 1)
     ]
     before = [
@@ -60,9 +59,9 @@ def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, 
         return u
     from testbench.estimators.trajectories import Trajectories
 
-    A, B, _ = _step(values, dt_s)
+    A, B0, B1 = _step(values, dt_s)
     c = u[:, column] - u[0, column]
-    d = Trajectories(A, len(c) + 1).forced((np.append(c, c[-1])[:, None] * B)[:, :, None])[:, 0, 0]
+    d = Trajectories(A, len(c) + 1).forced((np.append(c, c[-1])[:, None] * (B0 + B1))[:, :, None])[:, 0, 0]
     whole = math.exp(-declared(aircraft, LAG) * dt_s)
     out = u.copy()
     out[:, column] = (d[1:] - whole * d[:-1]) / (1.0 - whole) + u[0, column]
