@@ -20,7 +20,6 @@ WEAK = 40.0  # the same of a second effect, or of moving air, beside an effect t
 # What leaves more than so many standard deviations of the noise's chi-square, and this share of what it gains, is not
 # the whole: a relative of it, or an effect beside it, leaves as much.
 _REMAINDER, _REMAINING_SHARE = 10.0, 2e-3
-LEFT = 0.02  # what noise exceeds with this probability is not taken for noise where an effect explains too little
 
 
 def noise_floor(believed: Believed, samples: int) -> float:

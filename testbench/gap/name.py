@@ -16,7 +16,6 @@ from testbench.gap.descent import MAX_ROUNDS, retune, within_priors
 from testbench.gap.effects import Effect, library
 from testbench.gap.evidence import (
     LEAST,
-    LEFT,
     STRAINED,
     TOLD_APART,
     is_special_case,
@@ -305,7 +304,7 @@ def _decide(
         )  # fmt: skip
     strangers = [f for f in ranking if not (f is best or _of_one_kind(f.effect, best.effect))]
     enough = ENOUGH if any(f.gain > NEAR * best.gain for f in strangers) else ENOUGH_ALONE
-    if not best.share >= enough and best.chi2 > chi2.isf(LEFT, floor):
+    if not best.share >= enough and best.chi2 > noise:
         part = f"only {100 * best.share:.0f} % of the excess" if np.isfinite(best.share) else "too little of it"
         return "unexplained", (), f"unexplained: {best.effect.title} comes nearest, but explains {part}"
     if leaves_far_more(best, floor):

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from testbench.gap.believed import Believed
 from testbench.gap.descent import AT_REST, SHORTENED
-from testbench.gap.evidence import LEFT, TOLD_APART, noise_floor
+from testbench.gap.evidence import TOLD_APART, noise_floor
 from testbench.gap.fit import EffectFit
 from testbench.gap.local import Changes, Local
 from testbench.gap.polish import slopes
@@ -25,6 +25,7 @@ _FORM = 0.01  # share of what both gain that they may leave: lateness is linear 
 _COMMAND = "de_cmd"
 _SMALL = 1e-2  # share of the largest change of a command: what changes by less, noise of a measured one, is none
 _ROUNDS = 8
+_LEFT = 0.02  # a delay that leaves what noise exceeds with this probability is asked whether it scatters
 
 
 def scattered(base: Local, fits: Sequence[EffectFit], chi2_tuned: float) -> EffectFit | None:
@@ -42,7 +43,7 @@ def scattered(base: Local, fits: Sequence[EffectFit], chi2_tuned: float) -> Effe
         fits: of all effects.
         chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
     """
-    noise, samples = chi2.isf(LEFT, noise_floor(base.believed, base.exact.size)), base.exact.size
+    noise, samples = chi2.isf(_LEFT, noise_floor(base.believed, base.exact.size)), base.exact.size
     fit = next((f for f in fits if f.effect.name in _SCATTERS and f.settled and f.share > _LEADS), None)
     if fit is None or fit.chi2 <= noise:
         return None

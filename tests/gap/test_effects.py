@@ -43,6 +43,7 @@ TRUE = {
     "speed_effectiveness": {"k": 1.0, "curve": -0.5},
     "nonlinear_lift": {"CL_alpha2": -6.0},
     "thrust_lag": {"lag_s": 0.6},
+    "thrust_lapse": {"scale": 0.9, "k": 0.6},
     "cg_shift": {"aft_chords": -0.015},
 }
 SHOWN = [n for n in EFFECTS if n not in UNSEEN]

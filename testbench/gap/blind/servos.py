@@ -136,6 +136,11 @@ def scaled(gain: float, cubic: float = 0.0) -> Law:
     return lambda u, dt_s: np.asarray(gain * u * (1.0 - cubic * (u / 0.1) ** 2))
 
 
+def bent(bend: float) -> Law:
+    """Return a motor that gives more for a rise of the throttle than it loses for a fall: u (1 + bend u / 0.15)."""
+    return lambda u, dt_s: np.asarray(u * (1.0 + bend * u / 0.15))
+
+
 def motor(rise_s: float, fall_s: float, count: int = 1) -> Law:
     """Return a motor that takes one time to rise and another to fall, in equal stages."""
 

@@ -352,6 +352,7 @@ def _kinds() -> dict[str, Kind]:
             _between(share=(0.3, 0.8), power=(0.8, 1.0)),
             forms.momentum_slipstream,
         ),
+        "thrust that falls with speed": kind("other", "thrust_lapse", _between(k=(0.5, 1.0)), forms.fading_thrust),
         "load off the centre": kind(
             "other",
             "payload mass_error",
@@ -414,7 +415,9 @@ def _kinds() -> dict[str, Kind]:
             ),
             near=True,
         ),
-        "thrust that falls with speed": kind("unseen", "", _between(k=(0.3, 0.8)), forms.fading_thrust, near=True),
+        "motor with a bent curve": kind(
+            "unseen", "", _between(bend_=(0.3, 0.6)), lambda s, a: Plan(throttle=servos.bent(s["bend"])), near=True
+        ),
         "elevator that fades": kind("unseen", "", _between(loss=(0.05, 0.15)), forms.fading_elevator, near=True),
         "damping curved in alpha": kind("unseen", "", _between(k_=(0.5, 1.2)), forms.curved_damping, near=True),
         "gyro that saturates on one side": kind(
