@@ -7,8 +7,8 @@ from testbench.gap.effects.base import Effect, Parameter, Values
 from testbench.sensors import SensorSuite
 
 _DAMPING = 0.03
-# Starts no further apart than the width of a resonance with that damping lets a descent see.
-_GRID_HZ = (2.0, 2.2, 2.4, 2.7, 3.0, 3.3, 3.6, 4.0, 4.4, 4.8, 5.3, 5.8, 6.4, 7.0, 7.7, 8.5, 9.5, 10.5, 12.0, 14.0)
+# Half a step from a start lies within the half-width of a resonance with that damping, which a descent sees.
+_GRID_HZ = tuple(2.0 * 1.05**k for k in range(41))
 _DENSITY_KG_M3 = 1.225  # sea level, ISO 2533
 
 
