@@ -16,7 +16,7 @@ from testbench.gap.blind.cases import SHORT, STRATA, WITHOUT, Case, draw, opened
 from testbench.gap.blind.report import write_report
 from testbench.gap.blind.rows import leave_with, run_case
 
-SEED = 20261209
+SEED = 20261210
 
 
 def main(arguments: list[str] | None = None) -> int:
