@@ -75,7 +75,7 @@ def test_what_leaves_far_more_than_noise_is_nearest_and_no_name(slow):
 
 
 def test_what_explains_too_little_is_named_only_if_it_leaves_noise(slow):
-    """Noise itself exceeds the limit once in a thousand records; at once in fifty, three right names in 36 were lost."""
+    """Noise exceeds the limit once in a thousand records; at once in fifty, three right names in 36 were lost."""
     samples = 4_500
     for probability, outcome in ((2e-2, "named"), (2.0 * FALSE_ALARM, "named"), (0.5 * FALSE_ALARM, "unexplained")):
         left = replace(slow.best, gain=500.0, share=0.6, chi2=float(chi2.isf(probability, samples)))
