@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import tempfile
 import threading
 import time
 import traceback
@@ -30,6 +29,7 @@ from testbench.results import Case, RunResult, Truth
 from testbench.scenario import Scenario
 from testbench.scenario.campaign import CampaignSpec
 from testbench.schema import parse
+from testbench.scratch import Scratch
 from testbench.sensors import SensorSuite, load_suite
 
 _REMEMBERED = 64
@@ -236,7 +236,7 @@ def _figures(case: Case) -> dict[str, float | None]:
 
 
 def _netcdf(record: FlightRecord) -> bytes:
-    with tempfile.TemporaryDirectory(prefix="testbench-") as folder:
-        path = Path(folder) / "record.nc"
-        record.save(path)
-        return path.read_bytes()
+    folder = Scratch()
+    path = Path(folder.name) / "record.nc"
+    record.save(path)
+    return path.read_bytes()

@@ -8,9 +8,6 @@ property creates it and reading one gives zero; loading twice into one executive
 from __future__ import annotations
 
 import os
-import shutil
-import tempfile
-import weakref
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -27,6 +24,7 @@ from testbench.constants import FT_M
 from testbench.errors import ModelError
 from testbench.flight.condition import FlightCondition
 from testbench.record import FloatArray
+from testbench.scratch import Scratch
 
 # JSBSim's number for Adams-Bashforth of third order. Its default, Euler for the rates, costs 3 % at 8 Hz; second order
 # costs 0.6 % of a modal rate at 21 to 30 Hz and 500 frames per second; fourth order is stable over half the range only.
@@ -233,24 +231,11 @@ class _Key:
         )
 
 
-class _Folder:
-    """A folder of its own that is removed with this object, by the process that made it: forked ones leave it be."""
-
-    def __init__(self) -> None:
-        self.name = tempfile.mkdtemp(prefix="testbench-")
-        weakref.finalize(self, self._remove, self.name, os.getpid())
-
-    @staticmethod
-    def _remove(name: str, owner: int) -> None:
-        if os.getpid() == owner:
-            shutil.rmtree(name, ignore_errors=True)
-
-
 @dataclass(frozen=True)
 class _Written:
     """A model on disk (removed with this object), and the properties that its functions read."""
 
-    root: _Folder
+    root: Scratch
     properties: frozenset[str]
 
 
@@ -266,7 +251,7 @@ def _model(key: _Key) -> tuple[bytes, frozenset[str]]:
 def _write(key: _Key) -> _Written:
     """Write a model where JSBSim finds it; kept, as the same model is loaded for trim, flight and linearisation."""
     text, properties = _model(key)
-    root = _Folder()
+    root = Scratch()
     place = Path(root.name) / "aircraft" / "model"
     (place / "Engines").mkdir(parents=True)
     (place / "model.xml").write_bytes(text)

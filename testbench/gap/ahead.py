@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import os
 import pickle
-import shutil
 import signal
 import sys
 import tempfile
@@ -19,6 +18,8 @@ from dataclasses import dataclass
 from multiprocessing import connection, current_process, get_context
 from types import TracebackType
 from typing import Any, Self, TypeVar
+
+from testbench.scratch import Scratch
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
@@ -44,7 +45,7 @@ def cores() -> int:
 class _Running:
     process: Any
     answer: connection.Connection
-    folder: str
+    folder: Scratch
 
 
 class Ahead:
@@ -79,8 +80,8 @@ class Ahead:
         if self.most == 1 or key in self._running:
             return
         mine, theirs = get_context("fork").Pipe(duplex=False)
-        folder = tempfile.mkdtemp(prefix="testbench-")  # what the task writes goes with it, even if it is ended
-        process = get_context("fork").Process(target=_work, args=(task, mine, theirs, folder), daemon=True)
+        folder = Scratch()  # what the task writes goes with it, even if it is ended
+        process = get_context("fork").Process(target=_work, args=(task, mine, theirs, folder.name), daemon=True)
         process.start()
         theirs.close()
         self._running[key] = _Running(process, mine, folder)
@@ -115,7 +116,6 @@ class Ahead:
     def _end(running: _Running) -> None:
         running.answer.close()
         running.process.join()
-        shutil.rmtree(running.folder, ignore_errors=True)
 
 
 def spread(tasks: Sequence[Callable[[], T]]) -> list[T]:

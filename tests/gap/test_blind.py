@@ -73,7 +73,7 @@ def test_every_kind_of_truth_flies_and_leaves_the_commands_as_issued(name):
         differs = differs or any(
             not np.array_equal(record[c], plain[key][c]) for c in ("V", "alpha", "q", "theta", "az")
         )
-    assert differs or name in ("slow motor", "motor of two times", "motor of two stages", "stronger motor")
+    assert differs or name.startswith(("slow motor", "motor ", "stronger motor"))  # these flights leave the throttle
 
 
 def test_cases_are_drawn_alike_sealed_and_opened():
