@@ -15,7 +15,8 @@ import numpy as np
 
 from testbench.errors import FlightAborted, LimitError, TrimError
 from testbench.gap.blind.flights import Plan, fly_truth, suite
-from testbench.gap.blind.truths import KINDS, Kind, parameter_errors
+from testbench.gap.blind.kinds import Kind
+from testbench.gap.blind.truths import KINDS, parameter_errors
 from testbench.record import FlightRecord
 
 STRATA: Mapping[str, int] = {
