@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from testbench.channels import channel
 from testbench.constants import DEG_RAD
@@ -61,6 +62,58 @@ def locate(
     length = max(1, round(window_s / dt_s))
     by_time = np.stack([(residuals[i : i + length] ** 2).mean(axis=0) for i in range(0, n - length + 1, length)])
     return ResidualMap(name, tuple(channels), by_band, by_time, length * dt_s)
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Where residuals hold more energy than white noise would, all manoeuvres together.
+
+    Attributes:
+        channel: output.
+        band_Hz: (low, high).
+        energy: mean squared residual within it, 1 is the noise.
+        probability: that white noise holds as much in any channel and band (Bonferroni's bound).
+    """
+
+    channel: str
+    band_Hz: tuple[float, float]
+    energy: float
+    probability: float
+
+    @property
+    def sentence(self) -> str:
+        """What that says of a name, in words."""
+        low, high = self.band_Hz
+        return (
+            f"what it leaves is not white: {self.channel} holds {self.energy:.3g} times the noise between {low:g} and "
+            f"{high:g} Hz, which noise alone would once in {1.0 / max(self.probability, 1e-99):.2g} cases. Its form is "
+            "not quite right, or an effect that works like it is the truth"
+        )
+
+
+def structure(
+    residuals: Sequence[FloatArray], channels: Sequence[str], dt_s: float, false_alarm: float
+) -> Structure | None:
+    """Return the channel and band in which residuals (n, p) are least like white noise; None if they may be noise.
+
+    Periodograms of white noise of unit variance are half a chi-square of two degrees of freedom in each bin between
+    mean and Nyquist frequency, independent of one another (Priestley 1981, section 6.1); their sums over a band are
+    compared with that, p times the number of bands at once.
+    """
+    sums, bins = np.zeros((len(BANDS_HZ), len(channels))), np.zeros(len(BANDS_HZ))
+    for r in residuals:
+        frequency = np.fft.rfftfreq(len(r), dt_s)[1 : (len(r) + 1) // 2]
+        power = (np.abs(np.fft.rfft(r, axis=0)) ** 2 / len(r))[1 : (len(r) + 1) // 2]
+        for b, (low, high) in enumerate(BANDS_HZ):
+            inside = (frequency > low) & (frequency <= high)
+            sums[b] += power[inside].sum(axis=0)
+            bins[b] += inside.sum()
+    p = chi2.sf(2.0 * sums, 2.0 * np.maximum(bins, 1.0)[:, None])
+    band, c = divmod(int(np.argmin(p)), len(channels))
+    probability = min(1.0, float(p[band, c]) * p.size)
+    if probability > false_alarm:
+        return None
+    return Structure(channels[c], BANDS_HZ[band], float(sums[band, c] / bins[band]), probability)
 
 
 _REGIONS = ("alpha", "V", "q", "de_cmd", "thr_cmd")

@@ -20,7 +20,7 @@ from testbench.gap.evidence import WEAK, noise_limit
 from testbench.gap.fit import FALSE_ALARM
 from testbench.gap.forces import EquationErrors, equation_errors
 from testbench.gap.local import Local
-from testbench.gap.locate import RegionMap, ResidualMap, locate, locate_regions
+from testbench.gap.locate import RegionMap, ResidualMap, Structure, locate, locate_regions, structure
 from testbench.gap.name import ENOUGH_ALONE, Naming, name_effect
 from testbench.gap.plan import separate
 from testbench.gap.verdict import FAR, WrongParameter, confirmed, largest_errors, off_parameters, wrong_parameters
@@ -97,6 +97,8 @@ class GapFinding:
         check: what the instruments say of each other, or None if that was not asked.
         parameters: believed coefficients that re-tuning finds wrong, where no effect is named; ``amended`` is re-tuned.
         errors: channel -> largest error of the believed model over all records, about its mean in each, SI.
+        left: what the residuals of ``amended`` hold that is not white, where an effect is named in still air; None if
+            that may be noise.
     """
 
     believed: Believed
@@ -111,6 +113,7 @@ class GapFinding:
     check: DataCheck | None = None
     parameters: tuple[WrongParameter, ...] = ()
     errors: Mapping[str, float] = field(default_factory=dict)
+    left: Structure | None = None
 
     @property
     def changed(self) -> bool:
@@ -174,6 +177,8 @@ class GapFinding:
             second = max(others, key=lambda f: f.gain)
             share = 100.0 * second.gain / best.gain
             out[0] += f"; the runner-up, {second.effect.title}, lowers it by {second.gain:.4g} ({share:.0f} %)"
+        if self.left is not None:
+            out.append(self.left.sentence)
         if self.immaterial:
             out.append(f"real but immaterial: in the manoeuvres held out it changes every channel by less {_ALLOWED}")
         if best.effect.met is not None:
@@ -255,8 +260,10 @@ def find_gap(
     say("judge on held-out manoeuvres")
     shrink = tuple(_shrink(believed, amended, name, record) for name, record in held_out.items())
     errors = largest_errors(believed, [*naming_records, *held_out.values()])
+    named = naming.best is not None and not naming.best.scatter_s  # scattered commands leave what no model has
+    left = _left(amended, naming_records) if named else None
     return GapFinding(
-        believed, amended, maps, naming, shrink, air, regions, forces, next_flight, checked, parameters, errors
+        believed, amended, maps, naming, shrink, air, regions, forces, next_flight, checked, parameters, errors, left
     )
 
 
@@ -346,6 +353,14 @@ def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: Ai
 def _retuned(believed: Believed, flown_in: Believed, records: Sequence[FlightRecord]) -> Believed:
     """Return the believed model with the coefficients that suit the records best in the air of ``flown_in``."""
     return believed.with_tuning(retune(Local.at(flown_in, flown_in, tuple(records))).tuning)
+
+
+def _left(amended: Believed, records: Sequence[FlightRecord]) -> Structure | None:
+    """Return what the amended model leaves that is not white; in moving air residuals are white as far as its model."""
+    if amended.whiten is not None:
+        return None
+    residuals = [amended.residuals(r) for r in records]
+    return structure(residuals, amended.outputs, records[0].dt_s, FALSE_ALARM)
 
 
 def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:

@@ -21,7 +21,7 @@ from testbench.gap.effects import EFFECTS
 from testbench.gap.fit import EffectFit
 from testbench.gap.hidden import Nothing, measure_hidden
 from testbench.gap.local import Local
-from testbench.gap.locate import locate
+from testbench.gap.locate import locate, structure
 from testbench.gap.name import Naming
 from testbench.gap.records import load_flights
 from testbench.gap.workflow import find_gap
@@ -140,6 +140,28 @@ def test_the_map_of_white_noise_is_flat_and_a_tone_sits_in_its_band():
     assert np.unravel_index(np.argmax(found.by_band), found.by_band.shape) == (3, 0)
     assert "q" in found.sentence
     assert "3 to 6 Hz" in found.sentence
+
+
+def test_white_noise_has_no_structure_more_often_than_stated():
+    """Of 200 draws at 5 %, 10 on average: more than 24 have a probability of 2e-5."""
+    rng = np.random.default_rng(8)
+    found = [
+        structure([rng.standard_normal((n, 3)) for n in (400, 525)], ("V", "q", "az"), 0.02, 0.05) for _ in range(200)
+    ]
+    assert 1 <= sum(f is not None for f in found) <= 24
+
+
+def test_the_structure_of_residuals_is_where_the_tone_is_in_whichever_manoeuvre():
+    rng = np.random.default_rng(9)
+    residuals = [rng.standard_normal((n, 3)) for n in (400, 500)]
+    residuals[1][:, 1] += 0.7 * np.sin(2.0 * np.pi * 4.6 * 0.02 * np.arange(500))
+    found = structure(residuals, ("V", "q", "az"), 0.02, 1e-3)
+    assert found is not None
+    assert (found.channel, found.band_Hz) == ("q", (3.0, 6.0))
+    tone, bins = 0.7**2 * 500 / 4.0, 3.0 * 0.02 * 900  # its share of the periodogram, and how many bins the band has
+    assert found.energy == pytest.approx(1.0 + tone / bins, abs=4.0 * np.sqrt((1.0 + 2.0 * tone / bins) / bins))
+    assert "q holds" in found.sentence
+    assert "between 3 and 6 Hz" in found.sentence
 
 
 def test_a_record_without_quiet_flight_or_command_is_refused(case):
