@@ -7,11 +7,14 @@ property creates it and reading one gives zero; loading twice into one executive
 
 from __future__ import annotations
 
+import itertools
 import os
+import tempfile
+import weakref
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -77,13 +80,13 @@ class Executive:
         self._iterations, self._to_rest = (5, 12) if "aero/alphadot-rad_sec" in written.properties else (2, 5)
         self._logger = _QuietLogger()
         jsbsim.set_logger(self._logger)
-        self.fdm = jsbsim.FGFDMExec(written.root.name)
+        self.fdm = jsbsim.FGFDMExec(written.root)
         self._manager = self.fdm.get_property_manager()
         self._nodes: dict[str, Any] = {}
         self.fdm.set_debug_level(0)
         self.fdm.set_dt(1.0 / rate_hz)
         try:
-            loaded = self.fdm.load_model("model")
+            loaded = self.fdm.load_model(written.name, False)
             self._refuse_unknown_properties(written.properties)
             if loaded:
                 self.fdm.run_ic()
@@ -214,6 +217,7 @@ class _Key:
     aircraft: Aircraft = field(compare=False)
     condition: FlightCondition = field(compare=False)
     rate_hz: float
+    engines: tuple[tuple[str, str], ...]
     contents: tuple[object, ...]
 
     @classmethod
@@ -222,21 +226,13 @@ class _Key:
         design = (
             (condition.qbar_Pa, condition.V_m_s) if aircraft.flown_modes() else None
         )  # a rigid model fits every speed
-        engines = tuple(sorted(aircraft.engine_files.items()))
         return cls(
             aircraft,
             condition,
             rate_hz,
-            (aircraft.xml, repr(aircraft.elastic), repr(aircraft.amendments), engines, design),
+            tuple(sorted(aircraft.engine_files.items())),
+            (aircraft.xml, repr(aircraft.elastic), repr(aircraft.amendments), design),
         )
-
-
-@dataclass(frozen=True)
-class _Written:
-    """A model on disk (removed with this object), and the properties that its functions read."""
-
-    root: Scratch
-    properties: frozenset[str]
 
 
 @lru_cache(maxsize=64)
@@ -244,20 +240,54 @@ def _model(key: _Key) -> tuple[bytes, frozenset[str]]:
     """Return the text of a model and the properties that its functions read."""
     tree = key.aircraft.model_tree(key.rate_hz, key.condition.qbar_Pa, key.condition.V_m_s)
     read = {(e.text or "").strip().lstrip("-") for e in tree.iter("property")}
-    return ET.tostring(tree, encoding="utf-8", xml_declaration=True), frozenset(read - {""})
+    # Text encoded as a whole: an encoding given to ElementTree is taken up anew for every word of it.
+    text = '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(tree, encoding="unicode")
+    return text.encode(), frozenset(read - {""})
+
+
+class _Written:
+    """A model on disk, where JSBSim finds it.
+
+    The file is removed with this object, by the process that made it: forked ones leave it be.
+
+    Attributes:
+        root: folder that JSBSim starts from.
+        name: of the model.
+        properties: those that its functions read.
+    """
+
+    def __init__(self, key: _Key) -> None:
+        text, self.properties = _model(key)
+        self.root = _root(os.getpid(), tempfile.gettempdir(), key.engines).name
+        self.name = f"model-{next(_NUMBERS)}"
+        path = Path(self.root) / "aircraft" / f"{self.name}.xml"
+        path.write_bytes(text)
+        weakref.finalize(self, self._remove, path, os.getpid())
+
+    @staticmethod
+    def _remove(path: Path, owner: int) -> None:
+        if os.getpid() == owner:
+            path.unlink(missing_ok=True)
+
+
+_NUMBERS = itertools.count()
+
+
+@cache
+def _root(process: int, place: str, engines: tuple[tuple[str, str], ...]) -> Scratch:
+    """Return the folder of all models of a process that have the same engines, for as long as the process lives."""
+    root = Scratch()
+    (Path(root.name) / "aircraft").mkdir()
+    (Path(root.name) / "engine").mkdir()
+    for name, engine in engines:
+        (Path(root.name) / "engine" / name).write_text(engine, encoding="utf-8")
+    return root
 
 
 @lru_cache(maxsize=64)
 def _write(key: _Key) -> _Written:
-    """Write a model where JSBSim finds it; kept, as the same model is loaded for trim, flight and linearisation."""
-    text, properties = _model(key)
-    root = Scratch()
-    place = Path(root.name) / "aircraft" / "model"
-    (place / "Engines").mkdir(parents=True)
-    (place / "model.xml").write_bytes(text)
-    for name, engine in key.aircraft.engine_files.items():
-        (place / "Engines" / name).write_text(engine, encoding="utf-8")
-    return _Written(root, properties)
+    """Write a model; kept, as the same one is loaded for trim, flight and linearisation."""
+    return _Written(key)
 
 
 if hasattr(os, "register_at_fork"):
