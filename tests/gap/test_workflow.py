@@ -164,6 +164,15 @@ def test_the_structure_of_residuals_is_where_the_tone_is_in_whichever_manoeuvre(
     assert "between 3 and 6 Hz" in found.sentence
 
 
+def test_what_a_model_leaves_is_looked_at_in_still_air_only(case):
+    """The truth leaves noise (false alarm 1e-3, the seed is fixed), a wrong damping leaves structure."""
+    believed, record = case
+    assert workflow._left(believed, (record,)) is None
+    wrong = believed.with_tuning({"Cm_q": 1.3})
+    assert workflow._left(wrong, (record,)) is not None
+    assert workflow._left(replace(wrong, whiten=lambda r, e: e), (record,)) is None
+
+
 def test_a_record_without_quiet_flight_or_command_is_refused(case):
     believed, record = case
     start = float(record.t_s[quiet_samples(record)])
