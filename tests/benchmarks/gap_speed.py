@@ -6,8 +6,11 @@ run, tell what the second one is worth; both say the same.
 
 from __future__ import annotations
 
+import os
 import statistics
 import time
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from testbench.gap.ahead import cores, processes
 from testbench.gap.blind.cases import draw
