@@ -51,9 +51,7 @@ def locate(
 ) -> ResidualMap:
     """Return where the residuals (n, p), in units of the noise, have their energy."""
     n, p = residuals.shape
-    frequency = np.fft.rfftfreq(n, dt_s)
-    # Periodogram scaled so that white noise of unit variance gives 1 in every bin.
-    power = np.abs(np.fft.rfft(residuals, axis=0)) ** 2 / n
+    frequency, power = _periodogram(residuals, dt_s)
     by_band = np.zeros((len(BANDS_HZ), p))
     for b, (low, high) in enumerate(BANDS_HZ):
         inside = (frequency > low) & (frequency <= high)
@@ -62,6 +60,12 @@ def locate(
     length = max(1, round(window_s / dt_s))
     by_time = np.stack([(residuals[i : i + length] ** 2).mean(axis=0) for i in range(0, n - length + 1, length)])
     return ResidualMap(name, tuple(channels), by_band, by_time, length * dt_s)
+
+
+def _periodogram(residuals: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies (f,), Hz, and power (f, p), which white noise of unit variance has as 1 in every bin."""
+    n = len(residuals)
+    return np.asarray(np.fft.rfftfreq(n, dt_s), float), np.abs(np.fft.rfft(residuals, axis=0)) ** 2 / n
 
 
 @dataclass(frozen=True)
@@ -102,8 +106,7 @@ def structure(
     """
     sums, bins = np.zeros((len(BANDS_HZ), len(channels))), np.zeros(len(BANDS_HZ))
     for r in residuals:
-        frequency = np.fft.rfftfreq(len(r), dt_s)[1 : (len(r) + 1) // 2]
-        power = (np.abs(np.fft.rfft(r, axis=0)) ** 2 / len(r))[1 : (len(r) + 1) // 2]
+        frequency, power = (x[1 : (len(r) + 1) // 2] for x in _periodogram(r, dt_s))
         for b, (low, high) in enumerate(BANDS_HZ):
             inside = (frequency > low) & (frequency <= high)
             sums[b] += power[inside].sum(axis=0)

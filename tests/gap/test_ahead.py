@@ -18,6 +18,7 @@ from testbench.gap.blind.run import believe
 from testbench.gap.blind.truths import KINDS
 from testbench.gap.effects import EFFECTS
 from testbench.gap.name import name_effect
+from testbench.scratch import Scratch
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="processes are forked on Linux only")
 
@@ -63,6 +64,8 @@ def test_the_work_of_a_process_without_an_answer_is_done_here(way):
 
 def test_tasks_that_are_no_longer_wanted_are_ended_and_leave_no_folder(tmp_path, monkeypatch):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    Scratch()  # the folder of this process stays until it ends
+    before = list(tmp_path.rglob("*"))
 
     def writes_and_waits():
         Path(tempfile.mkdtemp()).joinpath("model.xml").touch()
@@ -73,7 +76,7 @@ def test_tasks_that_are_no_longer_wanted_are_ended_and_leave_no_folder(tmp_path,
         assert len(ahead._running) == 2
         ahead.begin_first({"b": writes_and_waits})
         assert list(ahead._running) == ["b"]
-    assert list(tmp_path.glob("*/*")) == []  # but for the folder of this process itself
+    assert list(tmp_path.rglob("*")) == before
 
 
 def test_a_process_leaves_the_models_of_the_one_that_it_came_from(tmp_path, monkeypatch):
