@@ -163,3 +163,21 @@ def test_help_is_no_error_and_a_bare_group_shows_its_help(folder, monkeypatch, c
         assert ends(monkeypatch, capsys, *words) == (2, [])
     for words in (("--help",), ("import", "--help"), ("campaign", "run", "--help")):
         assert ends(monkeypatch, capsys, *words) == (0, [])
+
+
+@pytest.mark.parametrize(
+    ("words", "refused_option"),
+    [
+        ("gap eolo --plan eolo_alpha", "CASE"),
+        ("gap --plan eolo_alpha --sensors eolo_gap", "--sensors"),
+        ("gap --plan eolo_alpha --wings rigid", "--wings"),
+        ("gap flexible_wings --V 15", "--V"),
+        ("gap flexible_wings --hold-out a.nc", "--hold-out"),
+        ("gap eolo a.nc --seed 3", "--seed"),
+        ("import a.csv --describe b.toml -o records", "--out"),
+        ("modes eolo_turbulence --data dir", "--data"),
+        ("modes a.nc --seed 3", "--seed"),
+    ],
+)
+def test_options_that_nothing_would_heed_are_refused(refused, words, refused_option):
+    assert refused(*words.split()).startswith(f"error: {refused_option} has no use with ")

@@ -91,6 +91,24 @@ def stages() -> Iterator[Callable[[str], None]]:
         yield lambda text: progress.update(task, description=text)
 
 
+def refuse(context: typer.Context, why: str, *parameters: str) -> None:
+    """Refuse parameters of a command that were given and that nothing would heed.
+
+    Args:
+        context: of the command.
+        why: ends the sentence "X has no use ...".
+        parameters: names as the command's function has them.
+
+    Raises:
+        click.UsageError: names the first of them that was given.
+    """
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if parameter.name in parameters and source is not None and source.name == "COMMANDLINE":
+            name = next((o for o in parameter.opts if o.startswith("--")), (parameter.name or "").upper())
+            raise _UsageError(f"{name} has no use {why}", ctx=context)
+
+
 def main() -> None:
     """Run the command line; turn every error raised on purpose into one message and an exit status."""
     # Before numpy is imported: for matrices this small, threads cost more than they give.

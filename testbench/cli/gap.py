@@ -7,12 +7,15 @@ from typing import Annotated
 
 import typer
 
-from testbench.cli.app import OutOption, SeedOption, Wings, app, console, stages
+from testbench.cli.app import OutOption, SeedOption, Wings, app, console, refuse, stages
 from testbench.errors import RecordError
+
+FLIGHTS = ("sensors", "hold_out", "wings", "airspeed", "altitude", "data")  # what is said of measured records
 
 
 @app.command()
 def gap(
+    context: typer.Context,
     case: Annotated[
         str | None, typer.Argument(help="The aircraft that is believed, or a gap case.", show_default=False)
     ] = None,
@@ -49,6 +52,7 @@ def gap(
     from testbench.checks import find
 
     if plan is not None:
+        refuse(context, "with --plan, whose scenario says all", *FLIGHTS, "case", "records", "seed", "workers")
         _plan_gap(find(plan, "run"), out)
         return
     if case is None:
@@ -62,12 +66,14 @@ def gap(
 
     with stages() as say, processes(workers or cores()):
         if records or case in aircraft_names():
+            refuse(context, "with measured records, in which the noise is", "seed")
             say("read records")
             held = hold_out or ()
             flights = load_flights(case, records or (), held, sensors, wings.value, airspeed, altitude, data)
             folder = out / f"gap_{case}"
             result = run_flights(case, flights, say)
         else:
+            refuse(context, "with a gap case, whose file says all; or give measured records, too", *FLIGHTS)
             file = find(Path(case), "gap")
             folder = out / f"gap_{file.stem}"
             result = run_gap(file, seed, record_keeper(folder), say, check=True)

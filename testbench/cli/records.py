@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from testbench.cli.app import OutOption, SeedOption, app, console, stages
+from testbench.cli.app import OutOption, SeedOption, app, console, refuse, stages
 from testbench.errors import RecordError
 
 DESCRIPTION = "description of recorded flights"
@@ -28,6 +28,7 @@ class Export(str, Enum):
 
 @app.command("import")
 def import_(
+    context: typer.Context,
     log: Annotated[
         Path,
         typer.Argument(
@@ -59,6 +60,7 @@ def import_(
     described first: `testbench import flight.mat --describe flight.toml`, fill in, `testbench import flight.toml`.
     """
     if describe is not None:
+        refuse(context, "with --describe, which cuts no records", "out", "rate", "throw", "lead", "tail", "record")
         from testbench.logs.template import write_template
 
         path = write_template(log, describe)
@@ -167,6 +169,7 @@ def response(
 
 @app.command()
 def modes(
+    context: typer.Context,
     source: Annotated[
         list[Path],
         typer.Argument(
@@ -210,10 +213,12 @@ def modes(
         if own and not (scenario.is_file() and kind_of(scenario) == DESCRIPTION):
             if len(source) > 1:
                 raise RecordError(f"scenarios and descriptions must be given one at a time, got {len(source)} files")
+            refuse(context, "with a scenario, which makes its own flights", "data")
             loaded = load_modes(find(source[0], "modes"))
             folder = out / f"{loaded.name}_modes"
             result = fly_modes(loaded, search_for(given, loaded.modes), seed, record_keeper(folder), say)
         else:
+            refuse(context, "with measured records, in which the noise is", "seed")
             say("read records")
             result = read_modes(source, search_for(given), data, say)
             folder = out / f"{result.name}_modes"
