@@ -169,14 +169,14 @@ class GapFinding:
             off = [p.sentence for p in off_parameters(self.naming) if p.deviations <= FAR]
             return [*off, words] if self.immaterial else off
         out = [
-            f"evidence: it lowers chi-square by {best.gain:.4g}, where noise alone reaches {best.threshold:.3g} once "
+            f"evidence: it lowers chi-square by {best.gain:.0f}, where noise alone reaches {best.threshold:.3g} once "
             f"in {1.0 / FALSE_ALARM:.0f} cases"
         ]
         others = [f for f in self.naming.ranking if f.effect.name not in self.naming.names]
         if others:
             second = max(others, key=lambda f: f.gain)
             share = 100.0 * second.gain / best.gain
-            out[0] += f"; the runner-up, {second.effect.title}, lowers it by {second.gain:.4g} ({share:.0f} %)"
+            out[0] += f"; the runner-up, {second.effect.title}, lowers it by {second.gain:.0f} ({share:.0f} %)"
         if self.left is not None:
             out.append(self.left.sentence)
         if self.immaterial:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -147,8 +148,9 @@ def _force_plate(result: GapResult) -> Plate:
         """Draw one panel per coefficient and manoeuvre."""
         columns = len(forces) if wide else 1
         rows = len(names) * (1 if wide else len(forces))
-        figure = new_figure(wide, 0.35 + 1.05 * rows + 0.5 * (rows - 1) + 0.5)
-        panels = grid(figure, 0.3, [1.05] * rows, (1.0,) * columns, gap_in=0.5, between_in=0.6)
+        gap = 0.5 if wide else 0.75
+        figure = new_figure(wide, 0.35 + 1.05 * rows + gap * (rows - 1) + 0.5)
+        panels = grid(figure, 0.3, [1.05] * rows, (1.0,) * columns, gap_in=gap, between_in=0.6)
         panels = panels.reshape(len(names), len(forces)) if wide else panels.reshape(len(forces), len(names)).T
         for r, name in enumerate(names):
             top = max(float(np.abs(f.errors[name]).max()) for f in forces if name in f.errors)
@@ -180,22 +182,24 @@ def _map_plate(result: GapResult) -> Plate:
 
         rows = len(maps) if wide else 2 * len(maps)
         height = 0.19 * len(maps[0].channels) + 0.35
-        figure = new_figure(wide, 0.95 + rows * height + (rows - 1) * 0.62 + 0.55)
-        panels = grid(figure, 0.95, [height] * rows, (1.0, 1.6) if wide else (1.0,), gap_in=0.62, between_in=0.5)
+        gap = 0.62 if wide else 0.8  # one below the other, every panel has its axis label
+        figure = new_figure(wide, 0.95 + rows * height + (rows - 1) * gap + 0.55)
+        panels = grid(figure, 0.95, [height] * rows, (1.0, 1.6) if wide else (1.0,), gap_in=gap, between_in=0.5)
         panels = panels.reshape(len(maps), 2)
         for r, m in enumerate(maps):
             image = _draw_map(panels[r, 0], m, m.by_band)
             _draw_map(panels[r, 1], m, m.by_time)
             panels[r, 0].set_xticks(range(len(BANDS_HZ)), [f"{b[0]:g}–{b[1]:g}" for b in BANDS_HZ], fontsize=7)
             panels[r, 1].xaxis.set_major_locator(MaxNLocator(integer=True))
-            label(panels[r, 0], "frequency, Hz", "", m.manoeuvre)
-            label(panels[r, 1], f"t, windows of {m.window_s:g} s", "", "" if wide else m.manoeuvre)
+            last = r == len(maps) - 1 or not wide
+            label(panels[r, 0], "frequency, Hz" if last else "", "", m.manoeuvre)
+            label(panels[r, 1], f"t, windows of {m.window_s:g} s" if last else "", "", "" if wide else m.manoeuvre)
         _energy_bar(figure, image)
         return figure
 
     caption = (
         "Measured minus believed, in units of the noise energy, for the manoeuvres that the effect was sought in: "
-        "channel by frequency band (left) and by time (right). White is noise; dark is what the model does not know."
+        "channel by frequency band and by time. White is noise; dark is what the model does not know."
     )
     return Plate("residual_maps", "Where the residual sits", caption, make)
 
@@ -231,14 +235,16 @@ def _ranking_plate(result: GapResult) -> Plate:
 
     def make(wide: bool) -> Figure:
         """Draw one bar per effect, the best on top."""
-        figure = new_figure(wide, 0.3 + 0.34 * len(fits) + 0.55, share=0.75)
-        axes = grid(figure, 0.25, [0.34 * len(fits)], left_in=2.3 if wide else 1.45)[0, 0]
+        row, left, letters, lines = (0.34, 2.6, 38, 2) if wide else (0.44, 1.6, 23, 3)
+        titles = [textwrap.wrap(f.effect.title, letters, max_lines=lines, placeholder=" …") for f in fits]
+        figure = new_figure(wide, 0.3 + row * len(fits) + 0.55)
+        axes = grid(figure, 0.25, [row * len(fits)], left_in=left)[0, 0]
         named = set(result.finding.naming.names)
         for i, fit in enumerate(fits):
             gain = max(fit.gain, 0.5)
             axes.barh(i, gain, left=0.5, height=0.55, color=COLOURS[0] if fit.effect.name in named else MEASURED)
             axes.plot([fit.threshold, fit.threshold], [i - 0.42, i + 0.42], color=COLOURS[1], linewidth=1.4)
-        axes.set_yticks(range(len(fits)), [f.effect.title if wide else f.effect.name for f in fits])
+        axes.set_yticks(range(len(fits)), ["\n".join(title) for title in titles])
         axes.invert_yaxis()
         axes.grid(axis="y", visible=False)
         axes.set_xlim(0.5, max(*(f.gain for f in fits), fits[0].threshold) * 2.0)
