@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal, get_args
@@ -132,7 +133,7 @@ class FlightRecord:
             state[name].setflags(write=False)
         object.__setattr__(self, "provenance", MappingProxyType(state["provenance"]))
 
-    @property
+    @cached_property
     def dt_s(self) -> float:
         """Sample time in s.
 
