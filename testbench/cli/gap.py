@@ -63,6 +63,7 @@ def gap(
     from testbench.paths import aircraft_names
     from testbench.report import record_keeper
     from testbench.report.gap import print_gap, write_gap
+    from testbench.report.write import check_folder
 
     with stages() as say, processes(workers or cores()):
         if records or case in aircraft_names():
@@ -71,11 +72,13 @@ def gap(
             held = hold_out or ()
             flights = load_flights(case, records or (), held, sensors, wings.value, airspeed, altitude, data)
             folder = out / f"gap_{case}"
+            check_folder(folder)
             result = run_flights(case, flights, say)
         else:
             refuse(context, "with a gap case, whose file says all; or give measured records, too", *FLIGHTS)
             file = find(Path(case), "gap")
             folder = out / f"gap_{file.stem}"
+            check_folder(folder)
             result = run_gap(file, seed, record_keeper(folder), say, check=True)
         say("write report")
         write_gap(result, folder)

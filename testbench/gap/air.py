@@ -21,7 +21,8 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.stats import chi2
 
-from testbench.gap.believed import Believed, quiet_samples
+from testbench.gap.believed import Believed
+from testbench.gap.commanded import quiet_samples
 from testbench.gap.gust_filter import FlightFilter, GustFilter
 from testbench.gap.gust_model import GustModel
 from testbench.record import FlightRecord, FloatArray
@@ -188,7 +189,7 @@ def _quiet(plain: Believed, records: Sequence[FlightRecord]) -> list[tuple[Fligh
     for record in records:
         n = quiet_samples(record)
         start = record.between(float(record.t_s[0]), float(record.t_s[n - 1]) + 0.5 * record.dt_s)
-        out.append((start, plain.in_noise_units(start, start.columns(plain.outputs))))
+        out.append((start, plain.in_noise_units(start, plain.measured(start))))
     return out
 
 

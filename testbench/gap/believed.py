@@ -12,11 +12,12 @@ from scipy.linalg import expm
 
 from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient
 from testbench.channels import CONTROLS
-from testbench.errors import ModelError, RecordError
+from testbench.errors import ModelError, ScenarioError
 from testbench.estimators.state_space import Trajectories
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
 from testbench.flight.air import Air, Gust
 from testbench.flight.simulate import commands as absolute_commands
+from testbench.gap.commanded import commands, moves_laterally
 from testbench.gap.effects import Effect
 from testbench.gap.effects.base import MetGust
 from testbench.gap.gusts import linear_response, record_key
@@ -46,9 +47,11 @@ LATERAL_NUISANCES: Mapping[str, float] = {
     "Cn_da": 0.30,
     "Cn_dr": 0.10,
 }
-LATERAL_COMMANDS = ("da_cmd", "dr_cmd")
+# Channels that say where the nose points and how the wind blows: the believed flight begins northwards in still air.
+OF_PLACE = ("north", "east", "v_north", "v_east")
+DRIFT = 0.2  # a bias that wanders by more than this share of the noise within a manoeuvre
+DRIFT_OVER_S = 20.0  # of such a length is no noise that a residual is white beside
 BEYOND = 0.25  # share of the range between its limits by which a hypothesis may leave them to either side
-MOVED = 1e-3  # rad, or share of the throttle, by which a command that moves does at least
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +63,9 @@ class Believed:
     residuals (n, outputs) in units of the noise and returns as many of which each is white with variance one, for
     residuals that something other than sensor noise colours (turbulence); it must be linear. ``gusts`` are those that
     single records met: every other record is predicted in still air.
+
+    Raises:
+        ScenarioError: the suite has no channel to compare, or one without any noise.
     """
 
     aircraft: Aircraft
@@ -71,20 +77,50 @@ class Believed:
     whiten: Callable[[FlightRecord, FloatArray], FloatArray] | None = None
     gusts: tuple[MetGust, ...] = ()
 
+    def __post_init__(self) -> None:
+        if not self.outputs:
+            left = f"; left out: {'; '.join(self.left_out.values())}" if self.left_out else ""
+            raise ScenarioError(
+                [f"a suite must have a channel that is compared, got {', '.join(self.suite.channels)}{left}"]
+            )
+        silent = [n for n in self.outputs if not self.suite.noise_std[n] > 0.0]
+        if silent:
+            raise ScenarioError(
+                [
+                    "every sensor that is compared must have noise_std or quantum > 0, as residuals are weighed by "
+                    f"its noise, got none for {', '.join(silent)} in suite '{self.suite.name}'"
+                ]
+            )
+
     @cached_property
     def trimmed(self) -> TrimmedFlight:
         """The believed equilibrium."""
         return _trimmed(self._key)
 
-    @property
+    @cached_property
     def outputs(self) -> tuple[str, ...]:
-        """Channels of the suite that are compared: all but commands and deflections."""
-        return tuple(n for n in self.suite.channels if n.removesuffix("_cmd") not in CONTROLS)
+        """Channels of the suite that are compared: all but commands, deflections and those left out."""
+        out = (n for n in self.suite.channels if n.removesuffix("_cmd") not in CONTROLS)
+        return tuple(n for n in out if n not in self.left_out)
+
+    @cached_property
+    def left_out(self) -> Mapping[str, str]:
+        """Channel of the suite that is not compared -> why, in words; commands and deflections aside."""
+        out = {n: f"{n} depends on heading and wind, which are not known" for n in OF_PLACE if n in self.suite.channels}
+        for s in self.suite.sensors:
+            drift, noise = s.drift_over(DRIFT_OVER_S), self.suite.noise_std[s.channel]
+            if s.channel not in out and drift > DRIFT * noise:
+                out[s.channel] = (
+                    f"the bias of {s.channel} wanders by {drift / noise if noise else np.inf:.2g} times its noise in "
+                    f"{DRIFT_OVER_S:g} s"
+                )
+        return out
 
     @cached_property
     def noise_std(self) -> FloatArray:
-        """Standard deviation of one sample of each output, SI."""
-        return np.array([self.suite.noise_std[n] for n in self.outputs])
+        """Standard deviation of one sample of each output, what its bias wanders by within a manoeuvre in it, SI."""
+        drift = {s.channel: s.drift_over(DRIFT_OVER_S) for s in self.suite.sensors}
+        return np.array([float(np.hypot(self.suite.noise_std[n], drift[n])) for n in self.outputs])
 
     def with_effect(self, effect: Effect, values: Mapping[str, float]) -> Believed:
         """Return the belief with one effect of the library added, or with all parts of one that is put together."""
@@ -188,8 +224,8 @@ class Believed:
 
         The same as ``SensorSuite.measure`` of sensors that have no noise, without drawing any.
         """
-        if "psi" in self.outputs or any(s.rate_hz is not None for s in self._ideal_suite.sensors):
-            return self._ideal_suite.measure(truth, 0).columns(self.outputs)
+        if any(s.rate_hz is not None for s in self._ideal_suite.sensors):
+            return self._unwrapped(self._ideal_suite.measure(truth, 0))
         stride = self.suite.check_log_rate(1.0 / truth.dt_s)
         by_channel = {s.channel: s.respond(truth)[::stride] for s in self._ideal_suite.sensors}
         return np.column_stack([by_channel[n] for n in self.outputs])
@@ -219,19 +255,26 @@ class Believed:
     @cached_property
     def _ideal_suite(self) -> SensorSuite:
         """The outputs' sensors with everything that is certain (scale, lag, delay, position) and nothing random."""
-        sensors = tuple(
-            replace(s, noise_std=0.0, quantum=0.0, dropout=0.0, bias=0.0)
-            for s in self.suite.sensors
-            if s.channel in self.outputs
-        )
-        return replace(self.suite, sensors=sensors)
+        sensors = tuple(s for s in self.suite.sensors if s.channel in self.outputs)
+        return replace(self.suite, sensors=sensors).without_errors()
+
+    def measured(self, record: FlightRecord) -> FloatArray:
+        """Return what a record holds of the outputs (n, outputs), a heading unwrapped as predictions have it."""
+        return self._unwrapped(record)
+
+    def _unwrapped(self, record: FlightRecord) -> FloatArray:
+        y = record.columns(self.outputs)
+        if "psi" in self.outputs:
+            k = self.outputs.index("psi")
+            y[:, k] = np.unwrap(y[:, k])
+        return y
 
     def residuals(self, record: FlightRecord) -> FloatArray:
         """Return measured minus predicted in units of the noise, each channel about its own mean, (n, outputs).
 
         The mean is taken out because sensor biases and trim offsets are unknown; invalid samples are set to zero.
         """
-        return self.in_noise_units(record, record.columns(self.outputs) - self.predict(record))
+        return self.in_noise_units(record, self.measured(record) - self.predict(record))
 
     def taken(self, record: FlightRecord) -> NDArray[np.bool_]:
         """Return which samples (n, outputs) of a record were taken."""
@@ -319,42 +362,3 @@ def nuisances(records: Sequence[FlightRecord]) -> Mapping[str, float]:
     nothing of them otherwise, and records of elevator and throttle must not pay for them.
     """
     return {**NUISANCES, **LATERAL_NUISANCES} if moves_laterally(records) else NUISANCES
-
-
-def moves_laterally(records: Sequence[FlightRecord]) -> bool:
-    """Return whether an aileron or rudder command moves in any of the records."""
-    return any(_moved(r.columns([n for n in LATERAL_COMMANDS if n in r])).any() for r in records)
-
-
-def commands(record: FlightRecord) -> tuple[tuple[str, ...], FloatArray]:
-    """Return the controls whose commands the record holds, and their deviations (n, m) from the quiet flight.
-
-    Raises:
-        RecordError: no command, or less than half a second of quiet flight.
-    """
-    names = tuple(n for n in CONTROLS if f"{n}_cmd" in record)
-    if not names:
-        raise RecordError("a record of the gap workflow must hold a command such as de_cmd, got none")
-    u = record.columns(f"{n}_cmd" for n in names)
-    return names, u - u[: quiet_samples(record)].mean(axis=0)
-
-
-def quiet_samples(record: FlightRecord) -> int:
-    """Return how many samples pass before the first command moves.
-
-    Raises:
-        RecordError: less than half a second.
-    """
-    commands = record.columns([n for n in record.channels if n.endswith("_cmd")])
-    moved = _moved(commands)
-    count = int(np.argmax(moved)) if moved.any() else len(record)
-    if count * record.dt_s < 0.5:
-        raise RecordError(
-            f"a record must begin with at least 0.5 s of quiet flight, got {count * record.dt_s:.2f} s; cut it earlier"
-        )
-    return count
-
-
-def _moved(commands: FloatArray) -> NDArray[np.bool_]:
-    """Return at which samples (n,) any of the commands (n, m) is not where it began."""
-    return np.asarray(np.any(np.abs(commands - commands[0]) > MOVED, axis=1))

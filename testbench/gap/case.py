@@ -15,7 +15,7 @@ from testbench.errors import RecordError, ScenarioError, located
 from testbench.flight import FlightCondition
 from testbench.gap.believed import Believed
 from testbench.gap.hidden import Hidden, measure_hidden
-from testbench.gap.records import Flights
+from testbench.gap.records import Flights, check_records, check_speeds
 from testbench.gap.workflow import GapFinding, find_gap
 from testbench.paths import find_scenario
 from testbench.record import FlightRecord, load_record
@@ -76,7 +76,7 @@ class GapResult:
         finding: what was found.
         seed: of the noise of a case made from a hidden truth; None for recorded flights.
         file: the scenario, or None.
-        notes: what was assumed of recorded flights, in sentences.
+        notes: what was assumed, in sentences.
     """
 
     name: str
@@ -131,7 +131,9 @@ def run_gap(
         scenario.condition.V_m_s, scenario.condition.h_m, scenario.condition.gamma_deg * DEG_RAD
     )
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)
-    believed = Believed(aircraft, suite, condition, scenario.simulation.rate_hz or aircraft.rate_hz)
+    with located(file, "suite"):
+        believed = Believed(aircraft, suite, condition, scenario.simulation.rate_hz or aircraft.rate_hz)
+    notes = [f"{n} is not compared: {why}" for n, why in believed.left_out.items()]
     if scenario.hidden is not None:
         with located(file, "manoeuvre"):
             records = measure_hidden(
@@ -151,6 +153,8 @@ def run_gap(
             records = {m.name: load_record(file.parent / m.file) for m in scenario.measured}
             if len(records) < len(scenario.measured):
                 raise RecordError("names of measured records must differ")
+            records = check_records(suite, records, notes)
+            check_speeds(suite, records, condition.V_m_s)
         held = {m.name for m in scenario.measured if m.use == "held_out"}
     for name, record in records.items():
         keep(name, record)
@@ -162,7 +166,9 @@ def run_gap(
             progress,
             check=check,
         )
-    return GapResult(file.stem, scenario.title, scenario.question, scenario.aircraft, records, finding, seed, file)
+    return GapResult(
+        file.stem, scenario.title, scenario.question, scenario.aircraft, records, finding, seed, file, tuple(notes)
+    )
 
 
 def run_flights(

@@ -13,7 +13,8 @@ from testbench.errors import ChannelError, EstimationError
 from testbench.estimators import data_compatibility
 from testbench.estimators.data_compatibility import DataCompatibility, InstrumentError
 from testbench.estimators.parametric.kinematics import motion_of
-from testbench.gap.believed import Believed, moves_laterally
+from testbench.gap.believed import Believed
+from testbench.gap.commanded import moves_laterally
 from testbench.record import FlightRecord
 from testbench.sensors import Sensor
 

@@ -126,7 +126,7 @@ def descend(
         chi2_here = moved.chi2 + float(np.sum(effect.prior_residuals(x) ** 2))
         broken = not whole or _broken(before, promised, chi2_here)
         here = moved.afresh(False) if broken and not curved else moved  # linear predictions have failed: tangents anew
-        rest = max(AT_REST, AT_REST_SHARE * (chi2_here - here.exact.size))
+        rest = max(AT_REST, AT_REST_SHARE * (chi2_here - here.samples))
         idle = idle + 1 if best is not None and chi2_here > best.chi2 - rest else 0
         if best is None or chi2_here < best.chi2:
             best = Descent(x, here.tuning, jacobian, chi2_here, True, within_priors(here))

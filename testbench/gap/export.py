@@ -22,8 +22,9 @@ _HEADER = re.compile(r"^\s*\[\[?([^\]]+)\]\]?", re.MULTILINE)
 def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: FlightCondition) -> dict[str, str]:
     """Return path -> text of the folder of ``aircraft``, amendments included.
 
-    NAME.xml is the whole model: stock JSBSim loads and flies it, at ``rate_hz`` frames per second if it carries elastic
-    modes, whose equations are made for ``condition``. aircraft.toml makes a folder of the testbench of it; where
+    NAME.xml is the whole model: stock JSBSim loads and flies it, at ``rate_hz`` frames per second, since delays, servos
+    of second order, memories of the flow and elastic modes count frames; equations of elastic modes are made for
+    ``condition``. aircraft.toml makes a folder of the testbench of it; where
     there are modes it lists them and names airframe.xml, which lacks their equations, as they are written anew for
     every rate and condition.
 
@@ -34,15 +35,17 @@ def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: Fli
         condition: that the elastic equations are made for.
     """
     modes = aircraft.flown_modes()
-    out = {f"{name}.xml": _one_factor(aircraft.model_xml(rate_hz, condition.qbar_Pa, condition.V_m_s))}
+    note = f"<!-- Made for {rate_hz:g} frames a second: delays and filters in it count frames. -->\n"
+    out = {f"{name}.xml": _one_factor(aircraft.model_xml(rate_hz, condition.qbar_Pa, condition.V_m_s), note)}
     if modes is not None and len(modes):
         bare = tuple(replace(a, modes=()) for a in aircraft.amendments)
         rigid = replace(aircraft, elastic=None, amendments=bare)
-        out[AIRFRAME] = _one_factor(rigid.model_xml(rate_hz, condition.qbar_Pa, condition.V_m_s))
+        out[AIRFRAME] = _one_factor(rigid.model_xml(rate_hz, condition.qbar_Pa, condition.V_m_s), note)
     out["aircraft.toml"] = _description(
         (AIRCRAFT_MODELS / name / "aircraft.toml").read_text(encoding="utf-8"),
         aircraft,
         AIRFRAME if AIRFRAME in out else f"{name}.xml",
+        rate_hz,
     )
     return out | {f"Engines/{file}": text for file, text in aircraft.engine_files.items()}
 
@@ -62,8 +65,8 @@ def air_text(met: MetGust) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _one_factor(xml: str) -> str:
-    """Return a model whose coefficients have one number each again: re-tuning multiplies by a second one."""
+def _one_factor(xml: str, note: str) -> str:
+    """Return a model, with a note, whose coefficients have one number each again: re-tuning multiplies by a second."""
     tree = ET.fromstring(xml)
     for function in tree.iter("function"):
         product = function.find("product")
@@ -76,11 +79,11 @@ def _one_factor(xml: str) -> str:
         for v in values[1:]:
             product.remove(v)
     ET.indent(tree)
-    return '<?xml version="1.0"?>\n' + ET.tostring(tree, encoding="unicode") + "\n"
+    return '<?xml version="1.0"?>\n' + note + ET.tostring(tree, encoding="unicode") + "\n"
 
 
-def _description(text: str, aircraft: Aircraft, model: str) -> str:
-    """Return the text of an aircraft.toml with another model, and with the modes that ``aircraft`` flies."""
+def _description(text: str, aircraft: Aircraft, model: str, rate_hz: float) -> str:
+    """Return the text of an aircraft.toml with another model and rate, and with the modes that ``aircraft`` flies."""
     headers = list(_HEADER.finditer(text))
     ends = [*(h.start() for h in headers[1:]), len(text)]
     kept = text[: headers[0].start()] if headers else text
@@ -91,6 +94,13 @@ def _description(text: str, aircraft: Aircraft, model: str) -> str:
     if amended:
         kept = re.sub(r'^title = "(.*)"', lambda m: f'title = "{m[1]}; amended"', kept, count=1, flags=re.MULTILINE)
     kept = re.sub(r"^model = .*$", f"model = {json.dumps(model)}", kept, count=1, flags=re.MULTILINE)
+    kept = re.sub(
+        r"^rate_hz = ([\d.]+).*$",  # what a comment says is said of the rate that it stands beside
+        lambda m: m[0] if float(m[1]) == rate_hz else f"rate_hz = {rate_hz!r}",
+        kept,
+        count=1,
+        flags=re.MULTILINE,
+    )
     head = f"# Written by the gap workflow. Amended: {amended}.\n" if amended else ""
     modes = aircraft.flown_modes()
     if modes is None or not len(modes):

@@ -66,7 +66,7 @@ class EffectFit:
             values=dict(zip(self.values, x.tolist(), strict=True)),
             chi2=left,
             gain=max(chi2_tuned - left, 0.0),
-            share=share_of_excess(chi2_tuned, left, point.exact.size),
+            share=share_of_excess(chi2_tuned, left, point.samples),
             tuning=point.tuning,
             within=within_priors(point),
         )
@@ -134,13 +134,15 @@ def fit(
         if descent is not None:
             reached.append(descent)
             hopeless = min(hopeless, chi2_tuned - hopeless_share * (chi2_tuned - descent.chi2))
-    return summarise(effect, min(reached, key=lambda f: f.chi2), chi2_tuned, tested) if reached else None
+    if not reached:
+        return None
+    return summarise(effect, min(reached, key=lambda f: f.chi2), chi2_tuned, tested, screened.changes.base)
 
 
-def summarise(effect: Effect, best: Descent, chi2_tuned: float, tested: int) -> EffectFit:
-    """Return the fit that a descent of one of ``tested`` effects ended in."""
+def summarise(effect: Effect, best: Descent, chi2_tuned: float, tested: int, base: Local) -> EffectFit:
+    """Return the fit that a descent from ``base`` of one of ``tested`` effects ended in."""
     names = [p.name for p in effect.parameters]
-    samples = best.jacobian.shape[0]
+    samples = best.jacobian.shape[0] - (base.exact.size - base.samples)
     information = best.jacobian.T @ best.jacobian
     errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0.0) * max(best.chi2 / samples, 1.0))
     return EffectFit(

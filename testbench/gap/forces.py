@@ -7,7 +7,8 @@ Identification, 2006, chapter 5):
     dC_Z = m (az - az_model) / (qbar S),    dC_m = Iyy (qdot - qdot_model) / (qbar S cbar).
 
 Nothing is integrated, so that an error stays where it arises; but noise of the vanes enters, and what lies between
-command and surface shows as a moment.
+command and surface shows as a moment. What the believed sensors, where they sit, would have read of the believed flight
+leaves a remainder in the same equations, too: that of the sensors' errors and of what is not linear. It is taken off.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from scipy.linalg import expm
 from scipy.signal import savgol_filter
 
 from testbench.estimators.trajectories import Trajectories
-from testbench.gap.believed import Believed, commands, quiet_samples
+from testbench.gap.believed import Believed
+from testbench.gap.commanded import commands, quiet_samples
 from testbench.record import FlightRecord, FloatArray
 
 _WINDOW_S = 0.25  # of the local cubic that differentiates pitch rate and smooths everything alike
@@ -51,24 +53,47 @@ def equation_errors(believed: Believed, name: str, record: FlightRecord) -> Equa
     """Return the equation errors of one record, or None if it does not hold V, alpha, q and theta.
 
     Surfaces are taken where the believed servos would have put them. Samples that were not taken hold the last value.
+
+    Raises:
+        FlightAborted, LimitError: the believed aircraft does not survive the measured commands.
     """
     if not {"V", "alpha", "q", "theta"} <= set(record.channels):
         return None
+    shared = [n for n in ("V", "alpha", "q", "theta", *_FORCES) if n in record]
+    flown = believed.flown(record).columns(shared)
+    read = dict(zip(believed.outputs, believed.predict(record).T, strict=True))
+    expected = {n: read.get(n, column) for n, column in zip(shared, flown.T, strict=True)}
+    quiet = quiet_samples(record)
+    measured, remainder = (_remainder(believed, r) for r in (record, record.with_columns(expected)))
+    errors = {k: e - remainder[k] for k, e in measured.items()}
+    errors = {k: e - e[:quiet].mean() for k, e in errors.items()}
+    names, command = commands(record)
+    motion = {"alpha": _smooth(record, "alpha"), "V": _smooth(record, "V"), "q": _smooth(record, "q")}
+    motion["alphadot"] = _smooth(record, "alpha", 1)
+    motion |= {f"{n}_cmd": c for n, c in zip(names, command.T, strict=True) if np.ptp(c) > 0.0}
+    return EquationErrors(name, record.t_s, errors, {k: float(e[:quiet].std()) for k, e in errors.items()}, motion)
+
+
+def _window(record: FlightRecord) -> int:
+    return max(_FEWEST, 2 * (round(_WINDOW_S / record.dt_s) // 2) + 1)
+
+
+def _smooth(record: FlightRecord, channel: str, derivative: int = 0) -> FloatArray:
+    """Return a channel's deviation (n,) from the quiet flight, smoothed, or its derivative."""
+    x = record[channel] - record[channel][: quiet_samples(record)].mean()
+    return np.asarray(savgol_filter(x, _window(record), 3, derivative, record.dt_s))
+
+
+def _remainder(believed: Believed, record: FlightRecord) -> dict[str, FloatArray]:
+    """Return what the believed equations, linear about trim, leave of a record: "CX", "CZ", "Cm" -> (n,)."""
     linear = believed.linear
-    trim, quiet = believed.trimmed.state, quiet_samples(record)
-    window = max(_FEWEST, 2 * (round(_WINDOW_S / record.dt_s) // 2) + 1)
-
-    def measured(channel: str, derivative: int = 0) -> FloatArray:
-        """Return a channel's deviation from the quiet flight, smoothed, or its derivative."""
-        x = record[channel] - record[channel][:quiet].mean()
-        return np.asarray(savgol_filter(x, window, 3, derivative, record.dt_s))
-
-    V, alpha = trim["V"] + measured("V"), trim["alpha"] + measured("alpha")
+    trim, window = believed.trimmed.state, _window(record)
+    V, alpha = trim["V"] + _smooth(record, "V"), trim["alpha"] + _smooth(record, "alpha")
     known = {
         "u": V * np.cos(alpha) - trim["u"],
         "w": V * np.sin(alpha) - trim["w"],
-        "q": measured("q"),
-        "theta": measured("theta"),
+        "q": _smooth(record, "q"),
+        "theta": _smooth(record, "theta"),
     }
     x, u = _states(linear.A, linear.B, linear.inputs, record)
     rigid = ("v", "p", "r", "phi", "h")
@@ -86,15 +111,11 @@ def equation_errors(believed: Believed, name: str, record: FlightRecord) -> Equa
         if channel in record:
             row = linear.outputs.index(channel)
             model = x @ linear.C[row] + savgol_filter(u @ linear.D[row], window, 3)
-            errors[coefficient] = mass.mass_kg * (measured(channel) - model) / scale
+            errors[coefficient] = mass.mass_kg * (_smooth(record, channel) - model) / scale
     row = linear.states.index("q")
     model = x @ linear.A[row] + savgol_filter(u @ linear.B[row], window, 3)
-    errors["Cm"] = mass.Iyy * (measured("q", 1) - model) / (scale * believed.aircraft.geometry.cbar_m)
-    errors = {k: e - e[:quiet].mean() for k, e in errors.items()}
-    names, command = commands(record)
-    motion = {"alpha": measured("alpha"), "V": measured("V"), "q": known["q"], "alphadot": measured("alpha", 1)}
-    motion |= {f"{n}_cmd": c for n, c in zip(names, command.T, strict=True) if np.ptp(c) > 0.0}
-    return EquationErrors(name, record.t_s, errors, {k: float(e[:quiet].std()) for k, e in errors.items()}, motion)
+    errors["Cm"] = mass.Iyy * (_smooth(record, "q", 1) - model) / (scale * believed.aircraft.geometry.cbar_m)
+    return errors
 
 
 def _states(A: FloatArray, B: FloatArray, inputs: Sequence[str], record: FlightRecord) -> tuple[FloatArray, FloatArray]:

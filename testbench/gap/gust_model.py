@@ -139,7 +139,7 @@ def _read(
     trim, names = believed.trimmed.state, list(outputs)
     own, gust = np.zeros((len(C), len(sensors), C.shape[2])), np.zeros((len(C), len(sensors), E.shape[2]))
     for i, sensor in enumerate(sensors):
-        factor = sensor.scale / believed.suite.noise_std[sensor.channel]
+        factor = sensor.scale / believed.noise_std[i]
         for name, weight in sensor.weights(trim).items():
             c = factor * weight * C[:, names.index(name)]
             own[:, i] += c

@@ -24,7 +24,8 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.stats import chi2
 
 from testbench.flight.air import Gust
-from testbench.gap.believed import MOVED, Believed, commands
+from testbench.gap.believed import Believed
+from testbench.gap.commanded import MOVED, commands
 from testbench.gap.effects.base import Effect, MetGust
 from testbench.gap.effects.gust import LARGEST_M_S, Axis, placed
 from testbench.gap.fit import FALSE_ALARM
@@ -174,7 +175,7 @@ def sought(point: Local, effect: Effect) -> Effect:
     left = point.tuned(point.exact)[0][: point.exact.size]
     parts = [r.reshape(-1, p) for r in np.split(left, np.cumsum([len(r) * p for r in records])[:-1])]
     found = GustSearch.at(point).best(parts)
-    if found is None or not found.stands_out or found.gain < LEAST_SHARE * (point.chi2 - point.exact.size):
+    if found is None or not found.stands_out or found.gain < LEAST_SHARE * (point.chi2 - point.samples):
         return effect
     record = records[found.record]
     start = (found.amplitude_m_s, found.start_s, found.duration_s)
@@ -224,5 +225,6 @@ def _unproven(model: Believed, record: FlightRecord, gust: Gust) -> float:
     Noise that happens to be low proves nothing: it is not taken for less than it is in the mean.
     """
     t = record.t_s - record.t_s[0]
-    r = model.residuals(record)[(t > gust.start_s) & (t < gust.start_s + float(gust.duration_s or 0.0) + RINGS_S)]
-    return float(max(np.sum(r**2), r.size) - chi2.isf(1.0 - LEFT, r.size))
+    blows = (t > gust.start_s) & (t < gust.start_s + float(gust.duration_s or 0.0) + RINGS_S)
+    r, samples = model.residuals(record)[blows], np.count_nonzero(model.taken(record)[blows])
+    return float(max(np.sum(r**2), samples) - chi2.isf(1.0 - LEFT, samples))

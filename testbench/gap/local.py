@@ -33,7 +33,7 @@ class Local:
         records: the naming records.
         priors: nuisance -> relative deviation of its prior, in the order of ``factors``.
         factors: (k,) nuisance factors of the point.
-        exact: (samples,) residuals flown in JSBSim, in units of the noise.
+        exact: (samples,) residuals flown in JSBSim, in units of the noise; 0 where no sample was taken.
         slopes: (samples, k) tangents taken over from another point, or None. Slopes that are a little off slow a
             descent and shift where it comes to rest by a share of the errors; the residuals there are JSBSim's still.
     """
@@ -79,6 +79,11 @@ class Local:
     def tuning(self) -> Mapping[str, float]:
         """Nuisance -> factor of the point."""
         return self.named(self.factors)
+
+    @cached_property
+    def samples(self) -> int:
+        """Number of samples in ``exact`` that were taken; those that were not are zero there."""
+        return sum(int(np.count_nonzero(self.believed.taken(r))) for r in self.records)
 
     @property
     def lateral(self) -> bool:

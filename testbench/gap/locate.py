@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from testbench.channels import channel
 from testbench.constants import DEG_RAD
-from testbench.gap.believed import moves_laterally
+from testbench.gap.commanded import moves_laterally
 from testbench.record import FlightRecord, FloatArray
 
 BANDS_HZ = ((0.0, 0.5), (0.5, 1.5), (1.5, 3.0), (3.0, 6.0), (6.0, 12.0), (12.0, 50.0))
@@ -47,18 +48,29 @@ class ResidualMap:
 
 
 def locate(
-    name: str, residuals: FloatArray, channels: Sequence[str], dt_s: float, window_s: float = 1.0
+    name: str,
+    residuals: FloatArray,
+    channels: Sequence[str],
+    dt_s: float,
+    taken: NDArray[np.bool_] | None = None,
+    window_s: float = 1.0,
 ) -> ResidualMap:
-    """Return where the residuals (n, p), in units of the noise, have their energy."""
+    """Return where the residuals (n, p), in units of the noise, have their energy.
+
+    ``taken`` (n, p) says which samples were; the others are zero. A window without any has no energy.
+    """
     n, p = residuals.shape
+    counted = np.ones((n, p), bool) if taken is None else taken
     frequency, power = _periodogram(residuals, dt_s)
+    power = power / np.maximum(counted.mean(axis=0), 1.0 / n)
     by_band = np.zeros((len(BANDS_HZ), p))
     for b, (low, high) in enumerate(BANDS_HZ):
         inside = (frequency > low) & (frequency <= high)
         if inside.any():
             by_band[b] = power[inside].mean(axis=0)
-    length = max(1, round(window_s / dt_s))
-    by_time = np.stack([(residuals[i : i + length] ** 2).mean(axis=0) for i in range(0, n - length + 1, length)])
+    length = min(n, max(1, round(window_s / dt_s)))
+    windows = [slice(i, i + length) for i in range(0, n - length + 1, length)]
+    by_time = np.stack([(residuals[w] ** 2).sum(axis=0) / np.maximum(counted[w].sum(axis=0), 1) for w in windows])
     return ResidualMap(name, tuple(channels), by_band, by_time, length * dt_s)
 
 
@@ -96,14 +108,23 @@ class Structure:
 
 
 def structure(
-    residuals: Sequence[FloatArray], channels: Sequence[str], dt_s: float, false_alarm: float
+    residuals: Sequence[FloatArray],
+    channels: Sequence[str],
+    dt_s: float,
+    false_alarm: float,
+    taken: Sequence[NDArray[np.bool_]] | None = None,
 ) -> Structure | None:
     """Return the channel and band in which residuals (n, p) are least like white noise; None if they may be noise.
 
     Periodograms of white noise of unit variance are half a chi-square of two degrees of freedom in each bin between
     mean and Nyquist frequency, independent of one another (Priestley 1981, section 6.1); their sums over a band are
-    compared with that, p times the number of bands at once.
+    compared with that, p times the number of bands at once. Of a channel of which samples were not taken, see
+    :func:`locate`, the bins are not independent, and it is not looked at.
     """
+    whole = [k for k in range(len(channels)) if all(t[:, k].all() for t in taken or ())]
+    if not whole:
+        return None
+    residuals, channels = [r[:, whole] for r in residuals], [channels[k] for k in whole]
     sums, bins = np.zeros((len(BANDS_HZ), len(channels))), np.zeros(len(BANDS_HZ))
     for r in residuals:
         frequency, power = (x[1 : (len(r) + 1) // 2] for x in _periodogram(r, dt_s))
@@ -147,7 +168,7 @@ class RegionMap:
     @property
     def contrast(self) -> float:
         """Largest energy of a bin over that of the whole, over all channels; 0 if there is but one bin."""
-        if np.isfinite(self.energy[:, 0]).sum() < 2:
+        if np.isfinite(self.energy).any(axis=1).sum() < 2:
             return 0.0
         weights = self.samples[:, None] / self.samples.sum()
         whole = np.nansum(self.energy * weights, axis=0)
@@ -167,14 +188,18 @@ class RegionMap:
 
 
 def locate_regions(
-    records: Sequence[FlightRecord], residuals: Sequence[FloatArray], channels: Sequence[str]
+    records: Sequence[FlightRecord],
+    residuals: Sequence[FloatArray],
+    channels: Sequence[str],
+    taken: Sequence[NDArray[np.bool_]] | None = None,
 ) -> tuple[RegionMap, ...]:
     """Return where in alpha, V, pitch rate, elevator and throttle the residuals (n, p) have their energy.
 
     Where aileron or rudder moves, sideslip, roll and yaw rate and these two are looked at, too. A quantity that no
-    record holds, or that hardly moves, is left out.
+    record holds, or that hardly moves, is left out. ``taken`` (n, p) as for :func:`locate`.
     """
     energy = np.concatenate([r**2 for r in residuals])
+    counted = np.concatenate([np.ones(r.shape) for r in residuals] if taken is None else [t * 1.0 for t in taken])
     out = []
     for name in (*_REGIONS, *(_LATERAL_REGIONS if moves_laterally(records) else ())):
         if not all(name in r for r in records):
@@ -186,8 +211,10 @@ def locate_regions(
         edges = np.linspace(low, high, _BINS + 1)
         index = np.clip(np.digitize(x, edges) - 1, 0, _BINS - 1)
         samples = np.bincount(index, minlength=_BINS).astype(float)
-        sums = np.stack([np.bincount(index, e, _BINS) for e in energy.T], axis=1)
-        mean = np.where(samples[:, None] >= _FEWEST, sums / np.maximum(samples[:, None], 1.0), np.nan)
+        sums, counts = (np.stack([np.bincount(index, x, _BINS) for x in y.T], axis=1) for y in (energy, counted))
+        mean = np.where(counts >= _FEWEST, sums / np.maximum(counts, 1.0), np.nan)
+        if not np.isfinite(mean).any():  # records so short that no bin says anything
+            continue
         edges = np.where(np.abs(edges) < 1e-6 * (high - low), 0.0, edges)  # rounding would be printed
         out.append(RegionMap(name, edges, tuple(channels), mean, samples))
     return tuple(out)

@@ -128,7 +128,7 @@ def name_effect(
     screened = screen_all([(tuned if e.flown else linear, e) for e in choice])
     rejected = {s.effect.name: s.why for s in screened if not s.seen}
     tested = max(1, len(screened) - len(rejected))
-    samples = int(start.exact.size)
+    samples = start.samples
     floor = noise_floor(believed, samples)
     strained = tuned.chi2 > noise_limit(believed, samples) or within_priors(tuned) < STRAINED
     if not strained:
@@ -183,7 +183,7 @@ def _fit_promising(
         afresh += [s for s in there if s.seen and s.effect in relief and s not in afresh]
         queue = [(replace(one, starts=one.starts[:1]), PATIENCE) for one in afresh] + queue
     fits: dict[str, EffectFit] = {}
-    noise = noise_limit(tuned.believed, tuned.exact.size)
+    noise = noise_limit(tuned.believed, tuned.samples)
     with Ahead() as ahead:
         for i, (one, patience) in enumerate(queue):
             name, asked = one.effect.name, _asked(one, patience, fits, noise)

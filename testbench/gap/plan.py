@@ -22,7 +22,8 @@ from testbench.channels import CONTROLS
 from testbench.constants import DEG_RAD, PERCENT
 from testbench.errors import FlightAborted, LimitError, ScenarioError, TrimError
 from testbench.flight import FlightCondition
-from testbench.gap.believed import Believed, commands, nuisances, quiet_samples
+from testbench.gap.believed import Believed, nuisances
+from testbench.gap.commanded import commands, quiet_samples
 from testbench.gap.effects import Effect, library
 from testbench.gap.fit import FALSE_ALARM, EffectFit
 from testbench.gap.local import Changes, Local

@@ -32,8 +32,8 @@ def polished(base: Local, ranking: Sequence[EffectFit], chi2_tuned: float) -> li
         chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
     """
     flown = [f for f in ranking if f.flown and f.settled and not f.scatter_s and f.gain > _SEEN]
-    first = max((score(f, base.exact.size) for f in flown), default=0.0)
-    close = [f for f in flown if first - score(f, base.exact.size) < _CLOSE]
+    first = max((score(f, base.samples) for f in flown), default=0.0)
+    close = [f for f in flown if first - score(f, base.samples) < _CLOSE]
     if len(close) < 2:
         return list(ranking)
     found = dict(zip(map(id, close), spread([partial(_at_rest, base, f, chi2_tuned) for f in close]), strict=True))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +13,18 @@ from testbench.aircraft import Aircraft, load_aircraft
 from testbench.channels import CONTROLS
 from testbench.errors import RecordError, located
 from testbench.flight import FlightCondition
-from testbench.gap.believed import Believed, quiet_samples
+from testbench.gap.believed import Believed
+from testbench.gap.commanded import quiet_samples
+from testbench.gap.gusts import record_key
 from testbench.logs import load_description, read_records
 from testbench.paths import find_scenario, suite_names
 from testbench.record import FlightRecord, load_record
 from testbench.sensors import SensorSuite, load_suite
+from testbench.sensors.sensor import whole_ratio
 
 SAME_SPEED = 0.05  # records must start within this share of one airspeed: the believed aircraft is trimmed once
 SAME_RATE = 0.01
+LATEST = 0.5  # of a sample: a record whose clock is no more off at its end is taken to have the suite's rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,9 +83,12 @@ def load_flights(
         *((f, True) for f in hold_out),
     ]:
         for name, use, record in _read(given, data_folder):
-            if name in naming or name in held:
-                raise RecordError(f"names of measured records must differ, got '{name}' twice ({given})")
-            (held if always or use == "validation" else naming)[name] = record
+            same = next((n for n, r in [*naming.items(), *held.items()] if record_key(r) == record_key(record)), None)
+            if same is not None:
+                raise RecordError(f"measured records must differ, got '{same}' twice ({given}); give it once")
+            names = (name, *(f"{name} ({k})" for k in range(2, 2 + len(naming) + len(held))))
+            free = next(n for n in names if n not in naming and n not in held)  # a manoeuvre may be flown again
+            (held if always or use == "validation" else naming)[free] = record
     notes: list[str] = []
     if not held and len(naming) > 1:
         last = list(naming)[-1]
@@ -93,12 +100,13 @@ def load_flights(
         )
     if not held:
         notes.append("nothing is held out: whether the gap shrinks elsewhere is not known; give --hold-out")
-    records = {**naming, **held}
-    suite = _suite(sensors, records, notes)
-    rate = _check(believed_aircraft, suite, records, notes)
+    suite = _suite(sensors, {**naming, **held}, notes)
+    records = check_records(suite, {**naming, **held}, notes)
     condition = _condition(believed_aircraft, suite, records, V_m_s, h_m, notes)
-    believed = Believed(believed_aircraft, suite, condition, rate)
-    return Flights(believed, naming, held, tuple(notes))
+    with located(None, f"sensors '{suite.name}'"):
+        believed = Believed(believed_aircraft, suite, condition, _frame_rate(believed_aircraft, suite, notes))
+    notes += [f"{n} is not compared: {why}" for n, why in believed.left_out.items()]
+    return Flights(believed, {n: records[n] for n in naming}, {n: records[n] for n in held}, tuple(notes))
 
 
 def _read(given: Path | str, data_folder: Path | str | None) -> Iterable[tuple[str, str, FlightRecord]]:
@@ -140,9 +148,17 @@ def _suite(sensors: str | None, records: Mapping[str, FlightRecord], notes: list
     )
 
 
-def _check(aircraft: Aircraft, suite: SensorSuite, records: Mapping[str, FlightRecord], notes: list[str]) -> float:
-    """Check that every record holds what the believed suite says; return the rate to simulate at, Hz."""
-    rates = []
+def check_records(
+    suite: SensorSuite, records: Mapping[str, FlightRecord], notes: list[str] | None = None
+) -> dict[str, FlightRecord]:
+    """Check that every record holds what the believed suite says; return them, their times at the suite's own rate.
+
+    A clock that is off by no more than half a sample at the end of a record is put right, with a note.
+
+    Raises:
+        RecordError: a record was aborted, lacks a channel or a command, has another rate, or no quiet flight.
+    """
+    out = {}
     for name, record in records.items():
         with located(None, f"record '{name}'"):
             if record.outcome != "completed":
@@ -158,19 +174,49 @@ def _check(aircraft: Aircraft, suite: SensorSuite, records: Mapping[str, FlightR
                     "a record must hold a command such as de_cmd, because servos are part of what is believed, got "
                     f"{', '.join(record.channels)}"
                 )
-            if abs(record.dt_s * suite.rate_hz - 1.0) > SAME_RATE:
+            off = abs(record.dt_s * suite.rate_hz - 1.0)
+            if off * len(record) > LATEST:
                 raise RecordError(
                     f"a record must have the rate of the sensors believed, {suite.rate_hz:g} Hz ({suite.name}), got "
-                    f"{1.0 / record.dt_s:g} Hz; correct rate_hz and the noise in a suite file of your own"
+                    f"{1.0 / record.dt_s:.7g} Hz; correct rate_hz and the noise in a suite file of your own"
                 )
+            if whole_ratio(1.0 / record.dt_s, suite.rate_hz) is None:
+                if notes is not None:
+                    notes.append(
+                        f"the clock of '{name}' runs at {1.0 / record.dt_s:.7g} Hz, {off * len(record):.2g} samples "
+                        f"off at its end, and is taken for the sensors' {suite.rate_hz:g} Hz"
+                    )
+                record = replace(record, t_s=record.t_s[0] + np.arange(len(record)) / suite.rate_hz)
             quiet_samples(record)
-            rates.append(1.0 / record.dt_s)
-    fewest = math.ceil(aircraft.rate_hz / rates[0] - SAME_RATE)
-    rate = round(fewest * rates[0] / SAME_RATE) * SAME_RATE
+            out[name] = record
+    return out
+
+
+def check_speeds(suite: SensorSuite, records: Mapping[str, FlightRecord], V_m_s: float | None) -> dict[str, float]:
+    """Return the airspeed, m/s, in the quiet flight of every record that holds it.
+
+    Raises:
+        RecordError: one of them is not ``V_m_s``, or where that is None not their mean, within SAME_SPEED.
+    """
+    speeds = {n: _quiet_mean(suite, r, "V") for n, r in records.items() if "V" in r}
+    at = float(np.mean(list(speeds.values()))) if V_m_s is None and speeds else V_m_s
+    for name, speed in speeds.items():
+        if at is not None and abs(speed - at) > SAME_SPEED * at:
+            raise RecordError(
+                f"records must start within {100 * SAME_SPEED:g} % of one airspeed, got {speed:.2f} m/s in '{name}' "
+                f"and {at:.2f} m/s {'in the mean of all' if V_m_s is None else 'as the condition'}; ask for each speed "
+                "alone"
+            )
+    return speeds
+
+
+def _frame_rate(aircraft: Aircraft, suite: SensorSuite, notes: list[str]) -> float:
+    """Return the rate to simulate at, Hz: the aircraft's own, or the next multiple of the suite's."""
+    rate = math.ceil(aircraft.rate_hz / suite.rate_hz - SAME_RATE) * suite.rate_hz
     if abs(rate - aircraft.rate_hz) > 1e-6 * rate:
         notes.append(
-            f"the aircraft is simulated at {rate:g} Hz, a multiple of the records' {rates[0]:g} Hz, in place of its "
-            f"own {aircraft.rate_hz:g} Hz"
+            f"the aircraft is simulated at {rate:g} Hz, a multiple of the records' {suite.rate_hz:g} Hz, in place of "
+            f"its own {aircraft.rate_hz:g} Hz"
         )
     return rate
 
@@ -183,16 +229,10 @@ def _condition(
     h_m: float | None,
     notes: list[str],
 ) -> FlightCondition:
-    speeds = {n: _quiet_mean(suite, r, "V") for n, r in records.items() if "V" in r}
+    speeds = check_speeds(suite, records, V_m_s)
     if V_m_s is None and len(speeds) < len(records):
         raise RecordError("the airspeed must be known, but it is not recorded; give --V in m/s")
     V = float(np.mean(list(speeds.values()))) if V_m_s is None else V_m_s
-    for name, speed in speeds.items():
-        if abs(speed - V) > SAME_SPEED * V:
-            raise RecordError(
-                f"records must start within {100 * SAME_SPEED:g} % of one airspeed, got {speed:.2f} m/s in '{name}' "
-                f"and {V:.2f} m/s {'in the mean of all' if V_m_s is None else 'from --V'}; ask for each speed alone"
-            )
     heights = [_quiet_mean(suite, r, "h") for r in records.values() if "h" in r]
     if h_m is not None:
         h = h_m

@@ -43,7 +43,7 @@ def scattered(base: Local, fits: Sequence[EffectFit], chi2_tuned: float) -> Effe
         fits: of all effects.
         chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
     """
-    noise, samples = chi2.isf(_LEFT, noise_floor(base.believed, base.exact.size)), base.exact.size
+    noise, samples = chi2.isf(_LEFT, noise_floor(base.believed, base.samples)), base.samples
     fit = next((f for f in fits if f.effect.name in _SCATTERS and f.settled and f.share > _LEADS), None)
     if fit is None or fit.chi2 <= noise:
         return None

@@ -259,7 +259,7 @@ class _Joint:
         descent = descend(Changes(near, effect), begin, hopeless, patience, near=True)
         if descent is None or not descent.flown:
             return None
-        return summarise(effect, descent, self.chi2_tuned, self.tested ** len(effects))
+        return summarise(effect, descent, self.chi2_tuned, self.tested ** len(effects), self.base)
 
 
 def _one(effects: tuple[Effect, ...]) -> Effect:

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from testbench.constants import DEG_RAD, G0_M_S2, KT_M_S
-from testbench.errors import RecordError
+from testbench.errors import RecordError, located
 from testbench.gap.ahead import Ahead
 from testbench.gap.air import AirFound, in_air, listen, listen_again, listen_in_flight, measure, misfit
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
@@ -55,6 +55,7 @@ class Shrink:
         record: the measured record.
         before, after: (n, p) predictions of the believed and of the amended model, offset to the record's mean.
         energy_before, energy_after: (p,) mean squared residual per channel, 1 is the noise floor.
+        taken: (p,) number of samples that were taken.
         map_before, map_after: where the residual sits.
     """
 
@@ -64,13 +65,14 @@ class Shrink:
     after: FloatArray
     energy_before: FloatArray
     energy_after: FloatArray
+    taken: FloatArray
     map_before: ResidualMap
     map_after: ResidualMap
 
     @property
     def visible(self) -> bool:
         """True if the excess before stands four standard deviations above what noise alone scatters by."""
-        scatter = np.sqrt(2.0 * self.energy_before.size / len(self.record))
+        scatter = np.sqrt(np.sum(2.0 / np.maximum(self.taken, 1.0)))
         return float(np.sum(self.energy_before - 1.0)) > 4.0 * scatter
 
     @property
@@ -148,8 +150,9 @@ class GapFinding:
     def immaterial(self) -> bool:
         """True if what was named changes no channel of a held-out manoeuvre by as much as TOLERANCE.
 
-        That is what flight simulators for training are allowed to be off. Where nothing is named but more than noise is
-        left, or parameters are wrong: True if the believed model errs by less in every record.
+        That is what flight simulators for training are allowed to be off; a channel without a tolerance must not change
+        by more than its noise. Where nothing is named but more than noise is left, or parameters are wrong: True if the
+        believed model errs by less than TOLERANCE in every record.
         """
         judged = [i for i, n in enumerate(self.believed.outputs) if n in TOLERANCE]
         if self.naming.best is None:
@@ -158,14 +161,17 @@ class GapFinding:
             return gap and bool(judged) and all(e < TOLERANCE[self.believed.outputs[i]] for e, i in errors)
         if not self.shrink or self.naming.best.effect.met is not None:  # a gust is of no other manoeuvre's air
             return False
-        limits = np.array([TOLERANCE[self.believed.outputs[i]] for i in judged])
-        moved = [np.abs(s.after[:, judged] - s.before[:, judged]).max(axis=0) for s in self.shrink]
+        limits = np.array(
+            [TOLERANCE.get(n, s) for n, s in zip(self.believed.outputs, self.believed.noise_std, strict=True)]
+        )
+        moved = [np.abs(s.after - s.before).max(axis=0) for s in self.shrink]
         return bool(judged) and bool(np.all(np.max(moved, axis=0) < limits))
 
     def _evidence(self) -> list[str]:
         best = self.naming.best
         if best is None:
-            words = f"real but immaterial: in these records the believed model errs by less {_ALLOWED}"
+            judged = ", ".join(n for n in self.believed.outputs if n in TOLERANCE)
+            words = f"real but immaterial: in {judged} of these records the believed model errs by less {_ALLOWED}"
             off = [p.sentence for p in off_parameters(self.naming) if p.deviations <= FAR]
             return [*off, words] if self.immaterial else off
         out = [
@@ -180,7 +186,10 @@ class GapFinding:
         if self.left is not None:
             out.append(self.left.sentence)
         if self.immaterial:
-            out.append(f"real but immaterial: in the manoeuvres held out it changes every channel by less {_ALLOWED}")
+            words = f"real but immaterial: in the manoeuvres held out it changes every channel by less {_ALLOWED}"
+            if not set(self.believed.outputs) <= TOLERANCE.keys():
+                words += ", or where none is given by less than its noise"
+            out.append(words)
         if best.effect.met is not None:
             out.append(
                 "it was in the air of that manoeuvre alone; what those held out gain is the work of the coefficients "
@@ -228,7 +237,9 @@ def find_gap(
     for name, record in {**records, **held_out}.items():
         if record.kind != "measured":
             raise RecordError(f"the gap workflow takes measured records only, got '{name}' of kind '{record.kind}'")
-        believed.check_commands(record)
+        with located(None, f"record '{name}'"):
+            believed.check_commands(record)
+            believed.predict(record)  # what cannot be flown, of those held out too, is to be known before the search
     naming_records = list(records.values())
     checked, instruments = None, partial(check_data, believed, naming_records)
     with Ahead() as ahead:
@@ -249,7 +260,8 @@ def find_gap(
         amended = believed.with_tuning(naming.tuning) if parameters else believed
     say("locate the residual")
     maps = tuple(_map(believed, name, record) for name, record in records.items())
-    regions = locate_regions(naming_records, [believed.residuals(r) for r in naming_records], believed.outputs)
+    left, taken = zip(*((believed.residuals(r), believed.taken(r)) for r in naming_records), strict=True)
+    regions = locate_regions(naming_records, left, believed.outputs, taken)
     plain = replace(believed, whiten=None)
     forces = tuple(e for n, r in records.items() if (e := equation_errors(plain, n, r)) is not None)
     next_flight = ""
@@ -261,9 +273,9 @@ def find_gap(
     shrink = tuple(_shrink(believed, amended, name, record) for name, record in held_out.items())
     errors = largest_errors(believed, [*naming_records, *held_out.values()])
     named = naming.best is not None and not naming.best.scatter_s  # scattered commands leave what no model has
-    left = _left(amended, naming_records) if named else None
+    uneven = _left(amended, naming_records) if named else None
     return GapFinding(
-        believed, amended, maps, naming, shrink, air, regions, forces, next_flight, checked, parameters, errors, left
+        believed, amended, maps, naming, shrink, air, regions, forces, next_flight, checked, parameters, errors, uneven
     )
 
 
@@ -359,21 +371,22 @@ def _left(amended: Believed, records: Sequence[FlightRecord]) -> Structure | Non
     """Return what the amended model leaves that is not white; in moving air residuals are white as far as its model."""
     if amended.whiten is not None:
         return None
-    residuals = [amended.residuals(r) for r in records]
-    return structure(residuals, amended.outputs, records[0].dt_s, FALSE_ALARM)
+    residuals, taken = zip(*((amended.residuals(r), amended.taken(r)) for r in records), strict=True)
+    return structure(residuals, amended.outputs, records[0].dt_s, FALSE_ALARM, taken)
 
 
 def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:
-    return locate(name, believed.residuals(record), believed.outputs, record.dt_s)
+    return locate(name, believed.residuals(record), believed.outputs, record.dt_s, believed.taken(record))
 
 
 def _shrink(believed: Believed, amended: Believed, name: str, record: FlightRecord) -> Shrink:
-    measured = record.columns(believed.outputs)
+    measured, taken = believed.measured(record), believed.taken(record)
+    count = taken.sum(axis=0).astype(float)
     predictions, energy, maps = [], [], []
     for model in (believed, amended):
         y = model.predict(record)
         residuals = model.in_noise_units(record, measured - y)
-        predictions.append(y + (measured - y).mean(axis=0))
-        energy.append((residuals**2).mean(axis=0))
-        maps.append(locate(name, residuals, model.outputs, record.dt_s))
-    return Shrink(name, record, predictions[0], predictions[1], energy[0], energy[1], maps[0], maps[1])
+        predictions.append(y + ((measured - y) * taken).sum(axis=0) / np.maximum(count, 1.0))
+        energy.append((residuals**2).sum(axis=0) / np.maximum(count, 1.0))
+        maps.append(locate(name, residuals, model.outputs, record.dt_s, taken))
+    return Shrink(name, record, predictions[0], predictions[1], energy[0], energy[1], count, maps[0], maps[1])

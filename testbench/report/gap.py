@@ -45,7 +45,7 @@ def write_gap(result: GapResult, folder: Path | str) -> list[Path]:
         data_check=check.sentences if check else (),
         check_tables=compatibility_tables(check.result) if check and check.result else [],
         amended=[str(path.relative_to(folder)) for path in amended],
-        diff=next((p.read_text(encoding="utf-8") for p in amended if p.suffix == ".diff"), ""),
+        diff="\n".join(p.read_text(encoding="utf-8") for p in amended if p.suffix == ".diff"),
         false_alarm=FALSE_ALARM,
         source_text=result.file.read_text(encoding="utf-8") if result.file else "",
     )

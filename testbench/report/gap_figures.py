@@ -137,7 +137,7 @@ def _region_plate(result: GapResult) -> Plate:
 
 def _force_plate(result: GapResult) -> Plate:
     """Return the equation errors over time: a row per coefficient, a column per manoeuvre, the largest ones."""
-    names = list(result.finding.forces[0].errors)
+    names = [n for n in result.finding.forces[0].errors if all(n in f.errors for f in result.finding.forces)]
     largest = sorted(
         result.finding.forces,
         key=lambda f: -max(float(np.std(f.errors[n])) / max(f.floor[n], 1e-12) for n in names),
@@ -153,7 +153,7 @@ def _force_plate(result: GapResult) -> Plate:
         panels = grid(figure, 0.3, [1.05] * rows, (1.0,) * columns, gap_in=gap, between_in=0.6)
         panels = panels.reshape(len(names), len(forces)) if wide else panels.reshape(len(forces), len(names)).T
         for r, name in enumerate(names):
-            top = max(float(np.abs(f.errors[name]).max()) for f in forces if name in f.errors)
+            top = max(float(np.abs(f.errors[name]).max()) for f in forces)
             for c, found in enumerate(forces):
                 axes = panels[r, c]
                 axes.axhspan(-2.0 * found.floor[name], 2.0 * found.floor[name], color=BAND)
@@ -260,7 +260,7 @@ def _ranking_plate(result: GapResult) -> Plate:
 
 
 def _history_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
-    outputs = result.finding.believed.outputs
+    outputs, measured = result.finding.believed.outputs, result.finding.believed.measured(shrink.record)
     t = shrink.record.t_s
 
     def make(wide: bool) -> Figure:
@@ -271,7 +271,7 @@ def _history_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
         panels = grid(figure, top, [1.0] * len(outputs), gap_in=0.28)[:, 0]
         for i, (axes, name) in enumerate(zip(panels, outputs, strict=True)):
             factor = shown_unit(name)[0]
-            axes.plot(*envelope(t, factor * shrink.record[name]), color=MEASURED, linewidth=1.0)
+            axes.plot(*envelope(t, factor * measured[:, i]), color=MEASURED, linewidth=1.0)
             axes.plot(t, factor * shrink.before[:, i], color=_BEFORE, linestyle=_BEFORE_DASH, linewidth=1.2)
             axes.plot(t, factor * shrink.after[:, i], color=_AFTER, linewidth=1.2)
             last = i == len(outputs) - 1
@@ -295,8 +295,8 @@ def _history_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
 def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
     outputs = result.finding.believed.outputs
     dt = shrink.record.dt_s
-    measured = shrink.record.columns(outputs)
     believed = result.finding.believed
+    measured, share = believed.measured(shrink.record), shrink.taken / len(shrink.record)
     sides = [believed.in_noise_units(shrink.record, measured - y) for y in (shrink.before, shrink.after)]
 
     def make(wide: bool) -> Figure:
@@ -313,7 +313,7 @@ def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
                 continue
             for residual, (_, colour, dash) in zip(sides, _MODELS, strict=True):
                 f, density = _spectrum(residual[:, i], dt)
-                axes.plot(f, density, color=colour, linestyle=dash, linewidth=1.2)
+                axes.plot(f, density / max(share[i], 1e-9), color=colour, linestyle=dash, linewidth=1.2)
             axes.axhline(1.0, color=INK, linewidth=0.9, linestyle=_FLOOR_DASH)
             axes.set_xlim(f[0], f[-1])
             log_axis(axes, "x", powers=False)

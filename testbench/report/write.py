@@ -97,5 +97,14 @@ def write_file(path: Path, content: str | bytes) -> Path:
     return path
 
 
+def check_folder(folder: Path) -> None:
+    """Make a folder for results that a long search is to fill, and see that it can be written to.
+
+    Raises:
+        RecordError: it cannot.
+    """
+    write_file(folder / ".probe", "").unlink()
+
+
 def _json_text(content: dict[str, Any]) -> str:
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

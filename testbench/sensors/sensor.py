@@ -214,6 +214,18 @@ class Sensor:
         arrived[:1] = True
         return y, arrived
 
+    def drift_over(self, duration_s: float) -> float:
+        """Return by how much the bias wanders about its mean over a flight of that length: expected rms, SI.
+
+        A random walk of growth w: w sqrt(T / 6); a Gauss-Markov process of deviation s and correlation time T1, with
+        x = T / T1: s sqrt(1 - 2 (x - 1 + exp(-x)) / x^2).
+        """
+        square = self.bias_walk**2 * duration_s / 6.0
+        if self.drift_time_s is not None:
+            x = duration_s / self.drift_time_s
+            square += self.drift_std**2 * (1.0 - 2.0 * (x + math.expm1(-x)) / x**2)
+        return math.sqrt(max(square, 0.0))
+
     def _drift(self, n: int, dt_s: float, rng: np.random.Generator) -> FloatArray:
         """Return the part of the bias that changes (n,): b' = a b + std sqrt(1 - a^2) w with a = exp(-dt / T), and a
         random walk.

@@ -19,7 +19,8 @@ from testbench.aircraft import Aircraft, load_aircraft
 from testbench.constants import DEG_RAD, FT_M, G0_M_S2, LBF_N
 from testbench.flight import FlightCondition
 from testbench.flight.condition import air_density
-from testbench.gap.believed import Believed, quiet_samples
+from testbench.gap.believed import Believed
+from testbench.gap.commanded import quiet_samples
 from testbench.paths import AIRCRAFT_MODELS
 from testbench.record import FlightRecord, FloatArray
 from testbench.sensors import Sensor, SensorSuite

@@ -18,9 +18,10 @@ import testbench.gap.plan as plan_module
 from testbench.aircraft import load_aircraft
 from testbench.flight import FlightCondition
 from testbench.gap.air import listen
-from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed, moves_laterally, nuisances
+from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed, nuisances
 from testbench.gap.case import run_gap
 from testbench.gap.check import check_data
+from testbench.gap.commanded import moves_laterally
 from testbench.gap.descent import retune
 from testbench.gap.effects import EFFECTS, library
 from testbench.gap.fit import fit

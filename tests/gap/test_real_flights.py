@@ -26,7 +26,7 @@ from real_aircraft import (
 from recorded import flight_data
 
 from testbench.flight import FlightCondition, linearise, trim
-from testbench.gap.believed import quiet_samples
+from testbench.gap.commanded import quiet_samples
 from testbench.gap.effects import library
 from testbench.gap.verdict import off_parameters
 from testbench.gap.workflow import find_gap

@@ -15,8 +15,9 @@ from gap.gap_flights import among
 import testbench.gap.workflow as workflow
 from testbench.errors import RecordError, ScenarioError
 from testbench.flight import FlightCondition
-from testbench.gap.believed import NUISANCES, Believed, quiet_samples
+from testbench.gap.believed import NUISANCES, Believed
 from testbench.gap.case import load_gap, run_flights, run_gap
+from testbench.gap.commanded import quiet_samples
 from testbench.gap.effects import EFFECTS
 from testbench.gap.fit import EffectFit
 from testbench.gap.hidden import Nothing, measure_hidden

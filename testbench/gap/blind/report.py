@@ -9,6 +9,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from scipy.stats import chi2
+
 from testbench.gap.blind.cases import SHORT, STRATA, WITHOUT, Case
 from testbench.gap.blind.score import (
     FEWEST,
@@ -23,6 +25,7 @@ from testbench.gap.blind.score import (
     sizes,
     wilson,
 )
+from testbench.gap.fit import FALSE_ALARM
 
 _CASES = (
     "case", "manoeuvres", "aircraft", "hidden", "right", "verdict", "said", "best", "share", "runner_up", "removed",
@@ -34,13 +37,17 @@ _EFFECTS = (
     "wrong_low", "wrong_high", "no_gap", "unexplained", "size_error_median",
 )  # fmt: skip
 _RATES = ("manoeuvres", "rate", "count", "of", "value", "wilson_low", "wilson_high", "bar", "met")
+_WITHOUT = ("case", "hidden", "taken_out", "outcome", "said", "chi2_left", "samples")
 _SIZES = ("case", "manoeuvres", "hidden", "true", "estimate", "standard_error", "relative_error")
 
 
 def write_report(
     folder: Path, cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]], digest: str, seed: int
 ) -> None:
-    """Write cases.csv, confusion.csv, effects.csv, rates.csv, sizes.csv and README.md of the cases that have a row."""
+    """Write the tables of the cases that have a row, and README.md.
+
+    cases.csv, confusion.csv, effects.csv, rates.csv, sizes.csv, without.csv.
+    """
     failed = [n for n, r in rows.items() if r["outcome"] == "failed"]
     flown = [c for c in cases if c.name in rows and c.name not in failed]
     six = [judge(c, {**rows[c.name], "without": rows.get(c.name + WITHOUT)}) for c in flown]
@@ -57,6 +64,7 @@ def write_report(
     _csv(folder / "effects.csv", _EFFECTS, (_effect(n, e) for n, e in effects))
     _csv(folder / "rates.csv", _RATES, (_rate(n, r) for n, r in found))
     _csv(folder / "sizes.csv", _SIZES, (_size(*row) for row in compared))
+    _csv(folder / "without.csv", _WITHOUT, (_without(s) for s in six if _flew_without(s)))
     (folder / "README.md").write_text(_page(six, two, cases, failed, digest, seed), encoding="utf-8")
 
 
@@ -64,6 +72,17 @@ def _case(manoeuvres: str, s: Score) -> tuple[object, ...]:
     hidden, right = " + ".join(s.case.kinds), " + ".join("/".join(r) for r in s.case.right)
     said = s.verdict, s.named, s.row["best"], _number(s.row["share"]), s.row["runner_up"], _number(s.row["removed"])
     return s.case.name, manoeuvres, s.case.aircraft, hidden, right, *said, f"{s.row['seconds']:.1f}"
+
+
+def _flew_without(s: Score) -> bool:
+    return bool(s.row["without"]) and s.row["without"]["outcome"] != "failed"
+
+
+def _without(s: Score) -> tuple[object, ...]:
+    row = s.row["without"]
+    out = " + ".join("/".join(r) for r in s.case.right)
+    left = f"{row['chi2_left']:.0f}", row["samples"]
+    return s.case.name, " + ".join(s.case.kinds), out, row["outcome"], " or ".join(row["names"]), *left
 
 
 def _effect(manoeuvres: str, e: ByEffect) -> tuple[object, ...]:
@@ -144,6 +163,7 @@ def _page(
         "|---|---|---|---|",
         *(_line(r, bars=False) for r in rates(two, bars=False)),
         "",
+        *_names_without(six),
         "## By effect",
         "",
         "One effect hidden: right names of all cases, and wrong ones; of those that the library does not hold, how many"
@@ -154,10 +174,31 @@ def _page(
         *_by_effect(six, two),
         "",
         "`cases.csv`: every case; `confusion.csv`: what was hidden against what was said, in still air; `effects.csv`, "
-        "`rates.csv`, `sizes.csv`: the tables above; `rows.jsonl`: all that the workflow said.",
+        "`rates.csv`, `sizes.csv`, `without.csv`: the tables above; `rows.jsonl`: all that the workflow said.",
         "",
     ]
     return "\n".join(lines)
+
+
+def _names_without(six: Sequence[Score]) -> list[str]:
+    named = [s for s in six if _flew_without(s) and s.row["without"]["names"]]
+    if not named:
+        return []
+    noise = [chi2.sf(s.row["without"]["chi2_left"], s.row["without"]["samples"]) > FALSE_ALARM for s in named]
+    return [
+        "## Names where the true effect is not in the library",
+        "",
+        f"Of the {len(named)} that were given, {sum(noise)} leave nothing that is told from noise (chi-square, "
+        f"probability {FALSE_ALARM:g}): these manoeuvres hold nothing against them.",
+        "",
+        "| hidden, and taken out | said | leaves noise |",
+        "|---|---|---|",
+        *(
+            f"| {' + '.join(s.case.kinds)} | {' or '.join(s.row['without']['names'])} | {'yes' if n else 'no'} |"
+            for s, n in zip(named, noise, strict=True)
+        ),
+        "",
+    ]
 
 
 def _line(rate: Rate, bars: bool) -> str:
