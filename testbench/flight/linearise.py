@@ -269,7 +269,10 @@ class _Point:
         fdm.evaluate()
         rigid = [fdm.get(name) * factor for name, factor in _DERIVATIVES]
         modal = [at[f"etadot_{i}"] for i in modes] + [fdm.get(f"modal/etaddot-{i}") for i in modes]
-        return np.array([*rigid, *modal, *fdm.read().values(), *(fdm.get(m.follows) for m in self.memories)])
+        channels = fdm.read() | {
+            "psi": 0.0
+        }  # no state is a heading: read, it jumps by a turn where it begins, at north
+        return np.array([*rigid, *modal, *channels.values(), *(fdm.get(m.follows) for m in self.memories)])
 
 
 def _step(name: str) -> float:

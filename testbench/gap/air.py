@@ -189,7 +189,7 @@ def _quiet(plain: Believed, records: Sequence[FlightRecord]) -> list[tuple[Fligh
     for record in records:
         n = quiet_samples(record)
         start = record.between(float(record.t_s[0]), float(record.t_s[n - 1]) + 0.5 * record.dt_s)
-        out.append((start, plain.in_noise_units(start, plain.measured(start))))
+        out.append((start, plain.in_noise_units(start, start.columns(plain.outputs))))
     return out
 
 

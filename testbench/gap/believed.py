@@ -18,6 +18,7 @@ from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFli
 from testbench.flight.air import Air, Gust
 from testbench.flight.simulate import commands as absolute_commands
 from testbench.gap.commanded import commands, moves_laterally
+from testbench.gap.compared import DRIFT_OVER_S, left_out
 from testbench.gap.effects import Effect
 from testbench.gap.effects.base import MetGust
 from testbench.gap.gusts import linear_response, record_key
@@ -47,10 +48,6 @@ LATERAL_NUISANCES: Mapping[str, float] = {
     "Cn_da": 0.30,
     "Cn_dr": 0.10,
 }
-# Channels that say where the nose points and how the wind blows: the believed flight begins northwards in still air.
-OF_PLACE = ("north", "east", "v_north", "v_east")
-DRIFT = 0.2  # a bias that wanders by more than this share of the noise within a manoeuvre
-DRIFT_OVER_S = 20.0  # of such a length is no noise that a residual is white beside
 BEYOND = 0.25  # share of the range between its limits by which a hypothesis may leave them to either side
 
 
@@ -106,15 +103,7 @@ class Believed:
     @cached_property
     def left_out(self) -> Mapping[str, str]:
         """Channel of the suite that is not compared -> why, in words; commands and deflections aside."""
-        out = {n: f"{n} depends on heading and wind, which are not known" for n in OF_PLACE if n in self.suite.channels}
-        for s in self.suite.sensors:
-            drift, noise = s.drift_over(DRIFT_OVER_S), self.suite.noise_std[s.channel]
-            if s.channel not in out and drift > DRIFT * noise:
-                out[s.channel] = (
-                    f"the bias of {s.channel} wanders by {drift / noise if noise else np.inf:.2g} times its noise in "
-                    f"{DRIFT_OVER_S:g} s"
-                )
-        return out
+        return left_out(self.suite)
 
     @cached_property
     def noise_std(self) -> FloatArray:
@@ -225,7 +214,7 @@ class Believed:
         The same as ``SensorSuite.measure`` of sensors that have no noise, without drawing any.
         """
         if any(s.rate_hz is not None for s in self._ideal_suite.sensors):
-            return self._unwrapped(self._ideal_suite.measure(truth, 0))
+            return self._ideal_suite.measure(truth, 0).columns(self.outputs)
         stride = self.suite.check_log_rate(1.0 / truth.dt_s)
         by_channel = {s.channel: s.respond(truth)[::stride] for s in self._ideal_suite.sensors}
         return np.column_stack([by_channel[n] for n in self.outputs])
@@ -258,23 +247,12 @@ class Believed:
         sensors = tuple(s for s in self.suite.sensors if s.channel in self.outputs)
         return replace(self.suite, sensors=sensors).without_errors()
 
-    def measured(self, record: FlightRecord) -> FloatArray:
-        """Return what a record holds of the outputs (n, outputs), a heading unwrapped as predictions have it."""
-        return self._unwrapped(record)
-
-    def _unwrapped(self, record: FlightRecord) -> FloatArray:
-        y = record.columns(self.outputs)
-        if "psi" in self.outputs:
-            k = self.outputs.index("psi")
-            y[:, k] = np.unwrap(y[:, k])
-        return y
-
     def residuals(self, record: FlightRecord) -> FloatArray:
         """Return measured minus predicted in units of the noise, each channel about its own mean, (n, outputs).
 
         The mean is taken out because sensor biases and trim offsets are unknown; invalid samples are set to zero.
         """
-        return self.in_noise_units(record, self.measured(record) - self.predict(record))
+        return self.in_noise_units(record, record.columns(self.outputs) - self.predict(record))
 
     def taken(self, record: FlightRecord) -> NDArray[np.bool_]:
         """Return which samples (n, outputs) of a record were taken."""

@@ -380,7 +380,7 @@ def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:
 
 
 def _shrink(believed: Believed, amended: Believed, name: str, record: FlightRecord) -> Shrink:
-    measured, taken = believed.measured(record), believed.taken(record)
+    measured, taken = record.columns(believed.outputs), believed.taken(record)
     count = taken.sum(axis=0).astype(float)
     predictions, energy, maps = [], [], []
     for model in (believed, amended):

@@ -260,7 +260,7 @@ def _ranking_plate(result: GapResult) -> Plate:
 
 
 def _history_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
-    outputs, measured = result.finding.believed.outputs, result.finding.believed.measured(shrink.record)
+    outputs = result.finding.believed.outputs
     t = shrink.record.t_s
 
     def make(wide: bool) -> Figure:
@@ -271,7 +271,7 @@ def _history_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
         panels = grid(figure, top, [1.0] * len(outputs), gap_in=0.28)[:, 0]
         for i, (axes, name) in enumerate(zip(panels, outputs, strict=True)):
             factor = shown_unit(name)[0]
-            axes.plot(*envelope(t, factor * measured[:, i]), color=MEASURED, linewidth=1.0)
+            axes.plot(*envelope(t, factor * shrink.record[name]), color=MEASURED, linewidth=1.0)
             axes.plot(t, factor * shrink.before[:, i], color=_BEFORE, linestyle=_BEFORE_DASH, linewidth=1.2)
             axes.plot(t, factor * shrink.after[:, i], color=_AFTER, linewidth=1.2)
             last = i == len(outputs) - 1
@@ -296,7 +296,7 @@ def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
     outputs = result.finding.believed.outputs
     dt = shrink.record.dt_s
     believed = result.finding.believed
-    measured, share = believed.measured(shrink.record), shrink.taken / len(shrink.record)
+    measured, share = shrink.record.columns(outputs), shrink.taken / len(shrink.record)
     sides = [believed.in_noise_units(shrink.record, measured - y) for y in (shrink.before, shrink.after)]
 
     def make(wide: bool) -> Figure:

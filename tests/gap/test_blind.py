@@ -252,7 +252,8 @@ def test_the_report_reads_out_rates_sizes_and_confusion(tmp_path):
     ]
     rows = {
         "library form 1": row("named", "actuator_lag"),
-        "library form 1, true effect taken out": row("unexplained"),
+        "library form 1, true effect taken out": row("named", "transport_delay")
+        | {"chi2_left": 990.0, "samples": 1000},
         "library form 1, two manoeuvres": row("set", "transport_delay", "actuator_lag"),
         "nothing 1": row("no gap"),
         "unseen 1": {"outcome": "failed", "names": [], "why": "x"},
@@ -260,6 +261,11 @@ def test_the_report_reads_out_rates_sizes_and_confusion(tmp_path):
     write_report(tmp_path, cases, rows, "abc", 1)
     page = (tmp_path / "README.md").read_text(encoding="utf-8")
     assert "2 of 3 cases have been run; failed: unseen 1" in page
+    without = page.partition("## Names where")[2]
+    assert "Of the 1 that were given, 1 leave nothing that is told from noise" in without
+    assert "| slow servo | transport_delay | yes |" in without
+    told = (tmp_path / "without.csv").read_text(encoding="utf-8").splitlines()
+    assert told[1:] == ["library form 1,slow servo,actuator_lag,named,transport_delay,990,1000"]
     assert "| library form: right name | 1 of 1 | 100 % | 21 to 100 % | ≥ 92 % | too few cases |" in page
     assert "| library form: right name | 0 of 1 | 0 % | 0 to 79 % |\n" in page.partition("## Two manoeuvres")[2]
     assert "| slow servo | 1 of 1 |  | 0 of 1 |" in page

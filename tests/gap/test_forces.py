@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_flights import believe, measure
@@ -15,13 +17,19 @@ def believed():
     return believe()
 
 
-def test_a_right_model_leaves_little_more_than_noise(believed):
-    found = [equation_errors(believed, "m", r) for r in measure(believed, 5)]
-    for one in found:
+@pytest.mark.parametrize("placed", [False, True], ids=["at the centre of gravity", "ahead of it, with upwash"])
+def test_a_right_model_leaves_noise(believed, placed):
+    """Two seconds of quiet flight, smoothed over 0.25 s, tell the floor to some 20 %; with what sensors ahead of the
+    centre of gravity and curvature add, errors were more than twice the floor.
+    """
+    errors = {"az": {"position_m": (0.15, 0.0, 0.02)}, "alpha": {"position_m": (0.75, 0.0, 0.0), "scale": 1.2}}
+    sensors = tuple(replace(s, **errors.get(s.channel, {})) for s in believed.suite.sensors)
+    model = replace(believed, suite=replace(believed.suite, sensors=sensors)) if placed else believed
+    for record in measure(model, 5):
+        one = equation_errors(model, "m", record)
         assert set(one.errors) == {"CZ", "Cm"}
         for name, error in one.errors.items():
-            # What is not linear in a motion of a few degrees adds to the noise, by less than as much again.
-            assert error.std() < 2.0 * one.floor[name]
+            assert error.std() < 1.6 * one.floor[name]
 
 
 def test_a_missing_damper_shows_as_a_moment_that_follows_pitch_rate_and_of_its_size(believed):

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from gap_flights import believe, measure
 
 from testbench.errors import RecordError, ScenarioError
 from testbench.gap.records import load_flights
+from testbench.sensors import load_suite, suite_toml
 
 
 @pytest.fixture(scope="module")
@@ -92,6 +94,36 @@ def test_the_rate_must_be_that_of_the_sensors(flown, tmp_path):
         load_flights("eolo", [tmp_path / "x.nc"])
 
 
+def test_a_clock_that_is_a_little_off_is_put_right_and_said(flown, tmp_path):
+    """801 samples at 100.01 Hz instead of 100 Hz are 0.08 of a sample off at the end; at 100.2 Hz 1.6 samples."""
+    replace(flown[0], t_s=flown[0].t_s / 1.0001).save(tmp_path / "x.nc")
+    flights = load_flights("eolo", [tmp_path / "x.nc"], wings="rigid")
+    assert np.array_equal(flights.naming["x"].t_s, np.arange(len(flown[0])) / 100.0)
+    assert np.array_equal(flights.naming["x"].data, flown[0].data)
+    assert any("clock of 'x' runs at 100.01 Hz" in note for note in flights.notes)
+    assert np.isfinite(flights.believed.residuals(flights.naming["x"])).all()
+    replace(flown[0], t_s=flown[0].t_s / 1.002).save(tmp_path / "x.nc")
+    with pytest.raises(RecordError, match=r"100 Hz .*, got 100\.2 Hz"):
+        load_flights("eolo", [tmp_path / "x.nc"])
+
+
+def test_a_manoeuvre_may_be_flown_again(flown, tmp_path):
+    for i, record in enumerate(flown):
+        replace(record, provenance={**record.provenance, "manoeuvre": "doublet"}).save(tmp_path / f"{i}.nc")
+    flights = load_flights("eolo", [tmp_path / "0.nc", tmp_path / "1.nc"])
+    assert (list(flights.naming), list(flights.held_out)) == (["doublet"], ["doublet (2)"])
+
+
+def test_a_sensor_without_noise_is_refused(files, tmp_path):
+    text = suite_toml(load_suite("eolo_gap"))
+    theta = text.index('channel = "theta"')
+    end = text.find("[[sensor]]", theta)
+    loud = [line for line in text[theta:end].splitlines() if not line.startswith(("noise_std", "quantum"))]
+    (tmp_path / "silent.toml").write_text(text[:theta] + "\n".join(loud) + "\n" + text[end:], encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"must have noise_std or quantum > 0.*got none for theta"):
+        load_flights("eolo", files, sensors=str(tmp_path / "silent.toml"))
+
+
 def test_files_that_are_no_records_are_refused(files, tmp_path):
     (tmp_path / "flight.ulg").write_bytes(b"x")
     (tmp_path / "sub").mkdir()
@@ -100,7 +132,7 @@ def test_files_that_are_no_records_are_refused(files, tmp_path):
         load_flights("eolo", [tmp_path / "flight.ulg"])
     with pytest.raises(RecordError, match="must be a file that exists"):
         load_flights("eolo", [tmp_path / "none.nc"])
-    with pytest.raises(RecordError, match="names of measured records must differ"):
+    with pytest.raises(RecordError, match="measured records must differ, got 'a' twice"):
         load_flights("eolo", [files[0], tmp_path / "sub" / "a.nc"])
     with pytest.raises(RecordError, match="at least one record must be left"):
         load_flights("eolo", files, files)
