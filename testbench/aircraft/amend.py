@@ -101,7 +101,8 @@ class Memory:
 class Amendment:
     """A change with a name: edits of the XML and, possibly, further elastic modes.
 
-    ``memories`` are the states that the edits bring with them.
+    ``memories`` are the states that the edits bring with them. ``upstream`` is how far up the path from the pilot's
+    command to the forces it acts: edits are made from the forces up to the command, in whatever order amendments came.
     """
 
     name: str
@@ -109,6 +110,7 @@ class Amendment:
     changes: tuple[Change, ...] = ()
     modes: tuple[ElasticMode, ...] = ()
     memories: tuple[Memory, ...] = ()
+    upstream: int = 0
 
     def apply(self, tree: ET.Element) -> None:
         """Apply the edits of the XML to ``tree`` in place."""

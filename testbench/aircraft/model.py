@@ -74,7 +74,7 @@ class Aircraft:
         xml: the rigid aircraft as JSBSim XML.
         engine_files: file name -> XML text of Engines/.
         elastic: modes, or None for rigid wings.
-        amendments: changes applied to ``xml``, in order.
+        amendments: changes applied to ``xml``, from the forces up to the command, otherwise in order.
         outline: what it looks like, for drawings only, or None if nobody has said.
         wing_stations: places on the wing where instruments may sit.
     """
@@ -125,7 +125,7 @@ class Aircraft:
             ModelError: an amendment does not fit the model.
         """
         tree = ET.fromstring(self.xml)
-        for amendment in self.amendments:
+        for amendment in sorted(self.amendments, key=lambda a: a.upstream):
             amendment.apply(tree)
         elastic = self.flown_modes()
         if elastic is not None and len(elastic):

@@ -69,7 +69,7 @@ class Believed:
     suite: SensorSuite
     condition: FlightCondition
     rate_hz: float
-    shapes: tuple[Callable[[tuple[str, ...], FloatArray, float], FloatArray], ...] = ()
+    shapes: tuple[partial[FloatArray], ...] = ()
     at_rest: Aircraft | None = None
     whiten: Callable[[FlightRecord, FloatArray], FloatArray] | None = None
     gusts: tuple[MetGust, ...] = ()
@@ -120,12 +120,16 @@ class Believed:
                 out = out.with_effect(part, own)
             return out
         aircraft, suite = effect.amend(replace(self.aircraft, rate_hz=self.rate_hz), self.suite, values)
+        aircraft = _in_place(aircraft, len(self.aircraft.amendments), effect)
         shapes, at_rest = self.shapes, self.at_rest
         if effect.shape is not None:
             shapes = (*shapes, partial(_shaped, effect, aircraft, values))
+            shapes = tuple(sorted(shapes, key=lambda s: -s.args[0].upstream))  # from the pilot's command on
             at_rest = at_rest or self.aircraft
         elif at_rest is not None:
+            known = len(at_rest.amendments)
             at_rest = effect.amend(replace(at_rest, rate_hz=self.rate_hz), self.suite, values)[0]
+            at_rest = _in_place(at_rest, known, effect)
         gusts = self.gusts if effect.met is None else (*self.gusts, effect.met(values))
         return replace(self, aircraft=aircraft, suite=suite, shapes=shapes, at_rest=at_rest, gusts=gusts)
 
@@ -325,6 +329,12 @@ def _beyond_limits(aircraft: Aircraft) -> Aircraft:
         for n, (low, high) in aircraft.limits.items()
     }
     return replace(aircraft, limits=limits)
+
+
+def _in_place(aircraft: Aircraft, known: int, effect: Effect) -> Aircraft:
+    """Return an aircraft whose amendments behind the ``known`` first ones act where ``effect`` does."""
+    new = (replace(a, upstream=effect.upstream) for a in aircraft.amendments[known:])
+    return replace(aircraft, amendments=(*aircraft.amendments[:known], *new))
 
 
 def _shaped(

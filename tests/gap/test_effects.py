@@ -195,3 +195,34 @@ def test_a_thrust_line_above_the_cg_pitches_down_with_throttle(believed):
     change = models[1].B[q, thr] - models[0].B[q, thr]
     thrust_per_throttle = 45.0 * (1.0 - 16.0 / 36.0)
     assert change == pytest.approx(-0.05 * thrust_per_throttle / aircraft.mass.Iyy, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "pair",
+    [
+        ("dead_band", "pitch_damper"),
+        ("dead_band", "surface_scale"),
+        ("dead_band", "transport_delay"),
+        ("free_play", "slipstream"),
+        ("free_play", "speed_effectiveness"),
+        ("pitch_damper", "surface_scale"),
+        ("pitch_damper", "transport_delay"),
+    ],
+    ids=" + ".join,
+)
+def test_effects_found_together_act_in_the_order_of_the_control_path(pair, believed, commands):
+    """Whichever was found first: play moves all that the surface does, a dead band is the servo's, a link delays the
+    pilot alone.
+    """
+    values = {"dead_band": {"half_width_rad": 0.01}, "free_play": {"width_rad": 0.02}, "pitch_damper": {"gain_s": 0.1}}
+    values |= {"surface_scale": {"scale": 0.8}, "transport_delay": {"delay_s": 0.05}, **TRUE}
+    models = []
+    for names in (pair, pair[::-1]):
+        model = believed
+        for name in names:
+            model = model.with_effect(EFFECTS[name], values[name])
+        models.append(model)
+    for predict in (Believed.predict, Believed.predict_linear):
+        one, other = (predict(m, commands[2]) for m in models)
+        assert np.abs(one - predict(believed, commands[2])).max() > 0.0
+        assert one == pytest.approx(other, abs=1e-9)

@@ -14,6 +14,9 @@ from testbench.flight.air import Gust
 from testbench.record import FloatArray
 from testbench.sensors import SensorSuite
 
+# Where an effect acts, from the forces up to the pilot's command: what acts farther up passes through what is below it.
+FORCES, LINKAGE, SERVO, GEARING, AUTOPILOT, LINK = range(6)
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -75,6 +78,8 @@ class Effect:
         parts: effects of which this one is put together (see :func:`together`); their parameters are this one's, called
             EFFECT.PARAMETER.
         met: values -> the gust that one record met; None for all effects that belong to aircraft or sensors.
+        upstream: how far up the path from the pilot's command to the forces it acts (FORCES, LINKAGE, ...). Effects
+            found together act in that order, whichever was found first.
         looks: number of places that the effect was looked for at (records, times, components), of which the best was
             taken: thresholds are Bonferroni's over all of them. 0 if it was not found at any.
     """
@@ -94,6 +99,7 @@ class Effect:
     parts: tuple[Effect, ...] = ()
     met: Callable[[Values], MetGust] | None = None
     looks: int = 1
+    upstream: int = FORCES
 
     @property
     def singles(self) -> tuple[Effect, ...]:

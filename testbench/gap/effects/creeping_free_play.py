@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from testbench.aircraft import Aircraft, Amendment
-from testbench.gap.effects.base import Effect, Parameter, Values
+from testbench.gap.effects.base import LINKAGE, Effect, Parameter, Values
 from testbench.gap.effects.free_play import WIDEST_RAD, before_play, half_of, within_play
 from testbench.gap.effects.reroute import product, prop, value
 from testbench.gap.effects.servo import POSITION
@@ -57,4 +57,5 @@ EFFECT = Effect(
     separated_by="a step held for seconds, of the size of the play",
     shape=shape,
     contains=("free_play",),
+    upstream=LINKAGE,
 )

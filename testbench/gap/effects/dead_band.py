@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from testbench.aircraft import Aircraft, Amendment
-from testbench.gap.effects.base import Effect, Parameter, Values
+from testbench.gap.effects.base import SERVO, Effect, Parameter, Values
 from testbench.gap.effects.free_play import WIDEST_RAD
 from testbench.gap.effects.reroute import ELEVATOR, moving, prop, reroute, value
 from testbench.gap.effects.servo import LAG, POSITION, column_of, declared, through_servo
@@ -52,4 +52,5 @@ EFFECT = Effect(
     mistaken_for="free play of the linkage",
     separated_by="a measured deflection; small inputs from the rest, in both directions",
     shape=shape,
+    upstream=SERVO,
 )

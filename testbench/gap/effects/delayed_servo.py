@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from testbench.aircraft import Aircraft
 from testbench.gap.effects import second_order_actuator, transport_delay
-from testbench.gap.effects.base import Effect, Parameter, Values
+from testbench.gap.effects.base import SERVO, Effect, Parameter, Values
 from testbench.record import FloatArray
 from testbench.sensors import SensorSuite
 
@@ -40,4 +40,5 @@ EFFECT = Effect(
     separated_by="a sweep through the servo's frequency; a measured deflection",
     shape=shape,
     contains=("actuator_lag", "second_order_actuator", "transport_delay"),
+    upstream=SERVO,
 )

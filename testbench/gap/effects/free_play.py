@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment
-from testbench.gap.effects.base import Effect, Parameter, Values
+from testbench.gap.effects.base import LINKAGE, Effect, Parameter, Values
 from testbench.gap.effects.reroute import moving, prop, value
 from testbench.gap.effects.servo import LAG, POSITION, BehindServo, behind_servo, column_of, declared
 from testbench.record import FloatArray
@@ -86,4 +86,5 @@ EFFECT = Effect(
     mistaken_for="a dead band of the servo; a lower elevator effectiveness if all inputs are of one size",
     separated_by="two amplitudes of the same input; a measured deflection, which only the dead band moves",
     shape=shape,
+    upstream=LINKAGE,
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
-from testbench.gap.effects.base import Effect, Parameter, Values
+from testbench.gap.effects.base import AUTOPILOT, Effect, Parameter, Values
 from testbench.gap.effects.reroute import ELEVATOR, product, prop, reroute, value
 from testbench.sensors import SensorSuite
 
@@ -29,4 +29,5 @@ EFFECT = Effect(
     amend=amend,
     mistaken_for="an error of Cm_q, within its prior, where the servo is much faster than the short period",
     separated_by="a measured deflection, or a flight with the autopilot off",
+    upstream=AUTOPILOT,
 )

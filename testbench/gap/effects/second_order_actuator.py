@@ -9,7 +9,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.aircraft.elastic import first_order_hold
-from testbench.gap.effects.base import Effect, Parameter, Values
+from testbench.gap.effects.base import SERVO, Effect, Parameter, Values
 from testbench.gap.effects.reroute import ELEVATOR, moving, product, prop, reroute, value
 from testbench.gap.effects.servo import LAG, column_of, declared
 from testbench.record import FloatArray
@@ -85,4 +85,5 @@ EFFECT = Effect(
     separated_by="a sweep through the servo's frequency; a measured deflection",
     shape=shape,
     contains=("actuator_lag",),
+    upstream=SERVO,
 )

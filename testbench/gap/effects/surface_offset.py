@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
-from testbench.gap.effects.base import Effect, Parameter, Values
+from testbench.gap.effects.base import GEARING, Effect, Parameter, Values
 from testbench.gap.effects.reroute import ELEVATOR, prop, reroute, value
 from testbench.sensors import SensorSuite
 
@@ -28,4 +28,5 @@ EFFECT = Effect(
     amend=amend,
     mistaken_for="an error of Cm0, exactly; and nothing at all where commands are compared as deviations from trim",
     separated_by="the absolute command at trim at several speeds, beside a weighed centre of gravity",
+    upstream=GEARING,
 )

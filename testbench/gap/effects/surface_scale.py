@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from testbench.aircraft import Aircraft, Amendment
-from testbench.gap.effects.base import Effect, Parameter, Values
+from testbench.gap.effects.base import GEARING, Effect, Parameter, Values
 from testbench.gap.effects.reroute import ELEVATOR, moving, product, prop, reroute, value
 from testbench.record import FloatArray
 from testbench.sensors import SensorSuite
@@ -50,4 +50,5 @@ EFFECT = Effect(
     separated_by="a measured deflection: a linkage error shows in it, a wrong effectiveness does not",
     shape=shape,
     flown=True,  # larger commands meet the slew limit that is believed, which a linearisation does not see
+    upstream=GEARING,
 )

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment
-from testbench.gap.effects.base import Effect, Parameter, Values
+from testbench.gap.effects.base import LINK, Effect, Parameter, Values
 from testbench.gap.effects.reroute import ELEVATOR, moving, product, prop, reroute, value
 from testbench.record import FloatArray
 from testbench.sensors import SensorSuite
@@ -58,4 +58,5 @@ EFFECT = Effect(
     mistaken_for="a slower servo at low frequency; a delay common to all sensors, which a clock offset gives too",
     separated_by="a sweep beyond the servo's corner, where a lag takes amplitude and a delay does not",
     shape=shape,
+    upstream=LINK,
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
-from testbench.gap.effects.base import Effect, Parameter, Values
+from testbench.gap.effects.base import AUTOPILOT, Effect, Parameter, Values
 from testbench.gap.effects.reroute import ELEVATOR, washed_feedback
 from testbench.sensors import SensorSuite
 
@@ -33,4 +33,5 @@ EFFECT = Effect(
     separated_by="a measured deflection, a pull-up held for some seconds, or a flight with the autopilot off",
     flown=True,  # the washout does not show in a linearisation, in which time stands still
     contains=("pitch_damper",),
+    upstream=AUTOPILOT,
 )
