@@ -94,6 +94,7 @@ def test_records_and_models_that_are_none_are_refused(refused, to):
         ("gap eolo empty.nc", "'empty.nc'"),
         ("gap eolo a.nc --hold-out none.nc", "got 'none.nc'"),
         ("gap --plan dir", "got 'dir'"),
+        ("gap flexible_wings -o empty.csv", "empty.csv"),
         ("aircraft eol", "did you mean 'eolo'?"),
         ("aircraft taurus --wings stiff", "'stiff' is not one of"),
         ("studio eol", "did you mean 'eolo'?"),

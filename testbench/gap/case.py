@@ -54,9 +54,11 @@ class GapScenario(Strict):
 
     @model_validator(mode="after")
     def _one_source_with_both_uses(self) -> GapScenario:
-        if bool(self.measured) == bool(self.manoeuvre and self.hidden):
+        made = bool(self.manoeuvre), self.hidden is not None
+        if any(made) if self.measured else not all(made):
             raise ValueError(
-                "either 'measured' must list records, or 'manoeuvre' and 'hidden' must say how to make them"
+                "either 'measured' must list records, or 'manoeuvre' and 'hidden' must say how to make them; got "
+                + (", ".join(n for n in ("measured", "manoeuvre", "hidden") if getattr(self, n)) or "none of them")
             )
         uses = {m.use for m in self.measured} | {m.use for m in self.manoeuvre}
         if not (uses & {"naming", "identification"} and uses & {"held_out", "validation"}) or "split" in uses:

@@ -8,9 +8,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from gap_flights import ELEVATOR, believe, measure
+from gap_flights import CONDITION, ELEVATOR, believe, measure
 
+from testbench.aircraft import load_aircraft
+from testbench.gap.believed import Believed
 from testbench.gap.check import check_data
+from testbench.sensors import load_suite
 
 
 @pytest.fixture(scope="module")
@@ -46,3 +49,25 @@ def test_channels_that_do_not_suffice_are_said_so(believed):
     assert check.result is None
     assert "could not be checked" in check.sentences[0]
     assert "needs the channels" in check.sentences[0]
+
+
+@pytest.fixture(scope="module")
+def uncalibrated():
+    """The large suite: a boom ahead with a clock of its own, an inertial unit that drifts, GPS."""
+    aircraft = load_aircraft("eolo", "flexible")
+    return Believed(aircraft, load_suite("eolo_full"), CONDITION, aircraft.rate_hz)
+
+
+def test_what_believed_sensors_do_beyond_bias_and_lag_is_no_news(uncalibrated):
+    """Kinematics alone call the vane on the boom a quarter too small, and the wind 2 m/s upwards."""
+    check = check_data(uncalibrated, measure(uncalibrated, 3, inputs=(ELEVATOR,)))
+    assert check.result is not None
+    assert check.result.errors
+    assert check.news == ()
+
+
+def test_what_goes_far_beyond_it_is_news(uncalibrated):
+    loud = [replace(s, scale=1.5 * s.scale) if s.channel == "V" else s for s in uncalibrated.suite.sensors]
+    truth = replace(uncalibrated, suite=replace(uncalibrated.suite, sensors=tuple(loud)))
+    check = check_data(uncalibrated, measure(truth, 3, inputs=(ELEVATOR,)))
+    assert any(e.name.startswith("V_") for e, _ in check.news)

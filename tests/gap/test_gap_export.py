@@ -45,3 +45,13 @@ def test_an_aircraft_that_is_not_amended_reads_back_as_it_was(tmp_path):
     assert back.elastic == flexible.elastic
     assert back.title == flexible.title
     assert back.wing_stations == flexible.wing_stations
+
+
+def test_files_say_the_frame_rate_that_they_are_made_for():
+    """A delay of the library counts frames: flown at another rate it would be another delay."""
+    late = believe().with_effect(EFFECTS["transport_delay"], {"delay_s": 0.1}).aircraft
+    own = aircraft_files(late, "eolo", 500.0, CONDITION)
+    other = aircraft_files(late, "eolo", 600.0, CONDITION)
+    assert "rate_hz = 500.0 " in own["aircraft.toml"]  # with its comment
+    assert "rate_hz = 600.0\n" in other["aircraft.toml"]
+    assert "600 frames a second" in other["eolo.xml"]

@@ -13,7 +13,7 @@ import pytest
 from gap.gap_flights import among
 
 import testbench.gap.workflow as workflow
-from testbench.errors import RecordError, ScenarioError
+from testbench.errors import FlightAborted, RecordError, ScenarioError
 from testbench.flight import FlightCondition
 from testbench.gap.believed import NUISANCES, Believed
 from testbench.gap.case import load_gap, run_flights, run_gap
@@ -187,6 +187,34 @@ def test_a_truth_record_is_refused(case):
     believed, record = case
     with pytest.raises(RecordError, match="measured records only"):
         find_gap(believed, {"a": replace(record, kind="truth")}, {})
+
+
+def test_a_held_out_flight_that_the_belief_does_not_survive_is_known_before_the_search(case, monkeypatch):
+    believed, record = case
+    data, t = record.data.copy(), record.t_s - record.t_s[0]
+    data[(t > 4.0) & (t < 10.0), record.channels.index("de_cmd")] -= 0.17  # ten degrees up for six seconds: a loop
+    monkeypatch.setattr(workflow, "listen", lambda *_: pytest.fail("the search had begun"))
+    with pytest.raises(FlightAborted, match="left its limits") as caught:
+        find_gap(believed, {"calm": record}, {"loop": replace(record, data=data)})
+    assert caught.value.place == "record 'loop'"
+
+
+def test_measured_records_of_a_case_must_hold_what_its_suite_says(case, tmp_path):
+    _, record = case
+    head = (SCENARIOS / "gap" / "nothing.toml").read_text(encoding="utf-8").partition("\n[hidden]")[0] + "\n"
+    files = {"whole": record, "half": record.decimate(2)}
+    tables = ""
+    for (name, flown), use in zip(files.items(), ("naming", "held_out"), strict=True):
+        flown.save(tmp_path / f"{name}.nc")
+        tables += f'[[measured]]\nname = "{name}"\nfile = "{name}.nc"\nuse = "{use}"\n'
+    file = tmp_path / "recorded.toml"
+    file.write_text(head + tables, encoding="utf-8")
+    with pytest.raises(RecordError, match=r"rate of the sensors believed, 100 Hz .*, got 50 Hz") as caught:
+        run_gap(file)
+    assert "record 'half'" in str(caught.value)
+    file.write_text(head + tables + '[hidden]\nkind = "nothing"\n', encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"either 'measured' must list records, .* got measured, hidden"):
+        load_gap(file)
 
 
 def test_faults_of_a_gap_scenario_come_at_once(tmp_path):

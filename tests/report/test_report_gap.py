@@ -127,3 +127,32 @@ def test_a_gap_that_nobody_would_feel_is_called_immaterial(result):
     assert light.immaterial
     assert any("real but immaterial" in s for s in light.sentences)
     assert not replace(finding, shrink=()).immaterial
+
+
+def test_a_channel_without_a_tolerance_may_not_change_by_more_than_its_noise(result, monkeypatch):
+    shrink, off = result.finding.shrink[0], np.zeros(5)
+    off[result.finding.believed.outputs.index("V")] = 1.0  # m/s, of 3 kt that are allowed
+    light = replace(result.finding, shrink=(replace(shrink, before=shrink.after + off),))
+    assert light.immaterial
+    monkeypatch.delitem(workflow.TOLERANCE, "V")
+    assert not light.immaterial
+    quiet = replace(light, shrink=(replace(shrink, before=shrink.after + 0.1 * off),))
+    assert any("or where none is given by less than its noise" in s for s in quiet.sentences)
+
+
+def test_every_diff_is_on_the_page(result, tmp_path):
+    amended = result.finding.amended.with_effect(EFFECTS["alpha_scale"], {"scale": 1.1})
+    both = replace(result, finding=replace(result.finding, amended=amended))
+    page = write_gap(both, tmp_path)[-1].read_text(encoding="utf-8")
+    for head in ("--- believed suite", "--- believed model"):
+        assert head in page
+
+
+def test_forces_that_only_some_records_have_the_channels_for_are_left_out(result):
+    first, *others = result.finding.forces
+    more = replace(
+        first, errors={**first.errors, "CX": first.errors["CZ"]}, floor={**first.floor, "CX": first.floor["CZ"]}
+    )
+    uneven = replace(result, finding=replace(result.finding, forces=(more, *others)))
+    (plate,) = [p for p in gap_plates(uneven) if p.name == "equation_errors"]
+    assert {a.get_ylabel() for a in plate.make(True).axes} <= {"ΔCZ", "ΔCm", ""}
