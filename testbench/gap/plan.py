@@ -20,7 +20,7 @@ import numpy as np
 from testbench.aircraft import load_aircraft
 from testbench.channels import CONTROLS
 from testbench.constants import DEG_RAD, PERCENT
-from testbench.errors import FlightAborted, LimitError, ScenarioError, TrimError
+from testbench.errors import FlightAborted, LimitError, TrimError, located
 from testbench.flight import FlightCondition
 from testbench.gap.believed import Believed, nuisances
 from testbench.gap.commanded import commands, quiet_samples
@@ -146,7 +146,7 @@ class GapPlan:
             had = {e.name for e in found.nameable}
             gained = [e.title for e in best.with_it.nameable if e.name not in had]
             out.append(f"fly {best.words} too: {', '.join(gained)} could then be named")
-        return tuple(out)
+        return (*out, *(f"{n} is not compared: {why}" for n, why in self.believed.left_out.items()))
 
 
 def plan_gap(scenario: Scenario, progress: Callable[[str], None] | None = None) -> GapPlan:
@@ -162,9 +162,8 @@ def plan_gap(scenario: Scenario, progress: Callable[[str], None] | None = None) 
     aircraft, suite = load_aircraft(scenario.aircraft, scenario.wings), load_suite(scenario.suites[0])
     c = scenario.condition
     rate = scenario.simulation.rate_hz or aircraft.rate_hz
-    believed = Believed(aircraft, suite, FlightCondition(c.V_m_s, c.h_m, c.gamma_deg * DEG_RAD), rate)
-    if not believed.outputs:
-        raise ScenarioError([f"a suite must measure something beside controls, got '{suite.name}'"])
+    with located(None, f"sensors '{suite.name}'"):
+        believed = Believed(aircraft, suite, FlightCondition(c.V_m_s, c.h_m, c.gamma_deg * DEG_RAD), rate)
     effects = tuple(e for e in library(suite).values() if e.met is None)  # nobody plans to meet a gust
     records = [as_record(believed, spec) for spec in scenario.manoeuvre]
     priors = nuisances(records)
@@ -203,9 +202,13 @@ def as_record(believed: Believed, spec: Manoeuvre) -> FlightRecord:
     for i, name in enumerate(signal.channels):
         u[quiet:, names.index(name)] += signal.u[:, i]
     data = np.hstack([np.zeros((len(u), len(believed.outputs))), u])
+    valid = np.ones(data.shape, bool)
+    own_hz = {s.channel: s.rate_hz or believed.suite.rate_hz for s in believed.suite.sensors}
+    for i, name in enumerate(believed.outputs):  # a slow sensor takes few samples
+        valid[:, i] = np.arange(len(u)) % round(believed.suite.rate_hz / own_hz[name]) == 0
     channels = (*believed.outputs, *(f"{n}_cmd" for n in names))
     t = np.arange(len(u), dtype=np.float64) * dt
-    return FlightRecord(t_s=t, channels=channels, data=data, kind="measured")
+    return FlightRecord(t_s=t, channels=channels, data=data, kind="measured", valid=valid)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_flights import believe, measure
@@ -104,3 +106,12 @@ def test_a_plan_names_what_to_add(monkeypatch):
     assert all(np.all(a.with_it.noncentrality >= planned.noncentrality - 1e-6) for a in found.additions)
     assert any("throttle" in s for s in said)
     assert found.planned.noncentrality.max() > NEEDED
+
+
+def test_a_slow_sensor_shows_as_little_as_its_samples_do(believed):
+    """A lag of the vane shows in its own samples alone: a tenth of them, a tenth of the noncentrality."""
+    sensors = tuple(replace(s, rate_hz=10.0) if s.channel == "alpha" else s for s in believed.suite.sensors)
+    slow = replace(believed, suite=replace(believed.suite, sensors=sensors))
+    only = (EFFECTS["alpha_lag"],)
+    found = [Grams.of(b, as_record(b, ELEVATOR), only).isolability(only).noncentrality[0] for b in (believed, slow)]
+    assert found[1] == pytest.approx(0.1 * found[0], rel=0.15)
