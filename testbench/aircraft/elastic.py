@@ -34,6 +34,8 @@ from scipy.linalg import block_diag, expm
 from testbench.constants import PSF_PA
 from testbench.record import FloatArray
 
+# Where a model says that the elevator stands, if that is not where its servo does.
+ELEVATOR_SURFACE = "fcs/elevator-surface-rad"
 # How each motion variable of C_Q reads in JSBSim: properties whose product is the nondimensional variable.
 MOTIONS: dict[str, tuple[str, ...]] = {
     "zero": (),
@@ -212,7 +214,9 @@ def add_modes(tree: ET.Element, elastic: ElasticModel, dt_s: float, qbar_Pa: flo
     assert aerodynamics is not None
     tree.insert(list(tree).index(aerodynamics), system)
 
-    functions: list[ET.Element] = [_rigid_force(elastic, i) for i in numbers]
+    behind = any((p.text or "").strip() == ELEVATOR_SURFACE for p in tree.findall("flight_control/property"))
+    motions = MOTIONS | {"de": (ELEVATOR_SURFACE,)} if behind else MOTIONS
+    functions: list[ET.Element] = [_rigid_force(elastic, i, motions) for i in numbers]
     functions += [
         _function(f"modal/input-{i}", _element("sum", _property(f"modal/force-{i}"), _product(2.0, f"modal/extra-{i}"),
                                                _product(-1.0, f"modal/extra-previous-{i}")))
@@ -242,10 +246,10 @@ def add_modes(tree: ET.Element, elastic: ElasticModel, dt_s: float, qbar_Pa: flo
     _add_effects(aerodynamics, elastic)
 
 
-def _rigid_force(elastic: ElasticModel, i: int) -> ET.Element:
+def _rigid_force(elastic: ElasticModel, i: int, motions: Mapping[str, tuple[str, ...]]) -> ET.Element:
     mode = elastic.modes[i - 1]
     gain = elastic.S_m2 * elastic.cbar_m * PSF_PA / mode.mass_kg_m2
-    terms = [_product(c, *MOTIONS[motion]) for motion, c in mode.force.items() if c != 0.0]
+    terms = [_product(c, *motions[motion]) for motion, c in mode.force.items() if c != 0.0]
     return _function(f"modal/force-{i}", _element("product", _property("aero/qbar-psf"), _value(gain), _sum(terms)))
 
 

@@ -226,3 +226,16 @@ def test_effects_found_together_act_in_the_order_of_the_control_path(pair, belie
         one, other = (predict(m, commands[2]) for m in models)
         assert np.abs(one - predict(believed, commands[2])).max() > 0.0
         assert one == pytest.approx(other, abs=1e-9)
+
+
+def test_play_holds_back_what_the_elevator_does_to_elastic_modes_too():
+    flexible = load_aircraft("eolo")
+    amended, _ = EFFECTS["free_play"].amend(flexible, load_suite("eolo_gap"), {"width_rad": 0.02})
+    for aircraft, read in ((flexible, "fcs/elevator-pos-rad"), (amended, "fcs/elevator-surface-rad")):
+        tree = aircraft.model_tree(500.0, 150.0, 16.0)
+        forces = [f for f in tree.iter("function") if (f.get("name") or "").startswith("modal/force-")]
+        told = {p.text for f in forces for p in f.iter("property")} & {
+            "fcs/elevator-pos-rad",
+            "fcs/elevator-surface-rad",
+        }
+        assert told == {read}

@@ -27,6 +27,7 @@ def written(aircraft, folder: Path) -> Path:
         ("wing_bending", {"f_hz": 5.0, "mass_ratio": 0.08, "twist_rad": 0.05, "lever": 0.05}),
         ("actuator_lag", {"lag_rad_s": 11.0}),
         ("pitch_damper", {"gain_s": 0.1}),
+        ("free_play", {"width_rad": 0.02}),
     ],
 )
 def test_the_folder_reads_back_as_the_amended_aircraft(effect, values, tmp_path):

@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.elastic import ELEVATOR_SURFACE
 from testbench.gap.effects.base import LINKAGE, Effect, Parameter, Values
 from testbench.gap.effects.free_play import WIDEST_RAD, before_play, half_of, within_play
 from testbench.gap.effects.reroute import product, prop, value
 from testbench.gap.effects.servo import POSITION
 from testbench.record import FloatArray
 from testbench.sensors import SensorSuite
-
-_LABEL = "creeping-free-play"
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
@@ -21,7 +20,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
     With b the distance from the middle over half the play, b' = -creep b^power.
     """
     width_rad, creep_1_s, power = values["width_rad"], values["creep_1_s"], values["power"]
-    last = prop(f"gap/{_LABEL}")
+    last = prop(ELEVATOR_SURFACE)
     off = f"<difference> {prop(POSITION)} {last} </difference>"
     near = f"<min> <value>1</value> {product(f'<abs> {off} </abs>', value(1.0 / half_of(width_rad)))} </min>"
     slowed = f"<pow> {near} {value(power - 1.0)} </pow>"
@@ -30,7 +29,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
     text = (
         f"elevator linkage with a play of {width_rad:.3g} rad, crept through at {creep_1_s:.3g} 1/s, power {power:.3g}"
     )
-    edit = within_play(_LABEL, crept, width_rad)
+    edit = within_play(crept, width_rad)
     return aircraft.amended(Amendment("creeping_free_play", text, (edit,))), suite
 
 

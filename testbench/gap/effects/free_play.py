@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.elastic import ELEVATOR_SURFACE
 from testbench.gap.effects.base import LINKAGE, Effect, Parameter, Values
 from testbench.gap.effects.reroute import moving, prop, value
 from testbench.gap.effects.servo import LAG, POSITION, BehindServo, behind_servo, column_of, declared
@@ -21,7 +22,7 @@ _LEAST_HALF_RAD = 1e-9  # a play of this width is none
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Put a play of the given width between servo and surface; in the middle of it at trim."""
     text = f"elevator linkage with a play of {values['width_rad']:.3g} rad"
-    edit = within_play("free-play", prop("gap/free-play"), values["width_rad"])
+    edit = within_play(prop(ELEVATOR_SURFACE), values["width_rad"])
     return aircraft.amended(Amendment("free_play", text, (edit,))), suite
 
 
@@ -30,10 +31,10 @@ def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, 
     return before_play(names, u, dt_s, aircraft, values["width_rad"])
 
 
-def within_play(label: str, drawn: str, width_rad: float) -> BehindServo:
+def within_play(drawn: str, width_rad: float) -> BehindServo:
     """Return the edit that lets the surface stand where ``drawn`` (XML) says, within a play about the servo."""
     low, high = (f"<sum> {prop(POSITION)} {value(s * 0.5 * width_rad)} </sum>" for s in (-1.0, 1.0))
-    return behind_servo(label, moving(f"<min> <max> {drawn} {low} </max> {high} </min>", prop(POSITION)))
+    return behind_servo(moving(f"<min> <max> {drawn} {low} </max> {high} </min>", prop(POSITION)))
 
 
 def before_play(

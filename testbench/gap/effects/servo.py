@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from testbench.aircraft import Aircraft, Insert
+from testbench.aircraft.elastic import ELEVATOR_SURFACE
 from testbench.errors import ModelError
 from testbench.gap.effects.reroute import component
 from testbench.record import FloatArray
@@ -50,13 +51,10 @@ def through_servo(
 
 @dataclass(frozen=True)
 class BehindServo(Insert):
-    """Let the aerodynamics read a component's output instead of the elevator's position.
+    """Let the aerodynamics, and elastic modes, read a component's output instead of the elevator's position.
 
-    Attributes:
-        target: property that the component ends in; declared with value 0.
+    The component ends in ELEVATOR_SURFACE, which is declared with value 0.
     """
-
-    target: str = ""
 
     def apply(self, tree: ET.Element) -> None:
         """Change ``tree`` in place; ModelError if no channel moves the elevator."""
@@ -65,18 +63,18 @@ class BehindServo(Insert):
             if control is not None and any((e.text or "").strip() == POSITION for e in channel.iter("output")):
                 for p in (e for part in tree.findall("aerodynamics") for e in part.iter("property")):
                     if (p.text or "").strip() == POSITION:
-                        p.text = self.target
+                        p.text = ELEVATOR_SURFACE
                 channel.append(ET.fromstring(self.xml))
                 memory = ET.Element("property", {"value": "0"})
-                memory.text = self.target
+                memory.text = ELEVATOR_SURFACE
                 control.insert(0, memory)
                 return
         raise ModelError(f"a component behind the servo needs a channel that ends in {POSITION}, the model has none")
 
 
-def behind_servo(label: str, body: str) -> BehindServo:
+def behind_servo(body: str) -> BehindServo:
     """Return the edit that lets the aerodynamics read the function ``body`` (XML) for the elevator's position."""
-    return BehindServo(".", component(f"gap/{label}", body), None, f"gap/{label}")
+    return BehindServo(".", component(ELEVATOR_SURFACE, body))
 
 
 @dataclass(frozen=True)
