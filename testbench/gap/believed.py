@@ -18,7 +18,7 @@ from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFli
 from testbench.flight.air import Air, Gust
 from testbench.flight.simulate import commands as absolute_commands
 from testbench.gap.commanded import commands, moves_laterally
-from testbench.gap.compared import DRIFT_OVER_S, left_out
+from testbench.gap.compared import DRIFT_OVER_S, left_out, not_compared
 from testbench.gap.effects import Effect
 from testbench.gap.effects.base import MetGust
 from testbench.gap.gusts import linear_response, record_key
@@ -76,10 +76,8 @@ class Believed:
 
     def __post_init__(self) -> None:
         if not self.outputs:
-            left = f"; left out: {'; '.join(self.left_out.values())}" if self.left_out else ""
-            raise ScenarioError(
-                [f"a suite must have a channel that is compared, got {', '.join(self.suite.channels)}{left}"]
-            )
+            got = "; ".join((", ".join(self.suite.channels), *not_compared(self.suite)))
+            raise ScenarioError([f"a suite must have a channel that is compared, got {got}"])
         silent = [n for n in self.outputs if not self.suite.noise_std[n] > 0.0]
         if silent:
             raise ScenarioError(
@@ -97,13 +95,8 @@ class Believed:
     @cached_property
     def outputs(self) -> tuple[str, ...]:
         """Channels of the suite that are compared: all but commands, deflections and those left out."""
-        out = (n for n in self.suite.channels if n.removesuffix("_cmd") not in CONTROLS)
-        return tuple(n for n in out if n not in self.left_out)
-
-    @cached_property
-    def left_out(self) -> Mapping[str, str]:
-        """Channel of the suite that is not compared -> why, in words; commands and deflections aside."""
-        return left_out(self.suite)
+        without = left_out(self.suite)
+        return tuple(n for n in self.suite.channels if n.removesuffix("_cmd") not in CONTROLS and n not in without)
 
     @cached_property
     def noise_std(self) -> FloatArray:

@@ -14,6 +14,7 @@ from testbench.constants import DEG_RAD
 from testbench.errors import RecordError, ScenarioError, located
 from testbench.flight import FlightCondition
 from testbench.gap.believed import Believed
+from testbench.gap.compared import not_compared
 from testbench.gap.hidden import Hidden, measure_hidden
 from testbench.gap.records import Flights, check_records, check_speeds
 from testbench.gap.workflow import GapFinding, find_gap
@@ -135,7 +136,7 @@ def run_gap(
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)
     with located(file, "suite"):
         believed = Believed(aircraft, suite, condition, scenario.simulation.rate_hz or aircraft.rate_hz)
-    notes = [f"{n} is not compared: {why}" for n, why in believed.left_out.items()]
+    notes = not_compared(suite)
     if scenario.hidden is not None:
         with located(file, "manoeuvre"):
             records = measure_hidden(

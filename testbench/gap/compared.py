@@ -17,12 +17,18 @@ def left_out(suite: SensorSuite) -> dict[str, str]:
     """Return channel of a suite that is not compared -> why, in words; commands and deflections aside."""
     out = {}
     for s in suite.sensors:
-        drift, noise = s.drift_over(DRIFT_OVER_S), suite.noise_std[s.channel]
         if s.channel in _OF_PLACE:
-            out[s.channel] = f"{s.channel} depends on heading or wind, which are not known"
+            out[s.channel] = "heading and wind are not known"
         elif _OF_STATION.fullmatch(s.channel):
-            out[s.channel] = f"effects that bend the wing do not say how {s.channel} moves"
-        elif drift > DRIFT * noise:
-            times = f"{drift / noise:.2g} times its noise" if noise else "more than its noise, which is none,"
-            out[s.channel] = f"the bias of {s.channel} wanders by {times} in {DRIFT_OVER_S:g} s"
+            out[s.channel] = "effects that bend the wing do not say how it moves there"
+        elif s.drift_over(DRIFT_OVER_S) > DRIFT * suite.noise_std[s.channel]:
+            out[s.channel] = f"the bias wanders by more than {DRIFT:g} times the noise within {DRIFT_OVER_S:g} s"
     return out
+
+
+def not_compared(suite: SensorSuite) -> list[str]:
+    """Return what of a suite is not compared, and why, a sentence for each reason."""
+    by_reason: dict[str, list[str]] = {}
+    for name, why in left_out(suite).items():
+        by_reason.setdefault(why, []).append(name)
+    return [f"not compared: {', '.join(names)} ({why})" for why, names in by_reason.items()]

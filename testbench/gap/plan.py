@@ -24,6 +24,7 @@ from testbench.errors import FlightAborted, LimitError, TrimError, located
 from testbench.flight import FlightCondition
 from testbench.gap.believed import Believed, nuisances
 from testbench.gap.commanded import commands, quiet_samples
+from testbench.gap.compared import not_compared
 from testbench.gap.effects import Effect, library
 from testbench.gap.fit import FALSE_ALARM, EffectFit
 from testbench.gap.local import Changes, Local
@@ -146,7 +147,7 @@ class GapPlan:
             had = {e.name for e in found.nameable}
             gained = [e.title for e in best.with_it.nameable if e.name not in had]
             out.append(f"fly {best.words} too: {', '.join(gained)} could then be named")
-        return (*out, *(f"{n} is not compared: {why}" for n, why in self.believed.left_out.items()))
+        return (*out, *not_compared(self.believed.suite))
 
 
 def plan_gap(scenario: Scenario, progress: Callable[[str], None] | None = None) -> GapPlan:

@@ -15,6 +15,7 @@ from testbench.errors import RecordError, located
 from testbench.flight import FlightCondition
 from testbench.gap.believed import Believed
 from testbench.gap.commanded import quiet_samples
+from testbench.gap.compared import not_compared
 from testbench.gap.gusts import record_key
 from testbench.logs import load_description, read_records
 from testbench.paths import find_scenario, suite_names
@@ -105,7 +106,7 @@ def load_flights(
     condition = _condition(believed_aircraft, suite, records, V_m_s, h_m, notes)
     with located(None, f"sensors '{suite.name}'"):
         believed = Believed(believed_aircraft, suite, condition, _frame_rate(believed_aircraft, suite, notes))
-    notes += [f"{n} is not compared: {why}" for n, why in believed.left_out.items()]
+    notes += not_compared(suite)
     return Flights(believed, {n: records[n] for n in naming}, {n: records[n] for n in held}, tuple(notes))
 
 
