@@ -176,7 +176,7 @@ def gap_tables(result: GapResult) -> list[Table]:
 
 
 def print_gap(result: GapResult, console: Console, folder: Path | str | None = None) -> None:
-    """Print the answer, the ranking, and where the files are."""
+    """Print the answer, the ranking, what was assumed, and where the files are."""
     from rich.table import Table as RichTable
     from rich.text import Text
 
@@ -197,6 +197,10 @@ def print_gap(result: GapResult, console: Console, folder: Path | str | None = N
         )
     console.print()
     console.print(ranking)
+    if result.notes:
+        console.print()
+    for note in result.notes:
+        console.print(Text(f"Assumed: {note}", style="dim"))
     if folder is not None:
         console.print()
         console.print(Text(f"Report: {Path(folder) / PAGE}"), soft_wrap=True)

@@ -88,6 +88,7 @@ def test_page_figures_tables_and_amended_aircraft(result, tmp_path):
     console = Console(file=io.StringIO(), width=120)
     print_gap(result, console, tmp_path)
     assert "lag of the elevator servo" in console.file.getvalue()
+    assert "Assumed: a note" in console.file.getvalue()
 
 
 def test_models_are_told_apart_without_colour_and_the_legend_says_so(result):
