@@ -16,7 +16,7 @@ TESTS = sorted((ROOT / "tests").rglob("test_*.py"))
 
 # Rooms by rank: a module imports only from lower ranks, and never from another room of its own rank.
 RANKS = (
-    {"constants", "errors", "channels", "paths", "schema", "scratch"},
+    {"constants", "errors", "channels", "paths", "schema", "scratch", "words"},
     {"record", "scenario"},
     {"aircraft", "inputs", "sensors", "estimators", "logs"},
     {"flight"},

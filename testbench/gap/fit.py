@@ -14,6 +14,7 @@ from testbench.gap.effects import Effect
 from testbench.gap.local import Local
 from testbench.gap.screening import Screened
 from testbench.record import FloatArray
+from testbench.words import with_error
 
 FALSE_ALARM = 1e-3  # probability of naming any effect where there is none, all effects of the library together
 HOPELESS = 0.7  # a fit that gains less than this share of the best one's gain is not followed to its end,
@@ -94,7 +95,7 @@ class EffectFit:
         """Parameters with their standard errors, in words."""
         units = {p.name: p.unit for p in self.effect.parameters}
         said = [
-            f"{n} = {v:.4g} ± {self.errors[n]:.2g}" + (f" {units[n]}" if units[n] != "1" else "")
+            f"{n} = {with_error(v, self.errors[n])}" + (f" {units[n]}" if units[n] != "1" else "")
             for n, v in self.values.items()
         ]
         if self.scatter_s:

@@ -11,6 +11,7 @@ from testbench.errors import FlightAborted, LimitError, TrimError
 from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
 from testbench.gap.name import Naming
 from testbench.record import FlightRecord
+from testbench.words import with_error
 
 OFF, FAR = 1.0, 2.0  # a believed parameter is off, or wrong, by more than this many times what is believed of it, and
 SURE = 4.0  # by more than this many standard errors, which must be smaller than what is believed of it
@@ -36,9 +37,9 @@ class WrongParameter:
     def sentence(self) -> str:
         """The finding in words."""
         return (
-            f"the believed {self.name} is {'wrong' if self.deviations > FAR else 'off'}: {self.factor:.3f} ± "
-            f"{self.error:.2g} times the believed value, {self.deviations:.1f} times what is believed of it "
-            f"({100.0 * self.prior:.0f} %)"
+            f"the believed {self.name} is {'wrong' if self.deviations > FAR else 'off'}: "
+            f"{with_error(self.factor, self.error)} times the believed value, {self.deviations:.1f} times what is "
+            f"believed of it ({100.0 * self.prior:.0f} %)"
         )
 
     @property

@@ -13,6 +13,7 @@ from testbench.report.labels import number
 from testbench.report.operational_figures import modes_plates
 from testbench.report.tables import Column, Table, Value
 from testbench.report.write import PAGE, write_file, write_plates, write_tables
+from testbench.words import with_error
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -47,17 +48,11 @@ def modes_answer(result: ModesResult) -> list[str]:
 
 
 def _frequency(mode: OperationalMode, q: float) -> str:
-    return f"{_with_error(mode.frequency_hz, q * mode.frequency_std_hz)} Hz"
+    return f"{with_error(mode.frequency_hz, q * mode.frequency_std_hz)} Hz"
 
 
 def _damping(mode: OperationalMode, q: float) -> str:
-    return _with_error(mode.damping, q * mode.damping_std)
-
-
-def _with_error(value: float, error: float) -> str:
-    """Return value and error with as many decimals as the error has in two digits."""
-    decimals = 6 if error <= 0.0 else int(np.clip(1 - np.floor(np.log10(error)), 0, 6))
-    return f"{value:.{decimals}f} ± {error:.{decimals}f}"
+    return with_error(mode.damping, q * mode.damping_std)
 
 
 def _judged(match: ModeMatch, q: float) -> str:
