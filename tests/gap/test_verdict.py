@@ -78,7 +78,7 @@ def test_parameters_are_not_called_wrong_where_the_records_say_less_than_the_bel
     vague = naming_of(tuned, measured={"CD": (8.0, 0.5), "Cm_alpha": (1.19, 0.001)})
     assert wrong_parameters(vague, believed, [held]) == ()
     (off,) = off_parameters(vague)
-    assert off.sentence.startswith("the believed Cm_alpha is off: 1.190 ± 0.001 times")
+    assert off.sentence.startswith("the believed Cm_alpha is off: 1.1900 ± 0.0010 times")
     assert off.sentence in GapFinding(believed, believed, (), vague, (), STILL).sentences
     elsewhere = naming_of(tuned, tuning={**tuned.tuning, "Cm_alpha": 0.5})
     assert wrong_parameters(elsewhere, believed, [held]) == ()
