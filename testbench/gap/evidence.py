@@ -32,6 +32,11 @@ def noise_limit(believed: Believed, samples: int) -> float:
     return float(chi2.isf(FALSE_ALARM, noise_floor(believed, samples)))
 
 
+def believable(fit: EffectFit) -> bool:
+    """Return whether a fit strains no coefficient and asks for no more of its effect than there can be."""
+    return fit.within >= STRAINED and not fit.beyond
+
+
 def leaves_noise(fit: EffectFit, noise: float) -> bool:
     """Return whether a fit explains all: chi-square is within that of ``noise``, and no coefficient is strained."""
     return fit.chi2 <= noise and fit.within >= STRAINED

@@ -82,12 +82,18 @@ class EffectFit:
         return self.gain > self.threshold
 
     @property
-    def at_bound(self) -> bool:
-        """True if a parameter came to rest at a bound: the physical range does not hold what the data ask for."""
-        return any(
-            min(self.values[p.name] - p.low, p.high - self.values[p.name]) < 1e-3 * (p.high - p.low)
+    def beyond(self) -> tuple[str, ...]:
+        """Sizes that came to rest at the end of what is physically possible: the data ask for more.
+
+        Only of parameters that say how much of an effect there is, those with a value without effect. The ends of the
+        others (a damping, a sharpness, a share between two forms) are forms of their own.
+        """
+        return tuple(
+            p.name
             for p in self.effect.parameters
-            if p.none is None or abs(self.values[p.name] - p.none) > 1e-3 * (p.high - p.low)
+            if p.none is not None
+            and abs(self.values[p.name] - p.none) > 1e-3 * (p.high - p.low)
+            and min(self.values[p.name] - p.low, p.high - self.values[p.name]) < 1e-3 * (p.high - p.low)
         )
 
     @property

@@ -18,6 +18,7 @@ from testbench.gap.evidence import (
     LEAST,
     STRAINED,
     TOLD_APART,
+    believable,
     is_special_case,
     leaves_far_more,
     leaves_noise,
@@ -295,12 +296,17 @@ def _decide(
             "but no effect of the library explains any of it"
         )  # fmt: skip
     best = _foremost(significant, samples)
-    others = [f for f in ranking if f is not best and f.flown and f.within >= STRAINED]
+    others = [f for f in ranking if f is not best and f.flown and believable(f)]
     close = [f for f in others if _indistinct(f, best, samples, best.chi2 <= noise)]
     if best.within < STRAINED:
         return "unexplained", (), (
             f"unexplained: {best.effect.title}, {best.size}, comes nearest, but only beside coefficients that are "
             f"farther off than is believed of them: {_stretched(best)}"
+        )  # fmt: skip
+    if best.beyond:
+        return "unexplained", (), (
+            f"unexplained: {best.effect.title}, {best.size}, comes nearest, but the records ask for more of it than is "
+            f"physically possible: {', '.join(best.beyond)} lies at the end of its range"
         )  # fmt: skip
     strangers = [f for f in ranking if not (f is best or _of_one_kind(f.effect, best.effect))]
     enough = ENOUGH if any(f.gain > NEAR * best.gain for f in strangers) else ENOUGH_ALONE
@@ -343,14 +349,14 @@ def _decide(
 def _foremost(significant: Sequence[EffectFit], samples: int) -> EffectFit:
     """Return the best of some fits in the order of their scores: the first one, or what does as well in its place.
 
-    Where the first strains coefficients, that is one that strains none and trails it by no more than chance would;
-    of either, a special case that gains no less than noise or form would make it.
+    Where the first is not believable, that is one that is and trails it by no more than chance would; of either, a
+    special case that gains no less than noise or form would make it.
     """
     best = significant[0]
-    unstrained = [f for f in significant if f.within >= STRAINED]
-    if best.within < STRAINED:
-        best = next((f for f in unstrained if score(best, samples) - score(f, samples) < TOLD_APART), best)
-    return min((f for f in unstrained if is_special_case(f, best)), key=lambda f: len(f.values), default=best)
+    sound = [f for f in significant if believable(f)]
+    if not believable(best):
+        best = next((f for f in sound if score(best, samples) - score(f, samples) < TOLD_APART), best)
+    return min((f for f in sound if is_special_case(f, best)), key=lambda f: len(f.values), default=best)
 
 
 def _common(best: EffectFit, close: Sequence[EffectFit], ranking: Sequence[EffectFit]) -> EffectFit | None:
@@ -363,7 +369,7 @@ def _common(best: EffectFit, close: Sequence[EffectFit], ranking: Sequence[Effec
     if not close or not common or any(p == common for p in parts):
         return None
     alone = (f for f in ranking if {p.name for p in f.effect.singles} == common)
-    return next((f for f in alone if f.flown and f.within >= STRAINED and f.share >= ENOUGH), None)
+    return next((f for f in alone if f.flown and believable(f) and f.share >= ENOUGH), None)
 
 
 def _of_one_kind(a: Effect, b: Effect) -> bool:

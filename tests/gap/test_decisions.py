@@ -102,6 +102,32 @@ def test_what_strains_nothing_takes_the_place_of_what_leads_it_by_chance(slow):
         assert _decide((strained, other), 5_500.0, 4_500, 4_500)[0] == outcome
 
 
+def test_an_effect_that_would_have_to_be_larger_than_possible_is_no_name(slow):
+    """Of 19 names given where the true effect was not in the library, three lay at such an end; of 130 right ones none.
+
+    A delay of the airspeed stood for a lag of 0.85 s, a vane's share in the airspeed for a bent scale.
+    """
+    delay = replace(slow.best, effect=EFFECTS["V_delay"], errors={"delay_s": 0.01}, share=0.99, chi2=4_450.0)
+    for delay_s, outcome in ((0.5, "unexplained"), (0.49, "named"), (0.0, "named")):
+        late = replace(delay, values={"delay_s": delay_s})
+        assert _decide((late,), 13_450.0, 4_500, 4_500)[0] == outcome
+    far = replace(delay, values={"delay_s": 0.5})
+    assert "delay_s lies at the end of its range" in _decide((far,), 13_450.0, 4_500, 4_500)[2]
+    possible = replace(slow.best, gain=far.gain - TOLD_APART + 1.0, values={"lag_rad_s": 12.0})
+    outcome, names, _ = _decide((far, possible), 13_450.0, 4_500, 4_500)
+    assert (outcome, names) == ("named", ("actuator_lag",))  # it trails by chance only, and is possible
+
+
+def test_the_end_of_a_form_is_a_form(slow):
+    """A slipstream on the elevator alone, none on the damping, is one; a share of 1 or 0 refutes nothing."""
+    names = {p.name: 0.5 for p in EFFECTS["elevator_slipstream"].parameters}
+    for damping_share in (0.0, 1.0):
+        values = {**names, "damping_share": damping_share}
+        washed = replace(slow.best, effect=EFFECTS["elevator_slipstream"], values=values, errors=names)
+        assert washed.beyond == ()
+        assert _decide((washed,), 13_450.0, 4_500, 4_500)[0] == "named"
+
+
 def test_the_least_gain_that_is_named(slow):
     for gain, outcome in ((LEAST - 1.0, "no gap"), (LEAST + 1.0, "named")):
         small = replace(slow.best, gain=gain, threshold=20.0, chi2=4_500.0, share=float("nan"))
