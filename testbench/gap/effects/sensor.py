@@ -58,13 +58,18 @@ _KINDS = {
         "cross sensitivity",
         Parameter("share", "1", -0.5, 0.5, (0.05, -0.05), none=0.0),
         "The sensor is not quite aligned, or its port feels more than it should: a share of another quantity leaks in "
-        "(along x into an accelerometer, alpha into an airspeed). Its channel disagrees whenever that other one moves.",
-        "an error of drag or thrust, for an accelerometer; a scale error where both quantities move together",
-        "a tilt table; thrust steps, which move one quantity and not the other",
+        "(that along another axis into an accelerometer or gyro, alpha into an airspeed). "
+        "Its channel disagrees whenever that other one moves.",
+        "an error of drag or thrust for an accelerometer, a cross derivative for a gyro; a scale error where both "
+        "quantities move together",
+        "a tilt table; thrust steps, or aileron and rudder in turn, which move one quantity and not the other",
     ),
 }
+# The axis whose quantity leaks into an inertial sensor that leans: of the two others the one that moves, or weighs, more.
+_LEANS_TO = {"ax": "az", "ay": "az", "az": "ax", "p": "r", "q": "r", "r": "p"}
 # kind of error -> the channels that the motion shows it in
-_SHOWN = {"position": ("ay", "az", "alpha", "beta"), "cross": ("az", "V")}
+_SHOWN = {"position": ("ay", "az", "alpha", "beta"), "cross": (*_LEANS_TO, "V")}
+_LATERAL = ("ay", "p", "q", "r")  # what leaks into these, or what they are, moves with aileron and rudder only
 
 
 def amend(name: str, kind: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
@@ -91,10 +96,11 @@ def amend(name: str, kind: str, aircraft: Aircraft, suite: SensorSuite, values: 
 
 
 def _leaning(sensor: Sensor, share: float) -> Sensor:
-    """Return the accelerometer that feels a share of ax too, or the pitot tube whose port feels alpha."""
-    if isinstance(sensor, Triad):
-        x, y, z = sensor.cross_axis
-        return replace(sensor, cross_axis=(x + share, y, z))
+    """Return the inertial sensor that feels a share of another axis too, or the pitot tube whose port feels alpha."""
+    if isinstance(sensor, Triad) and sensor.channel in _LEANS_TO:
+        of = sensor.AXES.index(_LEANS_TO[sensor.channel])
+        x, y, z = (c + (share if i == of else 0.0) for i, c in enumerate(sensor.cross_axis))
+        return replace(sensor, cross_axis=(x, y, z))
     if isinstance(sensor, Pitot):
         return replace(sensor, static_cp_alpha=sensor.static_cp_alpha + share)
     return sensor
@@ -115,6 +121,7 @@ def sensor_effects(channels: Iterable[str]) -> dict[str, Effect]:
                 physics=physics,
                 parameters=(replace(parameter, unit=unit),),
                 amend=partial(amend, name, kind),
+                lateral=kind == "cross" and name in _LATERAL,
                 mistaken_for=mistaken_for,
                 separated_by=separated_by,
                 flown=True,  # flights do not depend on sensors: those of the model without the error are read again
