@@ -10,6 +10,7 @@ import typer
 from testbench.cli.app import OutOption, SeedOption, Wings, app, console, refuse, stages
 from testbench.errors import RecordError
 
+CONTROLS = "controls.jsonl"  # of a folder of results: control flights that need not be flown again
 FLIGHTS = ("sensors", "hold_out", "wings", "airspeed", "altitude", "data")  # what is said of measured records
 
 
@@ -41,6 +42,12 @@ def gap(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes that search; as many as there are cores if not given.")
     ] = None,
+    controls: Annotated[
+        int,
+        typer.Option(
+            min=0, help="Control flights without any effect to search beside, each as long as a search; 20 say much."
+        ),
+    ] = 0,
 ) -> None:
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
@@ -52,7 +59,9 @@ def gap(
     from testbench.checks import find
 
     if plan is not None:
-        refuse(context, "with --plan, whose scenario says all", *FLIGHTS, "case", "records", "seed", "workers")
+        refuse(
+            context, "with --plan, whose scenario says all", *FLIGHTS, "case", "records", "seed", "workers", "controls"
+        )
         _plan_gap(find(plan, "run"), out)
         return
     if case is None:
@@ -73,13 +82,14 @@ def gap(
             flights = load_flights(case, records or (), held, sensors, wings.value, airspeed, altitude, data)
             folder = out / f"gap_{case}"
             check_folder(folder)
-            result = run_flights(case, flights, say)
+            result = run_flights(case, flights, say, controls=controls, control_file=folder / CONTROLS)
         else:
             refuse(context, "with a gap case, whose file says all; or give measured records, too", *FLIGHTS)
             file = find(Path(case), "gap")
             folder = out / f"gap_{file.stem}"
             check_folder(folder)
-            result = run_gap(file, seed, record_keeper(folder), say, check=True)
+            keep = record_keeper(folder)
+            result = run_gap(file, seed, keep, say, check=True, controls=controls, control_file=folder / CONTROLS)
         say("write report")
         write_gap(result, folder)
     print_gap(result, console(), folder)

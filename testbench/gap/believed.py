@@ -157,16 +157,21 @@ class Believed:
         signal = InputSignal(np.arange(len(u), dtype=np.float64) * record.dt_s, u, names)
         absolute_commands(self.aircraft, _trimmed(self._key), Manoeuvre("measured commands", signal, 0.0))
 
-    def flown(self, record: FlightRecord, channels: tuple[str, ...] | None = None) -> FlightRecord:
+    def flown(
+        self, record: FlightRecord, channels: tuple[str, ...] | None = None, air: Air | None = None
+    ) -> FlightRecord:
         """Return the truth of that flight at the record's sample times: ``channels``, or all there are.
+
+        ``air`` is flown through in place of the still air, or the gust, that the record is believed to have met.
 
         Raises:
             FlightAborted, LimitError, RecordError: as :meth:`predict`.
         """
         names, u = commands(record)
         held = np.repeat(u[:-1], round(self.rate_hz * record.dt_s), axis=0)  # the last command acts after the record
-        size, at = held.shape, held.tobytes()
-        return _flown(self._key, names, size, at, 1.0 / record.dt_s, channels, self.gust_in(record))
+        gust = self.gust_in(record)
+        air = Air(gust=gust) if air is None and gust is not None else air
+        return _flown(self._key, names, held.shape, held.tobytes(), 1.0 / record.dt_s, channels, air)
 
     def predict_linear(self, record: FlightRecord) -> FloatArray:
         """Return the same from the aircraft linearised at trim: ten times faster, and right for small deviations.
@@ -298,7 +303,7 @@ def _flown(
     held: bytes,
     log_hz: float,
     channels: tuple[str, ...] | None,
-    gust: Gust | None = None,
+    air: Air | None = None,
 ) -> FlightRecord:
     """Fly the commands ``held`` (the bytes of an array of ``size``), deviations from trim at every frame.
 
@@ -306,7 +311,6 @@ def _flown(
     idle: the control stops there, so that a search can pass by. The belief is checked (``check_commands``). For the
     same reason a flight may leave the limits of the aircraft by BEYOND, as one does that stalls too early.
     """
-    air = None if gust is None else Air(gust=gust)
     trimmed, u = _trimmed(key), np.frombuffer(held).reshape(size)
     controls = [(key.aircraft.controls[n], trimmed.controls[n]) for n in names]
     within = np.clip(u, [c.low - at for c, at in controls], [c.full - at for c, at in controls])

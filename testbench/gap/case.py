@@ -15,9 +15,10 @@ from testbench.errors import RecordError, ScenarioError, located
 from testbench.flight import FlightCondition
 from testbench.gap.believed import Believed
 from testbench.gap.compared import not_compared
+from testbench.gap.finding import GapFinding
 from testbench.gap.hidden import Hidden, measure_hidden
 from testbench.gap.records import Flights, check_records, check_speeds
-from testbench.gap.workflow import GapFinding, find_gap
+from testbench.gap.workflow import find_gap
 from testbench.paths import find_scenario
 from testbench.record import FlightRecord, load_record
 from testbench.scenario import AircraftName, Condition, Manoeuvre, Simulation, SuiteName
@@ -112,6 +113,8 @@ def run_gap(
     keep: Keep | None = None,
     progress: Callable[[str], None] | None = None,
     check: bool = False,
+    controls: int = 0,
+    control_file: Path | None = None,
 ) -> GapResult:
     """Read or make the measured records of a gap scenario and find what the believed model lacks.
 
@@ -121,6 +124,8 @@ def run_gap(
         keep: called with a name and each record as soon as it exists.
         progress: called with a few words as each stage begins.
         check: check the instruments against each other first; takes about as long as the search itself.
+        controls: number of control flights without any effect, each of which is searched, too.
+        control_file: keeps each of them, so that none is flown twice.
 
     Raises:
         TestbenchError: with the file and key that it comes from.
@@ -168,6 +173,8 @@ def run_gap(
             {n: r for n, r in records.items() if n in held},
             progress,
             check=check,
+            controls=controls,
+            control_file=control_file,
         )
     return GapResult(
         file.stem, scenario.title, scenario.question, scenario.aircraft, records, finding, seed, file, tuple(notes)
@@ -175,15 +182,30 @@ def run_gap(
 
 
 def run_flights(
-    aircraft: str, flights: Flights, progress: Callable[[str], None] | None = None, check: bool = True
+    aircraft: str,
+    flights: Flights,
+    progress: Callable[[str], None] | None = None,
+    check: bool = True,
+    controls: int = 0,
+    control_file: Path | None = None,
 ) -> GapResult:
     """Find what the believed model of recorded flights lacks; see :func:`testbench.gap.records.load_flights`.
+
+    ``progress``, ``check``, ``controls`` and ``control_file`` are those of :func:`run_gap`.
 
     Raises:
         FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the measured commands.
         RecordError: a record cannot be used.
     """
-    finding = find_gap(flights.believed, flights.naming, flights.held_out, progress, check=check)
+    finding = find_gap(
+        flights.believed,
+        flights.naming,
+        flights.held_out,
+        progress,
+        check=check,
+        controls=controls,
+        control_file=control_file,
+    )
     return GapResult(
         name=aircraft,
         title=f"{flights.believed.aircraft.name}: does the simulation fly as the aircraft does?",

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from testbench.gap.case import GapResult
+    from testbench.gap.controls import Controls
 
 
 def write_gap(result: GapResult, folder: Path | str) -> list[Path]:
@@ -145,6 +146,8 @@ def gap_tables(result: GapResult) -> list[Table]:
                 tuple((c, *(100.0 * row.get(q, 0.0) for q in quantities)) for c, row in shares.items()),
             )
         )
+    if result.finding.controls is not None:
+        out.append(_control_table(result.finding.controls))
     if result.finding.changed:
         best = naming.best
         out.append(
@@ -173,6 +176,26 @@ def gap_tables(result: GapResult) -> list[Table]:
                 )
             )
     return out
+
+
+def _control_table(controls: Controls) -> Table:
+    said = {"no gap": "no gap, which is right", "not flown": "could not be flown"}
+    return Table(
+        "controls",
+        "Control flights without any effect",
+        "The believed aircraft, coefficients drawn from their priors, through the same commands and air, measured with "
+        "the same sensors and searched in the same way. Gain: largest fall of chi-square by any effect.",
+        (
+            Column("number", "flight"),
+            Column("outcome", "what was said"),
+            Column("gain", "gain", decimals=1),
+            Column("chi2", "chi-square, re-tuned", decimals=0),
+        ),
+        (
+            *((str(c.number), said.get(c.outcome, c.outcome), c.gain, c.chi2) for c in controls.flights),
+            ("measured", "", controls.gain, controls.chi2),
+        ),
+    )
 
 
 def print_gap(result: GapResult, console: Console, folder: Path | str | None = None) -> None:

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from testbench.gap.case import GapResult
+    from testbench.gap.finding import Shrink
     from testbench.gap.locate import ResidualMap
-    from testbench.gap.workflow import Shrink
     from testbench.record import FloatArray
 
 _TOP_ENERGY = 100.0  # residual energies from 1 (noise) to this span the colour scale

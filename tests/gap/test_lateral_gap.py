@@ -24,6 +24,7 @@ from testbench.gap.check import check_data
 from testbench.gap.commanded import moves_laterally
 from testbench.gap.descent import retune
 from testbench.gap.effects import EFFECTS, library
+from testbench.gap.finding import TOLERANCE
 from testbench.gap.fit import fit
 from testbench.gap.hidden import Hidden, Nothing, SensorError, YawFeedback, measure_hidden
 from testbench.gap.local import Local
@@ -32,7 +33,7 @@ from testbench.gap.name import Naming, name_effect
 from testbench.gap.plan import Grams, as_record, family
 from testbench.gap.records import load_flights
 from testbench.gap.screening import screen
-from testbench.gap.workflow import TOLERANCE, find_gap, in_measured_air
+from testbench.gap.workflow import find_gap, in_measured_air
 from testbench.paths import SCENARIOS
 from testbench.record import FlightRecord
 from testbench.scenario import Doublet, Manoeuvre, StandardMultistep

@@ -39,7 +39,7 @@ def test_a_slow_servo_is_named_with_its_size_and_not_its_more_general_form(slow)
     best = slow.best
     assert abs(best.values["lag_rad_s"] - 12.0) < 4.0 * best.errors["lag_rad_s"]  # false alarm 6e-5
     assert "lag_rad_s = 1" in best.size
-    assert not best.at_bound
+    assert not best.beyond
 
 
 def test_every_effect_is_either_ranked_or_has_a_reason(slow):

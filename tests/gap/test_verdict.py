@@ -11,11 +11,11 @@ from gap_flights import ELEVATOR, believe, measure
 from testbench.gap.air import AirFound
 from testbench.gap.descent import retune
 from testbench.gap.effects import EFFECTS
+from testbench.gap.finding import GapFinding
 from testbench.gap.fit import EffectFit
 from testbench.gap.local import Local
 from testbench.gap.name import Naming
 from testbench.gap.verdict import confirmed, largest_errors, off_parameters, wrong_parameters
-from testbench.gap.workflow import GapFinding
 
 OFF = {"Cm_alpha": 1.35, "Cm_q": 0.9}
 STILL = AirFound(False, 0.0, 100.0, 0.0, 9.55, 2.0)

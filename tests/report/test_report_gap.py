@@ -14,7 +14,9 @@ import testbench.gap.plan as plan_module
 import testbench.gap.workflow as workflow
 from testbench.aircraft import load_aircraft
 from testbench.gap.case import run_flights
+from testbench.gap.controls import Control, Controls
 from testbench.gap.effects import EFFECTS
+from testbench.gap.finding import TOLERANCE
 from testbench.gap.records import Flights
 from testbench.pipeline import load_scenario
 from testbench.report.gap import print_gap, write_gap
@@ -135,10 +137,21 @@ def test_a_channel_without_a_tolerance_may_not_change_by_more_than_its_noise(res
     off[result.finding.believed.outputs.index("V")] = 1.0  # m/s, of 3 kt that are allowed
     light = replace(result.finding, shrink=(replace(shrink, before=shrink.after + off),))
     assert light.immaterial
-    monkeypatch.delitem(workflow.TOLERANCE, "V")
+    monkeypatch.delitem(TOLERANCE, "V")
     assert not light.immaterial
     quiet = replace(light, shrink=(replace(shrink, before=shrink.after + 0.1 * off),))
     assert any("or where none is given by less than its noise" in s for s in quiet.sentences)
+
+
+def test_control_flights_stand_in_the_answer_and_in_a_table(result, tmp_path):
+    flights = (Control(1, "no gap", (), 4.25, 5_100.0), Control(2, "not flown", (), 0.0, 0.0))
+    beside = Controls(flights, gain=9_000.0, chi2=14_000.0)
+    page = write_gap(replace(result, finding=replace(result.finding, controls=beside)), tmp_path)[-1]
+    assert beside.sentence.startswith("one control flight of the believed model")
+    assert beside.sentence[1:] in page.read_text(encoding="utf-8")
+    rows = (tmp_path / "tables" / "controls.csv").read_text(encoding="utf-8").splitlines()
+    assert [row.split(",")[0] for row in rows[-3:]] == ["1", "2", "measured"]
+    assert "no gap, which is right" in "".join(rows)
 
 
 def test_every_diff_is_on_the_page(result, tmp_path):

@@ -65,7 +65,7 @@ _KINDS = {
         "a tilt table; thrust steps, or aileron and rudder in turn, which move one quantity and not the other",
     ),
 }
-# The axis whose quantity leaks into an inertial sensor that leans: of the two others the one that moves, or weighs, more.
+# The axis whose quantity leaks into an inertial sensor that leans: of the two others the one that moves more.
 _LEANS_TO = {"ax": "az", "ay": "az", "az": "ax", "p": "r", "q": "r", "r": "p"}
 # kind of error -> the channels that the motion shows it in
 _SHOWN = {"position": ("ay", "az", "alpha", "beta"), "cross": (*_LEANS_TO, "V")}
