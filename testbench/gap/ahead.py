@@ -67,11 +67,16 @@ class Ahead:
         self.keep(())
 
     def begin_first(self, tasks: Mapping[K, Callable[[], Any]]) -> None:
-        """Begin the first of ``tasks``, as many as there are processes, and end what runs and is none of them."""
+        """Begin the first of ``tasks``, as many as there are processes, and end what runs and is none of them.
+
+        One that is the only one left is not begun: where its result is asked for it has all processes to itself.
+        """
         if self.most == 1:
             return
         first = list(tasks)[: self.most]
         self.keep(first)
+        if len(tasks) == 1:
+            return
         for key in first:
             self.begin(key, tasks[key])
 

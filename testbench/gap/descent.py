@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 from scipy.stats import chi2, norm
 
+from testbench.gap.ahead import spread
 from testbench.gap.effects import Effect
 from testbench.gap.local import Changes, Local
 from testbench.record import FloatArray
@@ -94,6 +96,7 @@ def descend(
             xtol=1e-4,
             max_nfev=4 if curved and begun else 8,
             callback=_GiveUp(aim),
+            workers=_spread_out,
         )
         fallen, promised = promised - 2.0 * float(found.cost), 2.0 * float(found.cost)
         x_new = np.clip(objective.unscaled(found.x), low, high)
@@ -133,6 +136,11 @@ def descend(
         if idle == IDLE or (whole and (before - promised < rest or abs(chi2_here - promised) < rest)):
             break
     return best
+
+
+def _spread_out(objective: Callable[[FloatArray], FloatArray], points: Iterable[FloatArray]) -> list[FloatArray]:
+    """Return the objective at several points, those that its slopes are taken from, on all processes that there are."""
+    return spread([partial(objective, z) for z in points])
 
 
 def _none(effect: Effect, x: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from scipy.stats import chi2
 
-from testbench.gap.ahead import spread
+from testbench.gap.ahead import Ahead, spread
 from testbench.gap.descent import MAX_ROUNDS, descend
 from testbench.gap.effects import Effect
 from testbench.gap.effects.base import together
@@ -137,21 +137,36 @@ class _Joint:
         queue = promising(worth, 0.5, 0.5, 1)
         # Nor does an effect promise much whose work coefficients do even from the believed values: it does most alone.
         relief = [max(others, key=lambda s: s.alone)] if doubtful and others and believed else []
-        tried = 0
-        for other in relief + [s for s in queue if s not in relief]:
-            effects = (*first.singles, other.effect)
-            if tried == COMPANY + len(relief):
-                break
-            if any(f.chi2 <= self.noise and together(*effects).generalises(f.effect) for f in found):
-                continue
-            tried += 1
-            more = least[other.effect.name]
+        others_first = relief + [s for s in queue if s not in relief]
+        patience = PATIENCE_FAR if doubtful else PATIENCE
+
+        def task(other: Screened) -> tuple[tuple[str, float], Callable[[], EffectFit | None]]:
+            """Return what a fit of one more effect depends on, of all that was found before it, and the fit."""
             others_found = (f.chi2 + TOLD_APART for f in found if f.within >= STRAINED)
-            lowest = min([rival.chi2 - more, *others_found])
-            patience = PATIENCE_FAR if doubtful else PATIENCE
-            both = self._fit(effects, np.concatenate([values, other.starts[0]]), tuning, lowest, patience)
-            if both is not None and both.gain - rival.gain > more and self._ahead(both, rival):
-                found.append(both)
+            lowest = min([rival.chi2 - least[other.effect.name], *others_found])
+            begin = np.concatenate([values, other.starts[0]])
+            effects = (*first.singles, other.effect)
+            return (other.effect.name, lowest), partial(self._fit, effects, begin, tuning, lowest, patience)
+
+        def special(other: Screened) -> bool:
+            """Return whether what was found leaves noise and is a special case of this."""
+            both = together(*first.singles, other.effect)
+            return any(f.chi2 <= self.noise and both.generalises(f.effect) for f in found)
+
+        left = COMPANY + len(relief)
+        with Ahead() as ahead:
+            while left and others_first:
+                other, *others_first = others_first
+                if special(other):
+                    continue
+                # The next ones begin as if this one found nothing; where it does, they begin anew.
+                next_ones = [o for o in others_first if not special(o)][: left - 1]
+                ahead.begin_first(dict(task(o) for o in (other, *next_ones)))
+                both = ahead.take(*task(other))
+                left -= 1
+                more = least[other.effect.name]
+                if both is not None and both.gain - rival.gain > more and self._ahead(both, rival):
+                    found.append(both)
 
     def _doubtful(self, rival: EffectFit) -> bool:
         """Return whether re-tuned coefficients may do in ``rival`` what an effect does."""

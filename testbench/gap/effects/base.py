@@ -114,7 +114,7 @@ class Effect:
             if match is None:
                 return False
             mine.remove(match)
-        return self is not other
+        return self.name != other.name  # not "is": what another process found is a copy
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
