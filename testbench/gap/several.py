@@ -148,19 +148,20 @@ class _Joint:
             effects = (*first.singles, other.effect)
             return (other.effect.name, lowest), partial(self._fit, effects, begin, tuning, lowest, patience)
 
-        def special(other: Screened) -> bool:
-            """Return whether what was found leaves noise and is a special case of this."""
+        def known_already(other: Screened) -> bool:
+            """Return whether this, or a special case of it, was found to leave noise."""
             both = together(*first.singles, other.effect)
-            return any(f.chi2 <= self.noise and both.generalises(f.effect) for f in found)
+            leaving_noise = (f.effect for f in found if f.chi2 <= self.noise)
+            return any(both.name == e.name or both.generalises(e) for e in leaving_noise)
 
         left = COMPANY + len(relief)
         with Ahead() as ahead:
             while left and others_first:
                 other, *others_first = others_first
-                if special(other):
+                if known_already(other):
                     continue
                 # The next ones begin as if this one found nothing; where it does, they begin anew.
-                next_ones = [o for o in others_first if not special(o)][: left - 1]
+                next_ones = [o for o in others_first if not known_already(o)][: left - 1]
                 ahead.begin_first(dict(task(o) for o in (other, *next_ones)))
                 both = ahead.take(*task(other))
                 left -= 1
