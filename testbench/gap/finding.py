@@ -16,7 +16,7 @@ from testbench.gap.fit import FALSE_ALARM
 from testbench.gap.forces import EquationErrors
 from testbench.gap.locate import RegionMap, ResidualMap, Structure
 from testbench.gap.name import Naming
-from testbench.gap.verdict import FAR, WrongParameter, off_parameters
+from testbench.gap.verdict import FAR, Rest, WrongParameter, off_parameters
 from testbench.record import FlightRecord, FloatArray
 
 # What a simulator may be off in the short period and after a power change, in roll and yaw response and in a steady
@@ -93,6 +93,7 @@ class GapFinding:
         errors: channel -> largest error of the believed model over all records, about its mean in each, SI.
         left: what the residuals of ``amended`` hold that is not white, where an effect is named in still air; None if
             that may be noise.
+        rest: what another effect would explain of what is left, where that is more than noise and form are worth.
         controls: control flights without any effect, if any were asked for.
     """
 
@@ -109,6 +110,7 @@ class GapFinding:
     parameters: tuple[WrongParameter, ...] = ()
     errors: Mapping[str, float] = field(default_factory=dict)
     left: Structure | None = None
+    rest: Rest | None = None
     controls: Controls | None = None
 
     @property
@@ -180,6 +182,8 @@ class GapFinding:
             out[0] += f"; the runner-up, {second.effect.title}, lowers it by {second.gain:.0f} ({share:.0f} %)"
         if self.left is not None:
             out.append(self.left.sentence)
+        if self.rest is not None:
+            out.append(self.rest.sentence)
         if self.immaterial:
             words = f"real but immaterial: in the manoeuvres held out it changes every channel by less {_ALLOWED}"
             if not set(self.believed.outputs) <= TOLERANCE.keys():

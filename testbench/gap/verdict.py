@@ -1,4 +1,4 @@
-"""What stands beside a name: believed parameters that are wrong, names that held-out flights refute, largest errors."""
+"""What stands beside a name: wrong parameters, names that held-out flights refute, what is left, largest errors."""
 
 from __future__ import annotations
 
@@ -8,8 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from testbench.errors import FlightAborted, LimitError, TrimError
-from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
+from testbench.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed, nuisances
+from testbench.gap.effects import Effect
+from testbench.gap.evidence import FORM, LEAST
+from testbench.gap.fit import EffectFit
+from testbench.gap.local import Local
 from testbench.gap.name import Naming
+from testbench.gap.screening import SMALL, screen_all
 from testbench.record import FlightRecord
 from testbench.words import with_error
 
@@ -114,6 +119,54 @@ def _sum_of_squares(model: Believed, records: Sequence[FlightRecord]) -> float:
         return float(sum(np.sum(model.residuals(r) ** 2) for r in records))
     except (FlightAborted, LimitError, TrimError):
         return float("inf")
+
+
+@dataclass(frozen=True)
+class Rest:
+    """What another effect would explain of what a named one leaves.
+
+    Attributes:
+        effect: the other one, that which would explain most of it.
+        gain: fall of chi-square that its best multiple promises beside the named one, coefficients re-tuned.
+        least: what noise, or the form of the named one, may be worth.
+    """
+
+    effect: Effect
+    gain: float
+    least: float
+
+    @property
+    def sentence(self) -> str:
+        """What that says of the name, in words."""
+        return (
+            f"of what it leaves, {self.effect.title} beside it would explain {self.gain:.3g} of chi-square, where "
+            f"noise or its form are worth {self.least:.3g}: it is not the whole, or an effect like it is the truth"
+        )
+
+
+def rest(
+    best: EffectFit, believed: Believed, records: Sequence[FlightRecord], effects: Mapping[str, Effect]
+) -> Rest | None:
+    """Return which effect of a library would explain most of what the named one leaves, if that is worth a word.
+
+    Every other effect is screened small beside it (:func:`testbench.gap.screening.screen`); forms of the named one have
+    been compared with it already. That refutes no name: it is no fit, and no form is quite right.
+
+    Returns None where a gust or a scattering delay is named, which leave what no model has, or the air moves: residuals
+    are white in it only as far as its model goes.
+    """
+    if best.scatter_s or best.effect.met is not None or believed.whiten is not None:
+        return None
+    priors = nuisances(records)
+    factors = np.array([best.tuning[n] for n in priors])
+    point = Local.at(believed, believed.with_effect(best.effect, best.values), tuple(records), factors, priors)
+    parts = {e.name for e in best.effect.singles}
+    forms = parts.union(*(e.contains for e in best.effect.singles))
+    others = [e for n, e in effects.items() if n not in forms and parts.isdisjoint(e.contains) and e.met is None]
+    seen = [s for s in screen_all([(point, e) for e in others], SMALL) if s.seen]
+    first = max(seen, key=lambda s: s.promise, default=None)
+    least = max(LEAST, FORM * best.gain)
+    return None if first is None or first.promise <= least else Rest(first.effect, first.promise, least)
 
 
 def largest_errors(believed: Believed, records: Sequence[FlightRecord]) -> Mapping[str, float]:

@@ -16,7 +16,7 @@ from testbench.gap.believed import Believed
 from testbench.gap.check import check_data
 from testbench.gap.controls import fly_controls, without_false_alarms
 from testbench.gap.descent import retune
-from testbench.gap.effects import Effect
+from testbench.gap.effects import Effect, library
 from testbench.gap.evidence import WEAK, noise_limit
 from testbench.gap.finding import GapFinding, Shrink
 from testbench.gap.fit import FALSE_ALARM
@@ -25,7 +25,7 @@ from testbench.gap.local import Local
 from testbench.gap.locate import ResidualMap, Structure, locate, locate_regions, structure
 from testbench.gap.name import ENOUGH_ALONE, Naming, name_effect
 from testbench.gap.plan import separate
-from testbench.gap.verdict import confirmed, largest_errors, wrong_parameters
+from testbench.gap.verdict import confirmed, largest_errors, rest, wrong_parameters
 from testbench.record import FlightRecord
 
 SAME_AIR = 0.15  # the search is made again if the rms of turbulence changes by more than this share of it
@@ -112,6 +112,11 @@ def find_gap(
     errors = largest_errors(believed, [*naming_records, *held_out.values()])
     named = naming.best is not None and not naming.best.scatter_s  # scattered commands leave what no model has
     uneven = _left(amended, naming_records) if named else None
+    unexplained = None
+    if naming.best is not None:
+        say("look at what is left")
+        known = library(believed.suite) if effects is None else effects
+        unexplained = rest(naming.best, believed, naming_records, known)
     return GapFinding(
         believed=believed,
         amended=amended,
@@ -126,6 +131,7 @@ def find_gap(
         parameters=parameters,
         errors=errors,
         left=uneven,
+        rest=unexplained,
         controls=beside,
     )
 

@@ -15,7 +15,7 @@ from testbench.gap.finding import GapFinding
 from testbench.gap.fit import EffectFit
 from testbench.gap.local import Local
 from testbench.gap.name import Naming
-from testbench.gap.verdict import confirmed, largest_errors, off_parameters, wrong_parameters
+from testbench.gap.verdict import confirmed, largest_errors, off_parameters, rest, wrong_parameters
 
 OFF = {"Cm_alpha": 1.35, "Cm_q": 0.9}
 STILL = AirFound(False, 0.0, 100.0, 0.0, 9.55, 2.0)
@@ -126,3 +126,51 @@ def test_what_is_left_unnamed_is_immaterial_if_every_channel_errs_less_than_a_si
     wrong = wrong_parameters(naming_of(tuned), believed)
     assert replace(finding, naming=naming_of(tuned), parameters=wrong).immaterial
     assert replace(finding, parameters=wrong).sentences[0].startswith("the believed Cm_alpha is wrong")
+
+
+@pytest.fixture(scope="module")
+def slow():
+    """Return the believed EOLO, a record of one with a slow servo, and one whose vane has a scale error besides."""
+    believed = believe()
+    servo = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 12.0})
+    both = servo.with_effect(EFFECTS["alpha_scale"], {"scale": 1.15})
+    return believed, measure(servo, 17, inputs=(ELEVATOR,)), measure(both, 17, inputs=(ELEVATOR,))
+
+
+FEW = {n: EFFECTS[n] for n in ("actuator_lag", "second_order_actuator", "alpha_scale", "mass_error", "V_lag")}
+
+
+def named_servo(records, believed, **changes):
+    """The fit of the servo that the records were made with, coefficients as they are believed."""
+    start = Local.at(believed, believed, tuple(records))
+    return replace(fit_of(start, "actuator_lag", {"lag_rad_s": 12.0}), **{"gain": 5_000.0, **changes})
+
+
+def test_what_is_left_beside_the_truth_is_worth_no_word(slow):
+    # 25 of chi-square is what noise reaches in fewer than one of 1000 records for all effects together; a fixed seed
+    believed, records, _ = slow
+    assert rest(named_servo(records, believed), believed, records, FEW) is None
+
+
+def test_what_another_effect_would_explain_beside_the_named_one_is_said(slow):
+    believed, _, records = slow
+    found = rest(named_servo(records, believed), believed, records, FEW)
+    assert found is not None
+    assert found.effect.name == "alpha_scale"
+    assert found.gain > found.least == 25.0
+    assert "scale error of the alpha sensor beside it would explain" in found.sentence
+    loud = named_servo(records, believed, gain=2001.0 * found.gain)
+    assert rest(loud, believed, records, FEW) is None  # no form is right to one part in two thousand
+
+
+def test_a_form_of_the_named_effect_is_not_beside_it(slow):
+    believed, _, records = slow
+    forms = {n: FEW[n] for n in ("actuator_lag", "second_order_actuator")}
+    assert rest(named_servo(records, believed), believed, records, forms) is None
+
+
+def test_what_no_model_has_or_moving_air_holds_is_not_looked_at(slow):
+    believed, _, records = slow
+    assert rest(named_servo(records, believed, scatter_s=0.01), believed, records, FEW) is None
+    moving = replace(believed, whiten=lambda record, residuals: residuals)
+    assert rest(named_servo(records, believed), moving, records, FEW) is None

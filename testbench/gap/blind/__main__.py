@@ -6,15 +6,16 @@ import argparse
 import json
 import os
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 from testbench.gap.blind.cases import SHORT, STRATA, WITHOUT, Case, draw, opened, seal
 from testbench.gap.blind.report import write_report
-from testbench.gap.blind.rows import leave_with, run_case
+from testbench.gap.blind.rows import leave_with, look_at_rest, run_case
 
 SEED = 20261210
 
@@ -30,32 +31,58 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument(
         "--report", action="store_true", help="write the summary of the rows that are there, run nothing"
     )
+    parser.add_argument(
+        "--rest", action="store_true", help="look at what the names of rows leave that were made before that was asked"
+    )
     asked = parser.parse_args(arguments)
     asked.out.mkdir(parents=True, exist_ok=True)
     rows_file = asked.out / "rows.jsonl"
     cases, digest = _sealed(asked.out, asked.seed)
-    done = _read(rows_file)
-    if not asked.report:
-        due = [(c, v) for c, v in _in_turn(cases) if c.name + v not in done][: asked.cases]
-        stop = None if asked.minutes is None else time.monotonic() + 60.0 * asked.minutes
-        with rows_file.open("a", encoding="utf-8") as file:
-            for row in _rows(due, asked.workers, stop):
-                file.write(json.dumps(row) + "\n")
-                file.flush()
-                done[row["case"]] = row
-                print(f"{len(done)} {row['case']}: {row['outcome']} {' | '.join(row['names'])}", flush=True)
-    write_report(asked.out, cases, done, digest, asked.seed)
+    done, left = _read(rows_file), _read(asked.out / "rest.jsonl")
+    stop = None if asked.minutes is None else time.monotonic() + 60.0 * asked.minutes
+    if asked.rest:
+        due = [partial(look_at_rest, c, v, done[n]) for n, c, v in _named(cases, done) if n not in left][: asked.cases]
+        for row in _kept(asked.out / "rest.jsonl", _rows(due, asked.workers, stop)):
+            left[row["case"]] = row
+            print(f"{len(left)} {row['case']}: {row.get('rest')}", flush=True)
+    elif not asked.report:
+        due = [partial(run_case, c, v) for c, v in _in_turn(cases) if c.name + v not in done][: asked.cases]
+        for row in _kept(rows_file, _rows(due, asked.workers, stop)):
+            done[row["case"]] = row
+            print(f"{len(done)} {row['case']}: {row['outcome']} {' | '.join(row['names'])}", flush=True)
+    write_report(asked.out, cases, {n: {**r, **left.get(n, {})} for n, r in done.items()}, digest, asked.seed)
     print(f"summary: {asked.out / 'README.md'}")
     return 0
 
 
-def _rows(due: Sequence[tuple[Case, str]], workers: int, stop: float | None) -> Generator[dict[str, Any], None, None]:
+def _kept(file: Path, rows: Iterable[dict[str, Any]]) -> Generator[dict[str, Any], None, None]:
+    """Yield rows once each of them stands in a file."""
+    with file.open("a", encoding="utf-8") as out:
+        for row in rows:
+            out.write(json.dumps(row) + "\n")
+            out.flush()
+            yield row
+
+
+def _named(
+    cases: tuple[Case, ...], rows: Mapping[str, Mapping[str, Any]]
+) -> Generator[tuple[str, Case, str], None, None]:
+    """Yield (row, case, variant) of rows in still air, from six manoeuvres, that give a name and say no rest of it."""
+    for case, variant in _in_turn(cases):
+        row = rows.get(case.name + variant)
+        if row and row["names"] and "rest" not in row and variant != SHORT and not case.turbulence_rms_m_s:
+            yield case.name + variant, case, variant
+
+
+def _rows(
+    due: Sequence[Callable[[], dict[str, Any]]], workers: int, stop: float | None
+) -> Generator[dict[str, Any], None, None]:
     """Yield the rows of cases as they are done; no case is begun after the time ``stop``."""
     if workers == 1:
-        for case, variant in due:
+        for run in due:
             if stop is not None and time.monotonic() > stop:
                 return
-            yield run_case(case, variant)
+            yield run()
         return
     waiting = list(reversed(due))
     running: set[Future[dict[str, Any]]] = set()
@@ -64,7 +91,7 @@ def _rows(due: Sequence[tuple[Case, str]], workers: int, stop: float | None) -> 
         while waiting or running:
             late = stop is not None and time.monotonic() > stop
             while waiting and not late and len(running) < workers:
-                running.add(pool.submit(run_case, *waiting.pop()))
+                running.add(pool.submit(waiting.pop()))
             if not running:
                 return
             ready, running = wait(running, return_when=FIRST_COMPLETED)

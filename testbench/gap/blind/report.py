@@ -25,6 +25,7 @@ from testbench.gap.blind.score import (
     sizes,
     wilson,
 )
+from testbench.gap.evidence import FORM, LEAST
 from testbench.gap.fit import FALSE_ALARM
 
 _CASES = (
@@ -164,6 +165,7 @@ def _page(
         *(_line(r, bars=False) for r in rates(two, bars=False)),
         "",
         *_names_without(six),
+        *_rests(six),
         "## By effect",
         "",
         "One effect hidden: right names of all cases, and wrong ones; of those that the library does not hold, how many"
@@ -196,6 +198,35 @@ def _names_without(six: Sequence[Score]) -> list[str]:
         *(
             f"| {' + '.join(s.case.kinds)} | {' or '.join(s.row['without']['names'])} | {'yes' if n else 'no'} |"
             for s, n in zip(named, noise, strict=True)
+        ),
+        "",
+    ]
+
+
+def _rests(six: Sequence[Score]) -> list[str]:
+    """Return how often something stands against a name: beside right ones, and where the true effect is taken out."""
+    named = {
+        f"{form} form, right": [s.row for s in six if s.case.stratum == f"{form} form" and s.verdict == "right"]
+        for form in ("library", "other")
+    }
+    named["true effect taken out, false"] = [s.row["without"] for s in six if _flew_without(s)]
+    looked = {words: [r for r in rows if r["names"] and "rest" in r] for words, rows in named.items()}
+    if not any(looked.values()):
+        return []
+    return [
+        "## What stands against a name",
+        "",
+        "In still air the report of a gap says whether another effect beside the named one would explain more of what "
+        f"it leaves than noise ({LEAST:g} of chi-square) or its form (one part in {1.0 / FORM:.0f}) is worth. A name "
+        "whose size lies at the end of its physical range is refused; rows that give one were made before that.",
+        "",
+        "| names | looked at | another effect would explain some of the rest | at the end of its range | neither |",
+        "|---|---|---|---|---|",
+        *(
+            f"| {words} | {len(rows)} | {sum(bool(r['rest']) for r in rows)} | "
+            f"{sum(bool(r.get('beyond')) for r in rows)} | "
+            f"{sum(not (r['rest'] or r.get('beyond')) for r in rows)} |"
+            for words, rows in looked.items()
         ),
         "",
     ]

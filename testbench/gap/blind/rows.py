@@ -8,22 +8,36 @@ from __future__ import annotations
 import os
 import threading
 import time
+from collections.abc import Mapping
 from typing import Any
 
 from testbench.errors import TestbenchError
 from testbench.gap.blind.cases import SHORT, WITHOUT, Case
-from testbench.gap.blind.run import name_case
+from testbench.gap.blind.run import look_again, name_case
+from testbench.record import FlightRecord
 
 
 def run_case(case: Case, variant: str = "") -> dict[str, Any]:
     """Return the row of a case: what was named, of the ``variant`` WITHOUT or SHORT, or of the case as it is."""
-    true = [name for names in case.right for name in names] if variant == WITHOUT else []
     try:
-        records = case.fly("short" if variant == SHORT else "rich")
-        row = name_case(case.aircraft, records, case.fly("held_out"), true)
+        row = name_case(case.aircraft, _records(case, variant), case.fly("held_out"), _taken_out(case, variant))
     except TestbenchError as error:
         row = {"outcome": "failed", "names": [], "why": str(error)}
     return {"case": case.name + variant, **row}
+
+
+def look_at_rest(case: Case, variant: str, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what another effect would explain beside the name that a row gives; of rows made before that was asked."""
+    found = look_again(case.aircraft, _records(case, variant), row, _taken_out(case, variant))
+    return {"case": case.name + variant, **(found or {"skipped": True})}
+
+
+def _records(case: Case, variant: str) -> dict[str, FlightRecord]:
+    return case.fly("short" if variant == SHORT else "rich")
+
+
+def _taken_out(case: Case, variant: str) -> list[str]:
+    return [name for names in case.right for name in names] if variant == WITHOUT else []
 
 
 def leave_with(parent: int) -> None:

@@ -12,9 +12,14 @@ from testbench.aircraft import load_aircraft
 from testbench.gap.air import listen
 from testbench.gap.believed import Believed
 from testbench.gap.blind.flights import RATE_HZ, condition, suite
-from testbench.gap.effects import library
+from testbench.gap.descent import retune
+from testbench.gap.effects import Effect, library
+from testbench.gap.effects.base import together
+from testbench.gap.evidence import LEAST
+from testbench.gap.fit import EffectFit
+from testbench.gap.local import Local
 from testbench.gap.name import Naming
-from testbench.gap.verdict import confirmed
+from testbench.gap.verdict import confirmed, rest
 from testbench.gap.workflow import search
 from testbench.record import FlightRecord
 
@@ -41,17 +46,51 @@ def name_case(
     began = time.process_time()
     believed = believe(aircraft)
     naming_records = list(records.values())
-    out = set(without)
-    effects = {n: e for n, e in library(believed.suite).items() if n not in out and out.isdisjoint(e.contains)}
+    effects = _without(believed, without)
     heard = listen(believed, naming_records)
     in_found_air, naming, heard = search(believed, naming_records, heard, lambda stage: None, effects)
     naming = confirmed(naming, in_found_air, list(held_out.values()))
+    best = naming.best
     return {
         **_row(naming),
+        "rest": None if best is None else _rest(best, in_found_air, naming_records, effects),
         "turbulence_rms_m_s": heard.rms_m_s if heard.moves else 0.0,
         "removed": _removed(believed, naming, list(held_out.values())),
         "seconds": time.process_time() - began,
     }
+
+
+def look_again(
+    aircraft: str, records: Mapping[str, FlightRecord], row: Mapping[str, Any], without: Sequence[str] = ()
+) -> dict[str, Any] | None:
+    """Return what another effect would explain beside the name of a row, as :func:`name_case` says it in later rows.
+
+    None if the values of the row do not lead back to what it left: a delay that scatters has a likelihood of its own.
+    """
+    believed, flown = believe(aircraft), tuple(records.values())
+    effects, everything = _without(believed, without), library(believed.suite)
+    parts = [everything[name] for name in row["best"].split(" + ")]
+    effect = together(*parts) if parts[1:] else parts[0]
+    point = retune(Local.at(believed, believed.with_effect(effect, row["values"]), flown))
+    if abs(point.chi2 - row["chi2_left"]) > LEAST:
+        return None
+    fit = EffectFit(
+        effect, row["values"], row["errors"], point.chi2, row["gain"], 0.0, row["share"] or np.nan, point.tuning
+    )
+    return {"rest": _rest(fit, believed, flown, effects), "beyond": list(fit.beyond)}
+
+
+def _without(believed: Believed, out: Sequence[str]) -> dict[str, Effect]:
+    """Return the library less some effects and those of which they are special cases."""
+    gone = set(out)
+    return {n: e for n, e in library(believed.suite).items() if n not in gone and gone.isdisjoint(e.contains)}
+
+
+def _rest(
+    best: EffectFit, believed: Believed, records: Sequence[FlightRecord], effects: Mapping[str, Effect]
+) -> dict[str, Any] | None:
+    left = rest(best, believed, records, effects)
+    return None if left is None else {"effect": left.effect.name, "gain": left.gain}
 
 
 def _row(naming: Naming) -> dict[str, Any]:
