@@ -13,6 +13,8 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: two workers with two threads each are far slower
+
 from testbench.gap.blind.cases import SHORT, STRATA, WITHOUT, Case, draw, opened, seal
 from testbench.gap.blind.report import write_report
 from testbench.gap.blind.rows import leave_with, look_at_rest, run_case
