@@ -15,6 +15,7 @@ from testbench.gap.fit import EffectFit
 from testbench.gap.local import Local
 from testbench.gap.name import Naming
 from testbench.gap.screening import SMALL, screen_all
+from testbench.gap.several import OF_FORM
 from testbench.record import FlightRecord
 from testbench.words import with_error
 
@@ -135,6 +136,10 @@ class Rest:
     gain: float
     least: float
 
+    def refutes(self, gain: float) -> bool:
+        """Return whether that is more than the form of a named effect may leave where it gains so much."""
+        return self.gain > max(LEAST, OF_FORM * gain)
+
     @property
     def sentence(self) -> str:
         """What that says of the name, in words."""
@@ -150,7 +155,7 @@ def rest(
     """Return which effect of a library would explain most of what the named one leaves, if that is worth a word.
 
     Every other effect is screened small beside it (:func:`testbench.gap.screening.screen`); forms of the named one have
-    been compared with it already. That refutes no name: it is no fit, and no form is quite right.
+    been compared with it already. No form is quite right: what refutes a name is more than its form may leave.
 
     Returns None where a gust or a scattering delay is named, which leave what no model has, or the air moves: residuals
     are white in it only as far as its model goes.
@@ -167,6 +172,35 @@ def rest(
     first = max(seen, key=lambda s: s.promise, default=None)
     least = max(LEAST, FORM * best.gain)
     return None if first is None or first.promise <= least else Rest(first.effect, first.promise, least)
+
+
+def judged(
+    naming: Naming,
+    believed: Believed,
+    records: Sequence[FlightRecord],
+    held_out: Sequence[FlightRecord],
+    effects: Mapping[str, Effect],
+) -> tuple[Naming, Rest | None]:
+    """Return ``naming`` without names that held-out flights or its own remainder refute, and what else that holds.
+
+    Args:
+        naming: what was found in ``records``.
+        believed: the believed model in the air that was found.
+        records: those that were named from.
+        held_out: those that were not.
+        effects: the library.
+    """
+    naming = confirmed(naming, believed, held_out)
+    best = naming.best
+    left = None if best is None else rest(best, believed, records, effects)
+    if best is None or left is None or len(naming.names) > 1 or not left.refutes(best.gain):
+        return naming, left
+    sentence = (
+        f"unexplained: {best.effect.title}, {best.size}, comes nearest with {best.gain:.4g} of chi-square, but of what "
+        f"it leaves {left.effect.title} beside it would explain {left.gain:.3g}, more than its form may leave: a "
+        "relative of it, or several effects, are the truth"
+    )
+    return replace(naming, outcome="unexplained", names=(), sentence=sentence), None
 
 
 def largest_errors(believed: Believed, records: Sequence[FlightRecord]) -> Mapping[str, float]:

@@ -25,7 +25,7 @@ from testbench.gap.local import Local
 from testbench.gap.locate import ResidualMap, Structure, locate, locate_regions, structure
 from testbench.gap.name import ENOUGH_ALONE, Naming, name_effect
 from testbench.gap.plan import separate
-from testbench.gap.verdict import confirmed, largest_errors, rest, wrong_parameters
+from testbench.gap.verdict import judged, largest_errors, wrong_parameters
 from testbench.record import FlightRecord
 
 SAME_AIR = 0.15  # the search is made again if the rms of turbulence changes by more than this share of it
@@ -81,7 +81,10 @@ def find_gap(
         believed, naming, air = search(believed, naming_records, air, say, effects)
         if check and checked is None:
             checked = ahead.take("check", instruments)
-    naming = confirmed(naming, believed, list(held_out.values()))
+    if naming.best is not None:
+        say("look at what is left")
+    known = library(believed.suite) if effects is None else effects
+    naming, unexplained = judged(naming, believed, naming_records, list(held_out.values()), known)
     beside = None
     if controls:
 
@@ -112,11 +115,6 @@ def find_gap(
     errors = largest_errors(believed, [*naming_records, *held_out.values()])
     named = naming.best is not None and not naming.best.scatter_s  # scattered commands leave what no model has
     uneven = _left(amended, naming_records) if named else None
-    unexplained = None
-    if naming.best is not None:
-        say("look at what is left")
-        known = library(believed.suite) if effects is None else effects
-        unexplained = rest(naming.best, believed, naming_records, known)
     return GapFinding(
         believed=believed,
         amended=amended,
@@ -131,7 +129,7 @@ def find_gap(
         parameters=parameters,
         errors=errors,
         left=uneven,
-        rest=unexplained,
+        rest=None if naming.best is None else unexplained,
         controls=beside,
     )
 

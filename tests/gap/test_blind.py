@@ -295,9 +295,9 @@ def test_the_report_counts_what_stands_against_names(tmp_path):
         rows[case.name + ", true effect taken out"] = row("named", "q_lag") | said | found
     write_report(tmp_path, cases, rows, "abc", 1)
     table = (tmp_path / "README.md").read_text(encoding="utf-8").partition("## What stands against a name")[2]
-    assert "| library form, right | 3 | 0 | 0 | 3 |" in table
-    assert "| other form, right | 0 | 0 | 0 | 0 |" in table
-    assert "| true effect taken out, false | 3 | 1 | 1 | 1 |" in table
+    assert "| library form, right | 3 | 0 | 0 | 3 | 0 |" in table
+    assert "| other form, right | 0 | 0 | 0 | 0 | 0 |" in table
+    assert "| true effect taken out, false | 3 | 1 | 1 | 1 | 2 |" in table
 
 
 def test_what_a_named_row_leaves_is_looked_at_from_its_own_values():

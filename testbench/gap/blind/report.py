@@ -27,6 +27,7 @@ from testbench.gap.blind.score import (
 )
 from testbench.gap.evidence import FORM, LEAST
 from testbench.gap.fit import FALSE_ALARM
+from testbench.gap.several import OF_FORM
 
 _CASES = (
     "case", "manoeuvres", "aircraft", "hidden", "right", "verdict", "said", "best", "share", "runner_up", "removed",
@@ -217,19 +218,27 @@ def _rests(six: Sequence[Score]) -> list[str]:
         "## What stands against a name",
         "",
         "In still air the report of a gap says whether another effect beside the named one would explain more of what "
-        f"it leaves than noise ({LEAST:g} of chi-square) or its form (one part in {1.0 / FORM:.0f}) is worth. A name "
-        "whose size lies at the end of its physical range is refused; rows that give one were made before that.",
+        f"it leaves than noise ({LEAST:g} of chi-square) or its form (one part in {1.0 / FORM:.0f}) is worth. A name is "
+        f"refused where that is more than {100.0 * OF_FORM:.0f} % of what it gains, or where its size lies at the end of "
+        "its physical range; rows that give such names were made before that.",
         "",
-        "| names | looked at | another effect would explain some of the rest | at the end of its range | neither |",
-        "|---|---|---|---|---|",
+        "| names | looked at | of the rest, something could be explained | size at the end of its range | neither "
+        "| refused now |",
+        "|---|---|---|---|---|---|",
         *(
             f"| {words} | {len(rows)} | {sum(bool(r['rest']) for r in rows)} | "
             f"{sum(bool(r.get('beyond')) for r in rows)} | "
-            f"{sum(not (r['rest'] or r.get('beyond')) for r in rows)} |"
+            f"{sum(not (r['rest'] or r.get('beyond')) for r in rows)} | {sum(_refused(r) for r in rows)} |"
             for words, rows in looked.items()
         ),
         "",
     ]
+
+
+def _refused(row: Mapping[str, Any]) -> bool:
+    """Return whether a name that a row gives is refused by what was added after the row was made."""
+    much = bool(row["rest"]) and row["rest"]["gain"] > max(LEAST, OF_FORM * row["gain"])
+    return bool(row.get("beyond")) or (much and len(row["names"]) == 1)
 
 
 def _line(rate: Rate, bars: bool) -> str:

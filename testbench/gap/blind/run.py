@@ -19,7 +19,7 @@ from testbench.gap.evidence import LEAST
 from testbench.gap.fit import EffectFit
 from testbench.gap.local import Local
 from testbench.gap.name import Naming
-from testbench.gap.verdict import confirmed, rest
+from testbench.gap.verdict import Rest, judged, rest
 from testbench.gap.workflow import search
 from testbench.record import FlightRecord
 
@@ -49,11 +49,10 @@ def name_case(
     effects = _without(believed, without)
     heard = listen(believed, naming_records)
     in_found_air, naming, heard = search(believed, naming_records, heard, lambda stage: None, effects)
-    naming = confirmed(naming, in_found_air, list(held_out.values()))
-    best = naming.best
+    naming, left = judged(naming, in_found_air, naming_records, list(held_out.values()), effects)
     return {
         **_row(naming),
-        "rest": None if best is None else _rest(best, in_found_air, naming_records, effects),
+        "rest": _rest(left),
         "turbulence_rms_m_s": heard.rms_m_s if heard.moves else 0.0,
         "removed": _removed(believed, naming, list(held_out.values())),
         "seconds": time.process_time() - began,
@@ -77,7 +76,7 @@ def look_again(
     fit = EffectFit(
         effect, row["values"], row["errors"], point.chi2, row["gain"], 0.0, row["share"] or np.nan, point.tuning
     )
-    return {"rest": _rest(fit, believed, flown, effects), "beyond": list(fit.beyond)}
+    return {"rest": _rest(rest(fit, believed, flown, effects)), "beyond": list(fit.beyond)}
 
 
 def _without(believed: Believed, out: Sequence[str]) -> dict[str, Effect]:
@@ -86,10 +85,7 @@ def _without(believed: Believed, out: Sequence[str]) -> dict[str, Effect]:
     return {n: e for n, e in library(believed.suite).items() if n not in gone and gone.isdisjoint(e.contains)}
 
 
-def _rest(
-    best: EffectFit, believed: Believed, records: Sequence[FlightRecord], effects: Mapping[str, Effect]
-) -> dict[str, Any] | None:
-    left = rest(best, believed, records, effects)
+def _rest(left: Rest | None) -> dict[str, Any] | None:
     return None if left is None else {"effect": left.effect.name, "gain": left.gain}
 
 
