@@ -218,9 +218,9 @@ def _rests(six: Sequence[Score]) -> list[str]:
         "## What stands against a name",
         "",
         "In still air the report of a gap says whether another effect beside the named one would explain more of what "
-        f"it leaves than noise ({LEAST:g} of chi-square) or its form (one part in {1.0 / FORM:.0f}) is worth. A name is "
-        f"refused where that is more than {100.0 * OF_FORM:.0f} % of what it gains, or where its size lies at the end of "
-        "its physical range; rows that give such names were made before that.",
+        f"it leaves than noise ({LEAST:g} of chi-square) or its form (one part in {1.0 / FORM:.0f}) is worth. A name "
+        f"is refused where that is more than {100.0 * OF_FORM:.0f} % of what it gains, or where its size lies at the "
+        "end of its physical range; rows that give such names were made before that.",
         "",
         "| names | looked at | of the rest, something could be explained | size at the end of its range | neither "
         "| refused now |",
