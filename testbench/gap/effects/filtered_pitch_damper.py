@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.gap.effects.base import AUTOPILOT, Effect, Parameter, Values
-from testbench.gap.effects.reroute import ELEVATOR, filtered_feedback
+from testbench.gap.effects.reroute import ELEVATOR, URGED, filtered_feedback
 from testbench.sensors import SensorSuite
 
 
@@ -25,7 +25,7 @@ EFFECT = Effect(
         "noise and vibration. What comes late damps less and stiffens more, and may set off an oscillation."
     ),
     parameters=(
-        Parameter("gain_s", "s", -0.5, 1.0, (0.15, -0.05), none=0.0),
+        Parameter("gain_s", "s", URGED, 1.0, (0.15, 0.5 * URGED), none=0.0),
         Parameter("lag_s", "s", 0.0, 0.3, (0.06,), none=0.0),
     ),
     amend=amend,

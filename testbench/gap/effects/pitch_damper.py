@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.gap.effects.base import AUTOPILOT, Effect, Parameter, Values
-from testbench.gap.effects.reroute import ELEVATOR, product, prop, reroute, value
+from testbench.gap.effects.reroute import ELEVATOR, URGED, product, prop, reroute, value
 from testbench.sensors import SensorSuite
 
 
@@ -25,7 +25,7 @@ EFFECT = Effect(
         "An autopilot turns the elevator in proportion to pitch rate, behind the recorded command and through the "
         "servo. The short period is damped more, or less with the other sign, than the aircraft itself would be."
     ),
-    parameters=(Parameter("gain_s", "s", -0.5, 1.0, (0.1, -0.05), none=0.0),),
+    parameters=(Parameter("gain_s", "s", URGED, 1.0, (0.1, 0.5 * URGED), none=0.0),),
     amend=amend,
     mistaken_for="an error of Cm_q, within its prior, where the servo is much faster than the short period",
     separated_by="a measured deflection, or a flight with the autopilot off",

@@ -12,6 +12,9 @@ from testbench.errors import ModelError
 ELEVATOR = "fcs/elevator-command-rad"
 RUDDER = "fcs/rudder-command-rad"
 THROTTLE = "fcs/throttle-cmd-norm"
+# Least gain, s, of a rate feedback: one of the wrong sign takes damping away, and whoever flies feels it before it is
+# larger. Where a fit asks for more, the feedback only stands for something slow that the library does not hold.
+URGED = -0.02
 _SHORTEST_S = 0.005  # lag that a linear model still tells from none
 _STANDS_STILL = "<gt> <property>simulation/dt</property> <value>0</value> </gt>"
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.gap.effects.base import AUTOPILOT, Effect, Parameter, Values
-from testbench.gap.effects.reroute import ELEVATOR, washed_feedback
+from testbench.gap.effects.reroute import ELEVATOR, URGED, washed_feedback
 from testbench.sensors import SensorSuite
 
 
@@ -25,7 +25,7 @@ EFFECT = Effect(
         "not work against a pull-up. The short period is damped more and the phugoid left as it is."
     ),
     parameters=(
-        Parameter("gain_s", "s", -0.5, 1.0, (0.15, -0.05), none=0.0),
+        Parameter("gain_s", "s", URGED, 1.0, (0.15, 0.5 * URGED), none=0.0),
         Parameter("washout_rad_s", "rad/s", 0.0, 5.0, (0.5,), none=0.0),
     ),
     amend=amend,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.gap.effects.base import Effect, Parameter, Values
-from testbench.gap.effects.reroute import RUDDER, washed_feedback
+from testbench.gap.effects.reroute import RUDDER, URGED, washed_feedback
 from testbench.sensors import SensorSuite
 
 
@@ -26,7 +26,7 @@ EFFECT = Effect(
         "aircraft itself, and the yaw that the rudder commands is reduced."
     ),
     parameters=(
-        Parameter("gain_s", "s", -0.5, 2.0, (0.2, -0.1), none=0.0),
+        Parameter("gain_s", "s", URGED, 2.0, (0.2, 0.5 * URGED), none=0.0),
         Parameter("washout_rad_s", "rad/s", 0.0, 5.0, (0.3,), none=0.0),
     ),
     amend=amend,
