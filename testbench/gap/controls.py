@@ -204,10 +204,10 @@ def _control(
 
 def without_false_alarms(naming: Naming, controls: Controls) -> Naming:
     """Return ``naming`` without names if control flights that hold no effect gain as much."""
-    if not naming.names or not any(c.gain >= controls.gain for c in controls.flown):
+    reached = sum(c.gain >= controls.gain for c in controls.flown)
+    if not naming.names or not reached:
         return naming
     title = naming.ranking[0].effect.title
-    reached = sum(c.gain >= controls.gain for c in controls.flown)
     return replace(
         naming,
         outcome="no gap",

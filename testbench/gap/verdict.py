@@ -136,10 +136,6 @@ class Rest:
     gain: float
     least: float
 
-    def refutes(self, gain: float) -> bool:
-        """Return whether that is more than the form of a named effect may leave where it gains so much."""
-        return self.gain > max(LEAST, OF_FORM * gain)
-
     @property
     def sentence(self) -> str:
         """What that says of the name, in words."""
@@ -147,6 +143,14 @@ class Rest:
             f"of what it leaves, {self.effect.title} beside it would explain {self.gain:.3g} of chi-square, where "
             f"noise or its form are worth {self.least:.3g}: it is not the whole, or an effect like it is the truth"
         )
+
+
+def more_than_form(left: float, gain: float) -> bool:
+    """Return whether another effect would explain more of what a name leaves, ``left``, than its form may leave.
+
+    That refutes a name that gains ``gain``; both are falls of chi-square.
+    """
+    return left > max(LEAST, OF_FORM * gain)
 
 
 def rest(
@@ -193,7 +197,7 @@ def judged(
     naming = confirmed(naming, believed, held_out)
     best = naming.best
     left = None if best is None else rest(best, believed, records, effects)
-    if best is None or left is None or len(naming.names) > 1 or not left.refutes(best.gain):
+    if best is None or left is None or len(naming.names) > 1 or not more_than_form(left.gain, best.gain):
         return naming, left
     sentence = (
         f"unexplained: {best.effect.title}, {best.size}, comes nearest with {best.gain:.4g} of chi-square, but of what "

@@ -28,6 +28,7 @@ from testbench.gap.blind.score import (
 from testbench.gap.evidence import FORM, LEAST
 from testbench.gap.fit import FALSE_ALARM
 from testbench.gap.several import OF_FORM
+from testbench.gap.verdict import more_than_form
 
 _CASES = (
     "case", "manoeuvres", "aircraft", "hidden", "right", "verdict", "said", "best", "share", "runner_up", "removed",
@@ -237,7 +238,7 @@ def _rests(six: Sequence[Score]) -> list[str]:
 
 def _refused(row: Mapping[str, Any]) -> bool:
     """Return whether a name that a row gives is refused by what was added after the row was made."""
-    much = bool(row["rest"]) and row["rest"]["gain"] > max(LEAST, OF_FORM * row["gain"])
+    much = bool(row["rest"]) and more_than_form(row["rest"]["gain"], row["gain"])
     return bool(row.get("beyond")) or (much and len(row["names"]) == 1)
 
 
