@@ -49,7 +49,7 @@ reproduction: $(VENV)/installed
 
 # Hours on one core; it goes on where it stopped.
 blind-test: $(VENV)/installed
-	$(BIN)/python -m testbench.gap.blind --out results/gap --workers 2
+	PYTHONPATH=tests $(BIN)/python -m studies.blind --out results/gap --workers 2
 
 $(VENV)/installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)

@@ -96,11 +96,11 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
 
 def scenarios_page() -> str:
     """Return every key of every kind of scenario, from the schema that checks them."""
-    from testbench.scenario import Scenario
-    from testbench.scenario.campaign import CampaignSpec
-    from testbench.scenario.compare import CompareScenario
-    from testbench.scenario.design import DesignScenario
-    from testbench.scenario.modes import ModesScenario
+    from testbench.questions.campaign.scenario import CampaignSpec
+    from testbench.questions.compare.scenario import CompareScenario
+    from testbench.questions.design.scenario import DesignScenario
+    from testbench.questions.modes.scenario import ModesScenario
+    from testbench.questions.run.scenario import Scenario
 
     out = [
         "# Keys of scenario files",

@@ -4,10 +4,11 @@ In three lines::
 
     import testbench as tb
 
-    result = tb.run(tb.load_scenario("scenarios/eolo_alpha.toml"))
+    result = tb.run(tb.load_scenario("eolo_alpha"))
     print(result.table)
 
-Names are imported when they are first used, so that ``import testbench`` and the command line start at once.
+``dir(testbench)`` lists what is meant to be used; each name says in its own help what it does, with an example. Names
+are imported when they are first used, so that ``import testbench`` and the command line start at once.
 """
 
 from __future__ import annotations
@@ -17,50 +18,77 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from testbench.aircraft import load_aircraft
-    from testbench.designer import load_design, run_design
+    from testbench.core.record import FlightRecord, load_record
+    from testbench.estimators import METHODS, estimate
+    from testbench.evaluation import evaluate
     from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, trim
-    from testbench.gap.case import run_gap
-    from testbench.logs import load_description
-    from testbench.pipeline import identify, load_scenario, run
-    from testbench.record import FlightRecord, load_record
-    from testbench.report import write_results
+    from testbench.line import fly_and_measure
+    from testbench.logs.read import read_records
+    from testbench.questions.campaign.execute import fly_campaign
+    from testbench.questions.campaign.load import load_campaign
+    from testbench.questions.compare.ask import compare
+    from testbench.questions.design.ask import run_design
+    from testbench.questions.files import load
+    from testbench.questions.gap.ask import find_gap
+    from testbench.questions.gap.case import run_gap
+    from testbench.questions.identify.ask import identify, load_description
+    from testbench.questions.run.ask import load_scenario, run
+    from testbench.questions.run.page import write_results
     from testbench.sensors import load_suite
 
 __version__ = "0.1.0"
 
 _HOME = {
+    "METHODS": "testbench.estimators",
     "FlightCondition": "testbench.flight",
-    "FlightRecord": "testbench.record",
+    "FlightRecord": "testbench.core.record",
     "Manoeuvre": "testbench.flight",
+    "compare": "testbench.questions.compare.ask",
+    "estimate": "testbench.estimators",
+    "evaluate": "testbench.evaluation",
+    "find_gap": "testbench.questions.gap.ask",
     "fly": "testbench.flight",
-    "identify": "testbench.pipeline",
+    "fly_and_measure": "testbench.line",
+    "fly_campaign": "testbench.questions.campaign.execute",
+    "identify": "testbench.questions.identify.ask",
     "linearise": "testbench.flight",
+    "load": "testbench.questions.files",
     "load_aircraft": "testbench.aircraft",
-    "load_design": "testbench.designer",
-    "load_description": "testbench.logs",
-    "load_record": "testbench.record",
-    "load_scenario": "testbench.pipeline",
+    "load_campaign": "testbench.questions.campaign.load",
+    "load_description": "testbench.questions.identify.ask",
+    "load_record": "testbench.core.record",
+    "load_scenario": "testbench.questions.run.ask",
     "load_suite": "testbench.sensors",
-    "run": "testbench.pipeline",
-    "run_design": "testbench.designer",
-    "run_gap": "testbench.gap.case",
+    "read_records": "testbench.logs.read",
+    "run": "testbench.questions.run.ask",
+    "run_design": "testbench.questions.design.ask",
+    "run_gap": "testbench.questions.gap.case",
     "trim": "testbench.flight",
-    "write_results": "testbench.report",
+    "write_results": "testbench.questions.run.page",
 }
 
 __all__ = [
+    "METHODS",
     "FlightCondition",
     "FlightRecord",
     "Manoeuvre",
+    "compare",
+    "estimate",
+    "evaluate",
+    "find_gap",
     "fly",
+    "fly_and_measure",
+    "fly_campaign",
     "identify",
     "linearise",
+    "load",
     "load_aircraft",
+    "load_campaign",
     "load_description",
-    "load_design",
     "load_record",
     "load_scenario",
     "load_suite",
+    "read_records",
     "run",
     "run_design",
     "run_gap",
@@ -73,3 +101,7 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'testbench' has no attribute '{name}'")
     return getattr(import_module(_HOME[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, "__version__"])

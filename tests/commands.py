@@ -16,10 +16,10 @@ _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(
     [
         "testbench.cli",
-        "testbench.pipeline",
-        "testbench.gap.workflow",
-        "testbench.design.search",
-        "testbench.report.figures",
+        "testbench.questions.run.ask",
+        "testbench.questions.gap.ask",
+        "testbench.questions.design.search",
+        "testbench.questions.run.figures",
         "matplotlib.backends.backend_agg",
         "matplotlib.backends.backend_svg",
         "jinja2",

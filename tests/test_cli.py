@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from commands import Done, command
 
-from testbench.paths import SCENARIOS
+from testbench.core.paths import SCENARIOS
 
 ROOT = Path(__file__).resolve().parents[1]
 

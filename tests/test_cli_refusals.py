@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from commands import ends
 
-from testbench.record import FlightRecord
+from testbench.core.record import FlightRecord
 
 ASKED_BY_FILE = (
     "run", "identify", "compatibility", "response", "gap", "design", "compare", "plan", "check",

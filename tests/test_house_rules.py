@@ -16,30 +16,35 @@ TESTS = sorted((ROOT / "tests").rglob("test_*.py"))
 
 # Rooms by rank: a module imports only from lower ranks, and never from another room of its own rank.
 RANKS = (
-    {"constants", "errors", "channels", "paths", "schema", "scratch", "words"},
-    {"record", "scenario"},
+    {"core"},
     {"aircraft", "inputs", "sensors", "estimators", "logs"},
     {"flight"},
-    {"design", "evaluation"},
-    {"results"},
-    {"pipeline", "designer"},
-    {"campaign", "comparison", "operational"},
-    {"gap"},
-    {"report"},
-    {"envs", "studio", "exercises", "reproduction"},
-    {"checks"},
+    {"evaluation"},
+    {"information"},
+    {"line"},
+    {"page"},
+    {"questions"},
+    {"envs"},
     {"cli"},
 )
 RANK = {room: rank for rank, rooms in enumerate(RANKS) for room in rooms}
-# The vocabulary is one room: errors name channels' nearest names, channels use constants and errors.
-VOCABULARY = RANKS[0]
-ONLY_IN = {
-    "jsbsim": "flight",
-    "matplotlib": "report",
-    "gymnasium": "envs",
-    "dask": "campaign",
-    "distributed": "campaign",
+# A question imports another only if it asks it.
+ASKS = {
+    "identify": {"run"},
+    "response": {"identify", "run"},
+    "compatibility": {"identify"},
+    "modes": {"identify"},
+    "importing": {"identify"},
+    "compare": {"run", "design"},
+    "campaign": {"run"},
+    "design": {"run"},
+    "plan": {"design", "run"},
+    "gap": {"compatibility", "identify", "run"},
+    "studio": {"design"},
+    "reproduce": {"run", "plan"},
+    "exercise": set(),
 }
+ONLY_IN = {"jsbsim": "flight", "gymnasium": "envs"}
 
 
 def room(path: Path) -> str:
@@ -75,33 +80,46 @@ def test_imports_point_to_the_left(path):
     for module, line in imports(path):
         top = module.split(".")[0]
         assert ONLY_IN.get(top, here) == here, f"{path.name}:{line}: {top} belongs in {ONLY_IN.get(top)}/"
+        if top == "matplotlib":
+            assert here == "page" or path.stem.endswith("figures"), f"{path.name}:{line}: a drawing lies in figures.py"
+        if top in ("dask", "distributed"):
+            assert path.parent == PACKAGE / "questions" / "campaign", f"{path.name}:{line}: {top} belongs in campaign/"
         if top != "testbench":
             continue
         there = [*module.split("."), "__init__"][1]
         if there in (here, "__init__"):
             continue
-        left = RANK[there] < RANK[here] or {there, here} <= VOCABULARY
-        assert left, f"{path.name}:{line}: {here} may not import {there}"
+        assert RANK[there] < RANK[here], f"{path.name}:{line}: {here} may not import {there}"
+
+
+@pytest.mark.parametrize(
+    "path", [p for p in SOURCES if room(p) == "questions"], ids=lambda p: str(p.relative_to(PACKAGE / "questions"))
+)
+def test_a_question_imports_another_only_if_it_asks_it(path):
+    parts = path.relative_to(PACKAGE / "questions").parts
+    for module, line in imports(path) if len(parts) > 1 else ():
+        words = module.split(".")
+        if words[:2] == ["testbench", "questions"] and len(words) > 3 and words[2] != parts[0]:
+            assert words[2] in ASKS.get(parts[0], ()), f"{path.name}:{line}: {parts[0]} does not ask {words[2]}"
 
 
 def test_the_hidden_truth_and_the_library_of_effects_share_no_code():
     """What makes hidden truths and what names them import nothing of each other, in both directions."""
-    gap = PACKAGE / "gap"
+    gap, blind = PACKAGE / "questions" / "gap", ROOT / "tests" / "studies" / "blind"
     # Makers of the blind test import each other only.
-    makers = {"flights", "servos", "forms", "kinds", "cases", *(p.stem for p in (gap / "blind").glob("truths*.py"))}
-    own = {f"testbench.gap.blind.{m}" for m in makers} | {"testbench.gap.blind"}
-    for path in (gap / "hidden.py", *(gap / "blind" / f"{m}.py" for m in sorted(makers))):
-        assert not {m for m, _ in imports(path) if m.startswith("testbench.gap") and m not in own}, path.name
+    makers = {"flights", "servos", "forms", "kinds", "cases", *(p.stem for p in blind.glob("truths*.py"))}
+    own = {f"studies.blind.{m}" for m in makers} | {"studies.blind"}
+    for path in (gap / "hidden.py", *(blind / f"{m}.py" for m in sorted(makers))):
+        found = {m for m, _ in imports(path) if m.startswith(("testbench.questions.gap", "studies"))}
+        assert not found - own, path.name
     for path in (gap / "effects").glob("*.py"):
-        assert not {m for m, _ in imports(path) if m.startswith("testbench.gap") and "effects" not in m}, path.name
-    told = ("testbench.gap.hidden", "testbench.gap.blind")
-    for path in gap.glob("*.py"):
-        if path.name not in ("hidden.py", "case.py"):  # a case holds both: it makes the records of a scenario
+        assert not {m for m, _ in imports(path) if m.startswith("testbench.questions.gap") and "effects" not in m}, path
+    told = ("testbench.questions.gap.hidden", "studies.blind")
+    for path in gap.rglob("*.py"):
+        if path.name not in ("hidden.py", "case.py", "scenario.py"):  # a case holds both: it makes the records
             assert not {m for m, _ in imports(path) if m.startswith(told)}, path.name
-    naming = {m for m, _ in imports(gap / "blind" / "run.py")}
-    assert not {m for m in naming if m in own - {"testbench.gap.blind.flights"}}, (
-        "run.py sees conditions and sensors only"
-    )
+    naming = {m for m, _ in imports(blind / "run.py")}
+    assert not {m for m in naming if m in own - {"studies.blind.flights"}}, "run.py sees conditions and sensors only"
 
 
 def public(tree: ast.Module) -> list[ast.FunctionDef | ast.ClassDef]:
@@ -162,9 +180,10 @@ def test_nothing_is_left_unfinished(path):
 def test_names_in_the_schema_are_those_of_the_families():
     from typing import get_args
 
+    from testbench.core.scenario.inputs import Input
     from testbench.estimators import METHODS
+    from testbench.estimators.settings import Estimator
     from testbench.inputs import FAMILIES
-    from testbench.scenario import Estimator, Input
 
     def tags(union: object, key: str) -> set[str]:
         classes = get_args(get_args(union)[0])

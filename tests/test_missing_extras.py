@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from commands import ends
 
+from testbench.core.errors import MissingPackage, TestbenchError
+from testbench.core.record import FlightRecord
 from testbench.envs import register
-from testbench.errors import MissingPackage, TestbenchError
-from testbench.record import FlightRecord
 
 ROOT = Path(__file__).resolve().parents[1]
 ULOG = b"ULog\x01\x12\x35\x01" + bytes(8)

@@ -17,9 +17,8 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
-
-from testbench.aircraft.strip_loads import StripModel
-from testbench.aircraft.strips import Modes, Shape, Stiffness, Tail, Wing, asymmetric_modes, symmetric_modes
+from strip_loads import StripModel
+from strips import Modes, Shape, Stiffness, Tail, Wing, asymmetric_modes, symmetric_modes
 
 FOLDER = Path(__file__).resolve().parent
 S, b, cbar, mass, Ixx, Iyy = 0.846, 4.0, 0.2311, 8.87, 2.53, 1.60  # published

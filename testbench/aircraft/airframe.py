@@ -9,9 +9,9 @@ from functools import lru_cache
 import numpy as np
 
 from testbench.aircraft.elastic import ElasticModel
-from testbench.channels import modal_channels, station_channels
-from testbench.errors import ModelError
-from testbench.record import FlightRecord, FloatArray
+from testbench.core.channels import modal_channels, station_channels
+from testbench.core.errors import ModelError
+from testbench.core.record import FlightRecord, FloatArray
 
 RIGID_SOURCES = ("az", "p", "q", "r", "pdot", "qdot", "rdot")
 

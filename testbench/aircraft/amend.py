@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
 
 from testbench.aircraft.elastic import ElasticMode, ElasticModel
-from testbench.errors import ModelError
+from testbench.core.errors import ModelError
 
 
 @dataclass(frozen=True)

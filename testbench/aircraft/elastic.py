@@ -31,8 +31,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg import block_diag, expm
 
-from testbench.constants import PSF_PA
-from testbench.record import FloatArray
+from testbench.core.constants import PSF_PA
+from testbench.core.record import FloatArray
 
 # Where a model says that the elevator stands, if that is not where its servo does.
 ELEVATOR_SURFACE = "fcs/elevator-surface-rad"

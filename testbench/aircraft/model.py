@@ -14,10 +14,10 @@ from testbench.aircraft.airframe import WingStation
 from testbench.aircraft.amend import Amendment, Memory
 from testbench.aircraft.elastic import ElasticMode, ElasticModel, WingShape, add_modes
 from testbench.aircraft.outline import Outline
-from testbench.constants import DEG_RAD, FT_M, LBF_N, SLUG_KG
-from testbench.errors import ModelError, ScenarioError, nearest
-from testbench.paths import AIRCRAFT_MODELS, aircraft_names
-from testbench.schema import NonNegative, Positive, Strict, parse, read_toml
+from testbench.core.constants import DEG_RAD, FT_M, LBF_N, SLUG_KG
+from testbench.core.errors import ModelError, ScenarioError, nearest
+from testbench.core.paths import AIRCRAFT_MODELS, aircraft_names
+from testbench.core.schema import NonNegative, Positive, Strict, parse, read_toml
 
 _LENGTH_M = {"M": 1.0, "FT": FT_M, "IN": FT_M / 12.0}
 _AREA_M2 = {"M2": 1.0, "FT2": FT_M**2}

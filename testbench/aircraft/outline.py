@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from testbench.schema import Positive, Strict
+from testbench.core.schema import Positive, Strict
 
 
 class Surface(Strict):

@@ -12,7 +12,7 @@ Needs the extra ``envs`` (``rl`` to train agents, too). Nothing is registered, a
 
 from __future__ import annotations
 
-from testbench.errors import MissingPackage
+from testbench.core.errors import MissingPackage
 
 ENTRY_POINT = "testbench.envs.excitation:ExcitationDesign"
 DEFAULT = "testbench/ExcitationDesign-v0"

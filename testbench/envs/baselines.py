@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from testbench.design.information import cost
-from testbench.design.switching import design_switching, switching
+from testbench.core.errors import LimitError, RecordError, TestbenchError
+from testbench.core.record import FloatArray
 from testbench.envs.train import agent_actions
-from testbench.errors import LimitError, RecordError, TestbenchError
+from testbench.information.fisher import cost
 from testbench.inputs.multistep import PATTERNS
-from testbench.record import FloatArray
+from testbench.questions.design.switching import design_switching, switching
 
 if TYPE_CHECKING:
     from testbench.envs.excitation import ExcitationDesign  # needs gymnasium, which --help does not
@@ -87,7 +87,7 @@ def designed_plan(env: ExcitationDesign, starts: Sequence[Plan] = (), seed: int 
     """Return the switching input of least cost: coordinate exchange over steps of whole decisions.
 
     Three forms cover the flight, by steps so long that there are no more than 48 in all, half as long again, and twice
-    as long; the other repeats a sequence of decisions. See :mod:`testbench.design.switching`.
+    as long; the other repeats a sequence of decisions. See :mod:`testbench.questions.design.switching`.
 
     Args:
         env: the environment.

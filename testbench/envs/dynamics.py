@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.envs.lifted import Lifted
 from testbench.envs.tasks import Task
 from testbench.flight.step import SteppedFlight
-from testbench.record import FlightRecord, FloatArray
 
 _FORGOTTEN = 40.0  # time constants after which a lag remembers 4e-18 of a value
 

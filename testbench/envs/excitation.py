@@ -4,7 +4,7 @@ Every step the agent sets the commands, which are held for ``decision_s``. It se
 
     r = ln(cost before / cost after) - w max(0, (use - near) / (1 - near))^2
 
-with the cost of a design (see :func:`testbench.design.information.cost`: by default the t-th root of the volume of the
+with the cost of a design (see :func:`testbench.information.fisher.cost`: by default the t-th root of the volume of the
 targets' error ellipsoid, so that r is the gain of log det information per target, in nats) and ``use`` the largest
 share of a limit that the step used up. The gains of a flight add up to ln(cost before / cost after it). A broken limit
 ends the episode with ``-breach_cost`` and without the gain of that step; the end of the record truncates it.
@@ -19,24 +19,24 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.errors import MissingPackage
 from testbench.envs import NEEDS_GYMNASIUM
-from testbench.errors import MissingPackage
 
 try:
     import gymnasium
 except ImportError as error:
     raise MissingPackage(NEEDS_GYMNASIUM) from error
 
-from testbench.design.information import Criterion
+from testbench.core.errors import LimitError, ScenarioError
+from testbench.core.record import FloatArray
 from testbench.envs.dynamics import JSBSimFlight, LinearFlight, Piece
 from testbench.envs.gain import Gain
 from testbench.envs.lifted import lift
 from testbench.envs.tasks import amplitude, prepare
-from testbench.errors import LimitError, ScenarioError
-from testbench.record import FloatArray
+from testbench.information.fisher import Criterion
 
 if TYPE_CHECKING:
-    from testbench.report.episode import Episode
+    from testbench.envs.figures import Episode
 
 Observation = NDArray[np.float32]
 LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -297,7 +297,7 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
 
     def episode(self) -> Episode:
         """Return the flight so far as the report draws it."""
-        from testbench.report.episode import Episode
+        from testbench.envs.figures import Episode
 
         done, problem = self._quiet + self._step * self._r, self.task.problem
         theta, phi = self._flight.attitude()
@@ -323,7 +323,7 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
         """Return the flight so far as an image (height, width, 3), or None without render mode."""
         if self.render_mode is None:
             return None
-        from testbench.report.episode import draw_episode
+        from testbench.envs.figures import draw_episode
 
         return draw_episode(self.episode())
 

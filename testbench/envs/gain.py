@@ -3,7 +3,7 @@
     M(t) = sum over samples so far of s s' / sigma^2 - sum over sensors of b b' / c,    b = sum of s / sigma^2
 
 with c the weight of a sensor's samples so far: its unknown offset is projected out, as in
-:mod:`testbench.design.information`, with which M agrees at every moment. What is believed before the flight is added,
+:mod:`testbench.information.fisher`, with which M agrees at every moment. What is believed before the flight is added,
 P = diag(1 / prior^2), so that the cost is finite from the first sample on (Bayesian optimality: K. Chaloner and
 I. Verdinelli, Statistical Science 10, 1995).
 """
@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtrs
 
-from testbench.design.information import Criterion
-from testbench.design.problem import Problem
-from testbench.errors import EstimationError
-from testbench.record import FloatArray
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
+from testbench.information.fisher import Criterion
+from testbench.questions.design.problem import Problem
 
 
 class Known(NamedTuple):
@@ -34,7 +34,7 @@ class Gain:
 
     Args:
         problem: the design problem.
-        criterion: which cost, see :func:`testbench.design.information.cost`.
+        criterion: which cost, see :func:`testbench.information.fisher.cost`.
         prior: standard error before the flight, relative to a parameter's true value; for a parameter that is zero,
             that of 1 in its unit.
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from testbench.design.problem import Problem
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.parametric.response import discretise
 from testbench.estimators.parametric.structure import STEP
-from testbench.record import FloatArray
+from testbench.questions.design.problem import Problem
 from testbench.sensors import Sensor
 
 

@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 
 from testbench.aircraft import Aircraft, load_aircraft
-from testbench.constants import DEG_RAD
-from testbench.design.problem import Problem
-from testbench.designer import check, limits_of, load_design, modes_of, problem_of
-from testbench.errors import ScenarioError
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import ScenarioError
+from testbench.core.record import FloatArray
 from testbench.flight import FlightCondition, TrimmedFlight, linearise, trim
-from testbench.record import FloatArray
-from testbench.scenario.design import DesignScenario
+from testbench.information.modes import modes_of
+from testbench.questions.design.build import limits_of, problem_of
+from testbench.questions.design.check import check
+from testbench.questions.design.problem import Problem
+from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import SensorSuite, load_suite
 
 # Limits and wanted accuracies are estimates. What is wanted are bounds, that white residuals alone would reach: well
@@ -87,7 +89,7 @@ def task_scenario(name: str, wings: str = "rigid") -> DesignScenario:
             raise ScenarioError(
                 [f"a task must be one of {', '.join(TASKS)} or the path of a design scenario (*.toml), got '{name}'"]
             )
-        return load_design(Path(name))
+        return DesignScenario.load(Path(name))
     return DesignScenario(aircraft=name, wings=wings, start_s=2.0, controls=("de",), **_TASKS[name])  # type: ignore[arg-type]
 
 

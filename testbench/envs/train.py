@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.errors import LimitError, MissingPackage, RecordError, TestbenchError
-from testbench.record import FloatArray
+from testbench.core.errors import LimitError, MissingPackage, RecordError, TestbenchError
+from testbench.core.record import FloatArray
 
 if TYPE_CHECKING:
     from testbench.envs.excitation import ExcitationDesign  # needs gymnasium, which --help does not

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from testbench.errors import EstimationError, nearest
-from testbench.record import FlightRecord
-from testbench.scenario.estimators import (
+from testbench.core.errors import EstimationError, nearest
+from testbench.core.record import FlightRecord
+from testbench.estimators.settings import (
     DsrE,
     EquationError,
     Equivalent,
@@ -153,7 +153,7 @@ def _structured(
     from testbench.estimators.parametric import equation_error, filter_error, output_error
     from testbench.estimators.parametric.kalman import ekf, ukf
     from testbench.estimators.parametric.structures.build import build
-    from testbench.scenario.structures import Structured
+    from testbench.estimators.structured import Structured
 
     structure = build(spec, inputs, outputs, records)
     methods: dict[str, Any] = {

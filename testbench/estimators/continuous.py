@@ -10,11 +10,11 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import ComplexArray, IdentifiedModel
 from testbench.estimators.state_space import description
 from testbench.estimators.state_variable import Hold, StateVariableFilter, delayed
-from testbench.record import FlightRecord, FloatArray
 
 _RCOND = 1e-12
 

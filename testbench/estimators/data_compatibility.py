@@ -22,8 +22,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-from testbench.constants import G0_M_S2
-from testbench.errors import EstimationError, nearest
+from testbench.core.constants import G0_M_S2
+from testbench.core.errors import EstimationError, nearest
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.compatibility.catalogue import (
     DELAY_LIMIT_S,
     SETTLING_S,
@@ -53,7 +54,6 @@ from testbench.estimators.parametric.kinematics import (
     kinematics,
     motion_of,
 )
-from testbench.record import FlightRecord, FloatArray
 
 __all__ = ["DataCompatibility", "InstrumentError", "correct", "estimate"]
 

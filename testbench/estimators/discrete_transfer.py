@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import ComplexArray, IdentifiedModel, continuous_poles
 from testbench.estimators.state_space import check_sample_time, description, free_run, unit_circle
 from testbench.estimators.state_variable import shifted
-from testbench.record import FlightRecord, FloatArray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

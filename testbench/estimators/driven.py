@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.signal import lfilter
 
+from testbench.core.record import FloatArray
 from testbench.estimators.hankel import TALL, cholesky_factor, fold
 from testbench.estimators.model import ComplexArray
 from testbench.estimators.trajectories import Modes
-from testbench.record import FloatArray
 
 _BLOCK = 16  # samples that one product of matrices runs a mode over
 _CHUNK = 2048  # samples whose signals are held at once

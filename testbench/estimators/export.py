@@ -24,9 +24,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from testbench.channels import channel
-from testbench.constants import FT_M, LBF_N, PSF_PA
-from testbench.errors import EstimationError, RecordError
+from testbench.core.channels import channel
+from testbench.core.constants import FT_M, LBF_N, PSF_PA
+from testbench.core.errors import EstimationError, RecordError
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.structures.aerodynamic import AerodynamicLongitudinal

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.linalg import svd
 from scipy.linalg.lapack import dtrcon
 
-from testbench.record import FloatArray
+from testbench.core.record import FloatArray
 
 TALL = 50
 """Rows per column from which on a Gram matrix saves time."""

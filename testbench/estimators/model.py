@@ -10,8 +10,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
-from testbench.record import FlightRecord, FloatArray
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 
 ComplexArray = NDArray[np.complex128]
 Status = Literal["good", "warning"]

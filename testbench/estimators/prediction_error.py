@@ -19,7 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records, continuous_poles
 from testbench.estimators.parametric.accuracy import whiteness
@@ -29,7 +30,6 @@ from testbench.estimators.predictor import Layout, Matrices, errors, orbit
 from testbench.estimators.residuals import coloured_information, corrected_covariance
 from testbench.estimators.state_accuracy import pole_accuracy
 from testbench.estimators.state_space import Series, StateSpaceModel, check_sample_time
-from testbench.record import FlightRecord, FloatArray
 
 _SETTLED = 1e-3  # relative change of the innovations' covariance between two rounds that ends them
 _ROUNDS = 40

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.core.record import FloatArray
 from testbench.estimators.state_space import Series
 from testbench.estimators.trajectories import Trajectories, carried
-from testbench.record import FloatArray
 
 _GROWTH = 1e3  # over a series, beyond which digits are lost in a recursion forwards
 

@@ -8,8 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
-from testbench.record import FlightRecord, FloatArray
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.scenario.base import Preparation
 
 Bias = Literal["trim", "mean", "trend", "none"]
 
@@ -123,3 +124,8 @@ def _lowpass(data: FloatArray, dt_s: float, cutoff_hz: float) -> FloatArray:
         )
     filtered: FloatArray = sosfiltfilt(sections, data, axis=0, padlen=pad)
     return filtered
+
+
+def prepared(record: FlightRecord, trim_s: float, asked: Preparation) -> FlightRecord:
+    """Return the record prepared as the table ``[preparation]`` of a scenario asks, see :func:`prepare`."""
+    return prepare(record, bias=asked.bias, trim_s=trim_s, lowpass_hz=asked.lowpass_hz, decimate=asked.decimate)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.stats import chi2
 
-from testbench.record import FloatArray
+from testbench.core.record import FloatArray
 
 LARGEST_ORDER = 20
 LAG_SHARE = 5  # with gaps, autocorrelations are taken up to a fifth of the record (Klein and Morelli 2006, section 5.2)

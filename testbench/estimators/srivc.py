@@ -13,14 +13,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.continuous import ContinuousTransferModel
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records
 from testbench.estimators.srivc_iteration import WHITE, Fit, Series, Setup, errors_of, iterate, runs_of, solve
 from testbench.estimators.state_variable import holds
 from testbench.estimators.transfer_advice import excited_band, question_poles
-from testbench.record import FlightRecord, FloatArray
 
 _DEFICIENT = 1e-9  # condition of the scaled instruments beyond which they count as rank deficient
 _SILENT = 1e-6  # output error below this share of an output is rounding: no doubt about its poles

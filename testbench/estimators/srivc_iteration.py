@@ -7,11 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.continuous import fit_free, free_basis
 from testbench.estimators.residuals import coloured_information, corrected_covariance, ljung_box
 from testbench.estimators.state_variable import Hold, StateVariableFilter, delayed
-from testbench.record import FloatArray
 
 _ITERATIONS = 60
 _FASTEST = 20.0  # radians per sample; a pole beyond it has died out within the sample

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.state_space import StateSpaceModel, unit_circle
-from testbench.record import FloatArray
 
 
 class PoleAccuracy(NamedTuple):

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError, RecordError
+from testbench.core.errors import EstimationError, RecordError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.driven import output_rows, released
 from testbench.estimators.hankel import fold, triangle
 from testbench.estimators.model import ComplexArray, IdentifiedModel, continuous_poles
 from testbench.estimators.trajectories import Modes, Trajectories, read_out
-from testbench.record import FlightRecord, FloatArray
 
 _RCOND = 1e-12
 _CHUNK = 5000  # samples folded into a triangle at once

@@ -11,9 +11,9 @@ from typing import Literal
 
 import numpy as np
 
-from testbench.errors import EstimationError, nearest
+from testbench.core.errors import EstimationError, nearest
+from testbench.core.record import FloatArray
 from testbench.estimators.state_space import Trajectories
-from testbench.record import FloatArray
 
 Hold = Literal["zoh", "foh"]
 HELD_SUFFIX = "_cmd"  # channels with this ending are commands, held by the computer until the next sample

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.linalg import schur, solve_sylvester
 from scipy.signal import lfilter
 
+from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray
-from testbench.record import FloatArray
 
 _GROWTH = 1e3  # a mode that grows by more than this over a record is run backwards in time
 _DISTINCT = 1e6  # condition of the eigenvectors up to which modes are run one by one

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from testbench.record import FlightRecord, FloatArray
+from testbench.core.record import FlightRecord, FloatArray
 
 NEAR_PEAK = 0.3  # a pole within this share of the input's spectral peak may be the input's
 PART_OF_NYQUIST = 0.5  # a pole above this share of the Nyquist frequency is hardly sampled

@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.discrete_transfer import TransferFunctionModel, discrete_poles, simulate_one
 from testbench.estimators.hankel import triangle, window_starts, windows
 from testbench.estimators.model import ComplexArray, check_records, continuous_poles
 from testbench.estimators.residuals import ljung_box
 from testbench.estimators.transfer_advice import question_poles, spectral_peak
-from testbench.record import FlightRecord, FloatArray
 
 __all__ = ["TransferFunctionModel", "estimate"]
 

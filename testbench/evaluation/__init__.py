@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.evaluation.bode import BodeError, bode_error
 from testbench.evaluation.metrics import fit_percent, mrse_percent
-from testbench.record import FlightRecord, FloatArray
 
 if TYPE_CHECKING:
     from testbench.estimators.model import IdentifiedModel

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from testbench.core.record import FloatArray
 from testbench.flight import LinearModel, TrimmedFlight
-from testbench.record import FloatArray
 
 _NOISE = 1e-8  # what is left of a zero after the differences of JSBSim's forces
 

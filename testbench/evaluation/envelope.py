@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.errors import TrimError
+from testbench.core.errors import TrimError
+from testbench.core.record import FloatArray
 from testbench.evaluation.modes import (
     Spectrum,
     follow,
@@ -19,7 +19,6 @@ from testbench.evaluation.modes import (
     spectrum,
 )
 from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, trim
-from testbench.record import FloatArray
 
 MOTIONS = ("longitudinal", "lateral-directional")
 _SCAN = 15  # speeds tried over the limits before the ends of the trimmable range are searched for
@@ -202,134 +201,7 @@ def _followed(found: Sequence[Spectrum], members: Mapping[int, str], start: int)
 # --- which speeds -----------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class SpeedRange:
-    """Slowest and fastest speed that can be trimmed, m/s, on a grid of ``step_m_s``, and what ends the range."""
-
-    slowest: float
-    fastest: float
-    step_m_s: float
-    beyond: tuple[Untrimmed, ...] = ()
-
-    def tabled(self) -> list[float]:
-        """Return ten to some twenty speeds for a table: both ends, and round values between them."""
-        width = self.fastest - self.slowest
-        step = next((s for s in _round_steps(width) if width / s >= _TABLED - 1), None)
-        if step is None:
-            return [self.slowest]
-        first, last = math.floor(self.slowest / step) + 1, math.ceil(self.fastest / step) - 1
-        return [self.slowest, *(round(k * step, 9) for k in range(first, last + 1)), self.fastest]
-
-    def followed(self) -> list[float]:
-        """Return the speeds that modes are followed over: evenly spaced, both ends included."""
-        return [float(V) for V in np.linspace(self.slowest, self.fastest, _INTERVALS + 1)]
-
-
-def _round_steps(width: float) -> list[float]:
-    if width <= 0.0:
-        return []
-    power = math.floor(math.log10(width))
-    return [m * 10.0**p for p in (power, power - 1, power - 2) for m in (5.0, 2.0, 1.0)]
-
-
-def speed_range(aircraft: Aircraft, h_m: float | None = None) -> SpeedRange:
-    """Return the range of speeds about the design speed that can be trimmed within the aircraft's limits.
-
-    Limits without a speed: half to twice the design speed. The ends are searched by bisection on a grid of a hundredth
-    to a thousandth of the width of the limits.
-
-    Raises:
-        TrimError: no speed within the limits can be trimmed.
-    """
-    height = aircraft.design_h_m if h_m is None else h_m
-    design = aircraft.design_V_m_s
-    low, high = aircraft.limits.get("V", (0.5 * design, 2.0 * design))
-    step = 10.0 ** (math.floor(math.log10(high - low)) - 2)
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
-    reasons: dict[int, str | None] = {}
-
-    def flies(k: int) -> bool:
-        """Return whether speed ``k * step`` trims; keep the reason if not."""
-        if k not in reasons:
-            try:
-                trim(aircraft, FlightCondition(round(k * step, 9), height))
-                reasons[k] = None
-            except TrimError as error:
-                reasons[k] = error.message
-        return reasons[k] is None
-
-    tried = [round(k) for k in np.linspace(first, last, _SCAN)]
-    centre = min(max(round(design / step), first), last)
-    good = [k for k in (centre, *sorted(tried, key=lambda k: abs(k - centre))) if flies(k)]
-    if not good:
-        raise TrimError(
-            f"{aircraft.name} must trim at a speed within its limits, {low:g} to {high:g} m/s, but at {height:g} m "
-            f"none of {len(reasons)} speeds does; at {round(centre * step, 9):g} m/s: {reasons[centre]}"
-        )
-    ends: list[int] = []
-    beyond: list[Untrimmed] = []
-    for limit, sign in ((first, -1), (last, 1)):
-        inside = good[0]
-        outside: int | None = None
-        for k in sorted((k for k in {*tried, limit} if sign * (k - good[0]) > 0), key=lambda k: sign * k):
-            if not flies(k):
-                outside = k
-                break
-            inside = k
-        while outside is not None and abs(outside - inside) > 1:
-            middle = (inside + outside) // 2
-            inside, outside = (middle, outside) if flies(middle) else (inside, middle)
-        ends.append(inside)
-        if outside is not None:
-            beyond.append(Untrimmed(round(outside * step, 9), str(reasons[outside])))
-    return SpeedRange(round(ends[0] * step, 9), round(ends[1] * step, 9), step, tuple(beyond))
-
-
 # --- everything that is said of an aircraft ---------------------------------------------------------------------------
 
 # Speeds of the frequency responses in Barbosa, Goes et al. (2020), figure 8.
 _RESPONSE_SPEEDS = {"eolo": (13.0, 16.0, 19.0, 22.0, 25.0)}
-
-
-@dataclass(frozen=True, eq=False)
-class Survey:
-    """An envelope with the speeds that its tables and frequency responses are made for.
-
-    Attributes:
-        name: folder name of the aircraft.
-        envelope: trims, models and modes at many speeds, those below included.
-        range: what can be trimmed.
-        tabled: speeds of the tables, m/s, all trimmed.
-        responses: speeds of the frequency responses, m/s, all trimmed.
-        untrimmed: speeds that were asked for or bound the range, and cannot be flown.
-    """
-
-    name: str
-    envelope: Envelope
-    range: SpeedRange
-    tabled: tuple[float, ...]
-    responses: tuple[float, ...]
-    untrimmed: tuple[Untrimmed, ...]
-
-
-def survey(aircraft: Aircraft, name: str) -> Survey:
-    """Return the envelope of an aircraft over all speeds at its design altitude that it can be trimmed at.
-
-    Raises:
-        TrimError: no speed within its limits can be trimmed.
-    """
-    found = speed_range(aircraft)
-    tabled = found.tabled()
-    spread = sorted({tabled[round(k)] for k in np.linspace(0, len(tabled) - 1, 5)})
-    wanted = _RESPONSE_SPEEDS.get(name, tuple(spread))
-    envelope = fly_envelope(aircraft, [*found.followed(), *tabled, *wanted, aircraft.design_V_m_s])
-    flown = set(envelope.speeds)
-    refused = {u.V_m_s: u for u in (*found.beyond, *envelope.untrimmed)}
-    return Survey(
-        name,
-        envelope,
-        found,
-        tuple(V for V in tabled if V in flown),
-        tuple(V for V in wanted if V in flown),
-        tuple(refused[V] for V in sorted(refused)),
-    )

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
-from testbench.record import FloatArray
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 
 
 def mrse_percent(y: FloatArray, yhat: FloatArray, valid: NDArray[np.bool_] | None = None) -> FloatArray:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.linalg import eig
 from scipy.optimize import linear_sum_assignment
 
-from testbench.errors import ModelError
+from testbench.core.errors import ModelError
+from testbench.core.record import FloatArray
 from testbench.flight.linearise import LinearModel
-from testbench.record import FloatArray
 
 _RIGID = ("u", "w", "q", "theta")
 _LATERAL = ("v", "p", "r", "phi")

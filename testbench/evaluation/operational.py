@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from testbench.channels import require
+from testbench.core.channels import require
 from testbench.estimators.model import ComplexArray
 from testbench.estimators.operational.likeness import mac
 from testbench.estimators.operational.result import OperationalMode, OperationalModes

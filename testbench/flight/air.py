@@ -20,11 +20,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from testbench.constants import FT_M
-from testbench.errors import LimitError, nearest
+from testbench.core.constants import FT_M
+from testbench.core.errors import LimitError, nearest
+from testbench.core.record import FloatArray
+from testbench.core.scenario.air import LOWEST_M, AirSpec
 from testbench.flight.condition import FlightCondition
-from testbench.record import FloatArray
-from testbench.scenario import LOWEST_M, AirSpec
 
 AXES = ("north", "east", "down")
 ONSET_S = 1.0  # turbulence rises from the trim's calm over this time, as a half cosine; a jump would ring every mode

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from testbench.record import FloatArray
+from testbench.core.record import FloatArray
 
 _LAPSE_K_M, _T0_K, _RHO0_KG_M3 = 0.0065, 288.15, 1.225  # ISO 2533:1975 standard atmosphere, troposphere
 

@@ -22,12 +22,12 @@ import jsbsim
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.channels import CHANNELS, CONTROLS, channel, modal_channels
-from testbench.constants import FT_M
-from testbench.errors import ModelError
+from testbench.core.channels import CHANNELS, CONTROLS, channel, modal_channels
+from testbench.core.constants import FT_M
+from testbench.core.errors import ModelError
+from testbench.core.record import FloatArray
+from testbench.core.scratch import Scratch
 from testbench.flight.condition import FlightCondition
-from testbench.record import FloatArray
-from testbench.scratch import Scratch
 
 # JSBSim's number for Adams-Bashforth of third order. Its default, Euler for the rates, costs 3 % at 8 Hz; second order
 # costs 0.6 % of a modal rate at 21 to 30 Hz and 500 frames per second; fourth order is stable over half the range only.

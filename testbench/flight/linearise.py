@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from testbench.aircraft import Aircraft, Memory
 from testbench.aircraft.airframe import station_rows
-from testbench.channels import CONTROLS
-from testbench.constants import FT_M
-from testbench.errors import ChannelError, nearest
+from testbench.core.channels import CONTROLS
+from testbench.core.constants import FT_M
+from testbench.core.errors import ChannelError, nearest
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import Executive
-from testbench.record import FlightRecord, FloatArray
 
 _RIGID = ("u", "v", "w", "p", "q", "r", "phi", "theta", "h")
 _STEP = {"u": 0.05, "v": 0.05, "w": 0.05, "p": 1e-2, "q": 1e-2, "r": 1e-2, "phi": 1e-3, "theta": 1e-3, "h": 1.0}

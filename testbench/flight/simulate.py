@@ -13,15 +13,15 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.airframe import station_sources, with_stations
-from testbench.channels import station_channels
-from testbench.constants import DEG_RAD, FT_M
-from testbench.errors import FlightAborted, LimitError
+from testbench.core.channels import station_channels
+from testbench.core.constants import DEG_RAD, FT_M
+from testbench.core.errors import LimitError
+from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.air import Air
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import Executive
 from testbench.flight.trim import place_at_trim, steady_wind
 from testbench.inputs.signal import InputSignal
-from testbench.record import FlightRecord, FloatArray
 
 _JSBSIM = version("jsbsim")  # asked once: the answer takes as long as a flight of some seconds
 

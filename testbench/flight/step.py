@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.errors import ChannelError, LimitError, nearest
+from testbench.core.errors import ChannelError, LimitError, nearest
+from testbench.core.record import FloatArray
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import Executive
 from testbench.flight.simulate import _watch, stride
 from testbench.flight.trim import place_at_trim
-from testbench.record import FloatArray
 
 
 class SteppedFlight:

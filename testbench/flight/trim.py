@@ -7,12 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.constants import DEG_RAD, FT_M
-from testbench.errors import TrimError
+from testbench.core.constants import DEG_RAD, FT_M
+from testbench.core.errors import TrimError
+from testbench.core.record import FloatArray
 from testbench.flight.air import AXES, Air
 from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.executive import Executive, body_from_earth
-from testbench.record import FloatArray
 
 _UNKNOWNS = ("alpha", "phi", "de", "da", "dr", "thr")
 _STEPS = np.array([1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3])

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from testbench.channels import CONTROLS
-from testbench.errors import ScenarioError
+from testbench.core.channels import CONTROLS
+from testbench.core.errors import ScenarioError
+from testbench.core.record import FloatArray
+from testbench.core.scenario.inputs import Input
 from testbench.inputs import binary, multisine, multistep, sweep
 from testbench.inputs.signal import InputSignal, band_share, energy_spectrum, frequency_below, total_energy
-from testbench.record import FloatArray
-from testbench.scenario import Input
 
 __all__ = [
     "FAMILIES",
@@ -45,7 +45,7 @@ def build(inputs: Sequence[Input], duration_s: float, rate_hz: float) -> InputSi
 
     The signal has ``duration_s * rate_hz`` samples, to the nearest one: sample k holds from k / rate to (k + 1) / rate,
     and the last one ends with the manoeuvre. Inputs on the same control add up. Controls stand in the order of
-    :data:`testbench.channels.CONTROLS`, whatever the order of the inputs.
+    :data:`testbench.core.channels.CONTROLS`, whatever the order of the inputs.
 
     Args:
         inputs: entries ``manoeuvre.input`` of a scenario, at least one.

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from testbench.errors import ScenarioError
+from testbench.core.errors import ScenarioError
+from testbench.core.record import FloatArray
+from testbench.core.scenario.inputs import BinaryNoise, Prbs
 from testbench.inputs.multistep import sample_intervals
-from testbench.record import FloatArray
-from testbench.scenario import BinaryNoise, Prbs
 
 _TAPS = {
     2: (2, 1),

@@ -10,10 +10,10 @@ from functools import lru_cache
 
 import numpy as np
 
-from testbench.errors import ScenarioError
+from testbench.core.errors import ScenarioError
+from testbench.core.record import FloatArray
+from testbench.core.scenario.inputs import Multisine
 from testbench.inputs.multistep import end_fault, sample_count
-from testbench.record import FloatArray
-from testbench.scenario import Multisine
 
 SAMPLES_PER_CYCLE = 10
 """The least number of samples per cycle of the highest harmonic, as for the sweep."""

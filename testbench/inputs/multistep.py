@@ -11,10 +11,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from testbench.errors import ScenarioError
+from testbench.core.errors import ScenarioError
+from testbench.core.record import FloatArray
+from testbench.core.scenario.inputs import Doublet, Multistep, Pulse, StandardMultistep, Step
 from testbench.inputs.pilot import by_hand
-from testbench.record import FloatArray
-from testbench.scenario import Doublet, Multistep, Pulse, StandardMultistep, Step
 
 _TIE = 1e-9  # samples; edges computed to lie halfway round alike in spite of the last digit
 PATTERNS = {"3211": (3.0, -2.0, 1.0, -1.0), "211": (2.0, -1.0, 1.0), "123": (1.0, -2.0, 3.0)}

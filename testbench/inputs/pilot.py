@@ -7,9 +7,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from testbench.errors import ScenarioError
-from testbench.record import FloatArray
-from testbench.scenario import Pilot
+from testbench.core.errors import ScenarioError
+from testbench.core.record import FloatArray
+from testbench.core.scenario.inputs import Pilot
 
 _ROOM = 0.4  # share of the shorter neighbouring step by which an edge may move at most, so that none changes places
 

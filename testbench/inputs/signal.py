@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.channels import CONTROLS
-from testbench.errors import ChannelError, EstimationError, LimitError, nearest
-from testbench.record import FloatArray
+from testbench.core.channels import CONTROLS
+from testbench.core.errors import ChannelError, EstimationError, LimitError, nearest
+from testbench.core.record import FloatArray
 
 _BLOCK = 2_000_000  # phases held at once by a spectrum: 16 MB
 _PAIRS = 1_000_000  # up to this many pairs of jumps are counted one by one, beyond it by FFT

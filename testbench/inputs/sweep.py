@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from testbench.errors import ScenarioError
+from testbench.core.errors import ScenarioError
+from testbench.core.record import FloatArray
+from testbench.core.scenario.inputs import Sweep
 from testbench.inputs.multistep import end_fault, sample_count
-from testbench.record import FloatArray
-from testbench.scenario import Sweep
 
 SAMPLES_PER_CYCLE = 10
 """The least number of samples per cycle: held, such a sine keeps sinc(1/10) = 98 % of its amplitude."""

@@ -19,11 +19,11 @@ from typing import Any
 
 import numpy as np
 
-from testbench.channels import CONTROLS
-from testbench.constants import DEG_RAD, PERCENT
-from testbench.errors import RecordError
+from testbench.core.channels import CONTROLS
+from testbench.core.constants import DEG_RAD, PERCENT
+from testbench.core.errors import RecordError
+from testbench.core.record import FloatArray
 from testbench.logs.signals import BROKEN, NEEDS_LOGS, Log, Rule, Topic, make_topic, scaled
-from testbench.record import FloatArray
 
 HEAD = b"\xa3\x95"
 _SIZES = dict(

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.channels import channel
-from testbench.constants import DEG_RAD
-from testbench.errors import RecordError
-from testbench.record import FlightRecord, FloatArray
+from testbench.core.channels import channel
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import RecordError
+from testbench.core.record import FlightRecord, FloatArray
 
 WINDOW_S = 0.5  # over which a control's range is taken
 QUIET_S = 0.5  # before and after a manoeuvre

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import RecordError
+from testbench.core.errors import RecordError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.logs.signals import GAP, Mapped
-from testbench.record import FlightRecord, FloatArray
 
 DEFAULT_RATE_HZ = 50.0
 STOP_DB = 60.0  # what the filter leaves of what would fold down

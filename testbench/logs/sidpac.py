@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from testbench.channels import CHANNELS, UNITS, channel, unit_factor
-from testbench.constants import DEG_RAD, FT_M, G0_M_S2, LBF_N, PSF_PA
-from testbench.errors import RecordError
-from testbench.logs.description import SUFFIXES, TIME_UNITS
+from testbench.core.channels import CHANNELS, UNITS, channel, unit_factor
+from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, LBF_N, PSF_PA
+from testbench.core.errors import RecordError
+from testbench.core.record import FloatArray
+from testbench.logs.layout import SUFFIXES, TIME_UNITS
 from testbench.logs.mat import mat_variables
 from testbench.logs.signals import Log, Rule, make_topic, scaled
 from testbench.logs.tables import Table, read_table
-from testbench.record import FloatArray
 
 COLUMNS = 90
 _CG = "columns 11 to 13 are reduced to the centre of gravity, as SIDPAC has it"

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.channels import channel
-from testbench.constants import DEG_RAD
-from testbench.record import FloatArray
+from testbench.core.channels import channel
+from testbench.core.constants import DEG_RAD
+from testbench.core.record import FloatArray
 
 NEEDS_LOGS = "need {package}, which is not installed; pip install 'flight-testbench[logs]'"
 BROKEN = (

@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.channels import channel
-from testbench.errors import RecordError, nearest
+from testbench.core.channels import channel
+from testbench.core.errors import RecordError, nearest
+from testbench.core.record import FORMAT, NEEDS_PYARROW, FloatArray, load_record
 from testbench.logs.mat import mat_variables
-from testbench.record import FORMAT, NEEDS_PYARROW, FloatArray, load_record
 
 MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
 """Cells of a text file, in lower case, that say that a sample was not taken."""

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from testbench.errors import RecordError
+from testbench.core.errors import RecordError
+from testbench.core.record import FloatArray
 from testbench.logs.signals import BROKEN, NEEDS_LOGS, Log, Rule, Topic, make_topic, scaled
 from testbench.logs.ulog_messages import intact_messages
-from testbench.record import FloatArray
 
 MAGIC = b"ULog\x01\x12\x35"
 _AT_IMU = "the inertial unit sits at the centre of gravity"

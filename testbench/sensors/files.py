@@ -12,10 +12,10 @@ from typing import Annotated, Any, get_type_hints
 
 from pydantic import Field, create_model
 
-from testbench.channels import channel, unit_factor
-from testbench.errors import ChannelError, ScenarioError, nearest
-from testbench.paths import SUITES, suite_names
-from testbench.schema import NonNegative, Positive, Strict, parse, read_toml
+from testbench.core.channels import channel, unit_factor
+from testbench.core.errors import ChannelError, ScenarioError, nearest
+from testbench.core.paths import SUITES, suite_names
+from testbench.core.schema import NonNegative, Positive, Strict, parse, read_toml
 from testbench.sensors.kinds import KINDS
 from testbench.sensors.sensor import Sensor
 from testbench.sensors.suite import SensorSuite, suite_faults

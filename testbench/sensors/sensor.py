@@ -17,9 +17,9 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.channels import channel, require
-from testbench.errors import ChannelError, ScenarioError
-from testbench.record import FlightRecord, FloatArray
+from testbench.core.channels import channel, require
+from testbench.core.errors import ChannelError, ScenarioError
+from testbench.core.record import FlightRecord, FloatArray
 
 ACCELEROMETERS = ("ax", "ay", "az")
 ROTATION = ("p", "q", "r", "pdot", "qdot", "rdot")

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from testbench.channels import CONTROLS, require
-from testbench.errors import RecordError, ScenarioError
-from testbench.record import FlightRecord
+from testbench.core.channels import CONTROLS, require
+from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.record import FlightRecord
 from testbench.sensors.sensor import Sensor, whole_ratio
 
 _COMMANDS = tuple(f"{name}_cmd" for name in CONTROLS)

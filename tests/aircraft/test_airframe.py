@@ -6,7 +6,7 @@ from scipy.signal import lsim
 
 from testbench.aircraft import load_aircraft
 from testbench.aircraft.airframe import mode_at, wing_acceleration, wing_strain
-from testbench.errors import ModelError
+from testbench.core.errors import ModelError
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, trim
 from testbench.inputs.signal import InputSignal
 

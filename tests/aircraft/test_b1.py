@@ -9,14 +9,15 @@ import pytest
 
 from testbench.aircraft import load_aircraft
 from testbench.aircraft.amend import Amendment, ScaleCoefficient
-from testbench.constants import DEG_RAD
+from testbench.core.constants import DEG_RAD
+from testbench.core.paths import AIRCRAFT_MODELS
 from testbench.evaluation.modes import frequency_and_damping, longitudinal_modes
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, trim
 from testbench.flight.executive import Executive
 from testbench.flight.trim import place_at_trim
 from testbench.inputs.signal import InputSignal
-from testbench.paths import AIRCRAFT_MODELS
-from testbench.pipeline import load_scenario, run
+from testbench.questions.run.ask import run
+from testbench.questions.run.scenario import Scenario
 
 CONDITION = FlightCondition(200.6, 1524.0)  # Mach 0.6 at 5000 ft
 RATE_HZ = 200.0
@@ -197,7 +198,7 @@ def test_loads_and_runs_in_stock_jsbsim(capfd):
 
 @pytest.fixture(scope="module")
 def study():
-    return run(load_scenario("b1_alpha"))
+    return run(Scenario.load("b1_alpha"))
 
 
 def test_alpha_repairs_the_model_of_the_papers_horizons_and_a_long_future_needs_no_repair(study):

@@ -6,10 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from testbench.aircraft import load_aircraft
-from testbench.aircraft.strip_loads import StripModel
-from testbench.aircraft.strips import (
+from strip_loads import StripModel
+from strips import (
     STRIPS,
     Shape,
     Stiffness,
@@ -20,7 +18,9 @@ from testbench.aircraft.strips import (
     cantilever_torsion,
     symmetric_modes,
 )
-from testbench.errors import TrimError
+
+from testbench.aircraft import load_aircraft
+from testbench.core.errors import TrimError
 from testbench.evaluation.modes import longitudinal_modes
 from testbench.flight import FlightCondition, linearise, trim
 

@@ -22,11 +22,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import psutil
 from campaign_speed import AIRCRAFT, campaign
 
-from testbench.campaign import Progress, Store, fly_campaign, summarise
-from testbench.campaign.execute import MOST_PER_BATCH
-from testbench.campaign.flying import Job, Outcome, fly_batch
-from testbench.campaign.load import versions
-from testbench.campaign.workers import local_workers
+from testbench.questions.campaign.execute import MOST_PER_BATCH, Progress, fly_campaign
+from testbench.questions.campaign.flying import Job, Outcome, fly_batch
+from testbench.questions.campaign.load import versions
+from testbench.questions.campaign.store import Store
+from testbench.questions.campaign.summary import summarise
+from testbench.questions.campaign.workers import local_workers
 
 RUNS = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
 MILLION = 1_000_000

@@ -23,14 +23,16 @@ from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from testbench.campaign import Store, fly_campaign, load_campaign
-from testbench.campaign.draws import nominal_inputs
-from testbench.campaign.flying import Job, Outcome, fly_batch
-from testbench.campaign.load import apply, versions
 from testbench.estimators import estimate
 from testbench.flight.executive import Executive
 from testbench.flight.trim import place_at_trim
-from testbench.pipeline import Prepared, run, trim_for
+from testbench.line import trim_for
+from testbench.questions.campaign.draws import nominal_inputs
+from testbench.questions.campaign.execute import fly_campaign
+from testbench.questions.campaign.flying import Job, Outcome, fly_batch
+from testbench.questions.campaign.load import apply, load_campaign, versions
+from testbench.questions.campaign.store import Store
+from testbench.questions.run.ask import Prepared, run
 
 RUNS = int(sys.argv[1]) if len(sys.argv) > 1 else 120
 ROUNDS = 3

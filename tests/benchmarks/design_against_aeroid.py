@@ -18,16 +18,16 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "design"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "questions" / "design"))
 
 from design_problems import problem
 
-from testbench.design.candidates import Candidate, sampled
-from testbench.design.information import accuracy
-from testbench.design.problem import judge
-from testbench.design.refine import designed_multisine
-from testbench.design.targets import targets
-from testbench.scenario import Multisine
+from testbench.core.scenario.inputs import Multisine
+from testbench.information.fisher import accuracy
+from testbench.information.targets import targets
+from testbench.questions.design.candidates import Candidate, sampled
+from testbench.questions.design.problem import judge
+from testbench.questions.design.refine import designed_multisine
 
 FREE = ("Z_alpha", "M_alpha", "M_q", "M_de")
 LINES = 5

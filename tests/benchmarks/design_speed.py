@@ -11,20 +11,21 @@ import time
 from importlib.util import find_spec
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "design"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "questions" / "design"))
 
 from design_problems import problem
 
-from testbench.design.refine import designed_multisine
-from testbench.design.search import best_of_families, screen
-from testbench.designer import load_design, run_design
-from testbench.paths import SCENARIOS
+from testbench.core.paths import SCENARIOS
+from testbench.questions.design.ask import run_design
+from testbench.questions.design.refine import designed_multisine
+from testbench.questions.design.scenario import DesignScenario
+from testbench.questions.design.search import best_of_families, screen
 
 AEROID_S = 181.0  # measured once, for a 10 s multisine
 
 if __name__ == "__main__":
     for path in sorted((SCENARIOS / "design").glob("*.toml")):
-        scenario = load_design(path)
+        scenario = DesignScenario.load(path)
         start = time.process_time()
         result = run_design(scenario)
         whole = time.process_time() - start

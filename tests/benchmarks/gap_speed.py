@@ -12,9 +12,10 @@ import time
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from testbench.gap.ahead import cores, processes
-from testbench.gap.blind.cases import draw
-from testbench.gap.blind.rows import run_case
+from studies.blind.cases import draw
+from studies.blind.rows import run_case
+
+from testbench.questions.gap.search.parallel import cores, processes
 
 if __name__ == "__main__":
     cases = draw(1, {"library form": 2, "other form": 2, "nothing": 2})

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from scipy.io import loadmat
 
-from testbench.constants import DEG_RAD
+from testbench.core.constants import DEG_RAD
+from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.structures import short_period
-from testbench.record import FlightRecord
 
 ROUNDS = 15
 LIMIT_S = 0.3

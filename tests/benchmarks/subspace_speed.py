@@ -28,9 +28,9 @@ from pathlib import Path
 
 import numpy as np
 
+from testbench.core.record import FlightRecord
 from testbench.estimators.subspace import dsr_e
 from testbench.estimators.subspace.family import FAMILY, estimate
-from testbench.record import FlightRecord
 
 ROUNDS = 5
 HORIZON, ORDER = 20, 4

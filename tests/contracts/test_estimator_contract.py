@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from testbench.constants import DEG_RAD
-from testbench.errors import ChannelError, EstimationError
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import ChannelError, EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators import METHODS, estimate
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.parametric.structures import longitudinal
-from testbench.record import FlightRecord
-from testbench.scenario.estimators import (
+from testbench.estimators.settings import (
     DsrE,
     EquationError,
     Equivalent,

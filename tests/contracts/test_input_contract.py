@@ -7,11 +7,9 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from testbench.constants import DEG_RAD
-from testbench.errors import ScenarioError
-from testbench.inputs import FAMILIES, band_share, build, total_energy
-from testbench.inputs.signal import energy_spectrum
-from testbench.scenario import (
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import ScenarioError
+from testbench.core.scenario.inputs import (
     BinaryNoise,
     Doublet,
     Input,
@@ -23,6 +21,8 @@ from testbench.scenario import (
     Step,
     Sweep,
 )
+from testbench.inputs import FAMILIES, band_share, build, total_energy
+from testbench.inputs.signal import energy_spectrum
 
 A_DEG = 2.0
 COMMON = {"control": "de", "amplitude_deg": A_DEG, "start_s": 1.0}

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from testbench.channels import CHANNELS, station_channels
-from testbench.paths import SUITES, suite_names
-from testbench.record import FlightRecord
+from testbench.core.channels import CHANNELS, station_channels
+from testbench.core.paths import SUITES, suite_names
+from testbench.core.record import FlightRecord
 from testbench.sensors import KINDS, load_suite
 
 SECONDS = 20.0

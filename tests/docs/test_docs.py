@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from testbench.gap.effects import EFFECTS
-from testbench.paths import find_scenario
+from testbench.core.paths import find_scenario
+from testbench.questions.gap.effects import EFFECTS
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"

@@ -8,8 +8,8 @@ import warnings
 import numpy as np
 import pytest
 
+from testbench.core.errors import EstimationError, LimitError, ScenarioError
 from testbench.envs import AIRCRAFT, DEFAULT, environment_names, register
-from testbench.errors import EstimationError, LimitError, ScenarioError
 from testbench.flight import Manoeuvre, fly
 from testbench.inputs.signal import InputSignal
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from testbench.design.information import cost
+from testbench.core.errors import EstimationError, ScenarioError
 from testbench.envs.gain import Gain
 from testbench.envs.lifted import lift
 from testbench.envs.tasks import prepare, task_scenario
-from testbench.errors import EstimationError, ScenarioError
+from testbench.information.fisher import cost
 
 CASES = [("eolo", "rigid"), ("eolo", "flexible"), ("taurus", "rigid"), ("b1", "rigid")]
 

@@ -8,11 +8,11 @@ import pytest
 
 pytest.importorskip("gymnasium", reason="the extra 'envs' is not installed")
 
+from testbench.core.errors import MissingPackage, RecordError
 from testbench.envs.baselines import as_csv, baselines, fly_plan
 from testbench.envs.baselines import main as compare
 from testbench.envs.excitation import ExcitationDesign
 from testbench.envs.train import agent_actions, main, train
-from testbench.errors import MissingPackage, RecordError
 
 
 def stand_in(task, decision_s, size=0.2):

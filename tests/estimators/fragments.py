@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from testbench.constants import FT_M, LBF_N, SLUG_KG
+from testbench.core.constants import FT_M, LBF_N, SLUG_KG
 
 
 def flown(folder, fragment, at, mass):

@@ -7,13 +7,13 @@ import pytest
 from scipy.integrate import OdeSolution, solve_ivp
 from scipy.optimize import least_squares
 
-from testbench.constants import DEG_RAD, G0_M_S2
-from testbench.errors import ChannelError, EstimationError
+from testbench.core.constants import DEG_RAD, G0_M_S2
+from testbench.core.errors import ChannelError, EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators import data_compatibility
 from testbench.estimators.compatibility.fit import Problem, stretch
 from testbench.estimators.data_compatibility import correct, estimate
 from testbench.estimators.parametric.kinematics import kinematics
-from testbench.record import FlightRecord
 
 DT = 0.04
 CHANNELS = ("V", "alpha", "beta", "phi", "theta", "psi", "h", "hdot", "Vg", "p", "q", "r", "ax", "ay", "az")

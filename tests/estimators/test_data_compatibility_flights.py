@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from testbench.constants import DEG_RAD, FT_M
+from testbench.core.constants import DEG_RAD, FT_M
+from testbench.core.record import FlightRecord
 from testbench.estimators.data_compatibility import DataCompatibility, correct, estimate
 from testbench.flight.simulate import Manoeuvre, fly
 from testbench.inputs.signal import InputSignal
-from testbench.record import FlightRecord
 from testbench.sensors.sensor import Sensor
 from testbench.sensors.suite import SensorSuite
 

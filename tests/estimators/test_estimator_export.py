@@ -8,7 +8,7 @@ import pytest
 from estimators.fragments import flown, state_at
 from scipy.io import loadmat
 
-from testbench.errors import EstimationError, RecordError
+from testbench.core.errors import EstimationError, RecordError
 from testbench.estimators.export import MassProperties, jsbsim_aerodynamics, save_jsbsim, save_json, save_mat
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.structures import (

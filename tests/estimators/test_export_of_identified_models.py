@@ -13,12 +13,14 @@ from estimators.fragments import flown, state_at
 from scipy.io import loadmat
 
 import testbench.cli as cli
-from testbench.channels import channel
-from testbench.errors import EstimationError
+from testbench.core.channels import channel
+from testbench.core.errors import EstimationError
 from testbench.estimators.export import MassProperties, jsbsim_aerodynamics, save_jsbsim, save_json, save_mat
-from testbench.logs import load_description
-from testbench.pipeline import identify, load_scenario, run
-from testbench.report import record_keeper
+from testbench.page.write import record_keeper
+from testbench.questions.identify.ask import identify
+from testbench.questions.identify.scenario import RecordDescription
+from testbench.questions.run.ask import run
+from testbench.questions.run.scenario import Scenario
 
 jsbsim = pytest.importorskip("jsbsim")
 
@@ -90,17 +92,19 @@ def identified(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp(name)
     scenario = folder / "flights.toml"
     scenario.write_text(SCENARIO.format(name=name, suite=suite, V=V, h=h, size=size, step=step), encoding="utf-8")
-    simulated = run(load_scenario(scenario), None, record_keeper(folder))
+    simulated = run(Scenario.load(scenario), None, record_keeper(folder))
     names = ("de", "V", "alpha", "q", "theta")
     channels = ", ".join(f'{{ name = "{n}", column = "{n}", unit = "{channel(n).unit}" }}' for n in names)
     file = folder / f"{name}_recorded.toml"
     file.write_text(DESCRIPTION.format(name=name, suite=suite, channels=channels), encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("testbench.report.figures.plates", lambda result: [])  # which take longest and are not asked here
+        patch.setattr(
+            "testbench.questions.run.figures.plates", lambda result: []
+        )  # which take longest and are not asked here
         assert status(patch, "identify", file, "-o", folder / "results") == 0
     return SimpleNamespace(
         models=folder / "results" / file.stem / "models",
-        cases={c.model.method: c.model for c in identify(load_description(file)).cases},
+        cases={c.model.method: c.model for c in identify(RecordDescription.load(file)).cases},
         truth=simulated.truth,
         aircraft=simulated.truth.aircraft,
     )

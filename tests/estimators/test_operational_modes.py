@@ -11,12 +11,12 @@ import pytest
 from scipy.linalg import solve_discrete_lyapunov
 from scipy.signal import lfilter
 
-from testbench.errors import ChannelError, EstimationError
+from testbench.core.errors import ChannelError, EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.operational import Criteria, estimate, mac
 from testbench.estimators.operational.covariances import covariances
 from testbench.estimators.operational.realise import realise
 from testbench.estimators.operational.stabilise import stabilise
-from testbench.record import FlightRecord
 
 DT = 0.02
 CHANNELS = ("az_wing_1", "az_wing_2", "az_wing_3", "strain_wing_1")

@@ -7,14 +7,14 @@ import pytest
 from recorded import flight_data
 from scipy.signal import cont2discrete
 
-from testbench.errors import EstimationError, RecordError
+from testbench.core.errors import EstimationError, RecordError
+from testbench.core.record import FlightRecord
 from testbench.estimators import prediction_error
 from testbench.estimators.predictor import Layout, Matrices, errors, orbit
 from testbench.estimators.prepare import prepare
 from testbench.estimators.state_accuracy import frequency_response_std, pole_accuracy
 from testbench.estimators.state_space import Series, StateSpaceModel
 from testbench.estimators.subspace import dsr_e
-from testbench.record import FlightRecord
 
 DT = 0.04
 INPUTS, OUTPUTS = ("de",), ("alpha", "q")

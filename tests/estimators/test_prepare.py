@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.prepare import prepare
-from testbench.record import FlightRecord
 
 T = np.arange(0.0, 20.0, 0.02)
 

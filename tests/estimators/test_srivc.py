@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter, lsim
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators import srivc
 from testbench.estimators.continuous import ContinuousTransferModel
 from testbench.estimators.transfer_advice import question_poles
-from testbench.logs import load_description, read_records
-from testbench.logs.description import ENVIRONMENT
-from testbench.record import FlightRecord
+from testbench.logs.layout import ENVIRONMENT
+from testbench.logs.read import read_records
+from testbench.questions.identify.scenario import RecordDescription
 
 DT = 0.1
 A = np.array([1.0, 2.5, 6.25])  # wn 2.5 rad/s, zeta 0.5
@@ -330,7 +331,7 @@ def test_export():
 
 def test_attas_short_period():
     folder = Path(os.environ.get(ENVIRONMENT) or Path(__file__).resolve().parents[3] / "shared" / "flight_data")
-    description = load_description("attas_short_period")
+    description = RecordDescription.load("attas_short_period")
     absent = [r.file for r in description.record if not (folder / r.file).is_file()]
     if absent:
         pytest.skip(f"recorded flights are missing: {', '.join(absent)} in '{folder}'; set {ENVIRONMENT}")

@@ -5,11 +5,11 @@ import json
 import numpy as np
 import pytest
 
-from testbench.errors import EstimationError, RecordError
+from testbench.core.errors import EstimationError, RecordError
+from testbench.core.record import FlightRecord
 from testbench.estimators.hankel import cholesky_factor, fold, triangle
 from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs
 from testbench.estimators.trajectories import Trajectories, carried
-from testbench.record import FlightRecord
 
 DT = 0.05
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.prepare import prepare
 from testbench.estimators.transfer_function import TransferFunctionModel, estimate
-from testbench.record import FlightRecord
 
 DT = 0.125  # the log rate of the Taurus paper, 8 Hz
 

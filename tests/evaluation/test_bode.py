@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
 from testbench.evaluation.bode import bode_error, zero_order_hold
 
 OMEGA = np.geomspace(0.1, 10.0, 25)

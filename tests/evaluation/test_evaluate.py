@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.state_space import StateSpaceModel
 from testbench.evaluation import Evaluation, evaluate
-from testbench.record import FlightRecord
 
 DT = 0.05
 A_S = np.array([[-1.2, 1.0], [-6.6, -2.5]])

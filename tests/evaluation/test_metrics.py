@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
 from testbench.evaluation.metrics import fit_percent, mrse_mean, mrse_percent
 
 Y = np.array([[3.0, 1.0], [4.0, -1.0], [0.0, 1.0], [0.0, -1.0]])

@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from testbench.evaluation.answers import alpha_findings
+from testbench.estimators.settings import DsrE
 from testbench.evaluation.excitation import excitation
 from testbench.evaluation.modes import frequency_of, roots_of
 from testbench.evaluation.poles import match_poles
 from testbench.flight.linearise import LinearModel
-from testbench.scenario.estimators import DsrE
+from testbench.questions.run.findings import alpha_findings
 
 SPLIT = {"phugoid": -0.003 + 0.5j, "short period, slow root": -1.6 + 0j, "short period, fast root": -7.3 + 0j}
 

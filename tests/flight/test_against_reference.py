@@ -20,13 +20,13 @@ from reference.equations_of_motion import Reference, read_reference, with_rigid_
 from scipy.optimize import linear_sum_assignment
 
 from testbench.aircraft import Aircraft
-from testbench.constants import DEG_RAD
+from testbench.core.constants import DEG_RAD
+from testbench.core.paths import AIRCRAFT_MODELS
+from testbench.core.record import FloatArray
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, fly, linearise, trim
 from testbench.inputs.multistep import sample_intervals
 from testbench.inputs.signal import InputSignal
 from testbench.inputs.sweep import swept_sine
-from testbench.paths import AIRCRAFT_MODELS
-from testbench.record import FloatArray
 
 HEIGHT = {"eolo": 547.0, "taurus": 100.0}
 SPEEDS = [("eolo", V) for V in (13.0, 14.5, 16.0, 18.0, 20.0)] + [("taurus", V) for V in (12.0, 15.0)]

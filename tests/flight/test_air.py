@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from testbench.constants import DEG_RAD, FT_M
-from testbench.errors import LimitError, ScenarioError
+from testbench.core.constants import DEG_RAD, FT_M
+from testbench.core.errors import LimitError, ScenarioError
+from testbench.core.paths import SCENARIOS
 from testbench.flight import FlightCondition, Manoeuvre, fly, trim
 from testbench.flight.air import Air, Gust, dryden_psd, scale_lengths, turbulence, turbulence_rms
 from testbench.inputs.signal import InputSignal
-from testbench.paths import SCENARIOS
-from testbench.pipeline import load_scenario, run
+from testbench.questions.run.ask import run
+from testbench.questions.run.scenario import Scenario
 
 CONDITION = FlightCondition(16.0, 547.0)
 WIND = ("wind_north", "wind_east", "wind_down")
@@ -217,7 +218,7 @@ def scenario_with(tmp_path, air: str):
     text = (SCENARIOS / "taurus_doublet.toml").read_text(encoding="utf-8")
     path = tmp_path / "windy.toml"
     path.write_text(text.replace("[simulation]", f"{air}\n[simulation]"), encoding="utf-8")
-    return load_scenario(path)
+    return Scenario.load(path)
 
 
 def test_a_scenario_runs_in_wind_and_turbulence(tmp_path):

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from testbench.constants import DEG_RAD
-from testbench.errors import ChannelError
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import ChannelError
 from testbench.evaluation.modes import frequency_and_damping, longitudinal_modes
 from testbench.flight import Manoeuvre, fly, linearise
 from testbench.inputs.signal import InputSignal

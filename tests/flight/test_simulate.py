@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from testbench.aircraft import Amendment, Insert, ScaleCoefficient, load_aircraft
-from testbench.constants import DEG_RAD
-from testbench.errors import FlightAborted, LimitError, ModelError
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import LimitError, ModelError
+from testbench.core.record import FlightAborted
 from testbench.flight import FlightCondition, Manoeuvre, fly, trim
 from testbench.flight.executive import Executive
 from testbench.flight.trim import place_at_trim

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from testbench.errors import ChannelError, LimitError
+from testbench.core.errors import ChannelError, LimitError
 from testbench.flight import Manoeuvre, fly
 from testbench.flight.step import SteppedFlight
 from testbench.inputs.signal import InputSignal

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from testbench.aircraft import load_aircraft
-from testbench.constants import G0_M_S2
-from testbench.errors import TrimError
+from testbench.core.constants import G0_M_S2
+from testbench.core.errors import TrimError
+from testbench.core.paths import aircraft_names
 from testbench.flight import FlightCondition, Manoeuvre, fly, trim
 from testbench.flight.trim import horizon_rates
 from testbench.inputs.signal import InputSignal
-from testbench.paths import aircraft_names
 
 
 @pytest.mark.parametrize("name", ["eolo", "taurus"])

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from testbench.errors import ScenarioError
+from testbench.core.errors import ScenarioError
+from testbench.core.scenario.inputs import BinaryNoise, Prbs
 from testbench.inputs import build
 from testbench.inputs.binary import binary_noise, prbs, prbs_bits
-from testbench.scenario import BinaryNoise, Prbs
 
 DE = {"control": "de", "amplitude_deg": 2.0}
 

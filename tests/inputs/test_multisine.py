@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from testbench.errors import ScenarioError
+from testbench.core.errors import ScenarioError
+from testbench.core.scenario.inputs import Multisine
 from testbench.inputs import build
 from testbench.inputs.multisine import harmonics, multisine, phases, relative_peak_factor
-from testbench.scenario import Multisine
 
 
 def spec(**other):

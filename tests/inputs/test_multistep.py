@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from testbench.constants import DEG_RAD, PERCENT
-from testbench.errors import ScenarioError
+from testbench.core.constants import DEG_RAD, PERCENT
+from testbench.core.errors import ScenarioError
+from testbench.core.scenario.inputs import Doublet, Multistep, Pulse, StandardMultistep, Step
 from testbench.inputs import build
-from testbench.scenario import Doublet, Multistep, Pulse, StandardMultistep, Step
 
 DE = {"control": "de", "amplitude_deg": 2.0}
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from testbench.errors import ScenarioError
+from testbench.core.errors import ScenarioError
+from testbench.core.scenario.inputs import Doublet, Pilot, Pulse, StandardMultistep
 from testbench.inputs import build
-from testbench.scenario import Doublet, Pilot, Pulse, StandardMultistep
 
 DE = {"control": "de", "amplitude_deg": 1.0, "start_s": 1.0}
 RATE = 100.0

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from testbench.errors import ChannelError, EstimationError, LimitError
+from testbench.core.errors import ChannelError, EstimationError, LimitError
 from testbench.inputs import InputSignal, band_share, energy_spectrum, frequency_below, signal, total_energy
 
 DT = 0.01

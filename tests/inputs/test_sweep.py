@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from testbench.constants import DEG_RAD
-from testbench.errors import ScenarioError
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import ScenarioError
+from testbench.core.scenario.inputs import Sweep
 from testbench.inputs import band_share, build
 from testbench.inputs.sweep import sweep, swept_sine
-from testbench.scenario import Sweep
 
 
 def spec(**changes: object) -> Sweep:

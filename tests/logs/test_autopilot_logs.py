@@ -7,10 +7,10 @@ import sys
 import numpy as np
 import pytest
 
-from testbench.constants import DEG_RAD, G0_M_S2
-from testbench.errors import RecordError
-from testbench.logs.importing import cut, import_log, read_log
+from testbench.core.constants import DEG_RAD, G0_M_S2
+from testbench.core.errors import RecordError
 from testbench.logs.signals import map_channels
+from testbench.questions.importing.ask import cut, import_log, read_log
 
 pytest.importorskip("pyulog", reason="needs the extra logs: pip install flight-testbench[logs]")
 pytest.importorskip("pymavlink", reason="needs the extra logs: pip install flight-testbench[logs]")

@@ -7,10 +7,11 @@ import hashlib
 import numpy as np
 import pytest
 
-from testbench.errors import RecordError
-from testbench.logs import load_description, read_records
+from testbench.core.errors import RecordError
+from testbench.core.record import FlightRecord
+from testbench.logs.read import read_records
 from testbench.logs.tables import read_table
-from testbench.record import FlightRecord
+from testbench.questions.identify.scenario import RecordDescription
 
 N = 40
 HEAD = """
@@ -50,7 +51,7 @@ def describe(tmp_path, file, *, time='column = "t"', record="", channels=None, u
     text += "\n".join("[[channel]]\n" + channel for channel in channels) + tail
     path = tmp_path / "d.toml"
     path.write_text(text, encoding="utf-8")
-    return load_description(path)
+    return RecordDescription.load(path)
 
 
 def read(tmp_path, file, **options):

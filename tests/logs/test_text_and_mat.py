@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from testbench.errors import RecordError
+from testbench.core.errors import RecordError
 from testbench.logs.tables import read_table
 
 

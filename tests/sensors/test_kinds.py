@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from testbench.constants import DEG_RAD, G0_M_S2
-from testbench.errors import ChannelError, RecordError, ScenarioError
-from testbench.record import FlightRecord
+from testbench.core.constants import DEG_RAD, G0_M_S2
+from testbench.core.errors import ChannelError, RecordError, ScenarioError
+from testbench.core.record import FlightRecord
 from testbench.sensors import KINDS, Sensor, SensorSuite
 from testbench.sensors.sensor import lever_arm
 

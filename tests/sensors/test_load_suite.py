@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from testbench.constants import DEG_RAD
-from testbench.errors import RecordError, ScenarioError
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import RecordError, ScenarioError
 from testbench.sensors import load_suite, noise_std, suite_table
 
 HEAD = 'title = "t"\nrate_hz = 100.0\n'

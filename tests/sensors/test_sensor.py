@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from testbench.constants import DEG_RAD
-from testbench.errors import ChannelError, RecordError, ScenarioError
-from testbench.record import FlightRecord
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import ChannelError, RecordError, ScenarioError
+from testbench.core.record import FlightRecord
 from testbench.sensors import Sensor, SensorSuite
 from testbench.sensors.sensor import first_order_lag, lever_arm, whole_ratio
 

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from testbench.constants import DEG_RAD
-from testbench.errors import ScenarioError
-from testbench.paths import suite_names
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import ScenarioError
+from testbench.core.paths import suite_names
 from testbench.sensors import KINDS, load_suite, suite_toml
 
 HEAD = 'title = "t"\nrate_hz = 100.0\n'

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from estimator_cases import DT, ERRORS, LINES, OUTPUTS, PERIOD_S, RESPONDING, Case, closest, gradient, modal_of
 
+from testbench.core.record import FlightRecord
 from testbench.estimators import data_compatibility, regression, srivc, transfer_function
 from testbench.estimators.frequency.equivalent import fit_equivalent
 from testbench.estimators.frequency.multisine import estimate_multisine_response
@@ -17,7 +18,6 @@ from testbench.estimators.parametric.kalman import ekf, ukf
 from testbench.estimators.parametric.structures import longitudinal
 from testbench.estimators.prediction_error import estimate as prediction_error
 from testbench.estimators.subspace import dsr_e, family
-from testbench.record import FlightRecord
 
 HORIZONS = {"past_horizon": 15, "future_horizon": 15, "order": 4}
 FAMILY = ("moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt")

@@ -47,7 +47,7 @@ from estimator_cases import (  # noqa: E402
 from estimator_methods import INSTRUMENTS, LONGITUDINAL, METHODS, MULTISINE  # noqa: E402
 from rich.progress import Progress  # noqa: E402
 
-from testbench.errors import EstimationError  # noqa: E402
+from testbench.core.errors import EstimationError  # noqa: E402
 
 RESULTS = ROOT / "results" / "estimators"
 HELD_TABLE = ROOT / "testbench" / "estimators" / "coverage_table.py"

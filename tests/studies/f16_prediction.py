@@ -27,9 +27,9 @@ from scipy.signal import fftconvolve, firwin
 ROOT = Path(__file__).resolve().parents[2]
 sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 
+from testbench.core.record import FlightRecord  # noqa: E402
 from testbench.estimators.state_space import StateSpaceModel  # noqa: E402
 from testbench.estimators.subspace import dsr_e, family  # noqa: E402
-from testbench.record import FlightRecord  # noqa: E402
 
 # The channel table knows no shaker: its force stands under "thrust" (N), the accelerations under ax, ay, az.
 CHANNELS = ("thrust", "ax", "ay", "az")

@@ -34,7 +34,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "estimators" / "subspace")]
 from dsr_e_systems import flight_test_inputs, record, sampled, short_period, simulate  # noqa: E402
 from rich.progress import track  # noqa: E402
 
-from testbench.errors import EstimationError  # noqa: E402
+from testbench.core.errors import EstimationError  # noqa: E402
 from testbench.estimators.model import continuous_poles  # noqa: E402
 from testbench.estimators.subspace import dsr_e, family  # noqa: E402
 

@@ -5,8 +5,8 @@ A name is a channel and a kind: ``alpha_scale``, ``q_bias``, ``V_delay``, ``alph
 
 from __future__ import annotations
 
-from testbench.channels import channel
-from testbench.constants import DEG_RAD
+from testbench.core.channels import channel
+from testbench.core.constants import DEG_RAD
 from testbench.estimators.parametric.kinematics import ACCELEROMETERS, RATES, KinematicStructure
 
 TIMED = ("V", "alpha", "beta")

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from testbench.core.record import FloatArray
 from testbench.estimators.compatibility.catalogue import none_value, plausible_size
 from testbench.estimators.compatibility.fit import Fit, Problem
 from testbench.estimators.compatibility.input_noise import score_of_input_noise
 from testbench.estimators.residuals import coloured_information, corrected_covariance
-from testbench.record import FloatArray
 
 USEFUL = 1.0 / 3.0  # largest standard error over plausible size of an error that the data are said to tell
 _FELT = 0.1  # share of its plausible size that an error must take up of another's to be named with it

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from testbench.constants import DEG_RAD
+from testbench.core.constants import DEG_RAD
 from testbench.estimators.compatibility.fit import Stretch
 from testbench.estimators.parametric.kinematics import KinematicStructure
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.compatibility.catalogue import (
     DELAY_LIMIT_S,
     LAG_LEAST_S,
@@ -30,7 +31,6 @@ from testbench.estimators.parametric.gauss_newton import Minimum, minimise
 from testbench.estimators.parametric.kinematics import ACCELEROMETERS, RATES, KinematicStructure
 from testbench.estimators.parametric.response import respond
 from testbench.estimators.parametric.structure import STEP, AnyArray
-from testbench.record import FlightRecord, FloatArray
 
 _ORDERS = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24)  # of the whitening filters
 _SAMPLES_PER_ORDER = 20

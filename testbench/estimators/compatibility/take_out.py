@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.compatibility.fit import Stretch, stretch
 from testbench.estimators.parametric.kinematics import ACCELEROMETERS, KinematicStructure
 from testbench.estimators.parametric.response import respond
-from testbench.record import FlightRecord, FloatArray
 
 if TYPE_CHECKING:
     from testbench.estimators.data_compatibility import DataCompatibility

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
-from testbench.errors import EstimationError, nearest
+from testbench.core.errors import EstimationError, nearest
+from testbench.core.record import FloatArray
 from testbench.estimators.continuous import ContinuousTransferModel
 from testbench.estimators.coverage import approximate
 from testbench.estimators.frequency.misfit import (
@@ -30,7 +31,6 @@ from testbench.estimators.frequency.misfit import (
 )
 from testbench.estimators.frequency.response import FrequencyResponse
 from testbench.estimators.state_variable import holds
-from testbench.record import FloatArray
 
 _POOR = 100.0  # mean cost above which a low-order equivalent is not acceptable (Tischler and Remple, section 11.2)
 _DELAYS = 13  # starts of each delay, up to a whole turn at the highest frequency

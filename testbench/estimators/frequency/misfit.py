@@ -10,12 +10,12 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.frequency.response import FrequencyResponse
 from testbench.estimators.frequency.sampled import sampled_response
 from testbench.estimators.model import ComplexArray
 from testbench.estimators.state_variable import Hold
-from testbench.record import FloatArray
 
 Weighting = Literal["loes", "likelihood"]
 DB = 20.0 / np.log(10.0)

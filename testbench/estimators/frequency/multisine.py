@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
 from testbench.estimators.frequency.response import FrequencyResponse, interval_factor
 from testbench.estimators.model import ComplexArray, check_records
-from testbench.record import FlightRecord, FloatArray
 
 _EXCITED = 0.01  # a line counts as excited from 1 % of the amplitude of the largest line on
 _STANDS_OUT = 5.0  # and if it stands this many standard deviations above the noise

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray, Status
-from testbench.record import FloatArray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import expm
 
+from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray
-from testbench.record import FloatArray
 
 _WHOLE = 1e-9  # of a sample: a delay this near to whole samples is whole
 

@@ -12,12 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
 from testbench.estimators.frequency.response import FrequencyResponse, interval_factor
 from testbench.estimators.hankel import window_starts
 from testbench.estimators.model import ComplexArray, check_records
-from testbench.record import FlightRecord, FloatArray
 
 _CHUNK = 2_000_000  # complex exponentials held at once
 _TAKEN = 0.9  # a segment with fewer samples really taken, in any channel, is left out

@@ -9,8 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
-from testbench.record import FloatArray
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 
 Masked = tuple[FloatArray, NDArray[np.bool_]]
 """Samples (n, r) of zero mean and which of them were taken."""

@@ -8,7 +8,8 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from testbench.errors import EstimationError, nearest
+from testbench.core.errors import EstimationError, nearest
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import check_records
 from testbench.estimators.operational.advice import advise, remarks
 from testbench.estimators.operational.covariances import Masked, covariances
@@ -16,7 +17,6 @@ from testbench.estimators.operational.realise import realise
 from testbench.estimators.operational.result import OperationalMode, OperationalModes
 from testbench.estimators.operational.stabilise import Chain, Criteria, stabilise, view
 from testbench.estimators.prepare import prepare
-from testbench.record import FlightRecord, FloatArray
 
 _OVERSAMPLED = 4.0  # rate over the highest frequency looked for, that data are decimated to
 _CUT = 1.2  # low-pass before decimation, over the highest frequency looked for

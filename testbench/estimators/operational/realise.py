@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray
-from testbench.record import FloatArray
 
 _RANK = 1e-11  # singular values below this share of the first are rounding
 _REAL = 1e-9  # imaginary parts below this share of |s| are rounding

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray, Status
 from testbench.estimators.operational.stabilise import OrderView
-from testbench.record import FloatArray
 
 METHOD = "ssi_cov"
 

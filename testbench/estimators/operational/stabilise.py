@@ -14,9 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray
 from testbench.estimators.operational.realise import OrderPoles
-from testbench.record import FloatArray
 
 
 @dataclass(frozen=True)

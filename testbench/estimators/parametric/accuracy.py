@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.parametric.advice import null_directions
 from testbench.estimators.residuals import coloured_information, corrected_covariance, ljung_box
-from testbench.record import FloatArray
 
 WHITENESS_LAGS = 20
 _ROUNDING = 1e-9  # residuals below this share of an output's size say nothing about noise

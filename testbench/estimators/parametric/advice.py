@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import LinearStructure
-from testbench.record import FloatArray
 
 _LOST = 1e-7  # smallest over largest singular value of the scaled sensitivities below which nothing is decided
 _NAMED = 0.3  # share of a null direction that makes a parameter worth naming

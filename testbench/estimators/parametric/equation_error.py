@@ -22,7 +22,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
@@ -32,7 +33,6 @@ from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import delayed
 from testbench.estimators.parametric.structure import STEP, ModelStructure
 from testbench.estimators.regression.smoothing import SineSeries, bridge
-from testbench.record import FlightRecord, FloatArray
 
 _STEPS = 20
 _QUIET = 1e-2  # noise of a state below this share of its motion does not bias anything worth mentioning

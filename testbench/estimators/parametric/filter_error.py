@@ -29,7 +29,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
@@ -43,7 +44,6 @@ from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import delayed
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.state_space import check_sample_time
-from testbench.record import FlightRecord, FloatArray
 
 _SETTLED = 3e-3  # relative change of the innovations' variances between two rounds that ends them
 _ROUNDS = 60

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
-from testbench.record import FloatArray
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 
 _POOR, _FINE = 0.25, 0.75  # real over predicted fall of the cost
 _ROUNDING = 1e-11  # of the cost

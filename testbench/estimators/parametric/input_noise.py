@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dtrtri
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
@@ -33,7 +34,6 @@ from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import discretise
 from testbench.estimators.parametric.structure import LinearStructure
 from testbench.estimators.trajectories import carried
-from testbench.record import FlightRecord, FloatArray
 
 _TOLERANCE = 1e-6  # the search ends where a full step would lower the cost by this much: a thousandth of an error
 _COLOURED = 1e-3  # false-alarm probability of the whiteness test

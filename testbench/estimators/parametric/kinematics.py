@@ -21,8 +21,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from testbench.constants import G0_M_S2
-from testbench.errors import ChannelError, EstimationError
+from testbench.core.constants import G0_M_S2
+from testbench.core.errors import ChannelError, EstimationError
 from testbench.estimators.parametric.structure import AnyArray, ModelStructure, Parameter
 
 Motion = Literal["full", "longitudinal", "vertical", "lateral"]

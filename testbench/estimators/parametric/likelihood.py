@@ -9,12 +9,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric.gauss_newton import Problem
 from testbench.estimators.parametric.model import output_offsets
 from testbench.estimators.parametric.response import delayed, responses
 from testbench.estimators.parametric.structure import ModelStructure
-from testbench.record import FlightRecord, FloatArray
 
 Initial = Literal["free", "record", "zero"]
 _EXACT = 1e-12  # residuals below this share of an output's size are rounding

@@ -8,12 +8,12 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import ComplexArray, IdentifiedModel
 from testbench.estimators.parametric.response import delayed, respond
 from testbench.estimators.parametric.structure import LinearStructure, Matrices, ModelStructure
 from testbench.estimators.state_space import check_sample_time, description
-from testbench.record import FlightRecord, FloatArray
 
 _STATE_ITERATIONS = 20
 

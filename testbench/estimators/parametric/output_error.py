@@ -20,7 +20,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
@@ -28,7 +29,6 @@ from testbench.estimators.parametric.gauss_newton import Minimum, minimise
 from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.structure import ModelStructure
-from testbench.record import FlightRecord, FloatArray
 
 _SETTLED = 1e-3  # relative change of the noise covariance between two rounds that ends them
 _EXACT = 1e-11  # residuals below this share of every output's size are rounding

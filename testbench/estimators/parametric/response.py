@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import STEP, AnyArray, LinearStructure, Matrices, ModelStructure
 from testbench.estimators.trajectories import Trajectories, carried
-from testbench.record import FloatArray
 
 _SWEEPS = 12  # Newton sweeps over a whole trajectory before it is run sample by sample
 _TRAJECTORY = 1e-13  # defect of a trajectory relative to its size

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.channels import channel
-from testbench.errors import EstimationError, nearest
-from testbench.record import FloatArray
+from testbench.core.channels import channel
+from testbench.core.errors import EstimationError, nearest
+from testbench.core.record import FloatArray
 
 STEP = 1e-30
 """Complex step: far below rounding, so that the derivative has no truncation error, and nothing is subtracted."""

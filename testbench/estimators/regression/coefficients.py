@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.regression.data import Differentiation, MassProperties, Recipe, RegressionData
 from testbench.estimators.regression.smoothing import bridge, fourier_smooth, local_polynomial
-from testbench.record import FlightRecord, FloatArray
 
 _NONDIMENSIONAL = (
     *("p_hat", "q_hat", "r_hat", "alphadot_hat", "betadot_hat"),

@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import ChannelError, EstimationError, nearest
-from testbench.record import FloatArray
+from testbench.core.errors import ChannelError, EstimationError, nearest
+from testbench.core.record import FloatArray
 
 BIAS = "1"
 """Name of the constant term."""

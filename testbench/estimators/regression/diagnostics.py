@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.coverage import approximate
 from testbench.estimators.regression.data import BIAS, RegressionData, factors
 from testbench.estimators.regression.smoothing import noise_level
-from testbench.record import FloatArray
 
 _STILL = 1e-12  # a term that moves less than this share of its size does not move
 _DEFICIENT = 1e-9  # singular values below this share of the largest are zero: rounding of centred terms

@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.regression.data import BIAS, RegressionData, check_terms, factors
 from testbench.estimators.regression.diagnostics import advise, diagnose, refuse_deficient
 from testbench.estimators.regression.result import RegressionResult
-from testbench.record import FloatArray
 
 _CONFLICT = 3.0  # standard deviations between prior and data worth mentioning
 

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray, Status
 from testbench.estimators.regression.data import RegressionData
 from testbench.estimators.regression.equation_error import equation_error
 from testbench.estimators.regression.result import RegressionResult
-from testbench.record import FloatArray
 
 _RATES = {"alpha": "alphadot", "beta": "betadot", "p": "pdot", "q": "qdot", "r": "rdot"}
 

@@ -8,14 +8,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import ComplexArray, Status
 from testbench.estimators.regression.data import BIAS, RegressionData, check_terms
 from testbench.estimators.regression.diagnostics import noisy_terms
 from testbench.estimators.regression.equation_error import block, equation_error
 from testbench.estimators.regression.frequency import band_lines, check_band, complex_fit
-from testbench.record import FloatArray
 
 _DECIDED = 1e-10  # eigenvalue ratio of the scaled information below which the data do not decide the terms yet
 _CHUNK = 4096

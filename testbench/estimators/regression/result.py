@@ -9,11 +9,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import Status
 from testbench.estimators.regression.coefficients import regression_data
 from testbench.estimators.regression.data import Recipe, RegressionData
-from testbench.record import FlightRecord, FloatArray
 
 Domain = Literal["time", "frequency"]
 

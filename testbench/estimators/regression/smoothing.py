@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
-from testbench.record import FlightRecord, FloatArray
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 
 _NOISE_BAND = 0.6  # noise is read above this share of the Nyquist frequency
 _LEAST = 16  # samples below which there is no such band to speak of

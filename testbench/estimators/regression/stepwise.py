@@ -12,7 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.coverage import approximate
 from testbench.estimators.regression.data import BIAS, RegressionData, check_terms
 from testbench.estimators.regression.equation_error import (
@@ -23,7 +24,6 @@ from testbench.estimators.regression.equation_error import (
     stack,
 )
 from testbench.estimators.regression.result import RegressionResult
-from testbench.record import FloatArray
 
 _SPAN = 1e-6  # a candidate with less than this share of its length outside the chosen terms is one of them
 _F = 12.0  # P(F(1, inf) > 12) = 5.3e-4 per candidate

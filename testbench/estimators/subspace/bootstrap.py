@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.model import continuous_poles
 from testbench.estimators.state_space import StateSpaceModel, free_run
 from testbench.estimators.subspace.data import LEAD, Stretch
 from testbench.estimators.subspace.tail import pair
-from testbench.record import FloatArray
 
 if TYPE_CHECKING:
     from testbench.estimators.subspace.family import Outcome, Settings

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import fftconvolve, firwin
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.hankel import window_starts
-from testbench.record import FlightRecord, FloatArray
 
 Offset = Literal["none", "offset", "trend"]
 LEAD = {"none": 0, "offset": 1, "trend": 2}

@@ -36,7 +36,8 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.hankel import BlockHankel, window_starts
 from testbench.estimators.model import check_records, continuous_poles
 from testbench.estimators.state_space import StateSpaceModel
@@ -61,7 +62,6 @@ from testbench.estimators.subspace.dsr_e_steps import (
 )
 from testbench.estimators.subspace.dsr_e_variant import realise_unweighted
 from testbench.estimators.subspace.tail import lost_poles, pole_distance, reflect, to_rate
-from testbench.record import FlightRecord, FloatArray
 
 Variant = Literal["original", "eolo"]
 

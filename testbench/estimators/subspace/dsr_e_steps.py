@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrcon
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.hankel import BlockHankel, block_factor, predict, runs, thin_svd, trend, window_starts
 from testbench.estimators.state_space import Series, fit_inputs
 from testbench.estimators.subspace.data import Stretch
 from testbench.estimators.subspace.order import EXACT, choose_order
 from testbench.estimators.subspace.projections import by_shift
-from testbench.record import FloatArray
 
 _RANK = 1e-12  # truncation of projections of noise-free data
 _RANK_NOISY = 1e-8  # with noise, weaker directions only let the noise in

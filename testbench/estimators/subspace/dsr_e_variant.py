@@ -6,12 +6,12 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dtrcon
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.hankel import block_factor, thin_svd
 from testbench.estimators.subspace.dsr_e_steps import SAFE, Innovations, future_of
 from testbench.estimators.subspace.factor import RANK
 from testbench.estimators.subspace.order import choose_order
-from testbench.record import FloatArray
 
 
 def realise_unweighted(

@@ -8,11 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.hankel import block_factor, thin_svd, window_starts
 from testbench.estimators.subspace.data import Stretch
 from testbench.estimators.subspace.order import EXACT
-from testbench.record import FloatArray
 
 RANK = 1e-12
 """Truncation of projections of noise-free data, relative to the largest singular value."""

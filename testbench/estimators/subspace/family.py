@@ -18,7 +18,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from testbench.errors import EstimationError, nearest
+from testbench.core.errors import EstimationError, nearest
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
 from testbench.estimators.hankel import window_starts
 from testbench.estimators.model import check_records, continuous_poles
@@ -38,7 +39,6 @@ from testbench.estimators.subspace.factor import Factor, factorise, shortened
 from testbench.estimators.subspace.predictors import PREDICTORS
 from testbench.estimators.subspace.projections import PROJECTIONS, Realisation
 from testbench.estimators.subspace.tail import gain, lost_poles, pole_distance, reflect, to_rate
-from testbench.record import FlightRecord, FloatArray
 
 FAMILY = {
     "moesp": "subspace identification PO-MOESP: orthogonal projection on past inputs and outputs",

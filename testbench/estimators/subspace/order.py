@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from testbench.errors import EstimationError
-from testbench.record import FloatArray
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 
 EXACT = 1e-9
 """Innovations below this share of an output's root mean square are rounding: the output is free of noise."""

@@ -24,10 +24,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from testbench.core.record import FloatArray
 from testbench.estimators.hankel import thin_svd
 from testbench.estimators.subspace.factor import Factor, weak_level
 from testbench.estimators.subspace.projections import Realisation, canonical, moesp, noise_floor, pick
-from testbench.record import FloatArray
 
 
 def _past_predictor(f: Factor, L: int) -> FloatArray:

@@ -28,10 +28,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.core.record import FloatArray
 from testbench.estimators.hankel import thin_svd
 from testbench.estimators.subspace.factor import Factor, basis
 from testbench.estimators.subspace.order import choose_order
-from testbench.record import FloatArray
 
 _OBLIQUE = 0.5  # N4SID damps directions of the past of which the future inputs hide more than about this share
 

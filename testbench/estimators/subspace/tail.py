@@ -6,10 +6,10 @@ import numpy as np
 from scipy.linalg import fractional_matrix_power
 from scipy.optimize import linear_sum_assignment
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray, continuous_poles
 from testbench.estimators.subspace.factor import Factor
-from testbench.record import FloatArray
 
 _DEFECTIVE = 1e10  # condition of the eigenvectors beyond which a pole cannot be moved alone
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from testbench.record import FloatArray
+from testbench.core.record import FloatArray
 from testbench.sensors.sensor import ACCELEROMETERS, ROTATION, lever
 from testbench.sensors.triad import Triad
 

@@ -9,8 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from testbench.constants import G0_M_S2
-from testbench.record import FloatArray
+from testbench.core.constants import G0_M_S2
+from testbench.core.record import FloatArray
 from testbench.sensors.sensor import Sensor
 
 

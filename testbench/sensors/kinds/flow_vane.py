@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from testbench.record import FloatArray
+from testbench.core.record import FloatArray
 from testbench.sensors.sensor import Sensor
 
 _NEEDS = ("u", "v", "w", "p", "q", "r")

@@ -9,8 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from testbench.constants import DEG_RAD
-from testbench.record import FloatArray
+from testbench.core.constants import DEG_RAD
+from testbench.core.record import FloatArray
 from testbench.sensors.sensor import Sensor
 
 

@@ -9,8 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
-from testbench.errors import RecordError
-from testbench.record import FloatArray
+from testbench.core.errors import RecordError
+from testbench.core.record import FloatArray
 from testbench.sensors.sensor import Sensor
 
 

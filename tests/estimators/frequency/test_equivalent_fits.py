@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.continuous import ContinuousTransferModel
 from testbench.estimators.frequency.equivalent import fit_equivalent
 from testbench.estimators.frequency.misfit import model_of, problem_of, residuals, slopes_of
 from testbench.estimators.frequency.response import FrequencyResponse
-from testbench.record import FlightRecord
 
 DT = 0.02
 OMEGA = np.geomspace(0.3, 12.0, 40)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.frequency.multisine import estimate_interleaved_responses, estimate_multisine_response
-from testbench.logs.description import ENVIRONMENT
+from testbench.logs.layout import ENVIRONMENT
 from testbench.logs.tables import read_table
-from testbench.record import FlightRecord
 
 DT, N = 0.05, 400
 PERIOD = N * DT

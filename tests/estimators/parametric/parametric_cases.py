@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.core.record import FlightRecord
 from testbench.estimators.parametric.response import respond
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.parametric.structures import (
@@ -17,7 +18,6 @@ from testbench.estimators.parametric.structures import (
     roll_yaw_rates,
     short_period,
 )
-from testbench.record import FlightRecord
 
 HFB = Airframe(
     S_m=4.028e-3,

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.parametric.structures import longitudinal
 from testbench.estimators.parametric.structures.build import build
-from testbench.record import FlightRecord
-from testbench.scenario.estimators import EquationError, OutputError
-from testbench.scenario.structures import AirframeConstants
+from testbench.estimators.settings import EquationError, OutputError
+from testbench.estimators.structured import AirframeConstants
 
 ALL = ("V", "alpha", "q", "theta", "beta", "p", "r", "phi")
 AIRFRAME = AirframeConstants(

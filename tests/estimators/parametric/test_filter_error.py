@@ -6,7 +6,8 @@ from parametric_cases import FILTER_ERROR_HFB, HFB
 from recorded import flight_data
 from scipy.linalg import expm, solve_discrete_are
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import filter_error, output_error
 from testbench.estimators.parametric.kalman.gain import sampled_noise, steady_gain
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
@@ -14,7 +15,6 @@ from testbench.estimators.parametric.likelihood import Layout, Likelihood, stret
 from testbench.estimators.parametric.structure import STEP
 from testbench.estimators.parametric.structures.aerodynamic import aerodynamic_longitudinal
 from testbench.estimators.parametric.structures.short_period import short_period
-from testbench.record import FlightRecord
 
 TRUE = {"Z_0": 0.0, "Z_alpha": -0.9, "Z_q": 0.0, "Z_de": -0.1, "M_0": 0.0, "M_alpha": -5.0, "M_q": -1.8, "M_de": -7.0}
 FREE = ("Z_alpha", "M_alpha", "M_q", "M_de")

@@ -5,13 +5,13 @@ import pytest
 from recorded import flight_data
 from scipy.linalg import expm
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.coverage import approximate
 from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.kalman import ekf, ukf
 from testbench.estimators.parametric.kalman.augmented import Gaussian
 from testbench.estimators.parametric.structures.short_period import short_period
-from testbench.record import FlightRecord
 
 TRUE = {
     "Z_0": 0.0,

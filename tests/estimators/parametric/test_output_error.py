@@ -10,11 +10,11 @@ from parametric_cases import ATTAS_SHORT_PERIOD, CASES, flights, fly, inputs, tr
 from scipy.optimize import least_squares
 from scipy.signal import cont2discrete
 
-from testbench.errors import ChannelError, EstimationError
+from testbench.core.errors import ChannelError, EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.structure import LinearStructure, Matrices, Parameter
 from testbench.estimators.parametric.structures import flexible, longitudinal, short_period
-from testbench.record import FlightRecord
 
 SHORT = short_period()
 DT = 0.04

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from parametric_cases import ATTAS_RATES, ATTAS_SHORT_PERIOD, FILTER_ERROR_HFB, HFB
 
-from testbench.constants import DEG_RAD
+from testbench.core.constants import DEG_RAD
+from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.structures import aerodynamic_longitudinal, roll_yaw_rates, short_period
-from testbench.logs.description import ENVIRONMENT
-from testbench.record import FlightRecord
+from testbench.logs.layout import ENVIRONMENT
 
 FOLDER = Path(os.environ.get(ENVIRONMENT) or Path(__file__).resolve().parents[4] / "shared" / "flight_data")
 

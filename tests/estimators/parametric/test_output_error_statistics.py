@@ -9,12 +9,12 @@ import pytest
 from parametric_cases import fly, inputs
 from scipy.signal import lfilter
 
+from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.response import respond
 from testbench.estimators.parametric.structures import longitudinal
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.flight import linearise
-from testbench.record import FlightRecord
 from testbench.sensors import load_suite
 
 OUTPUTS = ("V", "alpha", "q", "theta")

@@ -5,13 +5,13 @@ import pytest
 from parametric_cases import CASES, fly, truth
 from scipy.integrate import solve_ivp
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import equation_error, output_error
 from testbench.estimators.parametric.structures import longitudinal, short_period
 from testbench.estimators.regression import Recipe, RegressionData, linear_model
 from testbench.estimators.regression.equation_error import equation_error as regress
 from testbench.estimators.regression.smoothing import SineSeries
-from testbench.record import FlightRecord
 
 DT = 0.02
 VALUES = {"Z_alpha": -1.6, "Z_q": -0.03, "Z_de": -0.2, "M_alpha": -9.0, "M_q": -2.4, "M_de": -11.0}

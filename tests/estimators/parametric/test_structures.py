@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from parametric_cases import CASES, HFB, inputs, truth
 
-from testbench.errors import ChannelError, EstimationError
+from testbench.core.errors import ChannelError, EstimationError
 from testbench.estimators.parametric.response import _trajectory, respond, runge_kutta
 from testbench.estimators.parametric.structure import LinearStructure, ModelStructure, Parameter
 from testbench.estimators.parametric.structures import (

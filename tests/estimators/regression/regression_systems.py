@@ -8,9 +8,9 @@ from recorded import flight_data
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from testbench.constants import DEG_RAD, FT_M, LBF_N, PSF_PA, SLUG_KG
+from testbench.core.constants import DEG_RAD, FT_M, LBF_N, PSF_PA, SLUG_KG
+from testbench.core.record import FlightRecord
 from testbench.estimators.regression import MassProperties, RegressionData, regression_data
-from testbench.record import FlightRecord
 
 DT = 0.02
 TRUTH = np.array([-8.0, -2.0, -9.0, 0.05])  # of qdot: alpha, q, de, 1

@@ -9,8 +9,9 @@ import pytest
 from recorded import flight_data
 from regression_systems import DT, TERMS, TRUTH, motion, noise, record, signals, twin_otter
 
-from testbench.constants import DEG_RAD
-from testbench.errors import ChannelError, EstimationError
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import ChannelError, EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.regression import (
     equation_error,
     frequency_equation_error,
@@ -18,7 +19,6 @@ from testbench.estimators.regression import (
     regression_data,
     smooth_record,
 )
-from testbench.record import FlightRecord
 
 X = motion()
 QDOT = X @ TRUTH[:3] + TRUTH[3]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from regression_systems import DT, TERMS, TRUTH, motion, noise, signals
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
 from testbench.estimators.regression import (
     equation_error,
     frequency_equation_error,

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from regression_systems import twin_otter
 
-from testbench.errors import ChannelError, EstimationError
+from testbench.core.errors import ChannelError, EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.prepare import prepare
 from testbench.estimators.regression import MassProperties, equation_error, polynomial_terms, regression_data
-from testbench.record import FlightRecord
 
 MASS = MassProperties(
     mass_kg=900.0,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.regression import fourier_smooth, local_polynomial, noise_level, smooth_record
-from testbench.record import FlightRecord
 
 DT = 0.02
 T = np.arange(801) * DT

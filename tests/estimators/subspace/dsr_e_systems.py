@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.signal import chirp, cont2discrete
 
-from testbench.record import FlightRecord
+from testbench.core.record import FlightRecord
 
 G0 = 9.80665
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from dsr_e_systems import flight_test_inputs, poles_of, record, sampled, short_period, simulate
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
 from testbench.estimators.subspace import dsr_e
 from testbench.estimators.subspace.family import FAMILY, estimate
 

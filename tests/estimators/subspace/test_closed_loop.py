@@ -5,7 +5,7 @@ import pytest
 from dsr_e_systems import record, sampled, short_period
 from test_band_limited import identify
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
 
 DT, GAIN, SEEDS = 0.05, 0.15, 4
 A, B = sampled(*short_period(2.0, 0.3), DT)

@@ -18,7 +18,7 @@ from dsr_e_systems import (
     sort,
 )
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
 from testbench.estimators.hankel import BlockHankel
 from testbench.estimators.subspace.dsr_e import estimate
 

@@ -21,8 +21,8 @@ from dsr_e_systems import (
 )
 from scipy.io import loadmat
 
+from testbench.core.record import FlightRecord
 from testbench.estimators.subspace.dsr_e import estimate
-from testbench.record import FlightRecord
 
 
 def test_scatter_shrinks_with_the_number_of_samples():

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from dsr_e_systems import innovations_record, innovations_system, longitudinal, pole_error, sampled, short_period
 
-from testbench.errors import ChannelError, EstimationError
+from testbench.core.errors import ChannelError, EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.subspace import dsr_e
 from testbench.estimators.subspace.family import FAMILY, estimate
-from testbench.record import FlightRecord
 
 METHODS = [*FAMILY, "dsr_e", "dsr_e eolo"]
 METHOD = pytest.mark.parametrize("method", METHODS)

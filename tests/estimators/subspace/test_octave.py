@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 
+from testbench.core.record import FlightRecord
 from testbench.estimators.subspace.family import FAMILY, estimate
-from testbench.record import FlightRecord
 from tests.reference.octave_subspace import CASES, HORIZON, STORED, data
 
 

@@ -16,10 +16,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric.response import runge_kutta, taylor
 from testbench.estimators.parametric.structure import Affine, AnyArray, LinearStructure, Matrices, ModelStructure
-from testbench.record import FlightRecord, FloatArray
 
 
 class Gaussian(NamedTuple):

@@ -11,11 +11,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric.kalman.augmented import Correction, Gaussian, Plant, Prediction
 from testbench.estimators.parametric.kalman.passes import PASSES, estimate_by
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.structure import STEP, ModelStructure
-from testbench.record import FlightRecord, FloatArray
 
 
 class ExtendedKalmanFilter:

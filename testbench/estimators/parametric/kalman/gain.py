@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
+from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import STEP, AnyArray
-from testbench.record import FloatArray
 
 _DOUBLINGS = 60  # 2^60 samples: what has not converged by then never will
 

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.record import FloatArray
 from testbench.estimators.parametric.response import discretise, runge_kutta
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, ModelStructure
 from testbench.estimators.trajectories import Trajectories
-from testbench.record import FloatArray
 
 
 class Rows(NamedTuple):

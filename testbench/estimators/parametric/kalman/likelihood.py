@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.core.record import FloatArray
 from testbench.estimators.parametric.gauss_newton import Problem
 from testbench.estimators.parametric.kalman.gain import Gain, sampled_noise, steady_gain
 from testbench.estimators.parametric.kalman.innovations import Rows, innovations
 from testbench.estimators.parametric.likelihood import Likelihood
 from testbench.estimators.parametric.structure import STEP, AnyArray, LinearStructure
-from testbench.record import FloatArray
 
 _START = 0.1  # process noise to start from, relative to the size of a state, per square root of a second
 _SMALLEST, _LARGEST = 1e-5, 1e2  # and its bounds, for the numbers' sake

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import correlations, whiteness
 from testbench.estimators.parametric.kalman.advice import advise_filter
@@ -18,7 +19,6 @@ from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import delayed, respond
 from testbench.estimators.parametric.structure import Affine, LinearStructure, ModelStructure
-from testbench.record import FlightRecord, FloatArray
 
 PASSES = 3
 """How often a filter runs over its records."""

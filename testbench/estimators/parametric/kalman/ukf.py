@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric.kalman.augmented import Correction, Gaussian, Plant, Prediction
 from testbench.estimators.parametric.kalman.passes import PASSES, estimate_by
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.structure import ModelStructure
-from testbench.record import FlightRecord, FloatArray
 
 _ROUNDING = 1e-9  # eigenvalue of a correlation matrix below zero that is its rounding
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from testbench.constants import G0_M_S2
-from testbench.errors import EstimationError
+from testbench.core.constants import G0_M_S2
+from testbench.core.errors import EstimationError
 from testbench.estimators.parametric.structure import AnyArray, ModelStructure, Parameter
 from testbench.estimators.parametric.structures.settings import check_outputs, finished
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from testbench.constants import DEG_RAD
-from testbench.errors import EstimationError
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import EstimationError
+from testbench.core.record import FlightRecord
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.parametric.structures import STRUCTURES, Airframe
-from testbench.record import FlightRecord
-from testbench.scenario.structures import Structured
+from testbench.estimators.structured import Structured
 
 _POSSIBLE = {
     "short_period": ("alpha", "q", "qdot"),

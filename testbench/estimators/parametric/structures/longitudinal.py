@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from testbench.errors import EstimationError
+from testbench.core.errors import EstimationError
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
 from testbench.estimators.parametric.structures.rows import Rows
 from testbench.estimators.parametric.structures.settings import Trim, check_outputs, derivatives, finished

@@ -8,8 +8,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from testbench.constants import G0_M_S2
-from testbench.errors import EstimationError, nearest
+from testbench.core.constants import G0_M_S2
+from testbench.core.errors import EstimationError, nearest
 from testbench.estimators.parametric.structure import ModelStructure, Parameter
 
 S = TypeVar("S", bound=ModelStructure)

@@ -1,0 +1,143 @@
+"""Aerodynamic derivatives by quasi-steady strips: what each motion does to the aircraft and to its mode shapes.
+
+Lift acts at the quarter chord; the angle of attack is that at the three-quarter chord,
+
+    alpha_local = alpha + twist - wdot(3/4) / V,     L' = qbar c a alpha_local,
+
+and a section that rotates carries the non-circulatory lift qbar c (pi c / 2) twistdot / V at its three-quarter chord
+(quasi-steady limit of T. Theodorsen, NACA report 496, 1935). Generalised forces are the work of these loads on the mode
+shapes (M. R. Waszak, D. K. Schmidt, J. Aircraft 25(6), 1988). Wake lag, and the wing's downwash on the tail due to
+elastic motion, are left out. Coefficients are nondimensional as in elastic.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from strips import STRIPS, Shape, Tail, Wing
+
+from testbench.core.record import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Flow:
+    """What a unit of one motion does to the flow.
+
+    Attributes:
+        wing: (n,) angle of attack of the right wing's strips, rad.
+        rotation: (n,) twist rate over speed, 1/m, of the right wing's strips.
+        tail: angle of attack of the horizontal tail.
+        fin: angle of the flow at the fin, positive from the right.
+        tail_roll: roll rate over speed of the tail, 1/m.
+        symmetric: the left wing sees the same; else the opposite.
+    """
+
+    wing: FloatArray
+    rotation: FloatArray
+    tail: float = 0.0
+    fin: float = 0.0
+    tail_roll: float = 0.0
+    symmetric: bool = True
+
+
+@dataclass(frozen=True)
+class StripModel:
+    """Wing, tail, reference quantities, and the constants that strips do not give.
+
+    Attributes:
+        S_m2, cbar_m: reference area and chord; the span is the wing's.
+        dihedral_rad: of the wing.
+        CL: lift coefficient at the design condition, which roll due to yaw rate goes with.
+        zero_lift_rad: angle of attack of the wing at zero alpha of the aircraft.
+        aileron: (inner y, outer y, effectiveness d alpha / d da).
+    """
+
+    wing: Wing
+    tail: Tail
+    S_m2: float
+    cbar_m: float
+    dihedral_rad: float
+    CL: float
+    zero_lift_rad: float
+    aileron: tuple[float, float, float]
+
+    def flow(self, motion: str) -> Flow:
+        """Return the flow of a unit of a rigid motion or control, nondimensional as in C_Q ("alpha", "q", "da" ...)."""
+        wing, tail, y = self.wing, self.tail, self.wing.y
+        zero, one = np.zeros(STRIPS), np.ones(STRIPS)
+        long, wide = 2.0 / self.cbar_m, 2.0 / self.wing.span_m  # q cbar / 2V and p b / 2V of one
+        X34 = wing.quarter_chord_m - 0.5 * wing.chord
+        inner, outer, effect = self.aileron
+        flows = {
+            "zero": Flow(self.zero_lift_rad * one, zero),
+            "alpha": Flow(one, zero, tail=1.0 - tail.downwash),
+            "q": Flow(-X34 * long, long * one, tail=tail.arm_m * long),
+            "de": Flow(zero, zero, tail=tail.elevator),
+            "beta": Flow(self.dihedral_rad * one, zero, fin=1.0, symmetric=False),
+            "p": Flow(y * wide, zero, fin=tail.fin_height_m * wide, tail_roll=wide, symmetric=False),
+            "r": Flow(-2.0 * self.CL / wing.lift_slope * y * wide, zero, fin=-tail.arm_m * wide, symmetric=False),
+            "da": Flow(np.where((y > inner) & (y < outer), -effect, 0.0), zero, symmetric=False),
+            "dr": Flow(zero, zero, fin=-tail.rudder, symmetric=False),
+        }
+        return flows[motion]
+
+    def flow_of_deflection(self, shape: Shape) -> Flow:
+        """Return the flow of a unit of eta of a mode shape."""
+        return Flow(shape.twist, np.zeros(STRIPS), shape.tail_pitch, -shape.tail_yaw, symmetric=shape.symmetric)
+
+    def flow_of_rate(self, shape: Shape) -> Flow:
+        """Return the flow of a unit of eta' cbar / 2V of a mode shape."""
+        k = 2.0 / self.cbar_m
+        side = shape.tail_side + self.tail.fin_height_m * shape.tail_roll
+        return Flow(
+            -k * self._three_quarter(shape),
+            k * shape.twist,
+            -k * shape.tail_up,
+            k * side,
+            k * shape.tail_roll,
+            shape.symmetric,
+        )
+
+    def force(self, flow: Flow, shape: Shape) -> float:
+        """Return C_Q, the work of a flow's loads on a mode shape over qbar S cbar; 0 across symmetries."""
+        if flow.symmetric != shape.symmetric:
+            return 0.0
+        circulatory, rotary = self._lift(flow)
+        quarter = shape.bend + shape.twist * (self.wing.elastic_axis - 0.25) * self.wing.chord
+        work = self.wing.both_sides(circulatory * quarter + rotary * self._three_quarter(shape))
+        lift, side, roll = self._tail_loads(flow)
+        work += lift * shape.tail_up + side * shape.tail_side
+        work += (side * self.tail.fin_height_m + roll) * shape.tail_roll
+        return work / (self.S_m2 * self.cbar_m)
+
+    def effect(self, flow: Flow) -> dict[str, float]:
+        """Return what a flow adds to CL and Cm, or to CY, Cl and Cn, of the aircraft about its centre of gravity."""
+        wing, tail, b = self.wing, self.tail, self.wing.span_m
+        circulatory, rotary = self._lift(flow)
+        lift, side, roll = self._tail_loads(flow)
+        if flow.symmetric:
+            X34 = wing.quarter_chord_m - 0.5 * wing.chord
+            moment = wing.both_sides(circulatory * wing.quarter_chord_m + rotary * X34) - lift * tail.arm_m
+            total = wing.both_sides(circulatory + rotary) + lift
+            return {"CL": total / self.S_m2, "Cm": moment / (self.S_m2 * self.cbar_m)}
+        rolling = -wing.both_sides((circulatory + rotary) * wing.y) + side * tail.fin_height_m + roll
+        yawing = -side * tail.arm_m
+        return {"CY": side / self.S_m2, "Cl": rolling / (self.S_m2 * b), "Cn": yawing / (self.S_m2 * b)}
+
+    def _lift(self, flow: Flow) -> tuple[FloatArray, FloatArray]:
+        """Return circulatory and non-circulatory lift per length over qbar, (n,), m."""
+        c = self.wing.chord
+        return self.wing.lift_slope * c * flow.wing, 0.5 * np.pi * c**2 * flow.rotation
+
+    def _tail_loads(self, flow: Flow) -> tuple[float, float, float]:
+        """Return lift, side force (m2) and rolling moment (m3) of the tail over qbar."""
+        tail = self.tail
+        lift = tail.area_m2 * tail.lift_slope * flow.tail
+        side = -tail.fin_area_m2 * tail.fin_slope * flow.fin
+        roll = -tail.area_m2 * tail.lift_slope * tail.span_m**2 / 12.0 * flow.tail_roll
+        return lift, side, roll
+
+    def _three_quarter(self, shape: Shape) -> FloatArray:
+        """Return the displacement of the three-quarter chord, (n,), m."""
+        return shape.bend - shape.twist * (0.75 - self.wing.elastic_axis) * self.wing.chord

@@ -1,0 +1,1 @@
+"""The vocabulary of all rooms: constants, channels, errors, records, file schemas, words, paths."""

@@ -1,0 +1,119 @@
+"""The exceptions of the testbench.
+
+Every message states the law that was broken, the value that was got and the fix. The command line turns each of
+them into one message and an exit status: 2 for bad input, 3 for a computation that cannot be carried out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TypeVar
+
+Made = TypeVar("Made")
+
+
+class TestbenchError(Exception):
+    """Root of all errors raised on purpose; ``exit_status`` is what the command line returns for it."""
+
+    __test__ = False  # pytest would otherwise try to collect a class whose name begins with "Test"
+    exit_status = 2
+
+    def __init__(self, message: str) -> None:
+        super().__init__(message)
+        self.message = message
+        self.place: str | None = None
+
+    def __str__(self) -> str:
+        return f"{self.message} ({self.place})" if self.place else self.message
+
+
+class ScenarioError(TestbenchError):
+    """A scenario or description file breaks a law; ``faults`` lists every one of them."""
+
+    def __init__(self, faults: Iterable[str]) -> None:
+        self.faults = tuple(faults)
+        count = len(self.faults)
+        head = "" if count == 1 else f"{count} faults:\n  "
+        super().__init__(head + "\n  ".join(self.faults))
+
+
+class ChannelError(TestbenchError):
+    """A channel name is unknown, or a record lacks a channel that is needed."""
+
+
+class RecordError(TestbenchError):
+    """A record file cannot be read, or a record breaks its own rules."""
+
+
+class LimitError(TestbenchError):
+    """An input exceeds a limit of the aircraft; inputs are never clipped in silence."""
+
+
+class ModelError(TestbenchError):
+    """An aircraft folder, or the model generated from it, is not usable."""
+
+
+class EstimationError(TestbenchError):
+    """The data cannot support the estimate that was asked for."""
+
+    exit_status = 3
+
+
+class TrimError(TestbenchError):
+    """No equilibrium exists at the flight condition within the limits of the controls."""
+
+    exit_status = 3
+
+
+class CampaignError(TestbenchError):
+    """A campaign cannot go on: its store is in use, full or of another version, or its workers are gone."""
+
+    exit_status = 3
+
+
+class MissingPackage(TestbenchError, ImportError):
+    """An optional package is not installed; the message names the extra that brings it."""
+
+
+def nearest(name: str, valid: Iterable[str]) -> str:
+    """Return ``"; did you mean 'x'?"`` for the closest valid name, else the list of valid names, to end a message."""
+    names = sorted(valid)
+    close = get_close_matches(name, names, n=1, cutoff=0.6)
+    if close:
+        return f"; did you mean '{close[0]}'?"
+    return f"; valid: {', '.join(names)}" if names else ""
+
+
+@contextmanager
+def located(file: Path | str | None, key: str) -> Iterator[None]:
+    """Name the file and key that an error comes from, unless an inner block has done so already."""
+    try:
+        yield
+    except TestbenchError as error:
+        if error.place is None:
+            error.place = f"{file}, {key}" if file else key
+        raise
+
+
+class Faults(list[str]):
+    """What is wrong with a file, fault by fault, each with the file and the key that it belongs to."""
+
+    def __init__(self, file: Path | str | None) -> None:
+        super().__init__()
+        self.file = file
+
+    def note(self, key: str, fault: str) -> None:
+        """Add a fault of a key."""
+        self.append(f"{self.file}, {key}: {fault}")
+
+    def attempt(self, key: str, action: Callable[..., Made], *arguments: object) -> Made | None:
+        """Return what the action returns; if it fails, note why under the key and return None."""
+        try:
+            return action(*arguments)
+        except TestbenchError as error:
+            for fault in error.faults if isinstance(error, ScenarioError) else (error.message,):
+                self.note(key, fault)
+            return None

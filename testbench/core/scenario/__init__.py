@@ -1,0 +1,1 @@
+"""Parts of scenario files that several questions share."""

@@ -1,0 +1,162 @@
+"""What scenarios of several questions share: title and file; aircraft, condition and air; manoeuvres, preparation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from pydantic import AfterValidator, Field, PrivateAttr, model_validator
+
+from testbench.core.errors import ScenarioError, nearest
+from testbench.core.paths import aircraft_names, find_scenario, suite_names
+from testbench.core.scenario.air import LOWEST_M, AirSpec
+from testbench.core.scenario.inputs import Input
+from testbench.core.schema import NonNegative, Positive, Strict, parse, read_toml
+
+
+def _known_aircraft(name: str) -> str:
+    if name not in aircraft_names():
+        raise ValueError(f"must name an aircraft folder, got '{name}'{nearest(name, aircraft_names())}")
+    return name
+
+
+def _known_suite(name: str) -> str:
+    if name not in suite_names() and not Path(name).suffix == ".toml":
+        raise ValueError(f"must name a sensor suite or a .toml file, got '{name}'{nearest(name, suite_names())}")
+    return name
+
+
+AircraftName = Annotated[str, AfterValidator(_known_aircraft)]
+SuiteName = Annotated[str, AfterValidator(_known_suite)]
+
+
+class Asked(Strict):
+    """A question as its file puts it: a title, the question in words, and the file itself.
+
+    Every kind of scenario derives from it and adds only the keys of its own.
+    """
+
+    unnamed: ClassVar[str] = "scenario"
+    """Name of what comes from no file."""
+
+    title: Annotated[str, Field(min_length=1)]
+    question: str = ""
+    _file: Path | None = PrivateAttr(default=None)
+
+    @property
+    def file(self) -> Path | None:
+        """The file that it was read from."""
+        return self._file
+
+    @property
+    def name(self) -> str:
+        """The file's stem; names the results folder."""
+        return self._file.stem if self._file else self.unnamed
+
+    def at(self, file: Path | None) -> Self:
+        """Return the same as read from ``file``, which messages name and which names the results folder."""
+        copy = self.model_copy()
+        copy._file = file
+        return copy
+
+    def changed(self, **changes: Any) -> Self:
+        """Return the same, from the same file, with other values of some keys; they are not checked."""
+        return self.model_copy(update=changes)
+
+    def faults(self) -> list[str]:
+        """Return every law that the file breaks beyond its schema, in words with file and key; nothing is flown."""
+        return []
+
+    @classmethod
+    def load(cls, path: Path | str) -> Self:
+        """Read a file, or a packaged one by its name, and check it without flying.
+
+        Raises:
+            ScenarioError: lists every fault with file, key, law, value and the nearest valid name.
+            RecordError: the file cannot be read.
+        """
+        file = find_scenario(path)
+        return cls.of(read_toml(file), file)
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any], file: Path | None) -> Self:
+        """Return what the content of a file says, checked; see :meth:`load`."""
+        asked, faults = parse(cls, content, file)
+        if asked is not None:
+            asked = asked.at(file)
+            faults = [*faults, *asked.faults()]
+        if asked is None or faults:
+            raise ScenarioError(faults)
+        return asked
+
+
+class Condition(Strict):
+    """The flight condition to trim at."""
+
+    V_m_s: Positive
+    h_m: float
+    gamma_deg: float = 0.0
+
+
+class Simulation(Strict):
+    """Rates of the simulation; the aircraft's own default rate if not given."""
+
+    rate_hz: Positive | None = None
+    log_rate_hz: Positive | None = None
+
+
+class Flown(Asked):
+    """What flies: an aircraft, with its wings moving or held, and the seed of all that is drawn."""
+
+    aircraft: AircraftName
+    wings: Literal["flexible", "rigid"] = "flexible"
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class FlownAt(Flown):
+    """What flies from one trimmed condition, at the rates of the simulation."""
+
+    condition: Condition
+    simulation: Simulation = Simulation()
+
+
+class FlownInAir(FlownAt):
+    """What flies from one condition through air that may move."""
+
+    air: AirSpec = AirSpec()
+
+    @model_validator(mode="after")
+    def _height_of_turbulence(self) -> Self:
+        if self.air.turbulence_rms_m_s > 0.0 and self.air.height_m is None and self.condition.h_m < LOWEST_M:
+            raise ValueError(
+                f"condition.h_m >= {LOWEST_M:g} (10 ft) must hold in turbulence, got {self.condition.h_m:g}; give the "
+                "height above ground as air.height_m"
+            )
+        return self
+
+
+class Manoeuvre(Strict):
+    """Inputs flown from trim, and what the record is used for.
+
+    ``settle_s`` of undisturbed flight come before the clock of the inputs starts: bias removal needs them.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    use: Literal["identification", "validation", "split"]
+    duration_s: Positive
+    settle_s: NonNegative = 2.0
+    input: Annotated[tuple[Input, ...], Field(min_length=1, strict=False)]
+
+
+class Preparation(Strict):
+    """What is done to a measured record before estimation.
+
+    ``bias`` "trim" subtracts the mean over the settling time, "mean" the mean of the record, "trend" a straight line.
+    ``lowpass_hz`` is a zero-phase 4th-order Butterworth filter over inputs and outputs alike.
+    """
+
+    bias: Literal["trim", "mean", "trend", "none"] = "trim"
+    lowpass_hz: Positive | None = None
+    decimate: Annotated[int, Field(ge=1)] = 1
+    identification_fraction: Annotated[float, Field(gt=0.0, lt=1.0)] = 0.7

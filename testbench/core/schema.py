@@ -1,0 +1,157 @@
+"""File schemas: TOML read and validated, every fault of a file reported at once in words."""
+
+from __future__ import annotations
+
+import copy
+import tomllib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import UnionType
+from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from testbench.core.errors import RecordError, ScenarioError, nearest
+
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+Model = TypeVar("Model", bound="Strict")
+
+
+class Strict(BaseModel):
+    """Base of all file schemas: frozen, unknown keys refused, no silent conversion, finite numbers only."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, strict=True)
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises:
+        RecordError: the file does not exist or cannot be read.
+        ScenarioError: it is not TOML; the message carries line and column.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise RecordError(f"a readable TOML file must lie at '{path}', got: {reason}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError([f"{path} must be TOML: {error}"]) from error
+
+
+def parse(schema: type[Model], content: Mapping[str, Any], file: Path | str | None) -> tuple[Model | None, list[str]]:
+    """Validate ``content`` against ``schema`` and return the object, if it could be built, and all faults in words.
+
+    Unknown keys do not keep the object from being built, so that a caller can go on and report deeper faults too.
+    """
+    try:
+        return schema.model_validate(content), []
+    except ValidationError as error:
+        faults = [_fault(schema, content, item, file) for item in error.errors() if not _follows_from_another(item)]
+        unknown = [item["loc"] for item in error.errors() if item["type"] == "extra_forbidden"]
+    if not unknown:
+        return None, faults
+    try:
+        return schema.model_validate(_without(content, unknown)), faults
+    except ValidationError:
+        return None, faults
+
+
+def _follows_from_another(item: Any) -> bool:
+    """Say whether a list is only too short because its faulty items, reported themselves, were dropped."""
+    return item["type"] == "too_short" and len(item["input"]) > 0
+
+
+def _without(content: Mapping[str, Any], paths: list[tuple[int | str, ...]]) -> Any:
+    out = copy.deepcopy(dict(content))
+    for path in paths:
+        place: Any = out
+        for key in path[:-1]:
+            if not (isinstance(place, dict) and key not in place):  # else the tag of a union: in loc, not in the file
+                place = place[key]
+        place.pop(path[-1], None)
+    return out
+
+
+def _fault(schema: type[Strict], content: Mapping[str, Any], item: Any, file: Path | str | None) -> str:
+    """Say law, value, fix and place of one pydantic error."""
+    place: Any = content
+    shown: list[str] = []
+    model: Any = schema
+    for key in item["loc"]:
+        if isinstance(key, int):
+            shown[-1] += f"[{key}]"
+            place = place[key] if isinstance(place, (list, tuple)) and key < len(place) else None
+        elif isinstance(place, Mapping) and key not in place and _variants(model) and key in _variants(model):
+            model = _variants(model)[key]  # a union's tag: not a key of the file
+            continue
+        else:
+            shown.append(str(key))
+            place = place.get(key) if isinstance(place, Mapping) else None
+        model = _descend(model, key) or model
+    where = ".".join(shown)
+    prefix = f"{file}, {where}: " if file and where else f"{file or where}: " if (file or where) else ""
+    kind, got, context = item["type"], item.get("input"), item.get("ctx", {})
+    if kind == "extra_forbidden":
+        owner = _owner(schema, content, item["loc"])
+        return f"{prefix}unknown key '{shown[-1]}'{nearest(shown[-1], owner.model_fields if owner else ())}"
+    if kind == "missing":
+        return f"{prefix}the key is required and missing"
+    if kind in {"literal_error", "union_tag_invalid"}:
+        if kind == "union_tag_invalid":
+            tag, valid = context["discriminator"].strip("'"), context["expected_tags"].replace("'", "").split(", ")
+            return f"{prefix}unknown {tag} '{context['tag']}'{nearest(context['tag'], valid)}"
+        valid = context["expected"].replace("'", "").replace(" or ", ", ").split(", ")
+        hint = nearest(str(got), valid) if str(got) not in valid else ""
+        return f"{prefix}must be one of {', '.join(valid)}, got {got!r}{hint}"
+    if kind == "union_tag_not_found":
+        return f"{prefix}the key {context['discriminator']} is required and missing"
+    message = item["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:].replace("Input should be", "must be")
+    message = message.replace("input should be", "must be").replace("input should have", "must have")
+    return f"{prefix}{message}" + ("" if kind == "value_error" else f", got {got!r}")
+
+
+def _variants(model: Any) -> dict[str, Any]:
+    """Return tag -> class of a discriminated union (possibly inside Annotated or tuple), else nothing."""
+    found: dict[str, Any] = {}
+    for part in _members(model):
+        if isinstance(part, type) and issubclass(part, Strict):
+            for name in ("signal", "method", "kind"):
+                if name in part.model_fields:
+                    for tag in get_args(part.model_fields[name].annotation):
+                        found[str(tag)] = part
+    return found
+
+
+def _members(model: Any) -> Iterable[Any]:
+    origin = get_origin(model)
+    if origin in (Annotated, tuple):
+        yield from _members(get_args(model)[0])
+    elif origin in (Union, UnionType):
+        for part in get_args(model):
+            yield from _members(part)
+    elif origin is dict:
+        yield from _members(get_args(model)[1])
+    else:
+        yield model
+
+
+def _descend(model: Any, key: int | str) -> Any:
+    for part in _members(model):
+        if isinstance(part, type) and issubclass(part, BaseModel) and key in part.model_fields:
+            return part.model_fields[str(key)].annotation
+    return None
+
+
+def _owner(schema: type[Strict], content: Mapping[str, Any], loc: tuple[int | str, ...]) -> type[Strict] | None:
+    """Return the model class that the last key of ``loc`` would have belonged to."""
+    model: Any = schema
+    for key in loc[:-1]:
+        if isinstance(key, int):
+            continue
+        variants = _variants(model)
+        model = variants[key] if key in variants and _descend(model, key) is None else (_descend(model, key) or model)
+    owners = [part for part in _members(model) if isinstance(part, type) and issubclass(part, Strict)]
+    return owners[0] if len(owners) == 1 else None

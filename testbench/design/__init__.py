@@ -1,1 +1,0 @@
-"""Design: which input tells what is wanted, seen through these sensors and inside these limits."""

@@ -1,0 +1,74 @@
+"""The model structure that an estimator of a scenario fits, and what is free, fixed or believed of its parameters."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from testbench.core.schema import NonNegative, Positive, Strict
+
+Names = Annotated[tuple[str, ...], Field(strict=False)]
+Pair = Annotated[tuple[float, float], Field(strict=False)]
+
+
+class AirframeConstants(Strict):
+    """What a nonlinear aerodynamic structure takes as known of aircraft and air."""
+
+    mass_kg: Positive
+    S_m2_per_kg: Positive
+    S_cbar_over_Iyy_1_per_kg_m: Positive
+    cbar_m: Positive
+    V0_m_s: Positive
+    rho_kg_m3: Positive
+    thrust_angle_rad: float = 0.0
+    thrust_moment_rad_s2_per_N: float = 0.0
+
+
+class Structured(Strict):
+    """A structure by name, its settings and its parameters.
+
+    ``outputs`` are those of the scenario that the structure has, unless they are named here. Trim values (``V_m_s``,
+    ``alpha_deg``, ``theta_deg``) are those that were removed from the records as trim, unless they are given. ``free``
+    names the only parameters that are estimated; ``fixed`` holds some of them.
+    """
+
+    structure: Literal[
+        "short_period",
+        "longitudinal",
+        "flexible",
+        "lateral_directional",
+        "roll_yaw_rates",
+        "aerodynamic_longitudinal",
+    ]
+    outputs: Names = ()
+    start: dict[str, float] = {}
+    fixed: Names = ()
+    free: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
+    bounds: dict[str, Pair] = {}
+    prior_std: dict[str, Positive] = {}
+    V_m_s: Positive | None = None
+    alpha_deg: float | None = None
+    theta_deg: float | None = None
+    short: bool = False
+    accelerometer_m: Pair = (0.0, 0.0)
+    modes_hz: Annotated[tuple[Positive, ...], Field(strict=False)] = ()
+    airframe: AirframeConstants | None = None
+    delays_s: dict[str, NonNegative] = {}
+    held: Names | None = None
+
+    @model_validator(mode="after")
+    def _settings_of_the_structure(self) -> Structured:
+        if (self.structure == "flexible") != bool(self.modes_hz):
+            raise ValueError(
+                "structure 'flexible' and modes_hz (start values of the modes' frequencies) go together, got "
+                f"structure '{self.structure}' and modes_hz {list(self.modes_hz)}"
+            )
+        if (self.structure == "aerodynamic_longitudinal") != (self.airframe is not None):
+            raise ValueError(
+                "structure 'aerodynamic_longitudinal' and the table airframe go together, got structure "
+                f"'{self.structure}' {'with' if self.airframe else 'without'} it"
+            )
+        if self.short and self.structure not in ("longitudinal", "flexible"):
+            raise ValueError(f"short (alpha and q alone) belongs to longitudinal and flexible, got '{self.structure}'")
+        return self

@@ -1,0 +1,112 @@
+"""What is known of a simulated aircraft: its linear model, its modes, and what an input does to them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from testbench.aircraft import Aircraft
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.model import IdentifiedModel
+from testbench.evaluation.bode import zero_order_hold
+from testbench.evaluation.derivatives import dimensional_derivatives
+from testbench.evaluation.excitation import ModeExcitation, excitation
+from testbench.evaluation.modes import longitudinal_modes
+from testbench.evaluation.parameters import true_parameters
+from testbench.flight import LinearModel, TrimmedFlight, linearise
+from testbench.inputs.signal import energy_spectrum
+from testbench.sensors import SensorSuite
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """What is known of a simulated aircraft: its linear model at trim, its modes, and what the input does to them."""
+
+    aircraft: Aircraft
+    trimmed: TrimmedFlight
+    linear: LinearModel
+    modes: Mapping[str, complex]
+    excitation: tuple[ModeExcitation, ...]
+
+    def response(
+        self,
+        omega_rad_s: FloatArray,
+        outputs: Sequence[str],
+        inputs: Sequence[str],
+        dt_s: float,
+        continuous: bool = False,
+    ) -> Any:
+        """Return the true response (k, p, m) as a discrete or a ``continuous`` model should have it.
+
+        A command is held from sample to sample, and the hold is part of a discrete model; a measured deflection has
+        passed the servo and runs smoothly through its samples, so that no hold belongs to it.
+        """
+        H = self.linear.frequency_response(omega_rad_s, outputs, inputs)
+        if continuous:
+            return H
+        held = np.array([name.endswith("_cmd") for name in inputs])
+        hold = zero_order_hold(omega_rad_s, dt_s)
+        return np.where(held, hold[:, None, None] * H, H)
+
+
+def true_model(aircraft: Aircraft, trimmed: TrimmedFlight) -> Truth:
+    """Return the linear model and modes of an aircraft at trim; nothing is said of what an input does to them."""
+    linear = linearise(aircraft, trimmed)
+    return Truth(aircraft, trimmed, linear, longitudinal_modes(linear, _symmetric(aircraft)), ())
+
+
+def excited(known: Truth, flight: FlightRecord, inputs: Sequence[str], suites: Sequence[SensorSuite]) -> Truth:
+    """Return the truth with what the inputs of a flight do to each mode.
+
+    Args:
+        known: of :func:`true_model`.
+        flight: the truth of the flight.
+        inputs: (m,) input channels of the identification.
+        suites: whose sensors, those of the inputs left out, are to show the modes above their noise.
+    """
+    controls = [n.removesuffix("_cmd") for n in inputs]
+    u = flight.columns(controls)
+    sensors = {s.channel: s.noise_std for suite in suites for s in suite.sensors if s.channel not in inputs}
+    used = {n: s for n, s in sensors.items() if s > 0.0 and n in known.linear.outputs}
+    found = excitation(
+        known.linear.longitudinal(tuple(_symmetric(known.aircraft))),
+        known.modes,
+        controls,
+        u - u[0],
+        flight.dt_s,
+        used,
+        1.0 / suites[0].rate_hz,
+        flight.duration_s,
+    )
+    return replace(known, excitation=tuple(found))
+
+
+def _symmetric(aircraft: Aircraft) -> dict[int, str]:
+    elastic = aircraft.flown_modes()
+    return {i: m.name for i, m in enumerate(elastic.modes if elastic else (), 1) if m.symmetry == "symmetric"}
+
+
+def told_of(truth: Truth | None, model: IdentifiedModel, records: Sequence[FlightRecord]) -> dict[str, Any]:
+    """Return what evaluation may be told of the truth: poles, and the response over the band that the input excites."""
+    if truth is None:
+        return {}
+    omega = excited_band(records, model.inputs)
+    response = truth.response(omega, model.outputs, model.inputs, model.dt_s, model.continuous)
+    known = {"true_poles": dict(truth.modes), "true_response": response, "omega": omega}
+    structure = getattr(model, "structure", None)
+    if structure is not None:
+        derivatives = dimensional_derivatives(truth.linear, truth.trimmed)
+        known["true_parameters"] = true_parameters(structure.name, derivatives, truth.trimmed.condition.V_m_s)
+    return known
+
+
+def excited_band(records: Sequence[FlightRecord], inputs: Sequence[str], floor: float = 0.01) -> FloatArray:
+    """Return 60 frequencies, rad/s, over the band where the inputs' energy density exceeds ``floor`` of its peak."""
+    dt = records[0].dt_s
+    omega = np.geomspace(0.1, 0.8 * np.pi / dt, 400)
+    density = np.sum([energy_spectrum(r.columns(inputs), dt, omega).sum(axis=1) for r in records], axis=0)
+    inside = omega[density >= floor * density.max()]
+    return np.geomspace(inside[0], inside[-1], 60)

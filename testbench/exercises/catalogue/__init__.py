@@ -1,1 +1,0 @@
-"""One module and one text per exercise; the modules are named in ``testbench.exercises.NAMES``."""

@@ -1,0 +1,125 @@
+"""What a design is after: parameters with wanted accuracy, and modes with frequency and damping."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from testbench.core.errors import EstimationError, nearest
+from testbench.core.record import FloatArray
+from testbench.estimators.parametric.structure import STEP
+from testbench.information.aircraft_structure import AircraftStructure
+from testbench.information.fisher import Accuracy
+
+_RIGID = {
+    "longitudinal": ("Z_alpha", "M_alpha", "M_q"),
+    "lateral": ("Y_beta", "L_beta", "L_p", "L_r", "N_beta", "N_p", "N_r"),
+}
+_BY_CONTROL = {"longitudinal": ("Z", "M"), "lateral": ("L", "N")}
+
+
+@dataclass(frozen=True, eq=False)
+class Targets:
+    """Quantities to be known: linear functions, near the truth, of the parameters.
+
+    Attributes:
+        names: (t,) e.g. "M_alpha" or "wn of short period".
+        values: (t,) true values.
+        wanted: (t,) wanted standard errors, same units.
+        jacobian: (t, k) derivatives by the parameters.
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    wanted: FloatArray
+    jacobian: FloatArray
+
+    @property
+    def gradient(self) -> FloatArray:
+        """(t, k) targets in units of their wanted errors by the parameters."""
+        return self.jacobian / self.wanted[:, None]
+
+    def errors(self, known: Accuracy) -> FloatArray:
+        """Return the standard errors (t,) of the targets; inf where nothing is known of a parameter that counts."""
+        out = np.sqrt(np.einsum("ti,ij,tj->t", self.jacobian, known.covariance, self.jacobian))
+        return np.where(np.any(self.jacobian[:, np.isinf(known.std)] != 0.0, axis=1), np.inf, out)
+
+
+def needed_parameters(plane: str, controls: Sequence[str], slow: bool, elastic: Sequence[int]) -> tuple[str, ...]:
+    """Return the parameters that must be free for modes to be estimated, nothing that matters taken as known.
+
+    Args:
+        plane: "longitudinal" or "lateral".
+        controls: controls that move.
+        slow: whether the phugoid is a target, which the derivatives by speed shape.
+        elastic: numbers of the elastic modes that are targets.
+    """
+    out = [*_RIGID[plane]]
+    out += [f"{axis}_{c}" for c in controls for axis in ("X" if c == "thr" else _BY_CONTROL[plane])]
+    if slow:
+        out += ["X_V", "Z_V", "M_V", "X_alpha"]
+    for i in elastic:
+        out += [f"omega_{i}", f"zeta_{i}", *(f"Q{i}_{c}" for c in controls if c != "thr")]
+        out += [f"Q{i}_alpha"] if plane == "longitudinal" else [f"Q{i}_p"]
+    return tuple(out)
+
+
+def targets(
+    structure: AircraftStructure,
+    parameters: Mapping[str, float],
+    modes: Mapping[str, complex],
+    mode_accuracy: tuple[float, float],
+) -> Targets:
+    """Return the targets of a design.
+
+    Args:
+        structure: with every parameter that is estimated, free.
+        parameters: name -> wanted standard error relative to the true value.
+        modes: name -> true pole, rad/s, of the modes that are targets.
+        mode_accuracy: wanted relative error of the natural frequency, and error of the damping ratio.
+
+    Raises:
+        EstimationError: a parameter is not among the structure's, or its true value is zero.
+    """
+    known = structure.parameter_names
+    names, values, wanted, rows = [], [], [], []
+    for name, relative in parameters.items():
+        if name not in known:
+            raise EstimationError(f"a target must be one of {', '.join(known)}; got '{name}'{nearest(name, known)}")
+        k = known.index(name)
+        if structure.true[k] == 0.0:
+            raise EstimationError(f"the true value of '{name}' is zero: no relative accuracy can be wanted of it")
+        names.append(name)
+        values.append(structure.true[k])
+        wanted.append(relative * abs(structure.true[k]))
+        rows.append(np.eye(len(known))[k])
+    poles, slopes = pole_sensitivities(structure)
+    for name, pole in modes.items():
+        at = int(np.argmin(np.abs(poles - pole)))
+        s, d = poles[at], slopes[at]
+        wn = abs(s)
+        d_wn = (np.conj(s) * d).real / wn
+        names.append(f"wn of {name}")
+        values.append(wn)
+        wanted.append(mode_accuracy[0] * wn)
+        rows.append(d_wn)
+        if abs(s.imag) > 1e-9 * wn:  # a real root has no damping ratio to speak of
+            names.append(f"zeta of {name}")
+            values.append(-s.real / wn)
+            wanted.append(mode_accuracy[1])
+            rows.append(-d.real / wn + s.real * d_wn / wn**2)
+    if not names:
+        raise EstimationError("a design needs at least one target: parameters or modes")
+    return Targets(tuple(names), np.array(values), np.array(wanted), np.array(rows))
+
+
+def pole_sensitivities(structure: AircraftStructure) -> tuple[np.ndarray, np.ndarray]:
+    """Return the poles (n,) at the true parameters and their derivatives (n, k): d s = l' dA r / l' r."""
+    k = len(structure.parameters)
+    z = structure.true + 1j * STEP * np.eye(k)
+    dA = structure.matrices(z).A.imag / STEP
+    poles, right = np.linalg.eig(structure.A0)
+    left = np.linalg.inv(right)
+    return poles, np.einsum("si,kij,js->sk", left, dA, right)

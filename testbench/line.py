@@ -1,0 +1,196 @@
+"""The straight line: aircraft, trim, fly, measure, prepare, estimate, evaluate. Every question takes these steps here.
+
+What is flown enters at :func:`fly_and_measure`; a recorded flight enters at :func:`identify_and_judge`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from testbench.aircraft import Aircraft
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import located
+from testbench.core.record import FlightAborted, FlightRecord
+from testbench.core.scenario.base import Condition, FlownAt, FlownInAir, Preparation, Simulation
+from testbench.core.scenario.inputs import Input
+from testbench.estimators import estimate
+from testbench.estimators.model import IdentifiedModel
+from testbench.estimators.prepare import prepared
+from testbench.estimators.settings import Estimator, Identification, estimator_name
+from testbench.evaluation import Evaluation, evaluate
+from testbench.evaluation.truth import Truth, told_of
+from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, trim
+from testbench.flight.air import Air, air_of
+from testbench.inputs import InputSignal, build
+from testbench.sensors import SensorSuite
+
+Keep = Callable[[str, FlightRecord], None]
+"""Called with a name and each record as soon as it exists, so that a later failure loses none of them."""
+Report = Callable[[str], None]
+"""Called with a few words as each stage begins."""
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """One manoeuvre: how its record is used, the truth (None for a recorded flight), and the record of each suite."""
+
+    name: str
+    use: str
+    truth: FlightRecord | None
+    measured: Mapping[str, FlightRecord]
+    trim_s: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One suite and one estimator: the prepared records, the model and its evaluation."""
+
+    suite: str
+    estimator: Estimator
+    identification: tuple[FlightRecord, ...]
+    validation: tuple[FlightRecord, ...]
+    model: IdentifiedModel
+    evaluation: Evaluation
+
+    @property
+    def label(self) -> str:
+        """Suite and estimator, in words."""
+        return f"{self.suite}, {estimator_name(self.estimator)}"
+
+
+def condition_of(condition: Condition) -> FlightCondition:
+    """Return the flight condition that a scenario's table ``[condition]`` asks for."""
+    return FlightCondition(condition.V_m_s, condition.h_m, condition.gamma_deg * DEG_RAD)
+
+
+def trim_for(scenario: FlownAt, aircraft: Aircraft, seed: int = 0) -> TrimmedFlight:
+    """Return ``aircraft`` trimmed at the condition, rate and steady wind of a scenario.
+
+    Raises:
+        TrimError: there is no equilibrium; with the scenario's file.
+    """
+    with located(scenario.file, "condition"):
+        air = air_of(scenario.air, scenario.condition.h_m, seed) if isinstance(scenario, FlownInAir) else None
+        return trim(aircraft, condition_of(scenario.condition), scenario.simulation.rate_hz, air)
+
+
+def log_rate(simulation: Simulation, suites: Sequence[SensorSuite]) -> float:
+    """Return the rate that flights are logged at, Hz: the scenario's own, else that of the fastest suite."""
+    return simulation.log_rate_hz or max(s.rate_hz for s in suites)
+
+
+def fly_and_measure(
+    aircraft: Aircraft,
+    trimmed: TrimmedFlight,
+    name: str,
+    inputs: Sequence[Input] | InputSignal,
+    duration_s: float,
+    *,
+    log_rate_hz: float,
+    settle_s: float = 0.0,
+    suites: Sequence[SensorSuite] = (),
+    seed: int = 0,
+    air: Air | None = None,
+    channels: Sequence[str] | None = None,
+    use: str = "identification",
+    settled: bool = False,
+    keep: Keep | None = None,
+) -> Flight:
+    """Fly one manoeuvre from trim and measure it through every suite.
+
+    Args:
+        aircraft: what flies.
+        trimmed: where it starts; gives the simulation rate.
+        name: of the manoeuvre.
+        inputs: entries of a scenario, or a signal at the simulation rate as changes from trim.
+        duration_s: of the inputs, s; a signal has its own.
+        log_rate_hz: of the truth, Hz; divides the simulation rate.
+        settle_s: undisturbed flight before the inputs, s.
+        suites: each makes one measured record; none if the truth alone is wanted.
+        seed: of the noise of every suite: sensors that two suites share have the same noise.
+        air: turbulence and gust; as trimmed if not given.
+        channels: of the truth to log; all if not given.
+        use: what the record is for.
+        settled: measured records begin after ``settle_s``.
+        keep: gets the truth as NAME_truth (NAME_aborted if the flight ends early) and records as NAME_SUITE.
+
+    Raises:
+        LimitError: a rate, a command or the air breaks its law.
+        FlightAborted: the flight left the aircraft's limits; the error carries the record.
+    """
+    signal = inputs if isinstance(inputs, InputSignal) else build(inputs, duration_s, trimmed.rate_hz)
+    try:
+        truth = fly(aircraft, trimmed, Manoeuvre(name, signal, settle_s), log_rate_hz, channels, air)
+    except FlightAborted as error:
+        if keep is not None and error.record is not None and len(error.record):
+            keep(f"{name}_aborted", error.record)
+        raise
+    if keep is not None:
+        keep(f"{name}_truth", truth)
+    measured = {}
+    for suite in suites:
+        record = suite.measure(truth, seed)
+        measured[suite.name] = record.between(settle_s, np.inf) if settled else record
+        if keep is not None:
+            keep(f"{name}_{suite.name}", measured[suite.name])
+    return Flight(name, use, truth, measured, settle_s)
+
+
+def identify_and_judge(
+    flights: Sequence[Flight],
+    suites: Sequence[str],
+    preparation: Preparation,
+    identification: Identification,
+    where: Path | None = None,
+    progress: Report | None = None,
+    truth: Truth | None = None,
+    noise: Mapping[str, Mapping[str, float]] | None = None,
+) -> tuple[Case, ...]:
+    """Prepare the records of every suite, run every estimator on them, and judge the models.
+
+    Args:
+        flights: simulated or recorded.
+        suites: keys of ``Flight.measured``.
+        preparation: what is done to the records first.
+        identification: inputs, outputs and estimators.
+        where: file that messages name.
+        progress: called with a few words as each stage begins.
+        truth: what estimates are held against; None for recorded flights.
+        noise: suite -> channel -> standard deviation, for what noise alone would cost.
+
+    Raises:
+        TestbenchError: with file and key.
+    """
+    say, noise = progress or (lambda text: None), noise or {}
+    cases = []
+    for suite in suites:
+        with located(where, "preparation"):
+            parts = [(f.use, prepared(f.measured[suite], f.trim_s, preparation)) for f in flights]
+        fit, judge = _divide(parts, preparation.identification_fraction)
+        sensed = fit[0].channels
+        outputs = tuple(n for n in (identification.outputs or sensed) if n in sensed and n not in identification.inputs)
+        for k, spec in enumerate(identification.estimators):
+            say(f"identify {suite} with {spec.method}")
+            with located(where, f"identification.estimators[{k}]"):
+                model = estimate(spec, fit, identification.inputs, outputs, judge)
+                scores = evaluate(model, fit, judge, noise_std=noise.get(suite), **told_of(truth, model, fit))
+            cases.append(Case(suite, spec, tuple(fit), tuple(judge), model, scores))
+    return tuple(cases)
+
+
+def _divide(
+    parts: Sequence[tuple[str, FlightRecord]], fraction: float
+) -> tuple[list[FlightRecord], list[FlightRecord]]:
+    """Return the records to identify on and those to judge on."""
+    fit = [r for use, r in parts if use == "identification"]
+    judge = [r for use, r in parts if use == "validation"]
+    for use, record in parts:
+        if use == "split":
+            first, second = record.split(fraction)
+            fit.append(first)
+            judge.append(second)
+    return fit, judge

@@ -1,0 +1,130 @@
+"""Tables of a run: each one object that becomes HTML, CSV and JSON with the same figures."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from testbench.page.labels import number
+
+if TYPE_CHECKING:
+    pass
+
+Value = str | float | int | bool | None
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: ``key`` names it in files, ``head`` and ``unit`` on the page, ``group`` spans neighbours.
+
+    ``decimals`` fixes the places behind the point; None gives ``digits`` significant ones. ``given`` marks a column of
+    values that were chosen, not found: they are shown without trailing zeros.
+    """
+
+    key: str
+    head: str
+    unit: str = ""
+    group: str = ""
+    decimals: int | None = None
+    digits: int = 3
+    given: bool = False
+
+    def text(self, value: Value) -> str:
+        """Return ``value`` as the page shows it; what is missing becomes a dash."""
+        if _missing(value):
+            return "–"
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        if isinstance(value, float):
+            if self.given:
+                text = f"{value:.{self.digits}g}".replace("-", "−")
+                return number(value, self.digits) if "e" in text else text
+            if self.decimals is not None and math.isfinite(value) and abs(value) < 1e6:
+                return f"{value:.{self.decimals}f}".replace("-", "−")
+            return number(value, self.digits)
+        return str(value)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a report; ``rows`` hold one value per column.
+
+    Attributes:
+        name: short, fit for a file name.
+        title: what it shows.
+        caption: how to read it.
+        columns: at least one.
+        rows: values in the order of the columns.
+        total: the last row is a mean or sum and is set off.
+        wide: long text in cells; the page lets it wrap.
+    """
+
+    name: str
+    title: str
+    caption: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Value, ...], ...]
+    total: bool = False
+    wide: bool = False
+
+    def groups(self) -> list[tuple[str, int]]:
+        """Return (group, number of columns) of the upper heading row; empty if no column belongs to a group."""
+        out: list[tuple[str, int]] = []
+        for column in self.columns:
+            if out and out[-1][0] == column.group:
+                out[-1] = (column.group, out[-1][1] + 1)
+            else:
+                out.append((column.group, 1))
+        return out if any(name for name, _ in out) else []
+
+    def numeric(self) -> list[bool]:
+        """Return for every column whether it holds numbers, which stand to the right."""
+        return [
+            any(_is_number(v) for v in values) and all(v is None or _is_number(v) for v in values)
+            for values in zip(*self.rows, strict=True)
+        ]
+
+    def cells(self) -> list[list[tuple[str, bool]]]:
+        """Return (text, stands to the right) of every cell."""
+        numeric = self.numeric()
+        return [
+            [(c.text(v), right) for c, v, right in zip(self.columns, row, numeric, strict=True)] for row in self.rows
+        ]
+
+    def heads(self) -> list[str]:
+        """Return the column names that files carry, with units."""
+        return [c.key + (f" [{c.unit}]" if c.unit else "") for c in self.columns]
+
+    def to_csv(self) -> str:
+        """Return the table as CSV with a header line; all digits of numbers, missing ones left empty."""
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(self.heads())
+        writer.writerows([["" if _missing(v) else v for v in row] for row in self.rows])
+        return out.getvalue()
+
+    def to_json(self) -> str:
+        """Return title, caption, units and rows as JSON; a number that is not finite becomes null."""
+        content = {
+            "title": self.title,
+            "caption": self.caption,
+            "units": {c.key: c.unit for c in self.columns if c.unit},
+            "rows": [{c.key: _json(v) for c, v in zip(self.columns, row, strict=True)} for row in self.rows],
+        }
+        return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _missing(value: Value) -> bool:
+    return value is None or (isinstance(value, float) and math.isnan(value))
+
+
+def _is_number(value: Value) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _json(value: Value) -> Value:
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,85 @@
+"""Write what a run found into a folder: tables, models, figures, one page; and its records as they are made."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from testbench.core.errors import RecordError
+from testbench.page.labels import file_stem
+
+if TYPE_CHECKING:
+    from testbench.core.record import FlightRecord
+    from testbench.line import Keep
+    from testbench.page.html import Picture
+    from testbench.page.plot import Plate
+    from testbench.page.tables import Table
+
+PAGE = "report.html"
+
+
+def record_keeper(folder: Path | str) -> Keep:
+    """Return a function that saves each record as folder/records/NAME.nc, for ``pipeline.run(keep=...)``."""
+    records = Path(folder) / "records"
+
+    def keep(name: str, record: FlightRecord) -> None:
+        """Save one record under its name."""
+        record.save(records / f"{file_stem(name)}.nc")
+
+    return keep
+
+
+def write_tables(tables: Iterable[Table], folder: Path) -> list[Path]:
+    """Write each table as folder/tables/NAME.csv and NAME.json; return the paths."""
+    out = []
+    for table in tables:
+        stem = file_stem(table.name)
+        out.append(write_file(folder / "tables" / f"{stem}.csv", table.to_csv()))
+        out.append(write_file(folder / "tables" / f"{stem}.json", table.to_json()))
+    return out
+
+
+def write_plates(plates: Iterable[Plate], folder: Path) -> tuple[list[Path], list[Picture]]:
+    """Draw each plate once, write folder/figures/NAME.png; return the paths and the pictures for a page."""
+    from testbench.page.html import picture
+
+    paths, pictures = [], []
+    for plate in plates:
+        drawing = plate.draw()
+        paths.append(write_file(folder / "figures" / f"{file_stem(plate.name)}.png", drawing.png))
+        pictures.append(picture(plate, drawing.svg))
+    return paths, pictures
+
+
+def write_file(path: Path, content: str | bytes) -> Path:
+    """Write ``content`` (text as UTF-8) under another name, rename it to ``path`` and return ``path``.
+
+    Raises:
+        RecordError: the folder cannot be written to.
+    """
+    part = path.with_name(path.name + ".part")  # so that a killed process never leaves half a file
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
+        part.replace(path)
+    except OSError as error:
+        raise RecordError(
+            f"results must go to a folder that can be written to, got '{path}': {error.strerror or error}; give "
+            "another folder or free space"
+        ) from error
+    return path
+
+
+def check_folder(folder: Path) -> None:
+    """Make a folder for results that a long search is to fill, and see that it can be written to.
+
+    Raises:
+        RecordError: it cannot.
+    """
+    write_file(folder / ".probe", "").unlink()
+
+
+def _json_text(content: dict[str, Any]) -> str:
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -1,0 +1,1 @@
+"""How does an aircraft trim over its speeds, which modes has it, where does it flutter?"""

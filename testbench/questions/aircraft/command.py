@@ -1,0 +1,40 @@
+"""The command ``testbench aircraft``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from testbench.page.terminal import console, stages
+from testbench.questions.options import OutOption, Wings
+
+
+def command(
+    name: Annotated[str, typer.Argument(help="Aircraft; see `testbench list aircraft`.", show_default=False)],
+    wings: Annotated[Wings, typer.Option(help="Let the elastic modes move, or hold them.")] = Wings.flexible,
+    out: OutOption = Path("results"),
+    export: Annotated[
+        Path | None, typer.Option(help="Write the model for its design condition here as plain JSBSim XML.")
+    ] = None,
+) -> None:
+    """Trim an aircraft over its speed range and show its modes, frequency responses and derivatives.
+
+    Example: `testbench aircraft eolo --export root/aircraft` also writes a model that stock JSBSim loads from `root`.
+    """
+    from testbench.aircraft import load_aircraft
+    from testbench.questions.aircraft.ask import survey
+    from testbench.questions.aircraft.page import export_aircraft, folder_name, print_aircraft, write_aircraft
+
+    loaded = load_aircraft(name, wings.value)
+    folder = out / folder_name(loaded, name)
+    with stages() as say:
+        say("trim and linearise over speed")
+        found = survey(loaded, name)
+        say("write report")
+        write_aircraft(found, folder)
+        exported = export_aircraft(found, export) if export is not None else []
+    print_aircraft(found, console(), folder)
+    if exported:
+        print(f"Model: {exported[0]}")

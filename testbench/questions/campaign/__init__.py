@@ -1,0 +1,1 @@
+"""The same flight many times, over distributions of anything in it."""

@@ -1,0 +1,158 @@
+"""What a campaign says, in sentences: bias, scatter and coverage of its estimates, or what failed and how often."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from testbench.page.labels import number
+
+if TYPE_CHECKING:
+    from testbench.questions.campaign.page import CampaignResult
+    from testbench.questions.campaign.summary import Accuracy, Summary
+
+_MILLION = 1_000_000
+_LINES = 3
+
+
+def answer(result: CampaignResult) -> list[tuple[str, str]]:
+    """Return the answer as (kind, sentence), kind "lead", "finding" or "doubt"."""
+    counts, summary = result.counts, result.summary
+    out = [("lead", _lead(result)), ("finding", _progress(result))]
+    shown = most_biased(summary)
+    if len(summary.accuracies) == 1:  # the lead has said it
+        shown = []
+    for a in shown:
+        share = f", {number(100 * a.bias / abs(a.true_mean), 2)} % of the true value" if a.true_mean else ""
+        out.append(
+            (
+                "doubt",
+                f"{a.name}: bias {number(a.bias)} ± {number(a.bias_half, 2)}{share}; "
+                f"scatter from run to run {number(a.scatter)}",
+            )
+        )
+    for a in [a for a in summary.accuracies if a.coverage_high < 0.95][:_LINES]:
+        out.append(
+            (
+                "doubt",
+                f"{a.name}: the stated 95 % intervals hold the truth in {number(100 * a.coverage)} % of the runs; "
+                f"stated standard error {number(a.stated, 2)}, scatter {number(a.scatter, 2)}",
+            )
+        )
+    lost = [a for a in summary.accuracies if a.missing > 0.05 * (a.n + a.missing)]
+    if lost:
+        worst = max(lost, key=lambda a: a.missing)
+        out.append(("doubt", f"{worst.name} was not found in {worst.missing} of {worst.n + worst.missing} runs"))
+    if summary.causes and counts.done:
+        out.append(("doubt", f"most failures, {_cause(result)}"))
+    return out
+
+
+def _lead(result: CampaignResult) -> str:
+    """Return the answer: what the estimates are worth; without a truth, the predictions; or why there is neither."""
+    counts, summary = result.counts, result.summary
+    if not counts.finished:
+        return f"nothing is known yet: none of {counts.total} runs is finished"
+    if not counts.done:
+        return f"nothing was identified: all {counts.failed} finished runs failed, {_cause(result)}"
+    judged = [a for a in summary.accuracies if a.n > 1]
+    if len(judged) == 1:
+        return _of_one(judged[0])
+    if judged:
+        return _of_many(judged)
+    errors = [f for f in summary.figures if f.n > 0 and "MRSE" in f.name]
+    if errors:
+        best = min(errors, key=lambda f: f.mean)
+        scatter = f" and scatters by {number(best.std, 2)}" if best.n > 1 else ""
+        return (
+            "no estimate was found twice beside a true value, so that there is no bias to tell; the smallest error of "
+            f"a prediction, {best.name}, is {number(best.mean)} on average{scatter}"
+        )
+    names = [f.name for f in summary.figures]
+    return f"nothing was identified in the {counts.done} runs that were flown" + (
+        f": {', '.join(names[:_LINES])}{' and others' if len(names) > _LINES else ''} was found in none"
+        if names
+        else ""
+    )
+
+
+def _of_one(a: Accuracy) -> str:
+    bias = f"{number(a.bias)} ± {number(a.bias_half, 2)}"
+    share = f", {number(100 * a.bias / abs(a.true_mean), 2)} % of the true value" if a.true_mean else ""
+    said = f"is off by {bias}{share}" if a.biased else f"shows no bias beyond chance ({bias})"
+    covered = (
+        f"its stated 95 % interval holds the truth in {number(100 * a.coverage)} % of {a.n} runs"
+        if math.isfinite(a.coverage)
+        else "its method states no errors to judge"
+    )
+    return f"{a.name} {said} and scatters by {number(a.scatter, 2)} from run to run; {covered}"
+
+
+def _of_many(judged: Sequence[Accuracy]) -> str:
+    fair = sum(1 for a in judged if not a.biased)
+    text = f"{fair or 'none'} of {len(judged)} estimates {'shows' if fair in (0, 1) else 'show'} no bias beyond chance"
+    off = [100.0 * _relative(a) for a in judged if a.biased and a.true_mean]
+    if off:
+        text += f", the others are off by {_span(off)} % of the true value"
+    scatters = [100.0 * a.scatter / abs(a.true_mean) for a in judged if a.true_mean]
+    if scatters:
+        text += f"; from run to run they scatter by {_span(scatters)} % of it"
+    covered = [100.0 * a.coverage for a in judged if math.isfinite(a.coverage)]
+    if not covered:
+        return text + "; their method states no errors to judge"
+    of = "" if len(covered) == len(judged) else f" (of the {len(covered)} estimates that have one)"
+    return text + f"; the stated 95 % interval{of} holds the truth in {_span(covered)} % of the runs"
+
+
+def _span(values: Sequence[float]) -> str:
+    low, high = number(min(values), 2), number(max(values), 2)
+    return low if low == high else f"{low} to {high}"
+
+
+def _cause(result: CampaignResult) -> str:
+    c = result.summary.causes[0]
+    percent = 100.0 * c.count / max(result.counts.finished, 1)
+    return f"{c.count} ({number(percent, 2)} % of the runs): {c.example}"
+
+
+def _progress(result: CampaignResult) -> str:
+    counts = result.counts
+    failed = f", {counts.failed} failed" if counts.failed else ", none failed"
+    text = f"{counts.done} of {counts.total} runs are done{failed}"
+    if counts.finished < counts.total:
+        text += f"; {counts.total - counts.finished} are still to be flown, the figures are those of the others"
+    rule = result.campaign.spec.stop
+    if rule is not None and result.stopped is not None:
+        text += (
+            f"; stopped after {result.stopped}, when the mean of '{rule.quantity}' was known to ± {rule.half_width:g} "
+            f"with {100 * rule.confidence:g} % confidence"
+        )
+    elif rule is not None and counts.finished == counts.total:
+        text += f"; the wanted ± {rule.half_width:g} of '{rule.quantity}' was not reached"
+    return text
+
+
+def most_biased(summary: Summary) -> list[Accuracy]:
+    """Return the estimates, three at most, whose bias is beyond its interval and largest against the true value."""
+    biased = [a for a in summary.accuracies if a.biased and a.n > 1]
+    return sorted(biased, key=_relative, reverse=True)[:_LINES]
+
+
+def _relative(a: Accuracy) -> float:
+    return abs(a.bias / a.true_mean) if a.true_mean else math.inf
+
+
+def cost_sentence(result: CampaignResult) -> str:
+    """Return what a million runs like those finished would cost, from what these did."""
+    n = result.counts.finished
+    if n == 0:
+        return "nothing is finished yet, so that nothing can be said of the cost"
+    each = result.seconds / n
+    hours = each * _MILLION / 3600.0
+    size, records = (number(x / n * _MILLION / 1e9, 2) for x in (result.size, result.records_size))
+    histories = f" and {records} GB of time histories" if result.records_size else ""
+    return (
+        f"a run takes {number(1e3 * each)} ms of one processor; a million like it {number(hours)} processor hours, "
+        f"{number(hours / 100.0)} h on 100 processors, and about {size} GB of store{histories}"
+    )

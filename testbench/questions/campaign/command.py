@@ -1,0 +1,108 @@
+"""The command ``testbench campaign``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from testbench.page.terminal import console
+from testbench.questions.options import OutOption
+
+if TYPE_CHECKING:
+    from testbench.questions.campaign.load import Campaign
+
+command = typer.Typer(no_args_is_help=True, help="Fly a scenario many times over distributions of anything in it.")
+
+
+CampaignArgument = Annotated[
+    Path, typer.Argument(help="Campaign file, or the name of a packaged one.", show_default=False)
+]
+WorkersOption = Annotated[
+    int | None, typer.Option(min=1, help="Processes on this machine; one per processor if not given.")
+]
+SchedulerOption = Annotated[
+    str | None,
+    typer.Option(help="Fly on the workers of this dask scheduler, e.g. tcp://host:8786, and not on this machine."),
+]
+
+
+@command.command("run")
+def campaign_run(
+    campaign: CampaignArgument,
+    out: OutOption = Path("results"),
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+) -> None:
+    """Fly a new campaign and write its store, tables, figures and report.html.
+
+    Example: `testbench campaign run taurus_scatter --workers 2`. What is interrupted, `campaign resume` goes on with.
+    """
+    _fly_campaign(campaign, out, False, workers, scheduler)
+
+
+@command.command("resume")
+def campaign_resume(
+    campaign: CampaignArgument,
+    out: OutOption = Path("results"),
+    workers: WorkersOption = None,
+    scheduler: SchedulerOption = None,
+) -> None:
+    """Go on with a campaign that was interrupted, or that has been given more runs; nothing finished is flown again."""
+    _fly_campaign(campaign, out, True, workers, scheduler)
+
+
+@command.command("status")
+def campaign_status(campaign: CampaignArgument, out: OutOption = Path("results")) -> None:
+    """Say how far a campaign is, what failed, and what a million runs like it would cost; also while it flies."""
+    from testbench.questions.campaign.load import load_campaign
+    from testbench.questions.campaign.page import print_campaign, read_campaign
+    from testbench.questions.campaign.store import Store
+    from testbench.questions.files import find
+
+    loaded = load_campaign(find(campaign, "campaign"))
+    with Store.read(out / f"campaign_{loaded.spec.name}") as store:
+        print_campaign(read_campaign(loaded, store), console())
+
+
+@command.command("summarise")
+def campaign_summarise(campaign: CampaignArgument, out: OutOption = Path("results")) -> None:
+    """Write tables, figures and report.html from the runs that are finished; nothing is flown."""
+    from testbench.questions.campaign.load import load_campaign
+    from testbench.questions.files import find
+
+    loaded = load_campaign(find(campaign, "campaign"))
+    _report_campaign(loaded, out / f"campaign_{loaded.spec.name}")
+
+
+def _fly_campaign(campaign: Path, out: Path, resume: bool, workers: int | None, scheduler: str | None) -> None:
+    from rich.console import Console
+
+    from testbench.questions.campaign.execute import fly_campaign
+    from testbench.questions.campaign.load import load_campaign
+    from testbench.questions.campaign.page import show_progress
+    from testbench.questions.files import find
+
+    if workers is not None and scheduler is not None:
+        raise typer.BadParameter("give either --workers or --scheduler: a cluster brings its own workers")
+    loaded = load_campaign(find(campaign, "campaign"))
+    folder = out / f"campaign_{loaded.spec.name}"
+    try:
+        with show_progress(Console(stderr=True)) as progress:
+            fly_campaign(loaded, folder, resume=resume, workers=workers, scheduler=scheduler, progress=progress)
+    except KeyboardInterrupt:
+        print(f"finished runs are kept; go on with: testbench campaign resume {campaign} --out {out}", file=sys.stderr)
+        raise
+    _report_campaign(loaded, folder)
+
+
+def _report_campaign(campaign: Campaign, folder: Path) -> None:
+    from testbench.questions.campaign.page import print_campaign, read_campaign, write_campaign
+    from testbench.questions.campaign.store import Store
+
+    with Store.read(folder) as store:
+        result = read_campaign(campaign, store)
+    write_campaign(result, folder)
+    print_campaign(result, console(), folder)

@@ -1,0 +1,63 @@
+"""What each run is given: its values and its seed, functions of the campaign's seed and the run's number alone."""
+
+from __future__ import annotations
+
+import zlib
+from typing import Any
+
+import numpy as np
+
+from testbench.questions.campaign.scenario import CampaignSpec, Choice, Distribution, LogNormal, Normal, Uniform
+
+
+def run_seed(spec: CampaignSpec, index: int) -> int:
+    """Return the seed of run ``index``: the first word of SeedSequence([campaign seed, index])."""
+    return int(np.random.SeedSequence([spec.seed, index]).generate_state(1)[0])
+
+
+def run_inputs(spec: CampaignSpec, index: int) -> dict[str, Any]:
+    """Return key -> value of run ``index``: its point of the grid, then what is drawn for it.
+
+    Every key draws from its own child of SeedSequence([campaign seed, index]), by the crc32 of the key, so that neither
+    further keys nor their order change the values of the others.
+    """
+    out: dict[str, Any] = {}
+    cell = index % spec.cells
+    for key in reversed(spec.grid):  # the last key runs fastest
+        values = spec.grid[key]
+        out[key] = values[cell % len(values)]
+        cell //= len(values)
+    out = {key: out[key] for key in spec.grid}
+    for key, law in spec.vary.items():
+        out[key] = _draw(law, spec.seed, index, key)
+    return out
+
+
+def nominal_inputs(spec: CampaignSpec) -> dict[str, Any]:
+    """Return key -> the middle of its distribution (first of choices and values); of the grid the first point."""
+    return {key: values[0] for key, values in spec.grid.items()} | {k: middle(law) for k, law in spec.vary.items()}
+
+
+def middle(law: Distribution) -> Any:
+    """Return mean, midpoint or median of a distribution; the first entry of choices and values."""
+    if isinstance(law, Normal):
+        return law.mean
+    if isinstance(law, Uniform):
+        return 0.5 * (law.low + law.high)
+    if isinstance(law, LogNormal):
+        return law.median
+    return law.among[0] if isinstance(law, Choice) else law.values[0]
+
+
+def _draw(law: Distribution, seed: int, index: int, key: str) -> Any:
+    if not isinstance(law, (Normal, Uniform, LogNormal, Choice)):
+        return law.values[index % len(law.values)]
+    rng = np.random.default_rng(np.random.SeedSequence([seed, index], spawn_key=(zlib.crc32(key.encode()),)))
+    if isinstance(law, Normal):
+        return law.mean + law.std * float(rng.standard_normal())
+    if isinstance(law, Uniform):
+        return float(rng.uniform(law.low, law.high))
+    if isinstance(law, LogNormal):
+        return float(law.median * np.exp(law.sigma * rng.standard_normal()))
+    weights = np.array(law.weights or [1.0] * len(law.among))
+    return law.among[int(rng.choice(len(law.among), p=weights / weights.sum()))]

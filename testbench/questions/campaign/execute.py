@@ -1,0 +1,273 @@
+"""Fly a campaign: batches of runs to workers, outcomes into the store, until all are finished or enough are.
+
+What a million runs cost, and where the limit is: results/campaign/README.md, measured by ``make campaign-cost``.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from testbench.core.errors import CampaignError, RecordError
+from testbench.questions.campaign.draws import run_inputs, run_seed
+from testbench.questions.campaign.flying import Job, Outcome, fly_batch
+from testbench.questions.campaign.load import Campaign, versions
+from testbench.questions.campaign.stop import Watch
+from testbench.questions.campaign.store import Counts, Store
+from testbench.questions.campaign.workers import (
+    Died,
+    Lost,
+    Task,
+    Workers,
+    default_workers,
+    local_workers,
+    remote_workers,
+    require_dask,
+)
+
+MOST_PER_BATCH = 25
+BATCH_S = 3.0  # work in a batch: little is lost with one, and what dask and SQLite take for it is less than 1 %
+_FIRST_BATCH = 4  # before the first run has said how long it takes
+DEATHS = 3  # a run that is alone with a process when it dies may have been unlucky; three times it was not
+DIED = f"the worker process died while flying this run, {DEATHS} times or more and with nothing else in hand"
+_PER_WORKER = 2  # batches in hand or on the way, so that no worker waits
+_NO_WORKERS_S = 60.0
+_LOOK_S = 0.5
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a campaign is: runs finished before and now, failures, and runs per second since the start."""
+
+    counts: Counts
+    flown: int
+    elapsed_s: float
+    workers: int
+
+    @property
+    def rate(self) -> float:
+        """Runs per second."""
+        return self.flown / self.elapsed_s if self.elapsed_s > 0.0 else 0.0
+
+    @property
+    def left_s(self) -> float | None:
+        """Seconds until the last run is finished, if the rate stays; None before the first."""
+        return (self.counts.total - self.counts.finished) / self.rate if self.flown else None
+
+
+@dataclass(frozen=True)
+class Ending:
+    """How a campaign ended: the counts, and after how many runs the stopping rule was met (None if it was not)."""
+
+    counts: Counts
+    stopped: int | None
+    elapsed_s: float
+
+
+@dataclass(frozen=True)
+class _Batch:
+    runs: tuple[int, ...]
+    deaths: int = 0
+
+
+def fly_campaign(
+    campaign: Campaign,
+    folder: Path,
+    *,
+    resume: bool = False,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: Callable[[Progress], None] | None = None,
+    task: Task = fly_batch,
+) -> Ending:
+    """Fly all runs of a campaign that are not finished yet.
+
+    Args:
+        campaign: what to fly.
+        folder: of the store, and of the time histories if they are kept.
+        resume: go on with the store in ``folder`` instead of making one.
+        workers: processes on this machine; one per processor if not given.
+        scheduler: address of a dask scheduler to use instead, with the workers it has.
+        progress: called about twice a second.
+        task: what a worker does with a batch.
+
+    Raises:
+        CampaignError: the store cannot be written or the workers are gone; ``resume`` goes on.
+        TestbenchError: what makes every run impossible.
+    """
+    require_dask()
+    with ExitStack() as stack:
+        # An address that does not answer must not leave a store behind.
+        found = stack.enter_context(remote_workers(scheduler)) if scheduler else None
+        opened = Store.resume(folder, campaign) if resume else Store.create(folder, campaign)
+        store = stack.enter_context(opened)
+        if store.first_unfinished() is None:
+            return Ending(store.counts(), None, 0.0)
+        watch = Watch(campaign.spec.stop) if campaign.spec.stop else None
+        if watch is not None and (stopped := watch.advance(store, campaign.spec.total)) is not None:
+            store.stop_at(stopped)
+            return Ending(store.counts(), stopped, 0.0)
+        found = found or stack.enter_context(local_workers(workers or default_workers()))
+        packages = tuple(versions().items())
+        job = Job(campaign.spec.model_dump_json(), json.dumps(campaign.content), packages, campaign.spec.records)
+        return _Session(campaign, store, folder, found, watch, task, job, store.counts()).fly(progress)
+
+
+@dataclass
+class _Session:
+    """One session: what is in hand, what came back to be flown again, how far the numbers are dealt, what is done."""
+
+    campaign: Campaign
+    store: Store
+    folder: Path
+    workers: Workers
+    watch: Watch | None
+    task: Task
+    job: Job
+    counts: Counts
+    have: int = 0
+    flown: int = 0
+    seconds: float = 0.0
+    stopped: int | None = None
+    dealt: int = -1
+    started: list[int] = field(default_factory=list)
+    hand: dict[Any, _Batch] = field(default_factory=dict)
+    again: deque[_Batch] = field(default_factory=deque)
+
+    def fly(self, progress: Callable[[Progress], None] | None) -> Ending:
+        """Hand out, collect and write until every run is finished or the stopping rule is met."""
+        start = looked = last_seen = time.perf_counter()
+        self.have = self.workers.count()
+        try:
+            while self.stopped is None:
+                self.hand_out()
+                if not self.hand and not self.again and self.have:
+                    break
+                self.write(self.collect())
+                now = time.perf_counter()
+                if now - looked < _LOOK_S:
+                    continue
+                looked, self.have = now, self.workers.count()
+                last_seen = now if self.have else last_seen
+                if now - last_seen > _NO_WORKERS_S:
+                    raise CampaignError(
+                        f"a campaign needs workers, but {self.workers.place} has had none for {_NO_WORKERS_S:g} s; "
+                        "start some with `dask worker` and go on with `testbench campaign resume`"
+                    )
+                if progress is not None:
+                    progress(Progress(self.counts, self.flown, now - start, self.have))
+        except BaseException:
+            self.give_back()
+            raise
+        if self.stopped is not None:
+            self.workers.cancel(list(self.hand))
+            self.store.stop_at(self.stopped)
+        counts, elapsed = self.store.counts(), time.perf_counter() - start
+        if progress is not None:
+            progress(Progress(counts, self.flown, elapsed, self.have))
+        return Ending(counts, self.stopped, elapsed)
+
+    def hand_out(self) -> None:
+        """Hand out batches until every worker has enough."""
+        while len(self.hand) < _PER_WORKER * self.have:
+            if self.again:
+                batch = self.again.popleft()
+            else:
+                runs = self.store.unfinished(self.dealt, self.batch_size())
+                if not runs:
+                    break
+                batch = _Batch(tuple(runs))
+                self.dealt = runs[-1]
+                self.started += runs
+            self.hand[self.workers.submit(self.task, self.job, batch.runs)] = batch
+
+    def batch_size(self) -> int:
+        """Return how many runs make the next batch: some seconds' work, and less towards the end, which all then reach
+        together; it changes nothing of what runs find.
+        """
+        most = _FIRST_BATCH
+        if self.flown:
+            most = min(MOST_PER_BATCH, int(BATCH_S * self.flown / max(self.seconds, 1e-9)))
+        left = self.counts.total - self.counts.finished
+        return max(1, min(most, left // (4 * _PER_WORKER * self.have)))
+
+    def collect(self) -> list[Outcome]:
+        """Return the outcomes of the batches that have ended; those whose process died go back to be flown again.
+
+        Of a batch that killed its process the halves go back, or its single runs, until the one is found that does it.
+        """
+        out: list[Outcome] = []
+        for future in self.workers.wait(_LOOK_S):
+            batch = self.hand.pop(future)
+            try:
+                out += self.workers.collect(future)
+            except Lost:
+                self.again.append(batch)
+            except Died as died:
+                if len(batch.runs) > 1:
+                    # A scheduler that tries again by itself loses several processes with every batch: no more halving.
+                    size = 1 if died.times > 1 else (len(batch.runs) + 1) // 2
+                    self.again += [_Batch(batch.runs[k : k + size]) for k in range(0, len(batch.runs), size)]
+                elif batch.deaths + died.times < DEATHS:
+                    self.again.append(replace(batch, deaths=batch.deaths + died.times))
+                else:
+                    out.append(_died(self.campaign, batch.runs[0]))
+        return out
+
+    def write(self, finished: list[Outcome]) -> None:
+        """Write what has been found and begun, in one transaction; count it, and ask the stopping rule."""
+        if not finished and not self.started:
+            return
+        _keep_records(finished, self.folder)
+        self.store.exchange(finished, self.started)
+        self.started = []
+        self.flown += len(finished)
+        self.seconds += sum(o.seconds for o in finished)
+        failed = sum(1 for o in finished if o.reason)
+        done, lost = self.counts.done + len(finished) - failed, self.counts.failed + failed
+        self.counts = Counts(0, self.counts.total - done - lost, done, lost)
+        if self.watch is not None and finished:
+            self.stopped = self.watch.advance(self.store, self.campaign.spec.total)
+
+    def give_back(self) -> None:
+        """Note that what was handed out is not being flown any more; a store that cannot be written stays as it is."""
+        self.workers.cancel(list(self.hand))
+        unfinished = [run for batch in (*self.hand.values(), *self.again) for run in batch.runs]
+        try:
+            self.store.exchange((), (), unfinished)
+        except CampaignError:  # the error that brought us here says so already, and resume does not need the note
+            return
+
+
+def _died(campaign: Campaign, run: int) -> Outcome:
+    inputs = json.dumps(run_inputs(campaign.spec, run), separators=(",", ":"))
+    return Outcome(run, run_seed(campaign.spec, run), inputs, None, DIED, 0.0)
+
+
+def _keep_records(finished: list[Outcome], folder: Path) -> None:
+    """Write the time histories of finished runs as folder/records/run_NNNNNN_NAME.nc, before their rows."""
+    for name, content in _records(finished):
+        path = folder / "records" / name
+        part = path.with_name(path.name + ".part")
+        try:
+            path.parent.mkdir(exist_ok=True)
+            part.write_bytes(content)
+            part.replace(path)
+        except OSError as error:
+            raise RecordError(
+                f"time histories must go to a folder that can be written to, got '{path}': {error.strerror or error}; "
+                "what is finished is kept. Free space, then go on with `testbench campaign resume`"
+            ) from error
+
+
+def _records(finished: list[Outcome]) -> Iterator[tuple[str, bytes]]:
+    for outcome in finished:
+        for name, content in outcome.records:
+            safe = "".join(c if c.isalnum() or c in "._-" else "_" for c in name)
+            yield f"run_{outcome.index:06d}_{safe}.nc", content

@@ -1,0 +1,184 @@
+"""The figures of a campaign: estimates over true values, distributions of errors, and how the means settle."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from testbench.page.plot import COLOURS, INK, MEASURED, QUIET, Plate, grid, label, new_figure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from testbench.core.record import FloatArray
+    from testbench.questions.campaign.summary import Summary
+
+_MOST, _POINTS = 6, 2000
+_TALL_IN, _GAP_IN = 1.75, 0.78
+
+
+def campaign_plates(summary: Summary) -> list[Plate]:
+    """Return the figures that the runs have the data for, of at most six estimates; if of none, why runs failed."""
+    from testbench.questions.campaign.page import errors
+
+    chosen = _chosen(summary)
+    found = errors(summary)
+    of_errors = {name: found[name][summary.done] for name in chosen}
+    if not of_errors:
+        named = [f.name for f in summary.figures if f.n > 1 and "MRSE" in f.name][:_MOST]
+        of_errors = {name: summary.columns[name][summary.done] for name in named}
+    of_errors = {name: values[np.isfinite(values)] for name, values in of_errors.items()}
+    if not any(values.size for values in of_errors.values()):
+        return [_failure_plate(summary)] if summary.causes else []
+    of_errors = {name: values for name, values in of_errors.items() if values.size}
+    what = "estimate minus truth" if chosen else "value"
+    plates = [
+        Plate(
+            "distributions",
+            "Distribution of the errors" if chosen else "Distribution of the prediction errors",
+            "Number of runs over " + what + ". Dashed: the mean, with its 95 % confidence interval shaded; where zero, "
+            "drawn as a black line, lies outside of it, the estimate is biased."
+            if chosen
+            else "Number of runs over the value. Dashed: the mean, with its 95 % confidence interval shaded.",
+            _panels(list(of_errors), lambda axes, name: _histogram(axes, of_errors[name], bool(chosen)), what, "runs"),
+        ),
+        Plate(
+            "convergence",
+            "How the means settle",
+            f"Mean of {what} over the first runs, in the order of their numbers, with its 95 % confidence interval.",
+            _panels(list(of_errors), lambda axes, name: _settling(axes, of_errors[name]), "runs", "mean"),
+        ),
+    ]
+    if chosen:
+        plates.insert(
+            0,
+            Plate(
+                "estimates",
+                "Estimates over true values",
+                "One point per run (of many runs every so many-th); on the line the estimate is the truth.",
+                _panels(chosen, lambda axes, name: _scatter(axes, summary, name), "true value", "estimate"),
+            ),
+        )
+    return plates
+
+
+def _failure_plate(summary: Summary) -> Plate:
+    """Return the reasons of failure by number of runs, for a campaign that identified nothing."""
+    causes = summary.causes[:_MOST]
+
+    def make(wide: bool) -> Figure:
+        """Draw one bar per reason, the reason above it."""
+        from matplotlib.ticker import MaxNLocator
+
+        figure = new_figure(wide, 0.3 + 0.5 * len(causes) + 0.5)
+        axes = grid(figure, 0.2, [0.5 * len(causes)], left_in=0.2)[0, 0]
+        letters = 110 if wide else 50
+        for i, cause in enumerate(causes):
+            axes.barh(i + 0.2, cause.count, height=0.35, color=MEASURED)
+            text = f"{cause.count}: {cause.example}"
+            text = text if len(text) <= letters else text[: letters - 1] + "…"
+            axes.text(0.0, i - 0.05, text, fontsize=8, color=INK, va="bottom", parse_math=False)
+        axes.set_yticks([])
+        axes.set_ylim(len(causes) - 0.55, -0.45)
+        axes.set_xlim(0.0, summary.runs.size)
+        axes.grid(axis="y", visible=False)
+        axes.xaxis.set_major_locator(MaxNLocator(nbins=4, integer=True))
+        label(axes, "runs, of those that are finished")
+        return figure
+
+    caption = (
+        "Runs by the reason that they give, the most frequent ones; numbers in a reason are those of the first run."
+    )
+    return Plate("failures", "Why runs failed", caption, make)
+
+
+def _chosen(summary: Summary) -> list[str]:
+    """Return up to six estimates: the most biased ones, of which the answer speaks, then those whose errors the method
+    states, then those found most often.
+    """
+    from testbench.questions.campaign.answer import most_biased
+
+    have = [a for a in summary.accuracies if a.n > 1]
+    ranked = sorted(have, key=lambda a: (not np.isfinite(a.stated), a.missing))
+    names = dict.fromkeys(a.name for a in (*most_biased(summary), *ranked))
+    return sorted(list(names)[:_MOST])
+
+
+def _panels(names: list[str], draw: Callable[[Axes, str], None], x: str, y: str) -> Callable[[bool], Figure]:
+    def make(wide: bool) -> Figure:
+        """Draw one panel per name."""
+        columns = min(3, len(names)) if wide else 1
+        rows = -(-len(names) // columns)
+        figure = new_figure(wide, 0.32 + rows * _TALL_IN + (rows - 1) * _GAP_IN + 0.48)
+        panels = grid(figure, 0.32, [_TALL_IN] * rows, (1.0,) * columns, gap_in=_GAP_IN, between_in=0.72)
+        for i, axes in enumerate(panels.ravel()):
+            if i >= len(names):
+                axes.set_visible(False)
+                continue
+            draw(axes, names[i])
+            _few_ticks(axes, whole=y == "runs")
+            label(axes, x, y if i % columns == 0 else "", _short(names[i], names))
+        return figure
+
+    return make
+
+
+def _few_ticks(axes: Any, whole: bool) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=4))
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=4, integer=whole))
+
+
+def _short(name: str, names: list[str]) -> str:
+    """Return a panel's title: without the case where all panels have the same."""
+    cases = {n.partition(": ")[0] for n in names}
+    return name.partition(": ")[2] if len(cases) == 1 else name
+
+
+def _scatter(axes: Axes, summary: Summary, name: str) -> None:
+    from testbench.questions.campaign.summary import truth_of
+
+    true = summary.columns[truth_of(name, summary.columns)][summary.done]
+    found = summary.columns[name][summary.done]
+    have = np.isfinite(true) & np.isfinite(found)
+    true, found = true[have], found[have]
+    every = max(1, true.size // _POINTS)
+    low, high = float(true.min()), float(true.max())
+    margin = 0.06 * (high - low) or 0.05 * abs(high) or 1.0
+    axes.plot([low - margin, high + margin], [low - margin, high + margin], color=INK, linewidth=0.9)
+    axes.plot(true[::every], found[::every], ".", color=COLOURS[0], markersize=3.5, alpha=0.6)
+    axes.set_xlim(low - margin, high + margin)
+
+
+def _histogram(axes: Axes, values: FloatArray, zero: bool) -> None:
+    bins = int(np.clip(round(2.0 * values.size ** (1.0 / 3.0)), 5, 60))  # Rice's rule
+    axes.hist(values, bins=bins, color=MEASURED)
+    mean, half = float(np.mean(values)), _half(values)
+    axes.axvspan(mean - half, mean + half, color=COLOURS[1], alpha=0.25, linewidth=0)
+    axes.axvline(mean, color=COLOURS[1], linestyle=(0, (4, 2)), linewidth=1.3)
+    if zero:
+        axes.axvline(0.0, color=INK, linewidth=0.9)
+        axes.margins(x=0.06)  # off the axis, where it could not be seen
+
+
+def _half(values: FloatArray) -> float:
+    return float(1.96 * np.std(values, ddof=1) / np.sqrt(values.size)) if values.size > 1 else 0.0
+
+
+def _settling(axes: Axes, values: FloatArray) -> None:
+    n = np.arange(1, values.size + 1)
+    shift = float(values[0])  # sums of squares about a value of their own size lose no digits
+    mean = np.cumsum(values - shift) / n
+    squares = np.maximum(np.cumsum((values - shift) ** 2) / n - mean**2, 0.0)
+    half = 1.96 * np.sqrt(squares / np.maximum(n - 1, 1))
+    show = np.unique(np.linspace(min(4, n.size - 1), n.size - 1, min(n.size, 400)).astype(int))
+    axes.fill_between(
+        n[show], (shift + mean - half)[show], (shift + mean + half)[show], color=MEASURED, alpha=0.5, linewidth=0
+    )
+    axes.plot(n[show], (shift + mean)[show], color=COLOURS[0])
+    axes.axhline(shift + float(mean[-1]), color=QUIET, linewidth=0.7, linestyle=(0, (4, 2)))

@@ -1,0 +1,207 @@
+"""Read a campaign and check everything that can be checked before anything is flown."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from testbench import __version__
+from testbench.aircraft import Aircraft, load_aircraft
+from testbench.core.errors import ScenarioError, TestbenchError, nearest
+from testbench.core.paths import find_scenario
+from testbench.core.schema import parse, read_toml
+from testbench.estimators.settings import estimator_name
+from testbench.questions.campaign.draws import nominal_inputs
+from testbench.questions.campaign.scenario import CampaignSpec
+from testbench.questions.campaign.targets import change_aircraft, change_suites, check_target, is_scenario_key, set_keys
+from testbench.questions.run.check import check
+from testbench.questions.run.scenario import Scenario
+from testbench.sensors import SensorSuite, load_suite
+
+_MOST_CELLS_CHECKED = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """A checked campaign.
+
+    Attributes:
+        spec: what its file says.
+        content: the base scenario as a table; sensor suites that are files by absolute path.
+        base: the same, with every varied key in the middle of its distribution.
+        text: the campaign's file, verbatim.
+    """
+
+    spec: CampaignSpec
+    content: Mapping[str, Any]
+    base: Scenario
+    text: str
+
+    @property
+    def cases(self) -> list[str]:
+        """Names "SUITE, ESTIMATOR" of what every run finds, in order."""
+        return case_names(self.base)
+
+    @property
+    def suite_names(self) -> list[str]:
+        """Names of the sensor suites of the base scenario."""
+        return suite_names(self.base)
+
+    def digest(self) -> str:
+        """Return a hash of all that decides what run i finds: draws, scenario, aircraft and suites.
+
+        The number of runs, the rule that stops them and the texts are left out: they may change between sessions.
+        """
+        spec = self.spec.model_dump(mode="json", include={"seed", "vary", "grid", "truth"})
+        aircraft = load_aircraft(self.base.aircraft, self.base.wings)
+        suites = [repr(load_suite(name)) for name in self.base.suites]
+        parts = [
+            spec,
+            self.content,
+            aircraft.xml,
+            repr(aircraft.elastic),
+            sorted(aircraft.engine_files.items()),
+            suites,
+        ]
+        return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a run's figures may depend on."""
+    return {"testbench": __version__} | {name: version(name) for name in ("jsbsim", "numpy", "scipy")}
+
+
+def load_campaign(path: Path | str) -> Campaign:
+    """Read a campaign and check it against its scenario, aircraft and suites, without flying.
+
+    Checked are the laws of the campaign and of the base scenario; every key that is varied, alone, in the middle of its
+    distribution or at each of its values; and every point of the grid with all varied keys in their middle.
+
+    Raises:
+        ScenarioError: lists every fault with file, key, law, value and the nearest valid name.
+        RecordError: the file or the base scenario cannot be read.
+    """
+    spec = CampaignSpec.load(path)
+    assert spec.file is not None
+    content, origin = _base(spec, spec.file)
+    content = _absolute(content, origin)
+    nominal = Scenario.model_validate(set_keys(content, nominal_inputs(spec)))
+    return Campaign(spec, content, nominal.at(origin), spec.file.read_text(encoding="utf-8"))
+
+
+def campaign_faults(spec: CampaignSpec, file: Path) -> list[str]:
+    """Return every law that a campaign breaks beyond its schema, see :func:`load_campaign`."""
+    content, origin = _base(spec, file)
+    bare, faults = parse(Scenario, content, origin)
+    if bare is None:
+        return faults
+    content = _absolute(content, origin)
+    found = check(bare.at(origin))
+    if not found:
+        found = _check_keys(spec, content, bare, file)
+    faults += found
+    if not found:
+        faults += _check_grid(spec, content, file)
+    return faults or _check_stop(spec, content, file)
+
+
+def _base(spec: CampaignSpec, file: Path) -> tuple[dict[str, Any], Path]:
+    if spec.scenario is not None:
+        return dict(spec.scenario), file
+    beside = file.parent / str(spec.base)
+    found = beside if beside.is_file() else find_scenario(str(spec.base))
+    return read_toml(found), found
+
+
+def _absolute(content: Mapping[str, Any], origin: Path) -> dict[str, Any]:
+    """Return the scenario with sensor suites that are files by absolute path, as processes elsewhere read them."""
+    out = dict(content)
+    out["suites"] = [str(Path(s).resolve()) if s.endswith(".toml") else s for s in out["suites"]]
+    return out
+
+
+def _check_keys(spec: CampaignSpec, content: Mapping[str, Any], bare: Scenario, file: Path) -> list[str]:
+    """Return the faults of every key that is varied, each with each of its values or the middle alone."""
+    aircraft = load_aircraft(bare.aircraft, bare.wings)
+    suites = tuple(load_suite(name) for name in bare.suites)
+    faults = []
+    nominal = nominal_inputs(spec)
+    listed = {**spec.grid, **{k: getattr(law, "among", getattr(law, "values", ())) for k, law in spec.vary.items()}}
+    for key in (*spec.grid, *spec.vary):
+        where = f'{file}, {"grid" if key in spec.grid else "vary"}."{key}"'
+        for value in listed[key] or (nominal[key],):
+            found = check_target(key, value, aircraft, suites) or _check_scenario_key(key, value, content)
+            faults += [f"{where}: {fault}" for fault in found]
+            if found:
+                break
+    return faults
+
+
+def _check_scenario_key(key: str, value: Any, content: Mapping[str, Any]) -> list[str]:
+    if not is_scenario_key(key):
+        return []
+    try:
+        changed = set_keys(content, {key: value})
+    except ScenarioError as error:
+        return list(error.faults)
+    return parse(Scenario, changed, None)[1]
+
+
+def _check_grid(spec: CampaignSpec, content: Mapping[str, Any], file: Path) -> list[str]:
+    """Return the faults of the points of the grid (the first 200), all varied keys in the middle of their laws."""
+    nominal = nominal_inputs(spec)
+    faults: list[str] = []
+    for number, point in enumerate(product(*spec.grid.values())):
+        if number >= _MOST_CELLS_CHECKED:
+            break
+        inputs = nominal | dict(zip(spec.grid, point, strict=True))
+        scenario, found = parse(Scenario, set_keys(content, inputs), file)
+        if scenario is not None and not found:
+            found = check(scenario.at(file))
+            found += _attempt(lambda: apply(scenario, inputs), file)  # noqa: B023 - called at once
+        faults += [f for f in found if f not in faults]
+    return faults
+
+
+def _attempt(action: Callable[[], Any], file: Path) -> list[str]:
+    try:
+        action()
+    except TestbenchError as error:
+        return [f"{file}: {error}"]
+    return []
+
+
+def apply(scenario: Scenario, inputs: Mapping[str, Any]) -> tuple[Aircraft, tuple[SensorSuite, ...]]:
+    """Return the aircraft and the suites of a scenario with the changes among ``inputs``."""
+    aircraft = change_aircraft(load_aircraft(scenario.aircraft, scenario.wings), inputs)
+    return aircraft, change_suites(tuple(load_suite(name) for name in scenario.suites), inputs)
+
+
+def _check_stop(spec: CampaignSpec, content: Mapping[str, Any], file: Path) -> list[str]:
+    """Return what can be known of the stopping rule's quantity before a run: suite and estimator."""
+    if spec.stop is None:
+        return []
+    cases = case_names(Scenario.model_validate(content))
+    case = spec.stop.quantity.split(": ")[0]
+    if case in cases and ": " in spec.stop.quantity:
+        return []
+    return [
+        f"{file}, stop.quantity: must be 'SUITE, ESTIMATOR: FIGURE', got '{spec.stop.quantity}'{nearest(case, cases)}"
+    ]
+
+
+def case_names(base: Scenario) -> list[str]:
+    """Return the names "SUITE, ESTIMATOR" of what every run of a scenario finds, in order."""
+    estimators = [estimator_name(e) for e in base.identification.estimators]
+    return [f"{suite}, {e}" for suite in suite_names(base) for e in estimators]
+
+
+def suite_names(base: Scenario) -> list[str]:
+    """Return the names of the sensor suites of a scenario."""
+    return [load_suite(name).name for name in base.suites]

@@ -1,0 +1,249 @@
+"""What a campaign found: location and scatter of every figure, errors against truth, coverage, failures."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from testbench.core.record import FloatArray
+from testbench.questions.campaign.scenario import Entry
+from testbench.questions.campaign.store import Row
+
+QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
+Z95 = 1.959963984540054  # standard normal, two-sided 95 %
+_GROW = 4096
+TRUE = "true"
+_OUTPUTS = re.compile(r" \([^()]*\)(?= (?:wn|zeta))")  # whose poles: the truth is that of the aircraft
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure over the runs that are done.
+
+    Attributes:
+        name: "SUITE, ESTIMATOR: FIGURE".
+        n, missing: runs that gave it, and done runs that did not (a mode that was not found, an infinite error).
+        mean, std: over the runs, NaN where there are too few.
+        mean_half: half the width of the mean's 95 % confidence interval (normal).
+        quantiles: at QUANTILES.
+    """
+
+    name: str
+    n: int
+    missing: int
+    mean: float
+    std: float
+    mean_half: float
+    quantiles: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """One estimate against its true value, run by run.
+
+    Attributes:
+        name: "SUITE, ESTIMATOR: FIGURE".
+        n, missing: runs with an estimate, and done runs without.
+        true_mean: mean of the true values.
+        bias, bias_half: mean error and half its 95 % confidence interval.
+        scatter: standard deviation of the errors.
+        rms: root mean square of the errors.
+        stated: root mean square of the standard errors that the estimator states; NaN if it states none.
+        coverage, coverage_low, coverage_high: share of runs whose stated 95 % interval holds the truth, and the 95 %
+            interval of that share (Wilson 1927); NaN without stated errors.
+    """
+
+    name: str
+    n: int
+    missing: int
+    true_mean: float
+    bias: float
+    bias_half: float
+    scatter: float
+    rms: float
+    stated: float
+    coverage: float
+    coverage_low: float
+    coverage_high: float
+
+    @property
+    def biased(self) -> bool:
+        """Whether the mean error differs from zero by more than its 95 % interval."""
+        return bool(abs(self.bias) > self.bias_half)
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Runs that failed for one reason, numbers in it left out of the comparison; ``example`` is that of ``first``."""
+
+    reason: str
+    count: int
+    first: int
+    example: str
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """What the rows of a campaign say.
+
+    Attributes:
+        runs: (n,) numbers of the finished runs.
+        done: (n,) bool.
+        columns: name of a figure -> (n,) values, NaN where there is none.
+        inputs: varied key -> (n,) values as given.
+        figures, accuracies, causes: in the order of their names; causes by number of runs.
+    """
+
+    runs: FloatArray
+    done: NDArray[np.bool_]
+    columns: dict[str, FloatArray]
+    inputs: dict[str, tuple[Entry, ...]]
+    figures: tuple[Figure, ...]
+    accuracies: tuple[Accuracy, ...]
+    causes: tuple[Cause, ...]
+
+    @property
+    def failed(self) -> int:
+        """Number of runs that failed."""
+        return int(self.runs.size - np.count_nonzero(self.done))
+
+
+class _Columns:
+    """Values by name as they come, row by row; memory is that of the numbers alone."""
+
+    def __init__(self) -> None:
+        self.size, self.room = 0, _GROW
+        self._found: dict[str, dict[str, FloatArray]] = {}
+
+    def add(self, group: str, values: dict[str, float | None]) -> None:
+        """Take the values of one group (a case, or the truth) in the current row; None counts as missing."""
+        known = self._found.setdefault(group, {})
+        for name, value in values.items():
+            if name not in known:
+                known[name] = np.full(self.room, np.nan)
+            if value is not None:
+                known[name][self.size] = value
+
+    def next_row(self) -> None:
+        """Go on to the next row."""
+        self.size += 1
+        if self.size == self.room:
+            self.room *= 2
+            for known in self._found.values():
+                for name, values in known.items():
+                    known[name] = np.concatenate([values, np.full(values.size, np.nan)])
+
+    def named(self) -> dict[str, FloatArray]:
+        """Return "GROUP: NAME" -> values (n,), sorted by name."""
+        found = {
+            f"{group}: {name}": v[: self.size] for group, known in self._found.items() for name, v in known.items()
+        }
+        return dict(sorted(found.items()))
+
+
+def summarise(rows: Iterable[Row]) -> Summary:
+    """Return what finished runs found; the rows in the order of their numbers, which may come from an open store.
+
+    Standard errors and intervals take runs as independent. Bias: mean of estimate - truth of the same run. Coverage:
+    share of runs with |estimate - truth| <= 1.96 stated standard errors.
+    """
+    columns = _Columns()
+    runs: list[int] = []
+    done: list[bool] = []
+    first: dict[str, Row] = {}
+    counts: dict[str, int] = {}
+    inputs: dict[str, list[Entry]] = {}
+    for row in rows:
+        runs.append(row.run)
+        done.append(row.state == "done")
+        for key, value in json.loads(row.inputs).items():
+            inputs.setdefault(key, []).append(value)
+        if row.results:
+            found = json.loads(row.results)
+            for case, figures in found["figures"].items():
+                columns.add(case, figures)
+            if "true" in found:
+                columns.add(TRUE, found["true"])
+        else:
+            reason = _NUMBER.sub("#", row.reason or "no reason given")
+            first.setdefault(reason, row)
+            counts[reason] = counts.get(reason, 0) + 1
+        columns.next_row()
+    named, flown = columns.named(), np.array(done, bool)
+    ordered = sorted(first, key=lambda reason: (-counts[reason], reason))
+    return Summary(
+        np.array(runs, float),
+        flown,
+        named,
+        {key: tuple(values) for key, values in inputs.items()},
+        tuple(_figure(name, values[flown]) for name, values in named.items() if not _beside(name, named)),
+        tuple(_accuracy(name, truth, named, flown) for name in named if (truth := truth_of(name, named))),
+        tuple(Cause(r, counts[r], first[r].run, first[r].reason or "") for r in ordered),
+    )
+
+
+def truth_of(name: str, columns: Mapping[str, FloatArray]) -> str:
+    """Return the column with the true values of an estimate's column, or "" if there is none."""
+    if f"{name}, true" in columns:
+        return f"{name}, true"
+    group, _, figure = name.partition(": ")
+    mode = f"{TRUE}: {_OUTPUTS.sub('', figure)}"
+    return mode if group != TRUE and mode in columns else ""
+
+
+def _beside(name: str, columns: Mapping[str, FloatArray]) -> bool:
+    """Say whether a column is the truth or the standard error that belongs to another one."""
+    head, _, tail = name.rpartition(", ")
+    return name.startswith(f"{TRUE}: ") or (tail in {"true", "std"} and head in columns)
+
+
+def _figure(name: str, values: FloatArray) -> Figure:
+    have = values[np.isfinite(values)]
+    n = have.size
+    mean, std = _moments(have)
+    quantiles = np.quantile(have, QUANTILES).tolist() if n else [math.nan] * len(QUANTILES)
+    return Figure(name, n, values.size - n, mean, std, _half(std, n), tuple(quantiles))
+
+
+def _moments(values: FloatArray) -> tuple[float, float]:
+    mean = float(np.mean(values)) if values.size else math.nan
+    return mean, float(np.std(values, ddof=1)) if values.size > 1 else math.nan
+
+
+def _half(std: float, n: int) -> float:
+    return Z95 * std / math.sqrt(n) if n else math.nan
+
+
+def _accuracy(name: str, truth: str, columns: Mapping[str, FloatArray], done: NDArray[np.bool_]) -> Accuracy:
+    found, true = columns[name][done], columns[truth][done]
+    have = np.isfinite(found) & np.isfinite(true)
+    error, n = (found - true)[have], int(np.count_nonzero(have))
+    bias, scatter = _moments(error)
+    stated, share, low, high = math.nan, math.nan, math.nan, math.nan
+    if f"{name}, std" in columns and n:
+        std = columns[f"{name}, std"][done][have]
+        known = np.isfinite(std) & (std > 0.0)
+        if known.any():
+            stated = float(np.sqrt(np.mean(std[known] ** 2)))
+            inside = np.abs(error[known]) <= Z95 * std[known]
+            share, low, high = wilson(int(np.count_nonzero(inside)), int(np.count_nonzero(known)))
+    true_mean = float(np.mean(true[have])) if n else math.nan
+    rms = float(np.sqrt(np.mean(error**2))) if n else math.nan
+    half = _half(scatter, n)
+    return Accuracy(name, n, found.size - n, true_mean, bias, half, scatter, rms, stated, share, low, high)
+
+
+def wilson(hits: int, n: int) -> tuple[float, float, float]:
+    """Return hits / n and its 95 % interval (E. B. Wilson, JASA 22(158), 1927); it holds near 0 and 1 too."""
+    share = hits / n
+    z2 = Z95**2 / n
+    centre = (share + 0.5 * z2) / (1.0 + z2)
+    half = Z95 / (1.0 + z2) * math.sqrt(share * (1.0 - share) / n + 0.25 * z2 / n)
+    return share, max(0.0, centre - half), min(1.0, centre + half)

@@ -1,0 +1,262 @@
+"""Where runs are flown: worker processes of an embedded cluster, or of one that runs already. The importer of dask."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any
+
+from testbench.core.errors import CampaignError
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+    from testbench.questions.campaign.flying import Job, Outcome
+
+Task = Callable[["Job", Sequence[int]], "list[Outcome]"]
+_EXTRA = (
+    "campaigns need dask.distributed, which is not installed; install it with: pip install 'flight-testbench[campaign]'"
+)
+_CONNECT_S = 15.0
+
+
+class Died(Exception):
+    """The process that flew a batch died of it, or with it; ``times``, if the scheduler tried again by itself."""
+
+    def __init__(self, times: int) -> None:
+        super().__init__(times)
+        self.times = times
+
+
+class Lost(Exception):
+    """What a batch found died with the process that held it, before it was collected."""
+
+
+class Workers:
+    """Worker processes as campaigns see them: batches in, outcomes out.
+
+    Args:
+        client: of dask.distributed.
+        place: where the scheduler is, in words.
+    """
+
+    def __init__(self, client: Client, place: str) -> None:
+        self._client = client
+        self.place = place
+        self._finished: SimpleQueue[Future] = SimpleQueue()
+
+    def count(self) -> int:
+        """Return how many threads of workers there are now.
+
+        Raises:
+            CampaignError: the scheduler is gone.
+        """
+        self._check()
+        return sum(int(w["nthreads"]) for w in self._client.scheduler_info(n_workers=-1)["workers"].values())
+
+    def submit(self, task: Task, job: Job, runs: Sequence[int]) -> Future:
+        """Hand out one batch."""
+        future = self._client.submit(task, job, tuple(runs), pure=False)
+        future.add_done_callback(self._finished.put)
+        return future
+
+    def wait(self, timeout_s: float) -> list[Future]:
+        """Return the batches that have ended since the last call, after waiting for at least one; none after a while.
+
+        Raises:
+            CampaignError: the scheduler is gone.
+        """
+        try:
+            out = [self._finished.get(timeout=timeout_s)]
+        except Empty:
+            self._check()
+            return []
+        while True:
+            try:
+                out.append(self._finished.get_nowait())
+            except Empty:
+                return out
+
+    def collect(self, future: Future) -> list[Outcome]:
+        """Return the outcomes of an ended batch.
+
+        Raises:
+            Died: its worker process died over it, so often as the exception says.
+            Lost: it ended, but its process died before it was collected.
+            CampaignError: the scheduler is gone, or the worker cannot import the testbench.
+            TestbenchError: whatever the batch raised.
+        """
+        from concurrent.futures import CancelledError
+
+        from distributed.client import FutureCancelledError
+        from distributed.scheduler import KilledWorker
+
+        try:
+            outcomes: list[Outcome] = future.result()
+        except KilledWorker as error:
+            raise Died(error.allowed_failures + 1) from error
+        except (CancelledError, FutureCancelledError) as error:
+            self._check()
+            raise Lost from error
+        except OSError as error:  # the scheduler may go while it is asked, before its client knows
+            if future.status == "error":
+                raise
+            raise self._gone() from error
+        except ImportError as error:
+            raise CampaignError(
+                f"workers must have the testbench and what it needs installed, but one of {self.place} says: {error}; "
+                "install it there and go on with `testbench campaign resume`"
+            ) from error
+        return outcomes
+
+    def cancel(self, futures: Sequence[Future]) -> None:
+        """Give up batches that have been handed out; a scheduler that is gone has given them up itself."""
+        if futures and self._client.status == "running":
+            self._client.cancel(list(futures), force=True)
+
+    def _check(self) -> None:
+        if self._client.status != "running":
+            raise self._gone()
+
+    def _gone(self) -> CampaignError:
+        return CampaignError(
+            f"the scheduler of the workers must be reachable, but {self.place} has gone; what is finished is kept. "
+            "Start it again and go on with `testbench campaign resume`"
+        )
+
+
+def require_dask() -> None:
+    """Do nothing where dask.distributed is installed.
+
+    Raises:
+        CampaignError: it is not.
+    """
+    try:
+        import dask  # noqa: F401
+        import distributed  # noqa: F401
+    except ImportError as error:
+        raise CampaignError(_EXTRA) from error
+
+
+@contextmanager
+def local_workers(count: int) -> Iterator[Workers]:
+    """Give ``count`` worker processes of this machine, each with one thread; they end with the block, or with us.
+
+    Raises:
+        CampaignError: dask.distributed is not installed.
+    """
+    require_dask()
+    import dask
+    from distributed import Client, LocalCluster
+
+    threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    settings = {
+        "distributed.worker.multiprocessing-method": _start_method(threads),
+        # A batch whose process dies comes back at once, to be halved; dask itself would let it kill three more.
+        "distributed.scheduler.allowed-failures": 0,
+        "distributed.scheduler.work-stealing": False,  # batches are handed out one by one, there is nothing to steal
+        "distributed.scheduler.worker-saturation": 1.0,
+        "distributed.worker.daemon": True,
+        "distributed.worker.preload": ["testbench.questions.campaign.flying"],  # imported before the first batch comes
+        "distributed.nanny.environ": threads,
+        "distributed.nanny.pre-spawn-environ": threads,
+        "distributed.worker.profile.enabled": False,  # it would look at every thread each 10 ms
+        "distributed.admin.system-monitor.interval": "10s",
+        "distributed.admin.tick.interval": "1s",
+    }
+    with dask.config.set(settings), _quiet():
+        cluster = LocalCluster(
+            n_workers=count,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address="127.0.0.1:0",  # any free port; without an address dask insists on one of its own
+            memory_limit=0,
+            silence_logs=logging.CRITICAL,
+        )
+        client = Client(cluster, set_as_default=False)
+        try:
+            yield Workers(client, "the embedded scheduler")
+        finally:
+            _close(client)
+            cluster.close(timeout=10.0)
+
+
+@contextmanager
+def remote_workers(address: str) -> Iterator[Workers]:
+    """Give the workers of the scheduler at ``address``, such as tcp://host:8786; they stay when the block ends.
+
+    Raises:
+        CampaignError: dask.distributed is not installed, or no scheduler answers.
+    """
+    require_dask()
+    import dask
+    from distributed import Client
+    from distributed.comm import parse_address, parse_host_port
+
+    with dask.config.set({"distributed.comm.timeouts.connect": _CONNECT_S}), _quiet():
+        try:
+            parse_host_port(parse_address(address)[1])  # a client that fails over it would wait 30 s for its own end
+            client = Client(address, timeout=_CONNECT_S, set_as_default=False)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise CampaignError(
+                f"a scheduler of dask.distributed must answer at '{address}', got: {error}; start one with `dask "
+                "scheduler` and workers with `dask worker`, or leave out --scheduler"
+            ) from error
+        try:
+            yield Workers(client, f"the scheduler at {address}")
+        finally:
+            _close(client)
+
+
+def _start_method(environment: dict[str, str]) -> str:
+    """Return how worker processes are made: forked, where that exists, from a server that has all modules loaded.
+
+    A worker is then there in a tenth of the time that its imports take, also the one after a crash.
+    """
+    import multiprocessing
+
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return "spawn"
+    from multiprocessing import forkserver
+
+    before = {name: os.environ.get(name) for name in environment}
+    os.environ.update(environment)  # read by the libraries when the server loads them
+    try:
+        forkserver.set_forkserver_preload(["distributed", "testbench.questions.campaign.flying"])
+        forkserver.ensure_running()
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+    return "forkserver"
+
+
+def default_workers() -> int:
+    """Return the number of processors that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _close(client: Any) -> None:
+    try:
+        client.close(timeout=5.0)
+    except (OSError, TimeoutError, RuntimeError):  # a scheduler that is gone cannot be taken leave of
+        return
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep dask's own log of lost connections from the terminal: what matters of them is said in our words."""
+    loggers = [logging.getLogger(name) for name in ("distributed", "tornado", "asyncio")]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

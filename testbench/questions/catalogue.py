@@ -1,0 +1,68 @@
+"""What a scenario may name: the members of each family, as tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from testbench.core.paths import AIRCRAFT_MODELS, SCENARIOS, aircraft_names, suite_names
+from testbench.core.schema import read_toml
+from testbench.questions.files import WITH_FILES
+
+Rows = list[tuple[str, ...]]
+
+
+def aircraft() -> Rows:
+    """Return the packaged aircraft; the first row holds the heads, as in all tables here."""
+    return [("aircraft", "what it is"), *((n, _title(n)) for n in aircraft_names())]
+
+
+def _title(name: str) -> str:
+    return str(read_toml(AIRCRAFT_MODELS / name / "aircraft.toml").get("title", ""))
+
+
+def inputs() -> Rows:
+    """Return the families of signals."""
+    from testbench.inputs import FAMILIES
+
+    return [("signal", "what it is"), *((n, text) for n, (_, text) in FAMILIES.items())]
+
+
+def sensors() -> Rows:
+    """Return the packaged sensor suites."""
+    from testbench.sensors import load_suite
+
+    suites = [load_suite(n) for n in suite_names()]
+    return [
+        ("suite", "rate", "channels", "what it is"),
+        *((s.name, f"{s.rate_hz:g} Hz", ", ".join(s.channels), s.title) for s in suites),
+    ]
+
+
+def estimators() -> Rows:
+    """Return the methods of estimation."""
+    from testbench.estimators import METHODS
+
+    return [("method", "what it is"), *((n, text) for n, text in METHODS.items())]
+
+
+def scenarios() -> Rows:
+    """Return the packaged files of all questions."""
+    rows: Rows = [("scenario", "command", "title")]
+    for question in WITH_FILES:
+        for path in sorted((SCENARIOS / question.folder).glob("*.toml")):
+            name = f"{question.folder}/{path.stem}".lstrip("/")
+            rows.append((name, question.command, str(read_toml(path).get("title", ""))))
+    return rows
+
+
+def effects() -> Rows:
+    """Return the effects that the gap workflow can name."""
+    from testbench.questions.gap.effects import EFFECTS
+
+    return [("effect", "physics"), *((n, e.physics) for n, e in EFFECTS.items())]
+
+
+FAMILIES: dict[str, Callable[[], Rows]] = {
+    f.__name__: f for f in (aircraft, inputs, sensors, estimators, scenarios, effects)
+}
+"""What `testbench list` can list."""

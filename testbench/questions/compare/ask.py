@@ -1,0 +1,251 @@
+"""Comparison scenarios: check, fly, measure the same flights through every suite, identify, judge, predict, place."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from testbench.aircraft import Aircraft, load_aircraft
+from testbench.core.errors import ScenarioError, TestbenchError, located
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators import estimate
+from testbench.estimators.model import IdentifiedModel
+from testbench.estimators.prepare import prepared
+from testbench.flight import linearise
+from testbench.flight.air import air_of
+from testbench.information.modes import modes_of
+from testbench.information.targets import needed_parameters
+from testbench.line import fly_and_measure, log_rate, trim_for
+from testbench.questions.compare.best_case import best_estimate, lagged_structure
+from testbench.questions.compare.judge import errors_of, model_errors
+from testbench.questions.compare.placement import Placed, place
+from testbench.questions.compare.prediction import predict
+from testbench.questions.compare.result import CaseKey, CompareResult, Failure, Quantity
+from testbench.questions.compare.scenario import BEST_CASE, CompareScenario, Placement
+from testbench.questions.compare.seen import Known, sensors_of, unknowns, wanted_modes
+from testbench.sensors import Sensor, SensorSuite, load_suite
+
+Report = Callable[[str], None]
+_FAST_MODE = {"longitudinal": "short period", "lateral": "Dutch roll"}
+
+
+# --- reading and checking ---------------------------------------------------------------------------------------------
+
+
+# --- the comparison ---------------------------------------------------------------------------------------------------
+
+
+def compare(
+    scenario: CompareScenario, seed: int | None = None, simulate: bool = True, progress: Report | None = None
+) -> CompareResult:
+    """Compare the suites of a scenario.
+
+    Every repetition is measured through every suite with one seed, so that sensors which two suites share have the
+    same noise; in still air all repetitions share one flight. A model's prediction of the judging flights is held
+    against what the suite would show without noise and biases.
+
+    Args:
+        scenario: of :meth:`CompareScenario.load`.
+        seed: of the first repetition, instead of the scenario's.
+        simulate: False: by information alone.
+        progress: called with a few words as each stage begins.
+
+    Raises:
+        TestbenchError: with the file and key that it comes from.
+    """
+    say = progress or (lambda text: None)
+    where, seed = scenario.file, scenario.seed if seed is None else seed
+    say("trim and linearise")
+    aircraft = load_aircraft(scenario.aircraft, scenario.wings)
+    suites = tuple(load_suite(name) for name in scenario.suites)
+    known = _known(scenario, aircraft, seed)
+    say("predict by information")
+    identification = scenario.identification
+    predictions = {}
+    for m in scenario.manoeuvre:
+        if m.use == "identification":
+            for suite in suites:
+                outputs, inputs = identification.outputs, identification.inputs
+                predictions[m.name, suite.name] = predict(known, suite, outputs, m, inputs)
+    placed = None
+    if scenario.placement is not None:
+        say("place sensors along the wing")
+        with located(where, "placement"):
+            placed = _place(scenario, scenario.placement, known, suites[0])
+    errors: dict[CaseKey, dict[Quantity, FloatArray]] = {}
+    failures: list[Failure] = []
+    flights, of_flight = 0, {}
+    if simulate and scenario.identification.labels:
+        air = _flights(scenario, known, suites, seed, say)
+        for k, (truths, flown) in enumerate(air):
+            flights += flown
+            if k == 0 and identification.best_case and not scenario.air.turbulence_rms_m_s:
+                say("identify: without noise")
+                of_flight = _flight_errors(scenario, known, suites, truths)
+            say(f"identify: repetition {k + 1} of {scenario.seeds}")
+            for suite in suites:
+                _repeat(scenario, known, suite, truths, k, seed, errors, failures)
+    return CompareResult(
+        scenario, known, suites, seed, errors, tuple(failures), predictions, of_flight, placed, flights
+    )
+
+
+def _known(scenario: CompareScenario, aircraft: Aircraft, seed: int) -> Known:
+    trimmed = trim_for(scenario, aircraft, seed)
+    linear = linearise(aircraft, trimmed)
+    plane = scenario.plane
+    modes = modes_of(linear, aircraft, plane)
+    asked = scenario.targets.modes or (_FAST_MODE[plane],)
+    controls = [name.removesuffix("_cmd") for name in scenario.identification.inputs]
+    wanted = scenario.targets.parameters or needed_parameters(plane, controls, False, ())
+    free = unknowns(aircraft, plane, controls, asked, wanted)
+    return Known(aircraft, trimmed, linear, plane, modes, wanted_modes(modes, asked), wanted, free)
+
+
+def _flights(
+    scenario: CompareScenario, known: Known, suites: Sequence[SensorSuite], seed: int, say: Report
+) -> Iterator[tuple[Mapping[str, FlightRecord], int]]:
+    """Yield the true records of every repetition by manoeuvre, and how many of them were flown for it."""
+    random = scenario.air.turbulence_rms_m_s > 0.0
+    rate = log_rate(scenario.simulation, suites)
+    needed = {name for suite in suites for s in suite.sensors for name in s.needs}
+    kept: dict[str, FlightRecord] = {}
+    for k in range(scenario.seeds):
+        flown = 0
+        for i, spec in enumerate(scenario.manoeuvre):
+            if kept.get(spec.name) is not None and not random:
+                continue
+            say(f"fly {spec.name}" + (f", repetition {k + 1} of {scenario.seeds}" if random else ""))
+            with located(scenario.file, f"manoeuvre[{i}]"):
+                flight = fly_and_measure(
+                    known.aircraft,
+                    known.trimmed,
+                    spec.name,
+                    spec.input,
+                    spec.duration_s,
+                    log_rate_hz=rate,
+                    settle_s=spec.settle_s,
+                    air=air_of(scenario.air, scenario.condition.h_m, derived_seed(seed, k, i)),
+                    channels=sorted(needed),
+                )
+                assert flight.truth is not None
+                kept[spec.name] = flight.truth
+            flown += 1
+        yield dict(kept), flown
+
+
+def derived_seed(seed: int, repetition: int, manoeuvre: int) -> int:
+    """Return the seed of one manoeuvre in one repetition: the first word of SeedSequence([seed, k, i])."""
+    return int(np.random.SeedSequence([seed, repetition, manoeuvre]).generate_state(1)[0])
+
+
+def _repeat(
+    scenario: CompareScenario,
+    known: Known,
+    suite: SensorSuite,
+    truths: Mapping[str, FlightRecord],
+    repetition: int,
+    seed: int,
+    errors: dict[CaseKey, dict[Quantity, FloatArray]],
+    failures: list[Failure],
+) -> None:
+    """Measure one repetition through one suite, identify with every estimator, and note the errors."""
+    measured, clean = {}, {}
+    with located(scenario.file, "preparation"):
+        for i, spec in enumerate(scenario.manoeuvre):
+            record = suite.measure(truths[spec.name], derived_seed(seed, repetition, i))
+            measured[spec.name] = prepared(record, spec.settle_s, scenario.preparation)
+            if spec.use == "validation":
+                shown = suite.without_errors().measure(truths[spec.name], 0)
+                clean[spec.name] = prepared(shown, spec.settle_s, scenario.preparation)
+    judge = [measured[name] for name in clean]
+    wanted = scenario.identification.outputs
+    outputs = tuple(s.channel for s in sensors_of(suite, wanted))
+    for spec in scenario.manoeuvre:
+        if spec.use != "identification":
+            continue
+        for label, model in _models(scenario, known, suite, measured[spec.name], outputs, judge):
+            case = CaseKey(spec.name, suite.name, label)
+            if isinstance(model, str):
+                failures.append(Failure(case, repetition, model))
+                continue
+            for quantity, error in errors_of(known, model, judge, list(clean.values())).items():
+                series = errors.setdefault(case, {})
+                series.setdefault(quantity, np.full(scenario.seeds, np.nan))[repetition] = error
+
+
+def _flight_errors(
+    scenario: CompareScenario, known: Known, suites: Sequence[SensorSuite], truths: Mapping[str, FlightRecord]
+) -> dict[tuple[str, str], dict[Quantity, float]]:
+    """Return what the best case errs by without any noise: a flight is not quite linear, nor sampled without end."""
+    identification = scenario.identification
+    out = {}
+    for spec in scenario.manoeuvre:
+        if spec.use != "identification":
+            continue
+        for suite in suites:
+            record = prepared(suite.without_errors().measure(truths[spec.name], 0), spec.settle_s, scenario.preparation)
+            structure = lagged_structure(known, sensors_of(suite, identification.outputs), identification.inputs)
+            try:
+                out[spec.name, suite.name] = model_errors(known, best_estimate(record, structure, suite))
+            except TestbenchError:
+                continue  # the repetitions say why
+    return out
+
+
+def _models(
+    scenario: CompareScenario,
+    known: Known,
+    suite: SensorSuite,
+    record: FlightRecord,
+    outputs: tuple[str, ...],
+    judge: Sequence[FlightRecord],
+) -> Iterator[tuple[str, IdentifiedModel | str]]:
+    """Yield label and model of every estimator, or why there is none."""
+    identification = scenario.identification
+    for spec, label in zip(identification.estimators, identification.labels, strict=False):
+        try:
+            yield label, estimate(spec, [record], identification.inputs, outputs, judge)
+        except TestbenchError as error:  # a suite may lack a channel that a structure needs: that is a finding too
+            yield label, error.message
+    if identification.best_case:
+        structure = lagged_structure(known, sensors_of(suite, identification.outputs), identification.inputs)
+        try:
+            yield BEST_CASE, best_estimate(record, structure, suite)
+        except TestbenchError as error:
+            yield BEST_CASE, error.message
+
+
+# --- placement --------------------------------------------------------------------------------------------------------
+
+
+def _place(scenario: CompareScenario, asked: Placement, known: Known, suite: SensorSuite) -> Placed:
+    """Place sensors for the modes of the placement, everything else that matters unknown too."""
+    controls = [name.removesuffix("_cmd") for name in scenario.identification.inputs]
+    free = unknowns(known.aircraft, known.plane, controls, asked.modes, ())
+    aimed = replace(known, wanted_modes=wanted_modes(known.modes, asked.modes), wanted=(), free=free)
+    manoeuvre = next(m for m in scenario.manoeuvre if m.use == "identification")
+    sensors = sensors_of(suite, scenario.identification.outputs)
+    return place(aimed, asked, suite, sensors, manoeuvre, templates(asked))
+
+
+def templates(asked: Placement) -> dict[str, Sensor]:
+    """Return kind -> the sensor that every candidate is like.
+
+    Raises:
+        ScenarioError: a suite has no such sensor.
+    """
+    out = {}
+    for kind, count, name, prefix in (
+        ("accelerometer", asked.accelerometers, asked.accelerometer_suite, "az_wing_"),
+        ("strain gauge", asked.strain_gauges, asked.strain_suite, "strain_wing_"),
+    ):
+        if not count:
+            continue
+        found = [s for s in load_suite(name).sensors if s.channel.startswith(prefix)]
+        if not found:
+            raise ScenarioError([f"suite '{name}' must hold an {kind} on the wing ({prefix}1, ...), it has none"])
+        out[kind] = found[0]
+    return out

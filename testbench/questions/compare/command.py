@@ -1,0 +1,38 @@
+"""The command ``testbench compare``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from testbench.page.terminal import console, stages
+from testbench.questions.options import OutOption, ScenarioArgument, SeedOption
+
+
+def command(
+    scenario: ScenarioArgument,
+    out: OutOption = Path("results"),
+    seed: SeedOption = None,
+    information: Annotated[
+        bool, typer.Option("--information", help="By Fisher information alone: nothing is flown.")
+    ] = False,
+) -> None:
+    """Compare sensor suites over the same flights and noise: what each sensor buys, and what is more than chance.
+
+    Says the same by information without simulation, and finds the best stations for sensors along the wing where the
+    scenario has a `[placement]`. Examples: `testbench compare eolo_alpha`, `testbench compare eolo_wing`.
+    """
+    from testbench.questions.compare.ask import compare
+    from testbench.questions.compare.page import print_compare, write_compare
+    from testbench.questions.compare.scenario import CompareScenario
+    from testbench.questions.files import find
+
+    loaded = CompareScenario.load(find(scenario, "compare"))
+    folder = out / f"compare_{loaded.name}"
+    with stages() as say:
+        result = compare(loaded, seed, not information, say)
+        say("write report")
+        write_compare(result, folder)
+    print_compare(result, console(), folder)

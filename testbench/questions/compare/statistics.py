@@ -1,0 +1,193 @@
+"""Paired comparisons: differences with intervals, exact tests, and the correction for many questions at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from testbench.core.record import FloatArray
+
+Test = Literal["wilcoxon", "t"]
+CONFIDENCE = 0.95
+LEAST_PAIRS = 3
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A figure and the interval that holds the true one with probability 95 %."""
+
+    value: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Paired:
+    """What a set of paired differences says.
+
+    Attributes:
+        pairs: how many.
+        difference: Hodges-Lehmann pseudo-median (Wilcoxon) or mean (t), with its 95 % interval; None: too few pairs.
+        p: two-sided probability of such differences by chance; None: too few pairs.
+    """
+
+    pairs: int
+    difference: Interval | None
+    p: float | None
+
+
+def root_mean_square(errors: FloatArray) -> Interval | None:
+    """Return the root mean square of errors (n,) and its interval: Student's t on the logarithm of the mean square.
+
+    The logarithm's standard error is that of the mean square over the mean square (delta method). None for less than
+    two errors.
+    """
+    square = np.asarray(errors, float) ** 2
+    if square.size < 2:
+        return None
+    half = _student(square.size) * float(np.std(square, ddof=1)) / math.sqrt(square.size)
+    mean = float(np.mean(square))
+    if mean == 0.0:
+        return Interval(0.0, 0.0, 0.0)
+    factor = math.exp(min(0.5 * half / mean, 700.0))
+    return Interval(math.sqrt(mean), math.sqrt(mean) / factor, math.sqrt(mean) * factor)
+
+
+def mean_interval(errors: FloatArray) -> Interval:
+    """Return the mean of two or more errors (n,) and its interval by Student's t."""
+    mean, n = float(np.mean(errors)), len(errors)
+    half = _student(n) * float(np.std(errors, ddof=1)) / math.sqrt(n)
+    return Interval(mean, mean - half, mean + half)
+
+
+def scatter_interval(std: float, n: int) -> tuple[float, float]:
+    """Return the 95 % interval of a standard deviation from n normal samples: std sqrt((n - 1) / chi2)."""
+    from scipy.stats import chi2
+
+    tail = 0.5 * (1.0 - CONFIDENCE)
+    low, high = (math.sqrt((n - 1) / float(chi2.ppf(q, n - 1))) for q in (1.0 - tail, tail))
+    return std * low, std * high
+
+
+def chance_of_scatter(ratio: float, n: int) -> float:
+    """Return the two-sided probability that n normal samples scatter by ``ratio`` times their standard deviation."""
+    from scipy.stats import chi2
+
+    square = (n - 1) * ratio**2
+    return min(1.0, 2.0 * min(float(chi2.cdf(square, n - 1)), float(chi2.sf(square, n - 1))))
+
+
+def paired(differences: FloatArray, test: Test) -> Paired:
+    """Test whether paired differences (n,) lie about zero.
+
+    "wilcoxon": the signed rank test, exact for any ties, zeros left out (F. Wilcoxon, Biometrics Bulletin 1, 1945),
+    with the pseudo-median of J. L. Hodges and E. L. Lehmann, Annals of Mathematical Statistics 34, 1963, and the
+    interval of the same test. "t": Student's paired t.
+    """
+    d = np.asarray(differences, float)
+    if d.size < LEAST_PAIRS:
+        return Paired(d.size, None, None)
+    if test == "t":
+        return _t(d)
+    return Paired(d.size, _hodges_lehmann(d), _signed_rank_p(d))
+
+
+def paired_misses(before: NDArray[np.bool_], after: NDArray[np.bool_]) -> Paired:
+    """Compare how often something is missed, pair by pair (n,): the difference is in percent of the pairs.
+
+    p is that of McNemar's test, exact: only pairs that differ count, either way with probability a half
+    (Q. McNemar, Psychometrika 12, 1947). The interval takes b - c, the shares of pairs missed before alone and after
+    alone, each within its interval of Clopper and Pearson at 97.5 %, so that both hold together with 95 % or more.
+    """
+    from scipy.stats import binom
+
+    n = len(before)
+    if n < LEAST_PAIRS:
+        return Paired(n, None, None)
+    b, c = int(np.sum(before & ~after)), int(np.sum(~before & after))
+    p = min(1.0, 2.0 * float(binom.cdf(min(b, c), b + c, 0.5)))
+    (b_low, b_high), (c_low, c_high) = (share_interval(k, n, 1.0 - 0.5 * (1.0 - CONFIDENCE)) for k in (b, c))
+    return Paired(n, Interval(100.0 * (b - c) / n, 100.0 * (b_low - c_high), 100.0 * (b_high - c_low)), p)
+
+
+def share_interval(k: int, n: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
+    """Return the interval of a probability after k of n (C. J. Clopper and E. S. Pearson, Biometrika 26, 1934)."""
+    from scipy.stats import beta
+
+    tail = 0.5 * (1.0 - confidence)
+    low = 0.0 if k == 0 else float(beta.ppf(tail, k, n - k + 1))
+    return low, 1.0 if k == n else float(beta.ppf(1.0 - tail, k + 1, n - k))
+
+
+def holm(p: Sequence[float]) -> list[float]:
+    """Return probabilities corrected for their number, in their order (S. Holm, Scandinavian Journal of Statistics 6,
+    1979): the chance of a single false finding among all of them stays below the level that they are held against.
+    """
+    order = np.argsort(np.asarray(p, float), kind="stable")
+    out, largest = np.empty(len(p)), 0.0
+    for rank, k in enumerate(order):
+        largest = max(largest, min(1.0, (len(p) - rank) * float(p[k])))
+        out[k] = largest
+    return out.tolist()
+
+
+def seeds_needed(questions: int, level: float) -> int:
+    """Return how many pairs the signed rank test needs to find anything among so many questions.
+
+    n pairs that all point one way have p = 2 / 2^n, and Holm's first step multiplies it by the number of questions.
+    """
+    return max(LEAST_PAIRS, math.ceil(math.log2(2.0 * max(questions, 1) / level) - 1e-12))
+
+
+def _t(d: FloatArray) -> Paired:
+    from scipy.stats import t as student
+
+    found, se = mean_interval(d), float(np.std(d, ddof=1)) / math.sqrt(d.size)
+    if se == 0.0:
+        return Paired(d.size, found, 1.0 if found.value == 0.0 else 0.0)
+    return Paired(d.size, found, float(2.0 * student.sf(abs(found.value) / se, d.size - 1)))
+
+
+def _student(n: int) -> float:
+    from scipy.stats import t as student
+
+    return float(student.ppf(0.5 * (1.0 + CONFIDENCE), n - 1))
+
+
+def _signed_rank_p(d: FloatArray) -> float:
+    """Return the two-sided p of the signed rank test, every assignment of signs to the ranks counted."""
+    from scipy.stats import rankdata
+
+    d = d[d != 0.0]
+    if not d.size:
+        return 1.0
+    doubled = np.rint(2.0 * rankdata(np.abs(d))).astype(int)  # ranks of ties are halves
+    share = _rank_sums(doubled)
+    observed = int(doubled[d > 0.0].sum())
+    smaller = min(observed, int(doubled.sum()) - observed)
+    return float(min(1.0, 2.0 * share[: smaller + 1].sum()))
+
+
+def _rank_sums(ranks: np.ndarray) -> FloatArray:
+    """Return the probability of every sum of ranks, each counted or not with probability a half."""
+    share = np.zeros(int(ranks.sum()) + 1)
+    share[0] = 1.0
+    for r in ranks.tolist():
+        moved = np.zeros_like(share)
+        moved[r:] = share[: share.size - r]
+        share = 0.5 * (share + moved)
+    return share
+
+
+def _hodges_lehmann(d: FloatArray) -> Interval:
+    """Return the median of the Walsh averages, and the averages that the test cannot tell from the true value."""
+    i, j = np.triu_indices(d.size)
+    walsh = np.sort(0.5 * (d[i] + d[j]))
+    below = np.cumsum(_rank_sums(np.arange(1, d.size + 1)))
+    cut = max(1, int(np.searchsorted(below, 0.5 * (1.0 - CONFIDENCE) - 1e-12)))
+    return Interval(float(np.median(walsh)), float(walsh[cut - 1]), float(walsh[walsh.size - cut]))

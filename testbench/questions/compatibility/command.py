@@ -1,0 +1,43 @@
+"""The command ``testbench compatibility``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from testbench.page.terminal import console, stages
+from testbench.questions.options import OutOption
+
+
+def command(
+    description: Annotated[Path, typer.Argument(help="Description of recorded flights (TOML).", show_default=False)],
+    out: OutOption = Path("results"),
+    data: Annotated[
+        Path | None, typer.Option(help="Folder with the data files; replaces the one in the description.")
+    ] = None,
+    gravity: Annotated[float, typer.Option(help="Gravity where it was flown, m/s2.")] = 9.80665,
+) -> None:
+    """Ask whether the instruments of recorded flights agree with each other, and which of them err by how much.
+
+    Rates and accelerations are integrated and compared with airspeed, flow angles, attitude and height; bias, scale,
+    lag or delay are estimated where the data tell them. The corrected records are written. Example:
+    `testbench compatibility records/attas_full`.
+    """
+    from testbench.estimators import data_compatibility
+    from testbench.logs.read import read_records
+    from testbench.questions.compatibility.page import print_compatibility, write_compatibility
+    from testbench.questions.files import find
+    from testbench.questions.identify.scenario import RecordDescription
+
+    described = RecordDescription.load(find(description, "identify"))
+    folder = out / f"{described.name}_compatibility"
+    with stages() as say:
+        say("read records")
+        records = {name: record for name, _, record in read_records(described, data)}
+        say("estimate the errors of the instruments")
+        result = data_compatibility.estimate(list(records.values()), gravity_m_s2=gravity)
+        say("write report")
+        write_compatibility(result, records, described, folder)
+    print_compatibility(result, console(), folder)

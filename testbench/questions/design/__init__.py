@@ -1,0 +1,1 @@
+"""Which input, how large and how long, tells the wanted parameters or modes inside the limits?"""

@@ -1,0 +1,223 @@
+"""A design from scenario to ranking.
+
+screen every family -> refine by information -> fly -> scale -> rank
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from testbench.aircraft import Aircraft, load_aircraft
+from testbench.core.errors import LimitError, located
+from testbench.core.record import FloatArray
+from testbench.evaluation.envelope import Onset
+from testbench.flight import LinearModel, TrimmedFlight, linearise
+from testbench.information.fisher import accuracy
+from testbench.information.modes import modes_of
+from testbench.inputs.signal import energy_spectrum
+from testbench.line import trim_for
+from testbench.questions.design.build import limits_of, onsets_of, problem_of
+from testbench.questions.design.flown import Envelope, Flown, fly_design
+from testbench.questions.design.limits import Limits
+from testbench.questions.design.obstacles import Obstacles, obstacles
+from testbench.questions.design.problem import Design, Problem
+from testbench.questions.design.refine import minimum_time
+from testbench.questions.design.scenario import DesignScenario
+from testbench.questions.design.search import best_of_families, screen, search
+from testbench.questions.design.spectral_energy import SpectralEnergy
+from testbench.sensors import SensorSuite, load_suite
+
+Report = Callable[[str], None]
+
+_FLOWN = 7  # designs that are flown,
+_CLASSICS = ("doublet", "3211")  # and these for comparison
+
+
+@dataclass(frozen=True, eq=False)
+class Ranked:
+    """One design as it was flown, and what it does to the modes."""
+
+    flown: Flown
+    energy: SpectralEnergy
+
+    @property
+    def design(self) -> Design:
+        """The design at its flown amplitude."""
+        return self.flown.design
+
+
+@dataclass(frozen=True, eq=False)
+class DesignResult:
+    """Everything a design found.
+
+    Attributes:
+        scenario: what was asked.
+        aircraft, trimmed, linear: what is flown.
+        problem: what was optimised.
+        modes: name -> pole of all modes of the plane.
+        screened: how many candidates, and how long that took in s.
+        families: family -> (candidates, lowest cost, best signal-to-noise ratio of the worst mode, dB).
+        ranking: designs flown and admissible, best first.
+        rejected: designs that kept breaking a limit.
+        shortest: the shortest input that reaches the wanted accuracy, as flown, or None.
+        others: further suite -> predicted standard errors of the best design through it.
+        obstacles: what stands in the way of more accuracy.
+        onsets: elastic modes that become unstable at some speed.
+    """
+
+    scenario: DesignScenario
+    aircraft: Aircraft
+    trimmed: TrimmedFlight
+    linear: LinearModel
+    suite: SensorSuite
+    problem: Problem
+    modes: Mapping[str, complex]
+    limits: Limits
+    envelope: Envelope
+    screened: tuple[int, float]
+    families: Mapping[str, tuple[int, float, float]]
+    ranking: tuple[Ranked, ...]
+    rejected: tuple[Flown, ...]
+    shortest: Ranked | None
+    others: Mapping[str, FloatArray]
+    obstacles: Obstacles
+    onsets: tuple[Onset, ...]
+
+    @property
+    def name(self) -> str:
+        """Names the results folder."""
+        return self.scenario.name
+
+    @property
+    def best(self) -> Ranked:
+        """The best design."""
+        return self.ranking[0]
+
+    def spectrum(self, design: Design, omega: FloatArray) -> FloatArray:
+        """Return the energy spectral density of a design's commands, all controls together; (k,)."""
+        return np.asarray(energy_spectrum(design.u, 1.0 / self.problem.rate_hz, omega).sum(axis=1))
+
+
+def run_design(scenario: DesignScenario, seed: int | None = None, progress: Report | None = None) -> DesignResult:
+    """Design the input that a scenario asks for.
+
+    Args:
+        scenario: of :meth:`DesignScenario.load`.
+        seed: of the random starts, instead of the scenario's.
+        progress: called with a few words as each stage begins.
+
+    Raises:
+        TestbenchError: with the file and key that it comes from; above the onset of vibration, or where no signal
+            tells anything of some target.
+    """
+    say = progress or (lambda text: None)
+    where = scenario.file
+    if seed is not None:
+        scenario = scenario.changed(seed=seed)
+    aircraft = load_aircraft(scenario.aircraft, scenario.wings)
+    say("trim and linearise")
+    trimmed = trim_for(scenario, aircraft)
+    with located(where, "condition"):
+        linear = linearise(aircraft, trimmed)
+        onsets = onsets_of(aircraft, scenario)
+    modes = modes_of(linear, aircraft, scenario.plane)
+    suites = [load_suite(name) for name in scenario.suites]
+    with located(where, "limits"):
+        limits = limits_of(scenario, aircraft, trimmed, onsets)
+        problem = problem_of(scenario, aircraft, trimmed, linear, modes, suites[0], limits)
+        envelope = Envelope.of(limits, problem)
+    say("screen every family by spectral energy and information")
+    start = time.perf_counter()
+    ranked = screen(problem)
+    screened = (len(ranked), time.perf_counter() - start)
+    with located(where, "targets"):
+        designs = search(problem, say, ranked)
+    say("fly the designs")
+    taken = [d for k, d in enumerate(designs) if k < _FLOWN or d.family in _CLASSICS]
+    flown = [fly_design(aircraft, trimmed, problem, design, envelope) for design in taken]
+    admissible = sorted((f for f in flown if f.admissible), key=lambda f: f.design.cost)
+    if not admissible:
+        raise LimitError(f"no design keeps the limits when it is flown: {flown[0].breach}; widen them")
+    say("find the shortest input that will do")
+    shortest = _shortest(problem, ranked, admissible, aircraft, trimmed, envelope)
+    best = admissible[0].design
+    others = {
+        suite.name: _through(scenario, aircraft, trimmed, linear, modes, suite, limits, best) for suite in suites[1:]
+    }
+    counts: dict[str, list[float]] = {}
+    for entry in ranked:
+        counts.setdefault(entry.candidate.family, []).append(entry.snr_db)
+    families = {
+        family: (len(counts[family]), entry.cost, max(counts[family]))
+        for family, entry in best_of_families(ranked).items()
+    }
+    assert problem.bands is not None
+    bands = replace(problem.bands, modes=dict(modes))  # of all modes, targets or not
+    return DesignResult(
+        scenario,
+        aircraft,
+        trimmed,
+        linear,
+        suites[0],
+        problem,
+        modes,
+        limits,
+        envelope,
+        screened,
+        families,
+        tuple(Ranked(f, bands.analyse(f.design.u)) for f in admissible),
+        tuple(f for f in flown if not f.admissible),
+        Ranked(shortest, bands.analyse(shortest.design.u)) if shortest else None,
+        others,
+        obstacles(problem, best),
+        tuple(o for o in onsets if o.V_m_s is not None),
+    )
+
+
+def _shortest(
+    problem: Problem,
+    ranked: Sequence[Any],
+    flown: Sequence[Flown],
+    aircraft: Aircraft,
+    trimmed: TrimmedFlight,
+    envelope: Envelope,
+) -> Flown | None:
+    """Return the shortest input that reaches the wanted accuracy in flight, or None.
+
+    Its first aim allows for the amplitude that the best design lost in flight; if that was not enough, it aims again.
+    """
+    aim = min(1.0, flown[0].factor)
+    for _ in range(2):
+        design = minimum_time(problem, ranked, aim)
+        if design is None:
+            return None
+        out = fly_design(aircraft, trimmed, problem, design, envelope)
+        if not out.admissible:
+            return None
+        if out.design.cost <= 1.0:
+            return out
+        aim *= 0.97 / out.design.cost
+    return None
+
+
+def _through(
+    scenario: DesignScenario,
+    aircraft: Aircraft,
+    trimmed: TrimmedFlight,
+    linear: LinearModel,
+    modes: Mapping[str, complex],
+    suite: SensorSuite,
+    limits: Limits,
+    design: Design,
+) -> FloatArray:
+    """Return the standard errors (t,) of the targets that a design gives through another suite."""
+    from testbench.questions.design.candidates import sampled
+
+    other = problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits)
+    u = sampled(design.specs, other.controls, other.duration_s, other.rate_hz)
+    return other.targets.errors(accuracy(other.experiment.information(u)))

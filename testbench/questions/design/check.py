@@ -1,0 +1,63 @@
+"""Design scenarios read and checked without flying."""
+
+from __future__ import annotations
+
+from testbench.aircraft import load_aircraft
+from testbench.core.constants import DEG_RAD, PERCENT
+from testbench.core.errors import Faults, ScenarioError, TestbenchError, nearest
+from testbench.flight.simulate import stride
+from testbench.information.aircraft_structure import parameter_names
+from testbench.information.modes import RIGID_MODES, elastic_modes
+from testbench.questions.design.build import outputs_of
+from testbench.questions.design.scenario import DesignScenario
+from testbench.sensors import load_suite
+
+
+def check(scenario: DesignScenario) -> list[str]:
+    """Return every law of aircraft, sensors and targets that a design scenario breaks, in words, without flying."""
+    faults = Faults(scenario.file)
+    note = faults.note
+    try:
+        aircraft = load_aircraft(scenario.aircraft, scenario.wings)
+    except TestbenchError as error:
+        note("aircraft", error.message)
+        return faults
+    plane = scenario.plane
+    for control in scenario.controls:
+        if control not in aircraft.controls:
+            note("controls", f"{aircraft.name} has no control '{control}'{nearest(control, aircraft.controls)}")
+    elastic = elastic_modes(aircraft, plane)
+    known = parameter_names([*aircraft.controls], plane, list(elastic))
+    for key, names in (("parameters", scenario.targets.parameters), ("also_unknown", scenario.targets.also_unknown)):
+        for name in names:
+            if name not in known:
+                note(f"targets.{key}", f"'{name}' is no parameter of the {plane} motion{nearest(name, known)}")
+    valid = (*RIGID_MODES[plane], *elastic.values())
+    for name in scenario.targets.modes:
+        if name not in valid:
+            note("targets.modes", f"'{name}' is no {plane} mode of {aircraft.name}{nearest(name, valid)}")
+    for control, degrees in scenario.limits.deflection_deg.items():
+        if control in aircraft.controls:
+            full = aircraft.controls[control].full / (PERCENT if control == "thr" else DEG_RAD)
+            if degrees > full + 1e-9:
+                note("limits.deflection_deg", f"{control} <= {full:g} must hold for {aircraft.name}, got {degrees:g}")
+    for i, name in enumerate(scenario.suites):
+        try:
+            suite = load_suite(name)
+            rate = scenario.simulation.rate_hz or aircraft.rate_hz
+            for control in scenario.controls:
+                if not {control, f"{control}_cmd"} & set(suite.channels):
+                    note(
+                        f"suites[{i}]", f"suite '{name}' must sense {control} or {control}_cmd: no model without input"
+                    )
+            if not outputs_of(suite, aircraft):
+                note(f"suites[{i}]", f"suite '{name}' senses nothing but controls; add a sensor of the motion")
+            for sensor in outputs_of(suite, aircraft):
+                if sensor.noise_std == 0.0 and sensor.quantum == 0.0:
+                    note(f"suites[{i}]", f"sensor '{sensor.channel}' must have noise or a quantum, got none")
+            stride(rate, suite.rate_hz)
+        except ScenarioError as error:
+            faults += [f"{scenario.file}, suites[{i}]: {fault}" for fault in error.faults]
+        except TestbenchError as error:
+            note(f"suites[{i}]", error.message)
+    return faults

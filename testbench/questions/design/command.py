@@ -1,0 +1,28 @@
+"""The command ``testbench design``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from testbench.page.terminal import console, stages
+from testbench.questions.options import OutOption, ScenarioArgument, SeedOption
+
+
+def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: SeedOption = None) -> None:
+    """Design the input that tells wanted parameters or modes through given sensors, inside given limits.
+
+    Screens every signal family, refines the best by information, flies the winners, ranks them and says what to fly;
+    writes scenarios ready for `testbench run` and the signals. Example: `testbench design eolo_modes`.
+    """
+    from testbench.questions.design.ask import run_design
+    from testbench.questions.design.page import print_design, write_design
+    from testbench.questions.design.scenario import DesignScenario
+    from testbench.questions.files import find
+
+    loaded = DesignScenario.load(find(scenario, "design"))
+    folder = out / f"design_{loaded.name}"
+    with stages() as say:
+        result = run_design(loaded, seed, say)
+        say("write report")
+        write_design(result, folder)
+    print_design(result, console(), folder)

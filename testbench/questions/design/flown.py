@@ -1,0 +1,211 @@
+"""Designs flown in the simulator, nonlinear: what breaks a limit is scaled back, what stays below it is scaled up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from testbench.aircraft import Aircraft
+from testbench.core.channels import channel
+from testbench.core.constants import DEG_RAD
+from testbench.core.record import FlightAborted, FlightRecord, FloatArray
+from testbench.flight import TrimmedFlight
+from testbench.line import fly_and_measure
+from testbench.questions.design.limits import Breach, Limits, breaches
+from testbench.questions.design.problem import Design, Problem, rescaled
+
+_FLIGHTS = 5  # per design
+_ABORTED = 0.6  # factor on the amplitude after a flight that ended before its time
+_LOG_HZ = 200.0  # least rate at which flights are held against the limits
+_SHOWN = ("V", "alpha", "q", "theta", "h", "az")
+_FULL = 0.97  # share of a limit from which it counts as used up
+_MOST = 1.5  # factor by which the amplitude may grow over what the linearised aircraft allows
+
+
+class Tightest(NamedTuple):
+    """The limit that a flight uses up most: its name, the share of the room from trim, and when."""
+
+    name: str
+    share: float
+    t_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Flown:
+    """A design at the largest amplitude that keeps the limits in the simulator.
+
+    Attributes:
+        design: at that amplitude.
+        record: of that flight.
+        predicted: the design at the amplitude that the linearised aircraft allows.
+        tightest: the limit that is used up most.
+        breach: what broke at the predicted amplitude, with its moment; "" if nothing did.
+        admissible: whether the flight kept all limits; False after several attempts that did not.
+    """
+
+    design: Design
+    record: FlightRecord
+    predicted: Design
+    tightest: Tightest
+    breach: str
+    admissible: bool
+
+    @property
+    def factor(self) -> float:
+        """Amplitude over the predicted one."""
+        return float(self.design.peak.max() / self.predicted.peak.max())
+
+
+@dataclass(frozen=True, eq=False)
+class Envelope:
+    """The limits of a design as a flown record is held against them.
+
+    Attributes:
+        bands: channel -> (lowest, highest), absolute; deflections included.
+        rates: control -> (its servo's 1 / lag in 1/s, largest rate in rad/s).
+        trim: channel -> value at trim.
+    """
+
+    bands: Mapping[str, tuple[float, float]]
+    rates: Mapping[str, tuple[float, float]]
+    trim: Mapping[str, float]
+
+    @classmethod
+    def of(cls, limits: Limits, problem: Problem) -> Envelope:
+        """Return the envelope of a problem's limits at its trim."""
+        prediction = problem.prediction
+        model, trim = prediction.model, dict(prediction.trim)
+        bands = limits.bands(trim)
+        for name in prediction.controls:
+            full = limits.deflection[name]
+            bands[name] = (-full if name != "thr" else 0.0, full)
+        rates = {}
+        for name in prediction.controls:
+            if name in limits.rate:
+                row = model.states.index(f"servo_{name}")
+                rates[name] = (-float(model.A[row, row]), limits.rate[name])
+        return cls(bands, rates, trim)
+
+    def tightest(self, record: FlightRecord) -> Tightest:
+        """Return the limit that a record uses up most."""
+        found = []
+        for name, (low, high) in self.bands.items():
+            x, at = record[name], self.trim.get(name, float(record[name][0]))
+            share = np.where(x > at, (x - at) / (high - at), (at - x) / (at - low))
+            found.append((name, share))
+        for name, (lag, most) in self.rates.items():
+            found.append((f"rate of {name}", self._rate(record, name, lag) / most))
+        name, share = max(found, key=lambda item: float(item[1].max()))
+        k = int(np.argmax(share))
+        return Tightest(name, float(share[k]), float(record.t_s[k]))
+
+    def broken(self, record: FlightRecord) -> list[str]:
+        """Return every limit that a record breaks, in words, in order of time."""
+        found: list[tuple[float, str]] = [(b.t_s, _sentence(b)) for b in breaches(record, dict(self.bands))]
+        for name, (lag, most) in self.rates.items():
+            rate = self._rate(record, name, lag)
+            if rate.max() > most:
+                t = float(record.t_s[np.argmax(rate > most)])
+                text = (
+                    f"the rate of {name} passes {most / DEG_RAD:.3g} deg/s at t = {t:.2f} s "
+                    f"(extreme {rate.max() / DEG_RAD:.3g} deg/s)"
+                )
+                found.append((t, text))
+        return [text for _, text in sorted(found)]
+
+    @staticmethod
+    def _rate(record: FlightRecord, name: str, lag: float) -> FloatArray:
+        """Return the rate of a first-order servo (n,), rad/s, from command and deflection."""
+        return np.asarray(lag * np.abs(record[f"{name}_cmd"] - record[name]))
+
+
+def _sentence(breach: Breach) -> str:
+    if breach.channel == "az":
+        n, limit = -breach.value / 9.80665, -breach.limit / 9.80665
+        return f"the load factor passes {limit:.3g} at t = {breach.t_s:.2f} s (extreme {n:.3g})"
+    return breach.sentence
+
+
+def limit_words(name: str) -> str:
+    """Return a limit's name in words."""
+    for kind in ("rate of ", "command of "):
+        if name.startswith(kind):
+            return f"the {kind}{channel(name.removeprefix(kind)).description.split(',')[0]}"
+    return "the load factor" if name == "az" else f"the {channel(name).description.split(',')[0]}"
+
+
+def fly_design(aircraft: Aircraft, trimmed: TrimmedFlight, problem: Problem, design: Design, limits: Envelope) -> Flown:
+    """Fly a design and scale it to the largest amplitude that keeps the limits.
+
+    The response is taken as proportional to the amplitude from one flight to the next. Deflections, commands and rates
+    are so exactly, for servos are linear: the amplitude never grows beyond what they allow.
+
+    Args:
+        aircraft: what is flown.
+        trimmed: where from.
+        problem: what the design is for.
+        design: at the amplitude that the linearised aircraft allows.
+        limits: what must hold.
+    """
+    rate = trimmed.rate_hz
+    log_rate = rate / max(1, int(rate // _LOG_HZ))
+    top = _linear_room(problem, design)
+    factor, low, high, said = min(1.0, top), 0.0, np.inf, ""
+    tried = []
+    for attempt in range(_FLIGHTS):
+        now = rescaled(problem, design, factor, design.limit)
+        record, broken, tight = _flight(aircraft, trimmed, now, limits, log_rate)
+        if attempt == 0 and broken:
+            said = broken[0]
+        tried.append((not broken, factor, now, record, tight))
+        low, high = (low, min(high, factor)) if broken else (max(low, factor), high)
+        if not broken and (tight.share >= _FULL or factor >= _FULL * min(high, top)):
+            break
+        wanted = factor * 0.99 / max(tight.share, 1e-6)
+        if not low < wanted < high:
+            wanted = 0.5 * (low + high) if low > 0.0 else 0.9 * high
+        factor = min(wanted, top)
+    good = [t for t in tried if t[0]]
+    _, _, final, record, tight = max(good, key=lambda t: t[1]) if good else min(tried, key=lambda t: t[1])
+    return Flown(replace(final, limit=tight.name or final.limit), record, design, tight, said, bool(good))
+
+
+def _flight(
+    aircraft: Aircraft, trimmed: TrimmedFlight, design: Design, limits: Envelope, log_rate: float
+) -> tuple[FlightRecord, list[str], Tightest]:
+    """Fly once; return the record, the limits that it breaks in words, and the one that is used up most."""
+    try:
+        commands = (f"{name}_cmd" for name in design.controls)
+        names = tuple(dict.fromkeys([*limits.bands, *design.controls, *commands, *_SHOWN]))
+        flight = fly_and_measure(
+            aircraft,
+            trimmed,
+            design.family,
+            design.specs,
+            design.duration_s,
+            log_rate_hz=log_rate,
+            channels=names,
+        )
+    except FlightAborted as error:
+        if error.record is None:
+            raise
+        text = f"the flight leaves the aircraft's limits at t = {error.time_s:.2f} s: {error.reason}"
+        return error.record, [text], Tightest("", 1.0 / _ABORTED, error.time_s)
+    record = flight.truth
+    assert record is not None
+    return record, limits.broken(record), limits.tightest(record)
+
+
+def _linear_room(problem: Problem, design: Design) -> float:
+    """Return by how much the amplitude may grow before a deflection, a command or a rate reaches its limit."""
+    prediction = problem.prediction
+    y = prediction.response(design.u)
+    room = _MOST
+    for k, name in enumerate(prediction.names):
+        if name in prediction.controls or name.startswith(("rate of", "command of")):
+            top, bottom = max(float(y[:, k].max()), 1e-12), min(float(y[:, k].min()), -1e-12)
+            room = min(room, prediction.high[k] / top, prediction.low[k] / bottom)
+    return max(room, 1e-6)

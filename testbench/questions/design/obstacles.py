@@ -1,0 +1,61 @@
+"""What stands in the way of a wanted accuracy: the noise of which sensor, which limit, or the time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+
+from testbench.information.fisher import cost
+from testbench.questions.design.flown import limit_words
+from testbench.questions.design.problem import Design, Problem
+
+_QUIET = 0.01  # of a sensor's noise that is left when it is taken away
+_FREE = 1e9  # times a limit
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """What a design would reach without one of the things that hold it back.
+
+    Attributes:
+        words: what is taken away.
+        cost: criterion then, in wanted errors.
+    """
+
+    words: str
+    cost: float
+
+
+@dataclass(frozen=True)
+class Obstacles:
+    """Everything that was tried, most helpful first, and how many flights of the same input would do."""
+
+    tried: tuple[Obstacle, ...]
+    flights: int
+
+
+def obstacles(problem: Problem, design: Design) -> Obstacles:
+    """Return what the same input would tell if one sensor had no noise, or one limit were not there.
+
+    Sensors are taken one at a time with a hundredth of their noise; of a limit that is taken away the next one binds.
+    Several flights of one input add up their information: the error falls as the root of their number.
+    """
+    experiment, gradient = problem.experiment, problem.targets.gradient
+    out = []
+    for i, sensor in enumerate(experiment.sensors):
+        M = experiment.with_less_noise(i, _QUIET).information(design.u)
+        out.append(Obstacle(f"the noise of {sensor.channel}", cost(M, gradient, problem.criterion)))
+    prediction = problem.prediction
+    deviation = prediction.response(design.u)
+    high = np.maximum(deviation.max(axis=0), 1e-150)
+    low = np.minimum(deviation.min(axis=0), -1e-150)
+    rooms = np.minimum(prediction.high / high, prediction.low / low)
+    binding = prediction.names.index(design.limit) if design.limit in prediction.names else int(np.argmin(rooms))
+    others = np.delete(rooms, binding)
+    gain = min(max(float(others.min()) if others.size else _FREE, 1.0), _FREE)
+    words = f"the limit on {limit_words(prediction.names[binding]).removeprefix('the ')}"
+    out.append(Obstacle(words, design.cost / gain))
+    flights = ceil(design.cost**2 * (1.0 - 1e-9)) if np.isfinite(design.cost) else 0
+    return Obstacles(tuple(sorted(out, key=lambda o: o.cost)), flights)

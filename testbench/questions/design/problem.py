@@ -1,0 +1,161 @@
+"""The design problem, and how one input is judged: at its largest admissible amplitude, by what it tells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from testbench.core.record import FloatArray
+from testbench.core.scenario.inputs import Control, Input
+from testbench.information.fisher import Criterion, Experiment, accuracy, cost
+from testbench.information.targets import Targets
+from testbench.questions.design.candidates import Candidate, sampled
+from testbench.questions.design.prediction import Prediction
+from testbench.questions.design.spectral_energy import ModeBands
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is to be designed.
+
+    Attributes:
+        experiment, prediction: the aircraft seen through its sensors, and its limits.
+        targets: what is to be known.
+        criterion: what is made small.
+        controls: (m,) controls that move.
+        duration_s: of the manoeuvre.
+        start_s: undisturbed flight before the input.
+        shortest_s: shortest step that can be flown.
+        band_hz: band of the targets.
+        by_hand: a pilot flies.
+        seed: of random starts.
+        bands: the modes that candidates are screened for by spectral energy; None: by information alone.
+    """
+
+    experiment: Experiment
+    prediction: Prediction
+    targets: Targets
+    criterion: Criterion
+    controls: tuple[Control, ...]
+    duration_s: float
+    start_s: float
+    shortest_s: float
+    band_hz: tuple[float, float]
+    by_hand: bool
+    seed: int = 0
+    bands: ModeBands | None = None
+
+    @property
+    def rate_hz(self) -> float:
+        """Rate of the inputs, Hz."""
+        return 1.0 / self.experiment.dt_s
+
+
+@dataclass(frozen=True, eq=False)
+class Design:
+    """One input at its largest admissible amplitude, and what it tells.
+
+    Attributes:
+        family, words: which signal.
+        specs: scenario entries that fly it.
+        controls: (m,) controls that move.
+        u: (samples, m) what is commanded, deviation from trim.
+        limit: the limit that binds.
+        cost: the criterion, in wanted errors; 1 or less reaches them.
+        errors: (t,) predicted standard errors of the targets.
+        information: (k, k) Fisher information.
+        end_s: when the last input ends, s.
+        duration_s: when the record ends, s.
+    """
+
+    family: str
+    words: str
+    specs: tuple[Input, ...]
+    controls: tuple[Control, ...]
+    u: FloatArray
+    limit: str
+    cost: float
+    errors: FloatArray
+    information: FloatArray
+    end_s: float
+    duration_s: float
+
+    @property
+    def peak(self) -> FloatArray:
+        """(m,) largest command either side of trim, rad (1 for the throttle)."""
+        return np.asarray(np.abs(self.u).max(axis=0))
+
+
+class Screened(NamedTuple):
+    """A candidate with its cost at the largest admissible amplitude, that factor, the limit that binds, and the
+    signal-to-noise ratio (dB) of the mode that it shows worst, through the sensor that shows it best.
+    """
+
+    cost: float
+    candidate: Candidate
+    factor: float
+    limit: str
+    snr_db: float = float("nan")
+
+
+def by_energy(problem: Problem, candidate: Candidate) -> Screened:
+    """Return a candidate at its largest admissible amplitude, judged by spectral energy alone; its cost is inf."""
+    factor, limit = problem.prediction.largest_factor(candidate.u)
+    snr = float("nan")
+    if problem.bands is not None:
+        snr = float(problem.bands.snr_db(candidate.u).max(axis=1).min() + 20.0 * np.log10(factor))
+    return Screened(float("inf"), candidate, factor, limit, snr)
+
+
+def by_information(problem: Problem, entry: Screened) -> Screened:
+    """Return a screened candidate with its cost at its largest admissible amplitude."""
+    M = problem.experiment.information(entry.candidate.u)
+    return entry._replace(cost=cost(M, problem.targets.gradient, problem.criterion) / entry.factor)
+
+
+def judge(problem: Problem, candidate: Candidate) -> Screened:
+    """Return a candidate at its largest admissible amplitude, judged by spectral energy and by information."""
+    return by_information(problem, by_energy(problem, candidate))
+
+
+def design_of(problem: Problem, entry: Screened, duration_s: float | None = None) -> Design:
+    """Return a candidate as a design, its entries scaled to the largest admissible amplitude.
+
+    The record ends after ``duration_s``, or with the manoeuvre of the problem.
+    """
+    specs = entry.candidate.scaled(entry.factor)
+    u = sampled(specs, problem.controls, problem.duration_s, problem.rate_hz)
+    end = problem.duration_s if duration_s is None else duration_s
+    return _told(problem, entry.candidate.family, entry.candidate.words, specs, u, entry.limit, end)
+
+
+def rescaled(problem: Problem, design: Design, factor: float, limit: str) -> Design:
+    """Return a design at ``factor`` times its amplitude, bound by another limit."""
+    specs = Candidate(design.family, design.words, design.specs, design.u).scaled(factor)
+    u = sampled(specs, problem.controls, problem.duration_s, problem.rate_hz)
+    return _told(problem, design.family, design.words, specs, u, limit, design.duration_s)
+
+
+def _told(
+    problem: Problem, family: str, words: str, specs: tuple[Input, ...], u: FloatArray, limit: str, duration_s: float
+) -> Design:
+    experiment = problem.experiment
+    if duration_s < problem.duration_s:
+        experiment = experiment.until(round(duration_s / experiment.dt_s / experiment.stride))
+    M = experiment.information(u)
+    moving = np.flatnonzero(np.any(u != 0.0, axis=1))
+    return Design(
+        family,
+        words,
+        specs,
+        problem.controls,
+        u,
+        limit,
+        cost(M, problem.targets.gradient, problem.criterion),
+        problem.targets.errors(accuracy(M)),
+        M,
+        float(moving[-1] + 1) / problem.rate_hz if moving.size else 0.0,
+        duration_s,
+    )

@@ -1,0 +1,114 @@
+"""Design scenarios: what is to be known, through which sensors, inside which limits; which input, is the question."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from testbench.core.scenario.base import FlownAt, SuiteName
+from testbench.core.scenario.inputs import Control
+from testbench.core.schema import NonNegative, Positive, Strict
+
+_LONGITUDINAL, _LATERAL = {"de", "thr"}, {"da", "dr"}
+Band = Annotated[tuple[float, float], Field(strict=False)]
+Names = Annotated[tuple[str, ...], Field(strict=False)]
+
+
+class DesignTargets(Strict):
+    """What is to be known and how well: standard errors.
+
+    ``parameters`` gives derivatives of the linearised aircraft (M_alpha, Z_de, ...) with the wanted error in percent of
+    the true value; ``modes`` names modes, whose natural frequency is wanted to ``wn_percent`` and damping ratio to
+    ``zeta``. Whatever else is unknown is estimated along: the derivatives of the rigid motion and those named in
+    ``also_unknown``.
+    """
+
+    parameters: dict[str, Positive] = {}
+    modes: Names = ()
+    wn_percent: Positive = 2.0
+    zeta: Positive = 0.02
+    also_unknown: Names = ()
+
+    @model_validator(mode="after")
+    def _something(self) -> DesignTargets:
+        if not self.parameters and not self.modes:
+            raise ValueError("a design needs a target: give targets.parameters or targets.modes")
+        return self
+
+
+class DesignLimits(Strict):
+    """What the manoeuvre may do; what is left out is as the aircraft's own limits have it. Changes count from trim."""
+
+    deflection_deg: dict[Control, Positive] = {}
+    rate_deg_s: dict[Control, Positive] = {}
+    load_factor: Band | None = None
+    alpha_deg: Band | None = None
+    beta_deg: Positive | None = None
+    speed_change_m_s: Positive | None = None
+    height_change_m: Positive | None = None
+    pitch_change_deg: Positive | None = None
+    bank_deg: Positive | None = None
+    onset_margin_m_s: NonNegative = 1.0
+
+    @model_validator(mode="after")
+    def _bands(self) -> DesignLimits:
+        for name in ("load_factor", "alpha_deg"):
+            band = getattr(self, name)
+            if band is not None and not band[0] < band[1]:
+                raise ValueError(f"{name}: low < high must hold, got {band[0]:g} and {band[1]:g}")
+        return self
+
+
+class DesignScenario(FlownAt):
+    """One design: aircraft, condition, sensor suites, controls that may move, targets, limits.
+
+    The input is designed for the first suite; the others show what it would tell them. ``duration_s`` is the longest
+    manoeuvre, the undisturbed flight of ``start_s`` before the input included.
+    """
+
+    unnamed: ClassVar[str] = "design"
+
+    suites: Annotated[tuple[SuiteName, ...], Field(min_length=1, strict=False)]
+    controls: Annotated[tuple[Control, ...], Field(min_length=1, strict=False)]
+    duration_s: Positive
+    start_s: Positive = 2.0
+    by: Literal["pilot", "autopilot"] = "autopilot"
+    shortest_step_s: Positive | None = None
+    criterion: Literal["worst", "D", "A", "E"] = "worst"
+    allow_above_onset: bool = False
+    targets: DesignTargets
+    limits: DesignLimits = DesignLimits()
+
+    @model_validator(mode="after")
+    def _one_plane_and_room(self) -> DesignScenario:
+        controls = set(self.controls)
+        if len(controls) < len(self.controls):
+            raise ValueError(f"controls must differ, got {', '.join(self.controls)}")
+        if controls & _LONGITUDINAL and controls & _LATERAL:
+            raise ValueError(
+                f"the controls of a design must move one plane, de and thr or da and dr, got "
+                f"{', '.join(self.controls)}; make two designs"
+            )
+        if self.duration_s <= self.start_s + self.shortest_s:
+            raise ValueError(
+                f"start_s + shortest_step_s < duration_s must hold, got {self.start_s:g} + {self.shortest_s:g} and "
+                f"{self.duration_s:g} s; lengthen the manoeuvre"
+            )
+        return self
+
+    @property
+    def plane(self) -> Literal["longitudinal", "lateral"]:
+        """The motion that the controls move."""
+        return "longitudinal" if set(self.controls) <= _LONGITUDINAL else "lateral"
+
+    @property
+    def shortest_s(self) -> float:
+        """Shortest step that can be held, s: as given, else 1 s for a pilot and 0.1 s for an autopilot (estimates)."""
+        return self.shortest_step_s or (1.0 if self.by == "pilot" else 0.1)
+
+    def faults(self) -> list[str]:
+        """Return every law of aircraft, sensors and targets that the scenario breaks; see :mod:`.check`."""
+        from testbench.questions.design.check import check
+
+        return check(self)

@@ -1,0 +1,69 @@
+"""A student's own truth: from the teacher's key, the exercise and the student's name, by a keyed generator.
+
+The key goes through scrypt (C. Percival, RFC 7914), salted with exercise and student, and seeds the generator that the
+hidden numbers are drawn from. Nothing that is handed out holds them, or the seed. With the public key, which is used
+where no other is given, whoever has this package can compute them all the same: that is for studying alone. With a key
+of the teacher's own, only who has the key can, and only they can check. The handed-out ``key_check`` tells a wrong key
+from a wrong answer; it also lets whoever has it try keys, some tens per second and core (estimate), so that a key must
+be long and random, such as `openssl rand -hex 16` prints.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from testbench.core.errors import RecordError, ScenarioError
+
+PUBLIC_KEY = "flight-testbench, for studying alone"
+VARIABLE = "TESTBENCH_EXERCISE_KEY"
+_SHORTEST = 16
+
+
+@dataclass(frozen=True)
+class Seal:
+    """What a key gives for one student and exercise: two independent seeds and the check of the key."""
+
+    hidden_seed: int
+    noise_seed: int
+    key_check: str
+
+    def generator(self) -> np.random.Generator:
+        """Return the generator of the hidden numbers."""
+        return np.random.default_rng(self.hidden_seed)
+
+
+def seal(key: str, exercise: str, student: str) -> Seal:
+    """Return the seeds of one student's version of an exercise."""
+    salt = f"testbench exercise 1\0{exercise}\0{student}".encode()
+    digest = hashlib.scrypt(key.encode(), salt=salt, n=2**14, r=8, p=1, dklen=40)
+    return Seal(int.from_bytes(digest[:16], "big"), int.from_bytes(digest[16:24], "big") % 2**31, digest[36:].hex())
+
+
+def read_key(file: Path | None) -> str:
+    """Return the key in ``file``, else that in the environment variable TESTBENCH_EXERCISE_KEY, else the public one.
+
+    Raises:
+        RecordError: the file cannot be read.
+        ScenarioError: the key is too short to protect anything.
+    """
+    if file is not None:
+        try:
+            key = file.read_text(encoding="utf-8").strip()
+        except (OSError, UnicodeDecodeError) as error:
+            why = error.strerror if isinstance(error, OSError) else "it is not text"
+            raise RecordError(f"a readable file with the teacher's key must lie at '{file}', got: {why}") from error
+    else:
+        key = os.environ.get(VARIABLE, "").strip() or PUBLIC_KEY
+    if len(key) < _SHORTEST:
+        raise ScenarioError(
+            [
+                f"a teacher's key must have at least {_SHORTEST} characters, got {len(key)}; "
+                "`openssl rand -hex 16` makes one"
+            ]
+        )
+    return key

@@ -1,0 +1,130 @@
+"""Write what a student gets: text, records, numbers given, a template for the answers."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.schema import Strict, parse, read_toml
+from testbench.questions.exercise.answers import ANSWERS, template
+from testbench.questions.exercise.exercise import Case, Exercise, Handout
+from testbench.questions.exercise.names import CATALOGUE, NOTEBOOKS, load_exercise
+from testbench.questions.exercise.seal import Seal, seal
+
+CARD, GIVEN, TEXT = "exercise.toml", "given.toml", "README.md"
+_LONGEST = 80
+
+
+class Card(Strict):
+    """What exercise.toml says: whose version of which exercise this is, and what tells one key from another."""
+
+    exercise: str
+    student: str
+    key_check: str
+
+
+@dataclass(frozen=True, eq=False)
+class Started:
+    """A folder that was handed out, with the exercise and the student's own case; the case is the secret."""
+
+    folder: Path
+    name: str
+    student: str
+    exercise: Exercise
+    case: Case
+
+
+def start(name: str, student: str, key: str, folder: Path | None = None) -> Started:
+    """Write the folder of one student's version of an exercise; the same student and key give the same bytes.
+
+    Args:
+        name: of the exercise.
+        student: name or number; two students get two aircraft.
+        key: see ``seal``.
+        folder: where to write; NAME_STUDENT in the working directory if None.
+
+    Raises:
+        RecordError: there is no such exercise, or the folder exists and is not empty.
+        ScenarioError: the student's name is empty or not one line.
+    """
+    exercise = load_exercise(name)
+    student = student.strip()
+    if not student or len(student) > _LONGEST or not student.isprintable():
+        raise ScenarioError([f"a student must be 1 to {_LONGEST} printable characters, got {student!r}"])
+    folder = folder or Path(f"{name}_{re.sub(r'[^A-Za-z0-9._-]+', '_', student)}")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        begun = f", or go on with `testbench exercise check {folder}`" if (folder / CARD).is_file() else ""
+        raise RecordError(
+            f"an exercise must go into a new or empty folder, got '{folder}'; choose another with -o{begun}"
+        )
+    sealed = seal(key, name, student)
+    case = case_of(exercise, sealed)
+    handout = exercise.hand_out(case)
+    folder.mkdir(parents=True, exist_ok=True)
+    _write(folder, CARD, _card(name, student, sealed))
+    for file, text in _texts(name, student, exercise, handout).items():
+        _write(folder, file, text)
+    for record_name, record in handout.records.items():
+        blank = replace(record, provenance={"exercise": name, "record": record_name, "student": student})
+        blank.save(folder / "records" / f"{record_name}.nc")
+        blank.save_csv(folder / "records" / f"{record_name}.csv")
+    return Started(folder, name, student, exercise, case)
+
+
+def reopen(folder: Path, key: str) -> Started:
+    """Return what :func:`start` made in ``folder``.
+
+    Raises:
+        RecordError: it is not the folder of an exercise, or it was started with another key.
+        ScenarioError: its card breaks a law.
+    """
+    file = folder / CARD
+    if not file.is_file():
+        raise RecordError(
+            f"a folder made by `testbench exercise start` holds {CARD}, but '{folder}' does not; name that folder"
+        )
+    card, faults = parse(Card, read_toml(file), file)
+    if card is None or faults:
+        raise ScenarioError(faults)
+    exercise = load_exercise(card.exercise)
+    sealed = seal(key, card.exercise, card.student)
+    if sealed.key_check != card.key_check:
+        raise RecordError(
+            f"'{folder}' was started with another key than the one used now (or {CARD} was changed); whoever handed it "
+            "out can check it: give their key with --key-file"
+        )
+    return Started(folder, card.exercise, card.student, exercise, case_of(exercise, sealed))
+
+
+def case_of(exercise: Exercise, sealed: Seal) -> Case:
+    """Return a student's case."""
+    return Case(exercise.draw(sealed.generator()), sealed.noise_seed)
+
+
+def _card(name: str, student: str, sealed: Seal) -> str:
+    return (
+        "# Whose version of which exercise this is; the checker reads it.\n"
+        f'exercise = "{name}"\nstudent = {_quoted(student)}\nkey_check = "{sealed.key_check}"\n'
+    )
+
+
+def _quoted(text: str) -> str:
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _texts(name: str, student: str, exercise: Exercise, handout: Handout) -> dict[str, str]:
+    text = (CATALOGUE / f"{name}.md").read_text(encoding="utf-8")
+    for key, value in handout.given.items():
+        text = text.replace(f"@{key}@", f"{value:g}")
+    files = {TEXT: text, ANSWERS: template(student, exercise), **handout.files}
+    if handout.given:
+        files[GIVEN] = "".join(f"{key} = {value!r}\n" for key, value in handout.given.items())
+    if exercise.notebook:
+        files["notebook.ipynb"] = (NOTEBOOKS / exercise.notebook).read_text(encoding="utf-8")
+    return files
+
+
+def _write(folder: Path, name: str, text: str) -> None:
+    (folder / name).write_text(text, encoding="utf-8")

@@ -1,0 +1,1 @@
+"""A record or an identified model as a file for another program."""

@@ -1,0 +1,349 @@
+"""The believed aircraft and sensors, flown through the commands of a measured record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache, partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient
+from testbench.core.channels import CONTROLS
+from testbench.core.errors import ModelError, ScenarioError
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.state_space import Trajectories
+from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
+from testbench.flight.air import Air, Gust
+from testbench.flight.simulate import commands as absolute_commands
+from testbench.inputs.signal import InputSignal
+from testbench.questions.gap.effects import Effect
+from testbench.questions.gap.effects.base import MetGust
+from testbench.questions.gap.evidence.commanded import commands, moves_laterally
+from testbench.questions.gap.evidence.compared import DRIFT_OVER_S, left_out, not_compared
+from testbench.questions.gap.evidence.gusts import linear_response, record_key
+from testbench.sensors import SensorSuite
+
+# Coefficients whose believed values are only believed: every hypothesis may re-tune them at this price (relative
+# standard deviation of the prior). The sizes are estimates of what handbook methods reach.
+NUISANCES: Mapping[str, float] = {
+    "CL_alpha": 0.05,
+    "CD": 0.10,
+    "Cm_alpha": 0.10,
+    "Cm_q": 0.15,
+    "Cm_de": 0.10,
+}
+# The same of the lateral motion, re-tuned only where aileron or rudder moves. Cross derivatives are known less well.
+LATERAL_NUISANCES: Mapping[str, float] = {
+    "CY_beta": 0.15,
+    "Cl_beta": 0.15,
+    "Cl_p": 0.10,
+    "Cl_r": 0.20,
+    "Cl_da": 0.10,
+    "Cn_beta": 0.15,
+    "Cn_p": 0.30,
+    "Cn_r": 0.20,
+    "Cn_da": 0.30,
+    "Cn_dr": 0.10,
+}
+BEYOND = 0.25  # share of the range between its limits by which a hypothesis may leave them to either side
+
+
+@dataclass(frozen=True, eq=False)
+class Believed:
+    """What is believed of a flight: aircraft, sensor suite and the condition that the manoeuvres start from.
+
+    ``shapes`` say what the commands become before the linear prediction, see :class:`effects.base.Effect`; ``at_rest``
+    is the aircraft that is linearised, without the amendments that shapes stand for. ``whiten`` takes a record and
+    residuals (n, outputs) in units of the noise and returns as many of which each is white with variance one, for
+    residuals that something other than sensor noise colours (turbulence); it must be linear. ``gusts`` are those that
+    single records met: every other record is predicted in still air.
+
+    Raises:
+        ScenarioError: the suite has no channel to compare, or one without any noise.
+    """
+
+    aircraft: Aircraft
+    suite: SensorSuite
+    condition: FlightCondition
+    rate_hz: float
+    shapes: tuple[partial[FloatArray], ...] = ()
+    at_rest: Aircraft | None = None
+    whiten: Callable[[FlightRecord, FloatArray], FloatArray] | None = None
+    gusts: tuple[MetGust, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.outputs:
+            got = "; ".join((", ".join(self.suite.channels), *not_compared(self.suite)))
+            raise ScenarioError([f"a suite must have a channel that is compared, got {got}"])
+        silent = [n for n in self.outputs if not self.suite.noise_std[n] > 0.0]
+        if silent:
+            raise ScenarioError(
+                [
+                    "every sensor that is compared must have noise_std or quantum > 0, as residuals are weighed by "
+                    f"its noise, got none for {', '.join(silent)} in suite '{self.suite.name}'"
+                ]
+            )
+
+    @cached_property
+    def trimmed(self) -> TrimmedFlight:
+        """The believed equilibrium."""
+        return _trimmed(self._key)
+
+    @cached_property
+    def outputs(self) -> tuple[str, ...]:
+        """Channels of the suite that are compared: all but commands, deflections and those left out."""
+        without = left_out(self.suite)
+        return tuple(n for n in self.suite.channels if n.removesuffix("_cmd") not in CONTROLS and n not in without)
+
+    @cached_property
+    def noise_std(self) -> FloatArray:
+        """Standard deviation of one sample of each output, what its bias wanders by within a manoeuvre in it, SI."""
+        drift = {s.channel: s.drift_over(DRIFT_OVER_S) for s in self.suite.sensors}
+        return np.array([float(np.hypot(self.suite.noise_std[n], drift[n])) for n in self.outputs])
+
+    def with_effect(self, effect: Effect, values: Mapping[str, float]) -> Believed:
+        """Return the belief with one effect of the library added, or with all parts of one that is put together."""
+        if effect.parts:
+            out, rest = self, dict(values)
+            for part in effect.parts:
+                own = {p.name: rest.pop(f"{part.name}.{p.name}") for p in part.parameters}
+                out = out.with_effect(part, own)
+            return out
+        aircraft, suite = effect.amend(replace(self.aircraft, rate_hz=self.rate_hz), self.suite, values)
+        aircraft = _in_place(aircraft, len(self.aircraft.amendments), effect)
+        shapes, at_rest = self.shapes, self.at_rest
+        if effect.shape is not None:
+            shapes = (*shapes, partial(_shaped, effect, aircraft, values))
+            shapes = tuple(sorted(shapes, key=lambda s: -s.args[0].upstream))  # from the pilot's command on
+            at_rest = at_rest or self.aircraft
+        elif at_rest is not None:
+            known = len(at_rest.amendments)
+            at_rest = effect.amend(replace(at_rest, rate_hz=self.rate_hz), self.suite, values)[0]
+            at_rest = _in_place(at_rest, known, effect)
+        gusts = self.gusts if effect.met is None else (*self.gusts, effect.met(values))
+        return replace(self, aircraft=aircraft, suite=suite, shapes=shapes, at_rest=at_rest, gusts=gusts)
+
+    def with_tuning(self, factors: Mapping[str, float]) -> Believed:
+        """Return the belief with coefficients multiplied by ``factors``."""
+        changes = tuple(ScaleCoefficient(name, f) for name, f in factors.items())
+        amendment = Amendment("tuning", "re-tuned coefficients", changes)
+        at_rest = None if self.at_rest is None else self.at_rest.amended(amendment)
+        return replace(self, aircraft=self.aircraft.amended(amendment), at_rest=at_rest)
+
+    def predict(self, record: FlightRecord) -> FloatArray:
+        """Return what the believed sensors would have read on this record, (n, outputs), without noise, from JSBSim.
+
+        The measured commands, as deviations from the quiet flight before them, are held from sample to sample and added
+        to the believed trim.
+
+        Raises:
+            FlightAborted, LimitError: the believed aircraft does not survive these commands.
+            RecordError: the record holds no command, or no quiet flight before the first one.
+        """
+        return self._read(self.flown(record, self._needed))
+
+    def check_commands(self, record: FlightRecord) -> None:
+        """Refuse a record whose commands, about the trim of the belief, leave the range of a control.
+
+        Raises:
+            LimitError: they do.
+            RecordError: as :meth:`predict`.
+            TrimError: the belief has no trim.
+        """
+        names, u = commands(record)
+        signal = InputSignal(np.arange(len(u), dtype=np.float64) * record.dt_s, u, names)
+        absolute_commands(self.aircraft, _trimmed(self._key), Manoeuvre("measured commands", signal, 0.0))
+
+    def flown(
+        self, record: FlightRecord, channels: tuple[str, ...] | None = None, air: Air | None = None
+    ) -> FlightRecord:
+        """Return the truth of that flight at the record's sample times: ``channels``, or all there are.
+
+        ``air`` is flown through in place of the still air, or the gust, that the record is believed to have met.
+
+        Raises:
+            FlightAborted, LimitError, RecordError: as :meth:`predict`.
+        """
+        names, u = commands(record)
+        held = np.repeat(u[:-1], round(self.rate_hz * record.dt_s), axis=0)  # the last command acts after the record
+        gust = self.gust_in(record)
+        air = Air(gust=gust) if air is None and gust is not None else air
+        return _flown(self._key, names, held.shape, held.tobytes(), 1.0 / record.dt_s, channels, air)
+
+    def predict_linear(self, record: FlightRecord) -> FloatArray:
+        """Return the same from the aircraft linearised at trim: ten times faster, and right for small deviations.
+
+        The workflow uses it for differences between hypotheses only, never for a residual.
+        """
+        names, u = commands(record)
+        for shape in self.shapes:
+            u = shape(names, u, record.dt_s)
+        model = self._linear
+        columns = [model.inputs.index(n if n == "thr" else f"{n}_cmd") for n in names]
+        n, m = len(model.states), len(columns)
+        block = np.zeros((n + m, n + m))
+        block[:n] = np.hstack([model.A, model.B[:, columns]])
+        step = expm(block * record.dt_s)
+        driven = u @ step[:n, n:].T
+        x = Trajectories(step[:n, :n], len(record)).forced(driven[:, :, None])[:, :, 0]
+        rows = [model.outputs.index(c) for c in self._needed]
+        outputs = x @ model.C[rows].T + u @ model.D[np.ix_(rows, columns)].T
+        trimmed, gust = _trimmed(self._rest_key), self.gust_in(record)
+        outputs += [trimmed.state[c] for c in self._needed]
+        if gust is not None:
+            velocity = gust.velocity(record.t_s - record.t_s[0], self.condition.V_m_s)
+            outputs += linear_response(model, trimmed.theta, gust.axis, velocity, record.dt_s, self._needed)
+        return self._read(FlightRecord(t_s=record.t_s, channels=self._needed, data=outputs, kind="truth"))
+
+    def gust_in(self, record: FlightRecord) -> Gust | None:
+        """Return the gust that this very record met, if any.
+
+        Raises:
+            ModelError: it is said to have met more than one.
+        """
+        key = record_key(record) if self.gusts else ""
+        met = [g for g in self.gusts if g.record == key]
+        if len(met) > 1:
+            raise ModelError(f"a record can hold one gust, got {len(met)} in {met[0].manoeuvre}; leave all but one out")
+        return met[0].gust if met else None
+
+    def _read(self, truth: FlightRecord) -> FloatArray:
+        """Return what sensors without noise make of a truth (n, outputs), logged at the suite's rate.
+
+        The same as ``SensorSuite.measure`` of sensors that have no noise, without drawing any.
+        """
+        if any(s.rate_hz is not None for s in self._ideal_suite.sensors):
+            return self._ideal_suite.measure(truth, 0).columns(self.outputs)
+        stride = self.suite.check_log_rate(1.0 / truth.dt_s)
+        by_channel = {s.channel: s.respond(truth)[::stride] for s in self._ideal_suite.sensors}
+        return np.column_stack([by_channel[n] for n in self.outputs])
+
+    @property
+    def linear(self) -> LinearModel:
+        """The aircraft linearised about trim, all amendments in it."""
+        return _linearised(self._key)
+
+    @cached_property
+    def _linear(self) -> LinearModel:
+        return _linearised(self._rest_key)
+
+    @cached_property
+    def _key(self) -> _Key:
+        return _Key.of(self.aircraft, self.condition, self.rate_hz)
+
+    @cached_property
+    def _rest_key(self) -> _Key:
+        return self._key if self.at_rest is None else _Key.of(self.at_rest, self.condition, self.rate_hz)
+
+    @cached_property
+    def _needed(self) -> tuple[str, ...]:
+        """The true channels that the suite's outputs are made of."""
+        return tuple(dict.fromkeys(n for s in self._ideal_suite.sensors for n in s.needs))
+
+    @cached_property
+    def _ideal_suite(self) -> SensorSuite:
+        """The outputs' sensors with everything that is certain (scale, lag, delay, position) and nothing random."""
+        sensors = tuple(s for s in self.suite.sensors if s.channel in self.outputs)
+        return replace(self.suite, sensors=sensors).without_errors()
+
+    def residuals(self, record: FlightRecord) -> FloatArray:
+        """Return measured minus predicted in units of the noise, each channel about its own mean, (n, outputs).
+
+        The mean is taken out because sensor biases and trim offsets are unknown; invalid samples are set to zero.
+        """
+        return self.in_noise_units(record, record.columns(self.outputs) - self.predict(record))
+
+    def taken(self, record: FlightRecord) -> NDArray[np.bool_]:
+        """Return which samples (n, outputs) of a record were taken."""
+        return record.valid[:, [record.channels.index(n) for n in self.outputs]]
+
+    def in_noise_units(self, record: FlightRecord, difference: FloatArray) -> FloatArray:
+        """Return ``difference`` (n, outputs) over the noise, about its mean over the valid samples of the record."""
+        valid = self.taken(record)
+        r = difference / self.noise_std
+        mean = (r * valid).sum(axis=0) / np.maximum(valid.sum(axis=0), 1)
+        r = (r - mean) * valid
+        return r if self.whiten is None else self.whiten(record, r)
+
+
+@dataclass(frozen=True)
+class _Key:
+    """What trim, linearisation and flight depend on: hypotheses that differ in their sensors alone share them."""
+
+    aircraft: Aircraft = field(compare=False)
+    contents: tuple[object, ...]
+    condition: FlightCondition
+    rate_hz: float
+
+    @classmethod
+    def of(cls, aircraft: Aircraft, condition: FlightCondition, rate_hz: float) -> _Key:
+        limits = tuple(sorted(aircraft.limits.items()))
+        contents = (aircraft.xml, repr(aircraft.elastic), repr(aircraft.amendments), aircraft.mass, limits)
+        return cls(aircraft, (aircraft.name, contents), condition, rate_hz)
+
+
+@lru_cache(maxsize=256)
+def _trimmed(key: _Key) -> TrimmedFlight:
+    return trim(key.aircraft, key.condition, key.rate_hz)
+
+
+@lru_cache(maxsize=256)
+def _linearised(key: _Key) -> LinearModel:
+    return linearise(key.aircraft, _trimmed(key))
+
+
+@lru_cache(maxsize=128)
+def _flown(
+    key: _Key,
+    names: tuple[str, ...],
+    size: tuple[int, int],
+    held: bytes,
+    log_hz: float,
+    channels: tuple[str, ...] | None,
+    air: Air | None = None,
+) -> FlightRecord:
+    """Fly the commands ``held`` (the bytes of an array of ``size``), deviations from trim at every frame.
+
+    A hypothesis may have its trim where they would leave the range of a control, half the drag with a throttle near
+    idle: the control stops there, so that a search can pass by. The belief is checked (``check_commands``). For the
+    same reason a flight may leave the limits of the aircraft by BEYOND, as one does that stalls too early.
+    """
+    trimmed, u = _trimmed(key), np.frombuffer(held).reshape(size)
+    controls = [(key.aircraft.controls[n], trimmed.controls[n]) for n in names]
+    within = np.clip(u, [c.low - at for c, at in controls], [c.full - at for c, at in controls])
+    signal = InputSignal(np.arange(size[0]) / key.rate_hz, within, names)
+    aircraft = _beyond_limits(key.aircraft)
+    return fly(aircraft, trimmed, Manoeuvre("measured commands", signal, 0.0), log_hz, channels, air)
+
+
+def _beyond_limits(aircraft: Aircraft) -> Aircraft:
+    """Return the aircraft with limits of its flights that are wider by a share of what lies between them."""
+    limits = {
+        n: (low, high) if n == "h" else (low - BEYOND * (high - low), high + BEYOND * (high - low))
+        for n, (low, high) in aircraft.limits.items()
+    }
+    return replace(aircraft, limits=limits)
+
+
+def _in_place(aircraft: Aircraft, known: int, effect: Effect) -> Aircraft:
+    """Return an aircraft whose amendments behind the ``known`` first ones act where ``effect`` does."""
+    new = (replace(a, upstream=effect.upstream) for a in aircraft.amendments[known:])
+    return replace(aircraft, amendments=(*aircraft.amendments[:known], *new))
+
+
+def _shaped(
+    effect: Effect, aircraft: Aircraft, values: Mapping[str, float], names: tuple[str, ...], u: FloatArray, dt_s: float
+) -> FloatArray:
+    return u if effect.shape is None else effect.shape(names, u, dt_s, aircraft, values)
+
+
+def nuisances(records: Sequence[FlightRecord]) -> Mapping[str, float]:
+    """Return the coefficients that hypotheses about these records may re-tune -> relative deviation of the prior.
+
+    The lateral ones are among them only if an aileron or rudder command moves: a symmetric aircraft in still air shows
+    nothing of them otherwise, and records of elevator and throttle must not pay for them.
+    """
+    return {**NUISANCES, **LATERAL_NUISANCES} if moves_laterally(records) else NUISANCES

@@ -1,0 +1,158 @@
+"""Gap scenarios: what is believed, and the measured records, real or made from a hidden truth."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from testbench.aircraft import load_aircraft
+from testbench.core.errors import RecordError, located
+from testbench.core.record import FlightRecord, load_record
+from testbench.line import condition_of
+from testbench.questions.gap.ask import find_gap
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.evidence.compared import not_compared
+from testbench.questions.gap.hidden import measure_hidden
+from testbench.questions.gap.records import Flights, check_records, check_speeds
+from testbench.questions.gap.result import GapFinding
+from testbench.questions.gap.scenario import GapScenario
+from testbench.sensors import load_suite
+
+Keep = Callable[[str, FlightRecord], None]
+
+
+@dataclass(frozen=True, eq=False)
+class GapResult:
+    """Measured flights, what was believed of them, and what was found.
+
+    Attributes:
+        name: short, names the results.
+        title, question: for people.
+        aircraft: name of the believed aircraft.
+        records: name -> measured record, those held out included.
+        finding: what was found.
+        seed: of the noise of a case made from a hidden truth; None for recorded flights.
+        file: the scenario, or None.
+        notes: what was assumed, in sentences.
+    """
+
+    name: str
+    title: str
+    question: str
+    aircraft: str
+    records: Mapping[str, FlightRecord]
+    finding: GapFinding
+    seed: int | None = None
+    file: Path | None = None
+    notes: tuple[str, ...] = ()
+
+
+def run_gap(
+    scenario: GapScenario | Path | str,
+    seed: int | None = None,
+    keep: Keep | None = None,
+    progress: Callable[[str], None] | None = None,
+    check: bool = False,
+    controls: int = 0,
+    control_file: Path | None = None,
+) -> GapResult:
+    """Read or make the measured records of a gap scenario and find what the believed model lacks.
+
+    Args:
+        scenario: read, or its file, or the name of a packaged one.
+        seed: replaces the scenario's own.
+        keep: called with a name and each record as soon as it exists.
+        progress: called with a few words as each stage begins.
+        check: check the instruments against each other first; takes about as long as the search itself.
+        controls: number of control flights without any effect, each of which is searched, too.
+        control_file: keeps each of them, so that none is flown twice.
+
+    Raises:
+        TestbenchError: with the file and key that it comes from.
+    """
+    if not isinstance(scenario, GapScenario):
+        scenario = GapScenario.load(scenario)
+    file = scenario.file
+    seed = scenario.seed if seed is None else seed
+    keep = keep or (lambda name, record: None)
+    with located(file, "suite"):
+        suite = load_suite(scenario.suite)
+    condition = condition_of(scenario.condition)
+    aircraft = load_aircraft(scenario.aircraft, scenario.wings)
+    with located(file, "suite"):
+        believed = Believed(aircraft, suite, condition, scenario.simulation.rate_hz or aircraft.rate_hz)
+    notes = not_compared(suite)
+    if scenario.hidden is not None:
+        with located(file, "manoeuvre"):
+            records = measure_hidden(
+                scenario.aircraft,
+                scenario.wings,
+                scenario.hidden,
+                suite,
+                condition,
+                scenario.manoeuvre,
+                seed,
+                scenario.simulation.rate_hz,
+                progress,
+            )
+        held = {m.name for m in scenario.manoeuvre if m.use == "validation"}
+    else:
+        with located(file, "measured"):
+            records = {m.name: load_record((file.parent if file else Path()) / m.file) for m in scenario.measured}
+            if len(records) < len(scenario.measured):
+                raise RecordError("names of measured records must differ")
+            records = check_records(suite, records, notes)
+            check_speeds(suite, records, condition.V_m_s)
+        held = {m.name for m in scenario.measured if m.use == "held_out"}
+    for name, record in records.items():
+        keep(name, record)
+    with located(file, "condition"):
+        finding = find_gap(
+            believed,
+            {n: r for n, r in records.items() if n not in held},
+            {n: r for n, r in records.items() if n in held},
+            progress,
+            check=check,
+            controls=controls,
+            control_file=control_file,
+        )
+    return GapResult(
+        scenario.name, scenario.title, scenario.question, scenario.aircraft, records, finding, seed, file, tuple(notes)
+    )
+
+
+def run_flights(
+    aircraft: str,
+    flights: Flights,
+    progress: Callable[[str], None] | None = None,
+    check: bool = True,
+    controls: int = 0,
+    control_file: Path | None = None,
+) -> GapResult:
+    """Find what the believed model of recorded flights lacks; see :func:`testbench.questions.gap.records.load_flights`.
+
+    ``progress``, ``check``, ``controls`` and ``control_file`` are those of :func:`run_gap`.
+
+    Raises:
+        FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the measured commands.
+        RecordError: a record cannot be used.
+    """
+    finding = find_gap(
+        flights.believed,
+        flights.naming,
+        flights.held_out,
+        progress,
+        check=check,
+        controls=controls,
+        control_file=control_file,
+    )
+    return GapResult(
+        name=aircraft,
+        title=f"{flights.believed.aircraft.name}: does the simulation fly as the aircraft does?",
+        question="",
+        aircraft=aircraft,
+        records={**flights.naming, **flights.held_out},
+        finding=finding,
+        notes=flights.notes,
+    )

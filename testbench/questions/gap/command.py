@@ -1,0 +1,108 @@
+"""The command ``testbench gap``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from testbench.core.errors import RecordError
+from testbench.page.terminal import console, stages
+from testbench.questions.options import OutOption, SeedOption, Wings, refuse
+
+CONTROLS = "controls.jsonl"  # of a folder of results: control flights that need not be flown again
+FLIGHTS = ("sensors", "hold_out", "wings", "airspeed", "altitude", "data")  # what is said of measured records
+
+
+def command(
+    context: typer.Context,
+    case: Annotated[
+        str | None, typer.Argument(help="The aircraft that is believed, or a gap case.", show_default=False)
+    ] = None,
+    records: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Measured records (.nc) or descriptions of them (.toml).", show_default=False),
+    ] = None,
+    sensors: Annotated[
+        str | None, typer.Option(help="Believed sensor suite; that of the records if not given.")
+    ] = None,
+    hold_out: Annotated[
+        list[Path] | None, typer.Option("--hold-out", help="Record to judge on and not to name with; may be repeated.")
+    ] = None,
+    wings: Annotated[Wings, typer.Option(help="Whether the believed aircraft's elastic modes move.")] = Wings.flexible,
+    airspeed: Annotated[float | None, typer.Option("--V", help="Airspeed at the start, m/s.")] = None,
+    altitude: Annotated[float | None, typer.Option("--h", help="Altitude at the start, m.")] = None,
+    data: Annotated[Path | None, typer.Option(help="Folder of the files that descriptions name.")] = None,
+    plan: Annotated[
+        Path | None, typer.Option(help="Scenario: which effects could its manoeuvres tell apart, and what to add?")
+    ] = None,
+    out: OutOption = Path("results"),
+    seed: SeedOption = None,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes that search; as many as there are cores if not given.")
+    ] = None,
+    controls: Annotated[
+        int,
+        typer.Option(
+            min=0, help="Control flights without any effect to search beside, each as long as a search; 20 say much."
+        ),
+    ] = 0,
+) -> None:
+    """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
+
+    Measured manoeuvres are held against the believed aircraft and sensors: `testbench gap eolo flown/*.nc --sensors
+    eolo_gap --wings rigid --hold-out flown/doublets.nc`. A case makes its own flights from a hidden truth: `testbench
+    gap flexible_wings`. The instruments are checked against each other first. Before flight, `testbench gap --plan
+    eolo_alpha` says which effects the manoeuvres of a scenario could not tell apart.
+    """
+    from testbench.questions.files import find
+
+    if plan is not None:
+        refuse(
+            context, "with --plan, whose scenario says all", *FLIGHTS, "case", "records", "seed", "workers", "controls"
+        )
+        _plan_gap(find(plan, "run"), out)
+        return
+    if case is None:
+        raise RecordError("the aircraft that is believed must be named, with its records, or a gap case, got nothing")
+    from testbench.core.paths import aircraft_names
+    from testbench.page.write import check_folder, record_keeper
+    from testbench.questions.gap.case import run_flights, run_gap
+    from testbench.questions.gap.page import print_gap, write_gap
+    from testbench.questions.gap.records import load_flights
+    from testbench.questions.gap.search.parallel import cores, processes
+
+    with stages() as say, processes(workers or cores()):
+        if records or case in aircraft_names():
+            refuse(context, "with measured records, in which the noise is", "seed")
+            say("read records")
+            held = hold_out or ()
+            flights = load_flights(case, records or (), held, sensors, wings.value, airspeed, altitude, data)
+            folder = out / f"gap_{case}"
+            check_folder(folder)
+            result = run_flights(case, flights, say, controls=controls, control_file=folder / CONTROLS)
+        else:
+            refuse(context, "with a gap case, whose file says all; or give measured records, too", *FLIGHTS)
+            file = find(Path(case), "gap")
+            folder = out / f"gap_{file.stem}"
+            check_folder(folder)
+            keep = record_keeper(folder)
+            result = run_gap(file, seed, keep, say, check=True, controls=controls, control_file=folder / CONTROLS)
+        say("write report")
+        write_gap(result, folder)
+    print_gap(result, console(), folder)
+
+
+def _plan_gap(file: Path, out: Path) -> None:
+    from testbench.questions.gap.plan import plan_gap
+    from testbench.questions.gap.plan_page import print_gap_plan, write_gap_plan
+    from testbench.questions.run.scenario import Scenario
+
+    loaded = Scenario.load(file)
+    folder = out / f"gap_plan_{loaded.name}"
+    with stages() as say:
+        planned = plan_gap(loaded, say)
+        say("write report")
+        write_gap_plan(planned, folder)
+    print_gap_plan(planned, console(), folder)

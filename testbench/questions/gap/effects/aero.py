@@ -1,0 +1,47 @@
+"""Terms that effects add to the aerodynamics of a JSBSim model."""
+
+from __future__ import annotations
+
+import math
+
+from testbench.aircraft import Insert, Memory
+from testbench.questions.gap.effects.reroute import component, corner, moving, product, prop, value
+
+ALPHA = "aero/alpha-rad"
+
+
+def force(axis: str, label: str, *terms: str) -> Insert:
+    """Return the edit that adds qbar S times the product of ``terms`` (XML) to an axis (LIFT, DRAG)."""
+    body = product(prop("aero/qbar-psf"), prop("metrics/Sw-sqft"), *terms)
+    return Insert(f"aerodynamics/axis[@name='{axis}']", f'<function name="gap/{label}"> {body} </function>')
+
+
+def pitching_moment(label: str, *terms: str) -> Insert:
+    """Return the edit that adds qbar S cbar times the product of ``terms`` (XML) to the pitching moment."""
+    return force("PITCH", label, prop("metrics/cbarw-ft"), *terms)
+
+
+def excess(term: str, least: float) -> str:
+    """Return the XML of ``term`` minus ``least``."""
+    return f"<difference> {term} {value(least)} </difference>"
+
+
+def thrust_coefficient() -> str:
+    """Return the XML of T / (qbar S)."""
+    below = product(f"<max> {prop('aero/qbar-psf')} {value(1e-6)} </max>", prop("metrics/Sw-sqft"))
+    return f"<quotient> {prop('propulsion/engine/thrust-lbs')} {below} </quotient>"
+
+
+def followed(label: str, term: str, time_s: float, rate_hz: float) -> tuple[tuple[Insert, ...], Memory]:
+    """Return the edits that make ``gap/LABEL`` follow ``term`` with a first-order lag, and the state that it is.
+
+    The value of the frame before is taken, one frame later than the aerodynamics of the same frame see it. While time
+    stands still it is ``term`` and ``gap/LABEL-ic``, with which a flight may begin away from rest.
+    """
+    a = math.exp(-1.0 / (rate_hz * time_s)) if time_s > 0.0 else 0.0
+    name, start = f"gap/{label}", f"gap/{label}-ic"
+    follow = f"<sum> {product(value(a), prop(name))} {product(value(1.0 - a), term)} </sum>"
+    body = moving(follow, f"<sum> {term} {prop(start)} </sum>")
+    declarations = (Insert("flight_control", f'<property value="0">{p}</property>', 0) for p in (name, start))
+    channel = Insert("flight_control", f'<channel name="{name}-channel"> {component(name, body)} </channel>')
+    return (*declarations, channel), Memory(label, name, start, corner(time_s), settles=True)

@@ -1,0 +1,157 @@
+"""What an effect of the library is: physics in words, bounded parameters, and how it changes aircraft or sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from testbench.aircraft import Aircraft
+from testbench.core.errors import ModelError
+from testbench.core.record import FloatArray
+from testbench.flight.air import Gust
+from testbench.sensors import SensorSuite
+
+# Where an effect acts, from the forces up to the pilot's command: what acts farther up passes through what is below it.
+FORCES, LINKAGE, SERVO, GEARING, AUTOPILOT, LINK = range(6)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One free quantity of an effect, within physical bounds, with the values that a fit starts from.
+
+    ``prior`` is (value, relative standard deviation) where handbook knowledge bounds what flight data cannot separate.
+    ``none`` is the value at which the effect vanishes, or None if that depends on what is believed.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    starts: tuple[float, ...]
+    prior: tuple[float, float] | None = None
+    none: float | None = None
+
+
+@dataclass(frozen=True)
+class MetGust:
+    """A gust that one record met: it belongs to that record and not to the aircraft.
+
+    Attributes:
+        record: key of the record, see :func:`testbench.questions.gap.evidence.gusts.record_key`.
+        manoeuvre: its name, for people.
+        gust: on the clock of the record, which starts with its first sample.
+    """
+
+    record: str
+    manoeuvre: str
+    gust: Gust
+
+
+Values = Mapping[str, float]
+Amend = Callable[[Aircraft, SensorSuite, Values], tuple[Aircraft, SensorSuite]]
+Shape = Callable[[Sequence[str], FloatArray, float, Aircraft, Values], FloatArray]
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One physical effect that a believed model may lack.
+
+    Attributes:
+        name: short name, as in results.
+        title: name for people.
+        place: part of the aircraft or sensor that it acts in. A second effect in one place is likely the form of the
+            first, which is never quite right.
+        physics: what happens, in two sentences.
+        parameters: what a fit estimates.
+        amend: returns aircraft and suite with the effect added; neither argument is changed.
+        mistaken_for: what it cannot be told from, and when.
+        separated_by: what flight or measurement tells them apart.
+        shape: (controls, commands (n, m) as deviations from trim, sample time, amended aircraft, values) -> what the
+            commands become. It stands for dynamics between command and surface that a linearisation at rest does not
+            see; only differences of linear predictions use it.
+        flown: True if what it changes shows in flights only, not in a linearisation at trim, or costs no flight.
+        lateral: True if only records whose aileron or rudder command moves are asked for it.
+        contains: effects that are special cases of this one.
+        parts: effects of which this one is put together (see :func:`together`); their parameters are this one's, called
+            EFFECT.PARAMETER.
+        met: values -> the gust that one record met; None for all effects that belong to aircraft or sensors.
+        upstream: how far up the path from the pilot's command to the forces it acts (FORCES, LINKAGE, ...). Effects
+            found together act in that order, whichever was found first.
+        looks: number of places that the effect was looked for at (records, times, components), of which the best was
+            taken: thresholds are Bonferroni's over all of them. 0 if it was not found at any.
+    """
+
+    name: str
+    title: str
+    place: str
+    physics: str
+    parameters: tuple[Parameter, ...]
+    amend: Amend
+    mistaken_for: str
+    separated_by: str
+    shape: Shape | None = None
+    flown: bool = False
+    lateral: bool = False
+    contains: tuple[str, ...] = ()
+    parts: tuple[Effect, ...] = ()
+    met: Callable[[Values], MetGust] | None = None
+    looks: int = 1
+    upstream: int = FORCES
+
+    @property
+    def singles(self) -> tuple[Effect, ...]:
+        """Its parts, or itself."""
+        return self.parts or (self,)
+
+    def generalises(self, other: Effect) -> bool:
+        """Return whether ``other`` is a special case of this effect: each of its parts is one here, or of one here."""
+        mine = list(self.singles)
+        for part in other.singles:
+            match = next((m for m in mine if part.name == m.name or part.name in m.contains), None)
+            if match is None:
+                return False
+            mine.remove(match)
+        return self.name != other.name  # not "is": what another process found is a copy
+
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds (p,) of its parameters."""
+        return np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
+
+    def prior_residuals(self, x: FloatArray) -> FloatArray:
+        """Return ln(x / value) / deviation of every parameter that has a prior."""
+        priors = [(v, p.prior) for v, p in zip(x, self.parameters, strict=True) if p.prior]
+        return np.array([np.log(v / value) / deviation for v, (value, deviation) in priors])
+
+    def prior_slopes(self, x: FloatArray) -> FloatArray:
+        """Return d :meth:`prior_residuals` / d parameters, (priors, p)."""
+        rows = [(i, 1.0 / (x[i] * p.prior[1])) for i, p in enumerate(self.parameters) if p.prior]
+        out = np.zeros((len(rows), len(x)))
+        for row, (i, slope) in zip(out, rows, strict=True):
+            row[i] = slope
+        return out
+
+
+def together(*effects: Effect) -> Effect:
+    """Return the effect that consists of ``effects``, each with parameters of its own."""
+    return Effect(
+        name=" + ".join(e.name for e in effects),
+        title=" and ".join(e.title for e in effects),
+        place=" and ".join(e.place for e in effects),
+        physics=" ".join(e.physics for e in effects),
+        parameters=tuple(replace(p, name=f"{e.name}.{p.name}") for e in effects for p in e.parameters),
+        amend=_amend_all,
+        mistaken_for="; ".join(e.mistaken_for for e in effects),
+        separated_by="; ".join(e.separated_by for e in effects),
+        flown=any(e.flown for e in effects),
+        lateral=any(e.lateral for e in effects),
+        parts=effects,
+        looks=math.prod(e.looks for e in effects),
+    )
+
+
+def _amend_all(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    raise ModelError("effects put together must be added one by one (Believed.with_effect), got one call for all")

@@ -1,0 +1,52 @@
+"""A centre of gravity that is not where it is believed."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+
+from testbench.aircraft import Aircraft, Amendment, SetText
+from testbench.core.constants import FT_M
+from testbench.core.errors import ModelError
+from testbench.questions.gap.effects.base import Effect, Parameter, Values
+from testbench.sensors import SensorSuite
+from testbench.sensors.sensor import ACCELEROMETERS
+
+_PATH = "mass_balance/location[@name='CG']"
+_LENGTH_M = {"M": 1.0, "FT": FT_M, "IN": FT_M / 12.0}
+
+
+def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Move the centre of gravity aft (positive) or forward; accelerometers stay where they are in the airframe.
+
+    Raises:
+        ModelError: the model does not say where the centre of gravity is.
+    """
+    shift = values["aft_chords"] * aircraft.geometry.cbar_m
+    location = ET.fromstring(aircraft.xml).find(_PATH)
+    x = None if location is None else location.findtext("x")
+    if location is None or x is None or (location.get("unit") or "").upper() not in _LENGTH_M:
+        raise ModelError(f"{aircraft.name} must say where its centre of gravity is (<location name='CG'>), it does not")
+    moved = float(x) + shift / _LENGTH_M[location.get("unit", "").upper()]
+    sensors = tuple(
+        replace(s, position_m=(s.position_m[0] + shift, *s.position_m[1:])) if s.channel in ACCELEROMETERS else s
+        for s in suite.sensors
+    )
+    text = f"centre of gravity {1000.0 * shift:+.3g} mm aft"
+    amended = aircraft.amended(Amendment("cg_shift", text, (SetText(f"{_PATH}/x", moved),)))
+    return amended, replace(suite, sensors=sensors)
+
+
+EFFECT = Effect(
+    name="cg_shift",
+    title="shift of the centre of gravity",
+    place="pitching moment",
+    physics=(
+        "The centre of gravity lies further aft or forward than believed, so that lift acts with another arm. "
+        "Static stability changes by the shift times the lift slope, and accelerometers sit elsewhere beside it."
+    ),
+    parameters=(Parameter("aft_chords", "chords", -0.3, 0.3, (0.02, -0.02), none=0.0),),
+    amend=amend,
+    mistaken_for="errors of Cm_alpha and Cm0 together; only what exceeds their priors can be named",
+    separated_by="weighing, or a ballast moved by a known distance between two flights",
+)

@@ -1,0 +1,48 @@
+"""A load that nobody mentioned, fuel or payload, away from the centre of gravity."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from testbench.aircraft import Aircraft, Amendment, Insert
+from testbench.questions.gap.effects.base import Effect, Parameter, Values
+from testbench.sensors import SensorSuite
+from testbench.sensors.sensor import ACCELEROMETERS
+
+
+def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Add a point mass; the centre of gravity and the inertia follow, accelerometers stay in the airframe."""
+    load, aft = values["ratio"] * aircraft.mass.mass_kg, values["aft_chords"] * aircraft.geometry.cbar_m
+    total = aircraft.mass.mass_kg + load
+    shift = load / total * aft
+    point = (
+        f'<pointmass name="payload"> <weight unit="KG">{load!r}</weight> '
+        f'<location unit="M"> <x>{aft!r}</x> <y>0</y> <z>0</z> </location> </pointmass>'
+    )
+    sensors = tuple(
+        replace(s, position_m=(s.position_m[0] + shift, *s.position_m[1:])) if s.channel in ACCELEROMETERS else s
+        for s in suite.sensors
+    )
+    mass = replace(aircraft.mass, mass_kg=total)
+    text = f"load of {load:.3g} kg {1000 * aft:+.3g} mm aft of the origin"
+    amended = aircraft.amended(Amendment("payload", text, (Insert("mass_balance", point),)))
+    return replace(amended, mass=mass), replace(suite, sensors=sensors)
+
+
+EFFECT = Effect(
+    name="payload",
+    title="payload or fuel",
+    place="mass",
+    physics=(
+        "A load away from the centre of gravity adds mass, shifts the centre of gravity and adds inertia at once. "
+        "Forces accelerate the aircraft less, and its static stability changes with the shift."
+    ),
+    parameters=(
+        Parameter("ratio", "1", 0.0, 1.0, (0.1,), none=0.0),
+        Parameter("aft_chords", "chords", -2.0, 2.0, (0.5, -0.5)),
+    ),
+    amend=amend,
+    mistaken_for="a mass error if it sits near the centre of gravity; a shift of the centre of gravity if it is light",
+    separated_by="weighing on two scales",
+    contains=("mass_error", "cg_shift"),
+)

@@ -1,0 +1,141 @@
+"""An edit of the control system: what reads a command reads it after further components."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from testbench.aircraft import Insert, Memory
+from testbench.core.errors import ModelError
+
+ELEVATOR = "fcs/elevator-command-rad"
+RUDDER = "fcs/rudder-command-rad"
+THROTTLE = "fcs/throttle-cmd-norm"
+# Least gain, s, of a rate feedback: one of the wrong sign takes damping away, and whoever flies feels it before it is
+# larger. Where a fit asks for more, the feedback only stands for something slow that the library does not hold.
+URGED = -0.02
+_SHORTEST_S = 0.005  # lag that a linear model still tells from none
+_STANDS_STILL = "<gt> <property>simulation/dt</property> <value>0</value> </gt>"
+
+
+@dataclass(frozen=True)
+class Reroute(Insert):
+    """Put the components of ``xml`` (children of its root) before the first component that reads ``command``.
+
+    All that read ``command`` read ``target`` from then on, except the channel of the simulator, which stays the
+    command itself. ``parent`` is not used.
+
+    Attributes:
+        command: JSBSim property.
+        target: property that the components end in.
+        memory: properties to declare, with value 0.
+    """
+
+    command: str = ""
+    target: str = ""
+    memory: tuple[str, ...] = ()
+
+    def apply(self, tree: ET.Element) -> None:
+        """Change ``tree`` in place; ModelError if no component reads the command."""
+        control = tree.find("flight_control")
+        channels = [] if control is None else control.findall("channel")
+        for channel in channels:
+            readers = [c for c in channel if any(_reads(p, self.command) for p in c.iter("property"))]
+            if not readers or control is None:
+                continue
+            for reader in readers:
+                for p in reader.iter("property"):
+                    if _reads(p, self.command):
+                        p.text = self.target
+            place = list(channel).index(readers[0])
+            for i, component in enumerate(ET.fromstring(self.xml)):
+                channel.insert(place + i, component)
+            for name in (*self.memory, self.target):
+                declared = ET.Element("property", {"value": "0"})
+                declared.text = name
+                control.insert(0, declared)
+            return
+        raise ModelError(f"a rerouted command must be read by a component of <flight_control>, got '{self.command}'")
+
+
+def _reads(element: ET.Element, name: str) -> bool:
+    return (element.text or "").strip() == name
+
+
+def reroute(command: str, label: str, body: str, before: Sequence[tuple[str, str]] = ()) -> Reroute:
+    """Return the edit that lets everything behind ``command`` read the JSBSim function ``body`` of it.
+
+    Args:
+        command: property.
+        label: name of the effect; properties are called gap/LABEL and gap/LABEL-NAME.
+        body: XML of one function term.
+        before: (name, body) of memories computed first, in this order; each keeps its value to the next frame.
+    """
+    components = [component(f"gap/{label}-{name}", term) for name, term in before]
+    components.append(component(f"gap/{label}", body))
+    memory = tuple(f"gap/{label}-{name}" for name, _ in before)
+    return Reroute(".", f"<c>{''.join(components)}</c>", None, command, f"gap/{label}", memory)
+
+
+def washed_feedback(command: str, label: str, rate: str, gain_s: float, washout_rad_s: float) -> tuple[Reroute, Memory]:
+    """Return the edit that adds gain times washed-out ``rate``, s / (s + washout) of it, to ``command``, and its state.
+
+    The slow part that is washed out is a first-order lag, exact for a rate held from frame to frame; while time stands
+    still it keeps its value, zero in straight flight.
+    """
+    slow_name = f"gap/{label}-slow"
+    past = f"<exp> {product(value(-washout_rad_s), prop('simulation/dt'))} </exp>"
+    share = f"<difference> <value>1</value> {past} </difference>"
+    fast = f"<difference> {prop(rate)} {prop(slow_name)} </difference>"
+    slow = f"<sum> {prop(slow_name)} {product(share, fast)} </sum>"
+    body = f"<sum> {prop(command)} {product(value(gain_s), fast)} </sum>"
+    return reroute(command, label, body, (("slow", slow),)), Memory(slow_name, rate, slow_name, washout_rad_s)
+
+
+def filtered_feedback(command: str, label: str, rate: str, gain_s: float, lag_s: float) -> tuple[Reroute, Memory]:
+    """Return the edit that adds gain times ``rate`` behind a first-order lag, rate / (1 + lag s), to ``command``, and
+    its state.
+
+    The lag is exact for a rate held from frame to frame; while time stands still it keeps its value, zero in straight
+    flight. With a lag of 0 the rate itself is fed back.
+    """
+    name = f"gap/{label}-filtered"
+    past = f"<exp> {product(value(-1.0 / lag_s), prop('simulation/dt'))} </exp>" if lag_s > 0.0 else value(0.0)
+    share = f"<difference> <value>1</value> {past} </difference>"
+    filtered = f"<sum> {prop(name)} {product(share, f'<difference> {prop(rate)} {prop(name)} </difference>')} </sum>"
+    body = f"<sum> {prop(command)} {product(value(gain_s), prop(name))} </sum>"
+    return reroute(command, label, body, (("filtered", filtered),)), Memory(name, rate, name, corner(lag_s))
+
+
+def corner(time_s: float) -> float:
+    """Return the corner frequency of a lag, rad/s; lags of no more than a few frames have one that is far off."""
+    return 1.0 / max(time_s, _SHORTEST_S)
+
+
+def component(output: str, term: str) -> str:
+    """Return the XML of a component that computes ``term`` into the property ``output`` every frame."""
+    return (
+        f'<fcs_function name="{output}-component"> <function> <sum> {term} <value>0</value> </sum> </function> '
+        f"<output>{output}</output> </fcs_function>"
+    )
+
+
+def prop(name: str) -> str:
+    """Return the XML of a property."""
+    return f"<property>{name}</property>"
+
+
+def value(x: float) -> str:
+    """Return the XML of a number."""
+    return f"<value>{float(x)!r}</value>"
+
+
+def product(*terms: str) -> str:
+    """Return the XML of a product."""
+    return f"<product> {' '.join(terms)} </product>"
+
+
+def moving(term: str, still: str) -> str:
+    """Return the XML of ``term`` while time runs, and of ``still`` while it stands (trim, initial conditions)."""
+    return f"<ifthen> {_STANDS_STILL} {term} {still} </ifthen>"

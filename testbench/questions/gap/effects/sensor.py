@@ -1,0 +1,129 @@
+"""Errors of a sensor: bias, scale, lag, delay, place and leaning, one effect per kind of error and channel."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import partial
+
+from testbench.aircraft import Aircraft
+from testbench.core.channels import channel
+from testbench.questions.gap.effects.base import Effect, Parameter, Values
+from testbench.sensors import Sensor, SensorSuite
+from testbench.sensors.kinds.pitot import Pitot
+from testbench.sensors.triad import Triad
+
+# Bias bounds and starts are for angles and rates in rad and rad/s and for speeds and accelerations in SI alike.
+_KINDS = {
+    "bias": (
+        "bias",
+        Parameter("bias", "SI", -50.0, 50.0, (0.05,), none=0.0),
+        "The sensor reads a constant too much or too little. All other channels agree with the model.",
+        "an error of the trim; and nothing at all where every channel is compared about its own mean",
+        "a static check on the ground, or a kinematic compatibility check of the channels among each other",
+    ),
+    "scale": (
+        "scale error",
+        Parameter("scale", "1", 0.5, 2.0, (1.02,), none=1.0),
+        "A wrong calibration, or for a vane the upwash, makes the sensor read a multiple of the truth. "
+        "Only its channel disagrees, in proportion to the value at every frequency.",
+        "a bias if the quantity hardly moves; an error of coefficients that no other channel shows",
+        "a wider range of the quantity, and another sensor that is tied to it by kinematics",
+    ),
+    "lag": (
+        "lag beyond the believed one",
+        Parameter("lag_s", "s", 0.0, 1.0, (0.03, 0.15), none=0.0),
+        "Inertia, tubing or a filter makes the sensor follow its quantity as a first-order lag. "
+        "Only its channel disagrees, by phase and then by amplitude as the frequency rises.",
+        "a delay of the same sensor while the quantity moves slowly against the lag",
+        "inputs with frequencies beyond 1/lag, where the lag takes amplitude and the delay does not",
+    ),
+    "delay": (
+        "delay beyond the believed one",
+        Parameter("delay_s", "s", 0.0, 0.5, (0.02, 0.1), none=0.0),
+        "Filters, buses or time stamps make the sensor's samples late. "
+        "Only its channel disagrees, by a phase in proportion to frequency and no amplitude.",
+        "a lag of the same sensor while the quantity moves slowly; a delay of the command if all sensors share it",
+        "inputs of high frequency, and a second sensor of another recorder",
+    ),
+    "position": (
+        "place further forward than believed",
+        Parameter("ahead_m", "m", -2.0, 2.0, (0.1, -0.1), none=0.0),
+        "The sensor sits ahead of or behind the place that its readings are taken for. "
+        "It feels the rotation beside what it measures: an accelerometer qdot or rdot, a vane the motion of its boom.",
+        "a lag or a lead of the same sensor at one frequency; a shift of the centre of gravity, for accelerometers",
+        "a tape measure; inputs over a band of frequencies",
+    ),
+    "cross": (
+        "cross sensitivity",
+        Parameter("share", "1", -0.5, 0.5, (0.05, -0.05), none=0.0),
+        "The sensor is not quite aligned, or its port feels more than it should: a share of another quantity leaks in "
+        "(that along another axis into an accelerometer or gyro, alpha into an airspeed). "
+        "Its channel disagrees whenever that other one moves.",
+        "an error of drag or thrust for an accelerometer, a cross derivative for a gyro; a scale error where both "
+        "quantities move together",
+        "a tilt table; thrust steps, or aileron and rudder in turn, which move one quantity and not the other",
+    ),
+}
+# The axis whose quantity leaks into an inertial sensor that leans: of the two others the one that moves more.
+_LEANS_TO = {"ax": "az", "ay": "az", "az": "ax", "p": "r", "q": "r", "r": "p"}
+# kind of error -> the channels that the motion shows it in
+_SHOWN = {"position": ("ay", "az", "alpha", "beta"), "cross": (*_LEANS_TO, "V")}
+_LATERAL = ("ay", "p", "q", "r")  # what leaks into these, or what they are, moves with aileron and rudder only
+
+
+def amend(name: str, kind: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Add the error to what is believed of the sensor; a suite without that channel stays as it is."""
+    sensors = []
+    for s in suite.sensors:
+        if s.channel == name:
+            if kind == "bias":
+                s = replace(s, bias=s.bias + values["bias"])
+            elif kind == "scale":
+                s = replace(s, scale=s.scale * values["scale"])
+            elif kind == "lag":
+                s = replace(s, lag_s=s.lag_s + values["lag_s"])
+            elif kind == "position":
+                ahead, right, down = s.position_m
+                if name in s.PLACED:  # an angle of attack that is corrected to the CG already has no place
+                    s = replace(s, position_m=(ahead + values["ahead_m"], right, down))
+            elif kind == "cross":
+                s = _leaning(s, values["share"])
+            else:
+                s = replace(s, delay_s=s.delay_s + values["delay_s"])
+        sensors.append(s)
+    return aircraft, replace(suite, sensors=tuple(sensors))
+
+
+def _leaning(sensor: Sensor, share: float) -> Sensor:
+    """Return the inertial sensor that feels a share of another axis too, or the pitot tube whose port feels alpha."""
+    if isinstance(sensor, Triad) and sensor.channel in _LEANS_TO:
+        of = sensor.AXES.index(_LEANS_TO[sensor.channel])
+        x, y, z = (c + (share if i == of else 0.0) for i, c in enumerate(sensor.cross_axis))
+        return replace(sensor, cross_axis=(x, y, z))
+    if isinstance(sensor, Pitot):
+        return replace(sensor, static_cp_alpha=sensor.static_cp_alpha + share)
+    return sensor
+
+
+def sensor_effects(channels: Iterable[str]) -> dict[str, Effect]:
+    """Return the errors of the sensors of ``channels``, by name (alpha_scale, q_lag, ...); a heading has no scale."""
+    out = {}
+    for name in channels:
+        for kind, (words, parameter, physics, mistaken_for, separated_by) in _KINDS.items():
+            if (name, kind) == ("psi", "scale") or name not in _SHOWN.get(kind, (name,)):
+                continue
+            unit = channel(name).unit if kind == "bias" else parameter.unit
+            out[f"{name}_{kind}"] = Effect(
+                name=f"{name}_{kind}",
+                title=f"{words} of the {name} sensor",
+                place=f"{name} sensor",
+                physics=physics,
+                parameters=(replace(parameter, unit=unit),),
+                amend=partial(amend, name, kind),
+                lateral=kind == "cross" and name in _LATERAL,
+                mistaken_for=mistaken_for,
+                separated_by=separated_by,
+                flown=True,  # flights do not depend on sensors: those of the model without the error are read again
+            )
+    return out

@@ -1,0 +1,30 @@
+"""A motor stronger or weaker than believed."""
+
+from __future__ import annotations
+
+from testbench.aircraft import Aircraft, Amendment
+from testbench.questions.gap.effects.base import Effect, Parameter, Values
+from testbench.questions.gap.effects.reroute import THROTTLE, product, prop, reroute, value
+from testbench.sensors import SensorSuite
+
+
+def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Multiply what the motor is told; thrust is proportional to it at every speed."""
+    scale = values["scale"]
+    edit = reroute(THROTTLE, "thrust-scale", product(value(scale), prop(THROTTLE)))
+    return aircraft.amended(Amendment("thrust_scale", f"throttle gives {scale:.4g} times the thrust", (edit,))), suite
+
+
+EFFECT = Effect(
+    name="thrust_scale",
+    title="scale of the thrust",
+    place="thrust",
+    physics=(
+        "Motor, battery and propeller give another thrust than the bench said. The same step of the throttle changes "
+        "speed and climb by a multiple, while trim needs another throttle for the same thrust."
+    ),
+    parameters=(Parameter("scale", "1", 0.3, 3.0, (0.8, 1.3), none=1.0),),
+    amend=amend,
+    mistaken_for="a mass error in throttle steps alone; a scale error of the airspeed sensor",
+    separated_by="elevator manoeuvres beside the throttle steps, which feel the mass and not the thrust",
+)

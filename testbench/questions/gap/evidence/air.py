@@ -1,0 +1,226 @@
+"""The air that was flown through: does it move, how much, and residuals as they would be had it stood still.
+
+Turbulence reaches every channel through the aircraft, so that a gap in still air and a gust look alike to a test that
+takes residuals for white noise. Two things tell them apart. A gap needs a command: in the quiet flight before the first
+one it does not show, turbulence does. And turbulence has a known spectrum (Dryden): in a Kalman filter of the believed
+aircraft flying through it, with no more than its rms and height to estimate, the innovations of the residual are white
+with covariance S, and S^(-1/2) times them is white noise of variance one (filter error; R. V. Jategaonkar, Flight
+Vehicle System Identification, 2nd ed., 2015, chapter 5). The filter is linear: what it takes out of a residual it takes
+out of an effect's signature, too, and the likelihoods of hypotheses remain comparable.
+
+Strength and height are found with a steady filter about trim, of which many are tried. Residuals are then whitened by a
+filter along each flight.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from scipy.stats import chi2
+
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.scenario.air import LOWEST_M
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.evidence.commanded import quiet_samples
+from testbench.questions.gap.evidence.gust_filter import FlightFilter, GustFilter
+from testbench.questions.gap.evidence.gust_model import GustModel
+
+FALSE_ALARM = 1e-3  # probability of hearing turbulence in still air
+# Fall of twice the log-likelihood of the quiet flight that turbulence does not survive.
+REFUTED = 2.0 * np.log(1.0 / FALSE_ALARM)
+_RMS_M_S = (0.01, 3.0)  # vertical rms that is looked for
+_HEIGHTS_M = (15.0, 60.0, 250.0, 700.0)  # above ground; all lengths are 1750 ft from 2000 ft on
+
+
+@dataclass(frozen=True)
+class AirFound:
+    """What the residuals say of the air.
+
+    Attributes:
+        moves: True if turbulence was found in the quiet flight.
+        rms_m_s: vertical rms; 0 if it does not move.
+        height_m: above ground, as far as the scale lengths tell it.
+        gain: twice the log-likelihood that turbulence gains in the quiet flight.
+        threshold: what noise alone exceeds with probability FALSE_ALARM.
+        quiet_s: quiet flight that was listened to, all records together.
+        in_quiet: False if it was found over all of the records, where it explains more than any effect.
+    """
+
+    moves: bool
+    rms_m_s: float
+    height_m: float
+    gain: float
+    threshold: float
+    quiet_s: float
+    in_quiet: bool = True
+
+    @property
+    def sentence(self) -> str:
+        """What was found, in words."""
+        heard = f"twice the log-likelihood gains {self.gain:.3g}, threshold {self.threshold:.3g}"
+        if not self.moves:
+            return (
+                f"no turbulence shows in the {self.quiet_s:.3g} s of quiet flight before the commands ({heard}); the "
+                "residuals are held against the noise of the sensors alone"
+            )
+        where = (
+            "the quiet flight before the commands" if self.in_quiet else "the residual, more than any effect explains,"
+        )
+        return (
+            f"the air moved: {where} shows turbulence ({heard}); its rms is {self.rms_m_s:.2g} m/s; every "
+            "test is made on residuals whitened by a Kalman filter of the believed aircraft in it"
+        )
+
+
+def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
+    """Look for turbulence in the quiet flight before the first commands.
+
+    How much of it there is is first taken from there, too: in the manoeuvres coefficients that are off and whatever is
+    missing add to it. :func:`listen_in_flight` and :func:`listen_again` measure it over all records.
+
+    The test is a likelihood ratio of turbulence against none, for which the rms 0 is the edge of what may be: half a
+    chi-square with one degree of freedom (Chernoff 1954). Trim errors and biases are free in both.
+
+    Raises:
+        FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the measured commands.
+        RecordError: a record has less than 0.5 s of quiet flight.
+    """
+    plain = replace(believed, whiten=None)
+    quiet = _quiet(plain, records)
+    height = max(believed.condition.h_m, LOWEST_M)
+    rms, gain = _likeliest(plain, quiet, height)
+    threshold = float(chi2.isf(2.0 * FALSE_ALARM, 1))
+    moves = gain > threshold
+    return AirFound(moves, rms if moves else 0.0, height, gain, threshold, sum(r.duration_s for r, _ in quiet))
+
+
+def measure(model: Believed, records: Sequence[FlightRecord], heard: AirFound) -> AirFound:
+    """Return ``heard`` with the rms and height that make the residuals of ``model`` on ``records`` likeliest.
+
+    Rms and height stand for each other in short records; the height is left as it is unless another one is clearly
+    likelier.
+    """
+    residuals = _plain_residuals(model, records)
+    heights = dict.fromkeys((heard.height_m, *_HEIGHTS_M))
+    found = [(*_likeliest(model, residuals, h), h) for h in heights]
+    best = max(found, key=lambda f: f[1])
+    rms, _, height = found[0] if best[1] - found[0][1] <= REFUTED else best
+    return replace(heard, rms_m_s=rms, height_m=height)
+
+
+def listen_in_flight(tuned: Believed, records: Sequence[FlightRecord], heard: AirFound) -> AirFound:
+    """Return ``heard`` as all of the records have it, re-tuned coefficients in ``tuned``.
+
+    They tell more of the air than a few seconds of quiet flight, but a gap adds to what they tell: what the quiet
+    flight refutes is no air, and ``heard`` is left as it is.
+    """
+    found = measure(tuned, records, heard)
+    return heard if _refuted(tuned, records, found, heard) else found
+
+
+def listen_again(
+    believed: Believed, amended: Believed, records: Sequence[FlightRecord], heard: AirFound, gain: float
+) -> AirFound:
+    """Return what all of the records say of the air, once something was named.
+
+    Where turbulence was heard, its rms is measured anew beside what was named, as a gap adds to it. Where it was not,
+    light turbulence may still be all there is: it does not show in a second or two of quiet flight. It is taken for
+    the better explanation if it gains more likelihood on the believed model than what was named, and if the quiet
+    flight does not refute as much of it: a gap that no effect explains looks like turbulence from the first command on.
+
+    Args:
+        believed: without what was named.
+        amended: with it.
+        records: those that it was named from.
+        heard: what the quiet flight said.
+        gain: fall of chi-square by what was named, 0 if nothing was.
+    """
+    if heard.moves:
+        return measure(amended, records, heard)
+    rms, of_turbulence = _likeliest(believed, _plain_residuals(believed, records), heard.height_m)
+    if of_turbulence <= max(heard.threshold, gain):
+        return heard
+    if _refuted(believed, records, replace(heard, rms_m_s=rms), replace(heard, rms_m_s=0.0)):
+        return heard
+    return measure(believed, records, replace(heard, moves=True, rms_m_s=rms, gain=of_turbulence, in_quiet=False))
+
+
+def misfit(model: Believed, records: Sequence[FlightRecord], air: AirFound) -> float:
+    """Return minus twice the log-likelihood of what ``model`` leaves on ``records``, if they were flown in ``air``.
+
+    But for a constant of the records.
+    """
+    return _misfit(model, _plain_residuals(model, records), air)
+
+
+def _misfit(believed: Believed, residuals: Sequence[tuple[FlightRecord, FloatArray]], air: AirFound) -> float:
+    model = GustModel.at_trim(believed, air.height_m, residuals[0][0].dt_s)
+    return _cost(believed, model, residuals, air.rms_m_s)
+
+
+def _refuted(believed: Believed, records: Sequence[FlightRecord], air: AirFound, other: AirFound) -> bool:
+    """Return whether the quiet flight is so much likelier in the ``other`` air that it was not in ``air``."""
+    quiet = _quiet(replace(believed, whiten=None), records)
+    return _misfit(believed, quiet, air) - _misfit(believed, quiet, other) > REFUTED
+
+
+def _plain_residuals(model: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:
+    plain = replace(model, whiten=None)
+    return [(r, plain.residuals(r)) for r in records]
+
+
+def in_air(believed: Believed, air: AirFound, along: Believed | None = None) -> Believed:
+    """Return ``believed`` with residuals that are white in ``air``; as it is if the air stands still.
+
+    The turbulence works on the flights of ``along``, those of ``believed`` if that is not given.
+    """
+    if not air.moves:
+        return believed
+    flown = replace(along or believed, whiten=None)
+    return replace(believed, whiten=FlightFilter(flown, air.rms_m_s, air.height_m).whiten)
+
+
+def _quiet(plain: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:
+    """Return the flight before the first command of every record, and its residuals: at trim, but for the means."""
+    out = []
+    for record in records:
+        n = quiet_samples(record)
+        start = record.between(float(record.t_s[0]), float(record.t_s[n - 1]) + 0.5 * record.dt_s)
+        out.append((start, plain.in_noise_units(start, start.columns(plain.outputs))))
+    return out
+
+
+def _likeliest(
+    believed: Believed, residuals: Sequence[tuple[FlightRecord, FloatArray]], height_m: float
+) -> tuple[float, float]:
+    """Return the rms that is likeliest at one height, and twice the log-likelihood that it gains over none."""
+    model = GustModel.at_trim(believed, height_m, residuals[0][0].dt_s)
+
+    def cost(log_rms: float) -> float:
+        return _cost(believed, model, residuals, float(np.exp(log_rms)))
+
+    low, high = np.log(_RMS_M_S)
+    grid = np.linspace(low, high, 9)
+    costs = [cost(x) for x in grid]
+    k = int(np.argmin(costs))
+    bounds = (grid[max(k - 1, 0)], grid[min(k + 1, grid.size - 1)])
+    found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 0.02})
+    return float(np.exp(found.x)), max(_cost(believed, model, residuals, 0.0) - float(found.fun), 0.0)
+
+
+def _cost(
+    believed: Believed, model: GustModel, residuals: Sequence[tuple[FlightRecord, FloatArray]], rms_m_s: float
+) -> float:
+    """Return minus twice the log-likelihood of residuals in units of the noise at an rms, but for a constant."""
+    filters: dict[tuple[int, bytes], GustFilter] = {}
+    total = 0.0
+    for record, r in residuals:
+        taken = believed.taken(record)
+        key = (len(taken), taken.tobytes())
+        if key not in filters:
+            filters[key] = GustFilter.of(model, rms_m_s, taken)
+        total += float(np.sum(filters[key].whiten(r) ** 2)) + filters[key].log_det
+    return total

@@ -1,0 +1,190 @@
+"""Check the data first: errors of instruments and wind from kinematics alone, before any aerodynamics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+
+from testbench.core.errors import ChannelError, EstimationError
+from testbench.core.record import FlightRecord
+from testbench.estimators import data_compatibility
+from testbench.estimators.data_compatibility import DataCompatibility, InstrumentError
+from testbench.estimators.parametric.kinematics import INPUTS, OUTPUTS, motion_of
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.evidence.commanded import moves_laterally
+from testbench.questions.gap.search.parallel import spread
+from testbench.sensors import Sensor
+from testbench.sensors.sensor import ACCELEROMETERS, ROTATION
+
+PIECE_S = (
+    8.0  # records are cut into pieces of no more: the noise of the inertial unit, integrated, does not add up over
+)
+FALSE_ALARM = 0.01  # probability of finding any error of an instrument where there is none
+_INERTIAL = ("p", "q", "r", "ax", "ay", "az")
+# Of sensors that drift, sit ahead, sample slowly or keep another clock so many believed flights are measured, too, and
+_FLIGHTS = 3
+_BEYOND = 2.0  # an error is news beyond so many times the largest that these show
+_FELT = 1e-3  # part of another channel, or of its own, that a sensor which kinematics know all of does not feel
+_GRAVITY = 0.05  # m/s2, by which an accelerometer's bias may be local gravity
+
+
+@dataclass(frozen=True, eq=False)
+class DataCheck:
+    """What the instruments say of each other, set against what is believed of them.
+
+    Attributes:
+        result: errors of the instruments, or None if the records cannot be checked.
+        why_not: why they cannot.
+        news: errors that the believed suite does not hold, and what it holds: biases and scales beyond those believed,
+            lags and delays as a whole.
+    """
+
+    result: DataCompatibility | None
+    why_not: str
+    news: tuple[tuple[InstrumentError, float], ...]
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What was found, in words."""
+        if self.result is None:
+            return (f"the instruments could not be checked against each other: {self.why_not}",)
+        checked = ", ".join((*self.result.structure.inputs, *self.result.structure.outputs))
+        if not self.news:
+            out = [f"the instruments ({checked}) agree with each other, but for errors that are believed already"]
+        else:
+            out = [
+                f"kinematics alone, without any aerodynamics, say that {error.words} "
+                f"({_beside(error.name, value)}{error.significance:.1f} standard errors)"
+                + (f"; as well explained by: {' or '.join(error.alternatives)}" if error.alternatives else "")
+                for error, value in self.news
+            ]
+        untold = [n for n in self.result.not_identifiable if n.rpartition("_")[2] in ("scale", "lag", "delay")]
+        if untold:
+            out.append(f"these manoeuvres do not tell {', '.join(untold)}")
+        return (*out, *(a for a in self.result.advice if "not steady" in a or "did not settle" in a))
+
+    def says(self, channel: str) -> tuple[str, ...]:
+        """Return what was found of one channel's sensor, in words."""
+        return tuple(e.words for e, _ in self.news if e.name.rpartition("_")[0] == channel)
+
+
+def check_data(believed: Believed, records: Sequence[FlightRecord]) -> DataCheck:
+    """Hold the records against rigid-body kinematics, less what is believed of the biases and scales of the sensors.
+
+    A lag and a delay are taken together: kinematics tell their sum better than either. Without a forward accelerometer,
+    a vane and an attitude that are off by the same angle look like an aircraft turned by it, almost: the attitude is
+    believed then. Where aileron or rudder moves, kinematics that hold the wings level would blame the instruments:
+    those of the lateral motion are taken, or of all axes if every channel for them is there.
+
+    Kinematics know bias, scale, lag and delay of sensors at the centre of gravity of a rigid body. What believed
+    sensors do beside that, drift, sit ahead, sample slowly, looks like one of these errors. Where there is any of it,
+    the believed flights are measured with the believed sensors, too, and what these show is no news.
+    """
+    try:
+        result = _estimated(believed, records)
+        plain = all(_is_plain(s, believed.trimmed.state) for s in believed.suite.sensors)
+        shown = {} if plain else _shown(believed, records)
+    except (ChannelError, EstimationError) as error:
+        return DataCheck(None, str(error), ())
+    sensors = {s.channel: s for s in believed.suite.sensors}
+    # A lag that is found is one behind the inertial unit, whose own lag it is short of.
+    inertial = max(_believed(sensors.get(n), "lag") for n in result.structure.inputs if n in _INERTIAL)
+    news = []
+    for found in result.errors:
+        of, _, kind = found.name.rpartition("_")
+        value = _believed(sensors.get(of), kind)
+        none = value if kind in ("lag", "delay") else 1.0 if kind == "scale" else 0.0
+        slack = _GRAVITY if kind == "bias" and of in ("ax", "ay", "az") else 0.0
+        if kind in ("lag", "delay"):
+            slack = inertial
+        away = abs(found.estimate - none) - slack - _BEYOND * shown.get(found.name, 0.0)
+        if away > result.diagnostics["threshold"] * found.standard_error:
+            news.append((found, value))
+    return DataCheck(result, "", tuple(news))
+
+
+def _estimated(believed: Believed, records: Sequence[FlightRecord]) -> DataCompatibility:
+    """Return what kinematics say of the instruments of ``records``.
+
+    Raises:
+        ChannelError, EstimationError: they cannot be asked.
+    """
+    pieces = [piece for record in records for piece in _cut(_corrected(believed, record))]
+    common = [n for n in records[0].channels if all(n in r for r in records)]
+    positions = {
+        s.channel: s.position_m for s in believed.suite.sensors if s.channel in ("ax", "ay", "az") and any(s.position_m)
+    }
+    motion = motion_of(common)
+    if motion != "full" and moves_laterally(records):
+        motion = "lateral"
+    without = ("theta_bias",) if motion == "vertical" else ()
+    return data_compatibility.estimate(
+        pieces, motion=motion, without=without, positions_m=positions or None, false_alarm=FALSE_ALARM
+    )
+
+
+def _is_plain(sensor: Sensor, trim: Mapping[str, float]) -> bool:
+    """Return whether kinematics know all that a sensor does at a trim; of what they do not ask, there is nothing to."""
+    if sensor.channel not in (*INPUTS["full"], *OUTPUTS["full"]):
+        return True
+    wanders = sensor.drift_std > 0.0 or sensor.bias_walk > 0.0
+    clock = sensor.rate_hz or sensor.clock_offset_s or sensor.clock_ppm
+    known = (sensor.channel, *(ROTATION if sensor.channel in ACCELEROMETERS else ()))
+    felt = sensor.weights(trim)
+    other = max((abs(w) for n, w in felt.items() if n not in known), default=0.0)
+    return not (wanders or clock or max(other, abs(felt[sensor.channel] - 1.0)) > _FELT)
+
+
+def _shown(believed: Believed, records: Sequence[FlightRecord]) -> dict[str, float]:
+    """Return error -> the largest that kinematics find of it in believed flights of these commands, SI."""
+    flown, out = [believed.flown(record) for record in records], dict[str, float]()
+
+    def found(k: int) -> DataCompatibility:
+        seeds = range(k * len(flown), (k + 1) * len(flown))
+        return _estimated(believed, [believed.suite.measure(f, s) for f, s in zip(flown, seeds, strict=True)])
+
+    for result in spread([partial(found, k) for k in range(_FLIGHTS)]):
+        for error in {e.name: e for e in (*result.tested, *result.errors)}.values():
+            none = 1.0 if error.name.endswith("_scale") else 0.0
+            out[error.name] = max(out.get(error.name, 0.0), abs(error.estimate - none))
+    return out
+
+
+def _corrected(believed: Believed, record: FlightRecord) -> FlightRecord:
+    """Return the record less the biases and scales that are believed of its sensors."""
+    return record.with_columns(
+        {
+            s.channel: (record[s.channel] - s.bias) / s.scale
+            for s in believed.suite.sensors
+            if s.channel in record and (s.bias, s.scale) != (0.0, 1.0)
+        }
+    )
+
+
+def _beside(name: str, value: float) -> str:
+    """Return what is believed of an error already, in words, if anything is."""
+    kind = name.rpartition("_")[2]
+    if value == (1.0 if kind == "scale" else 0.0):
+        return ""
+    return f"believed: {value:.3g} s; " if kind in ("lag", "delay") else f"beyond the {value:.3g} believed; "
+
+
+def _cut(record: FlightRecord) -> list[FlightRecord]:
+    """Return the record in pieces of equal length, none longer than PIECE_S."""
+    count = max(1, math.ceil(record.duration_s / PIECE_S))
+    ends = np.linspace(float(record.t_s[0]), float(record.t_s[-1]) + record.dt_s, count + 1)
+    return [record.between(a, b) for a, b in pairwise(ends.tolist())]
+
+
+def _believed(sensor: Sensor | None, kind: str) -> float:
+    """Return what is believed of one error; the wind is believed to be none."""
+    if sensor is None:
+        return 0.0
+    if kind in ("lag", "delay"):
+        return sensor.lag_s + sensor.delay_s
+    return float(getattr(sensor, kind))

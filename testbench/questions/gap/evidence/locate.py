@@ -1,0 +1,226 @@
+"""Where simulation and measurement disagree: residual energy by manoeuvre, channel, time, frequency, region."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from testbench.core.channels import channel
+from testbench.core.constants import DEG_RAD
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.questions.gap.evidence.commanded import moves_laterally
+
+BANDS_HZ = ((0.0, 0.5), (0.5, 1.5), (1.5, 3.0), (3.0, 6.0), (6.0, 12.0), (12.0, 50.0))
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualMap:
+    """Residual energy of one manoeuvre in units of the noise energy: 1 everywhere if the model is right.
+
+    Attributes:
+        manoeuvre: name.
+        channels: (p,) outputs.
+        by_band: (bands, p) mean squared residual within each frequency band.
+        by_time: (windows, p) mean squared residual within each window of ``window_s``.
+        window_s: length of a window, s.
+    """
+
+    manoeuvre: str
+    channels: tuple[str, ...]
+    by_band: FloatArray
+    by_time: FloatArray
+    window_s: float
+
+    @property
+    def sentence(self) -> str:
+        """Channel, time and band of the largest residual, in words."""
+        window, channel = np.unravel_index(int(np.argmax(self.by_time)), self.by_time.shape)
+        band = BANDS_HZ[int(np.argmax(self.by_band[:, channel]))]
+        return (
+            f"{self.manoeuvre}: largest in {self.channels[int(channel)]}, {window * self.window_s:.0f} to "
+            f"{(window + 1) * self.window_s:.0f} s, {band[0]:g} to {band[1]:g} Hz, "
+            f"{self.by_time[window, channel]:.3g} times the noise"
+        )
+
+
+def locate(
+    name: str,
+    residuals: FloatArray,
+    channels: Sequence[str],
+    dt_s: float,
+    taken: NDArray[np.bool_] | None = None,
+    window_s: float = 1.0,
+) -> ResidualMap:
+    """Return where the residuals (n, p), in units of the noise, have their energy.
+
+    ``taken`` (n, p) says which samples were; the others are zero. A window without any has no energy.
+    """
+    n, p = residuals.shape
+    counted = np.ones((n, p), bool) if taken is None else taken
+    frequency, power = _periodogram(residuals, dt_s)
+    power = power / np.maximum(counted.mean(axis=0), 1.0 / n)
+    by_band = np.zeros((len(BANDS_HZ), p))
+    for b, (low, high) in enumerate(BANDS_HZ):
+        inside = (frequency > low) & (frequency <= high)
+        if inside.any():
+            by_band[b] = power[inside].mean(axis=0)
+    length = min(n, max(1, round(window_s / dt_s)))
+    windows = [slice(i, i + length) for i in range(0, n - length + 1, length)]
+    by_time = np.stack([(residuals[w] ** 2).sum(axis=0) / np.maximum(counted[w].sum(axis=0), 1) for w in windows])
+    return ResidualMap(name, tuple(channels), by_band, by_time, length * dt_s)
+
+
+def _periodogram(residuals: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies (f,), Hz, and power (f, p), which white noise of unit variance has as 1 in every bin."""
+    n = len(residuals)
+    return np.asarray(np.fft.rfftfreq(n, dt_s), float), np.abs(np.fft.rfft(residuals, axis=0)) ** 2 / n
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Where residuals hold more energy than white noise would, all manoeuvres together.
+
+    Attributes:
+        channel: output.
+        band_Hz: (low, high).
+        energy: mean squared residual within it, 1 is the noise.
+        probability: that white noise holds as much in any channel and band (Bonferroni's bound).
+    """
+
+    channel: str
+    band_Hz: tuple[float, float]
+    energy: float
+    probability: float
+
+    @property
+    def sentence(self) -> str:
+        """What that says of a name, in words."""
+        low, high = self.band_Hz
+        return (
+            f"what it leaves is not white: {self.channel} holds {self.energy:.3g} times the noise between {low:g} and "
+            f"{high:g} Hz, which noise alone would once in {1.0 / max(self.probability, 1e-99):.2g} cases. Its form is "
+            "not quite right, or an effect that works like it is the truth"
+        )
+
+
+def structure(
+    residuals: Sequence[FloatArray],
+    channels: Sequence[str],
+    dt_s: float,
+    false_alarm: float,
+    taken: Sequence[NDArray[np.bool_]] | None = None,
+) -> Structure | None:
+    """Return the channel and band in which residuals (n, p) are least like white noise; None if they may be noise.
+
+    Periodograms of white noise of unit variance are half a chi-square of two degrees of freedom in each bin between
+    mean and Nyquist frequency, independent of one another (Priestley 1981, section 6.1); their sums over a band are
+    compared with that, p times the number of bands at once. Of a channel of which samples were not taken, see
+    :func:`locate`, the bins are not independent, and it is not looked at.
+    """
+    whole = [k for k in range(len(channels)) if all(t[:, k].all() for t in taken or ())]
+    if not whole:
+        return None
+    residuals, channels = [r[:, whole] for r in residuals], [channels[k] for k in whole]
+    sums, bins = np.zeros((len(BANDS_HZ), len(channels))), np.zeros(len(BANDS_HZ))
+    for r in residuals:
+        frequency, power = (x[1 : (len(r) + 1) // 2] for x in _periodogram(r, dt_s))
+        for b, (low, high) in enumerate(BANDS_HZ):
+            inside = (frequency > low) & (frequency <= high)
+            sums[b] += power[inside].sum(axis=0)
+            bins[b] += inside.sum()
+    p = chi2.sf(2.0 * sums, 2.0 * np.maximum(bins, 1.0)[:, None])
+    band, c = divmod(int(np.argmin(p)), len(channels))
+    probability = min(1.0, float(p[band, c]) * p.size)
+    if probability > false_alarm:
+        return None
+    return Structure(channels[c], BANDS_HZ[band], float(sums[band, c] / bins[band]), probability)
+
+
+_REGIONS = ("alpha", "V", "q", "de_cmd", "thr_cmd")
+_LATERAL_REGIONS = ("beta", "p", "r", "da_cmd", "dr_cmd")
+_BINS = 6
+_SMOOTH_S = 0.2  # the measured region is smoothed over this time: its own noise must not pick the bin
+_FEWEST = 20  # samples in a bin that says anything
+
+
+@dataclass(frozen=True, eq=False)
+class RegionMap:
+    """Residual energy over one quantity of the flight, all manoeuvres together, in units of the noise energy.
+
+    Attributes:
+        quantity: channel that was measured or commanded.
+        edges: (b + 1,) edges of the bins, SI.
+        channels: (p,) outputs.
+        energy: (b, p) mean squared residual in each bin; NaN where there are too few samples.
+        samples: (b,) number of samples.
+    """
+
+    quantity: str
+    edges: FloatArray
+    channels: tuple[str, ...]
+    energy: FloatArray
+    samples: FloatArray
+
+    @property
+    def contrast(self) -> float:
+        """Largest energy of a bin over that of the whole, over all channels; 0 if there is but one bin."""
+        if np.isfinite(self.energy).any(axis=1).sum() < 2:
+            return 0.0
+        weights = self.samples[:, None] / self.samples.sum()
+        whole = np.nansum(self.energy * weights, axis=0)
+        return float(np.nanmax((self.energy - 1.0) / np.maximum(np.max(whole), 1.0)))
+
+    @property
+    def sentence(self) -> str:
+        """Where in the flight envelope the residual is largest, in words."""
+        b, c = np.unravel_index(int(np.nanargmax(self.energy)), self.energy.shape)
+        low, high = self.edges[int(b)], self.edges[int(b) + 1]
+        unit = channel(self.quantity).unit
+        factor, shown = (1.0 / DEG_RAD, unit.replace("rad", "deg")) if unit.startswith("rad") else (1.0, unit)
+        return (
+            f"over the flight region it is largest at {self.quantity} from {low * factor:.3g} to {high * factor:.3g}"
+            f"{'' if shown == '1' else ' ' + shown}: {self.energy[b, c]:.3g} times the noise in {self.channels[int(c)]}"
+        )
+
+
+def locate_regions(
+    records: Sequence[FlightRecord],
+    residuals: Sequence[FloatArray],
+    channels: Sequence[str],
+    taken: Sequence[NDArray[np.bool_]] | None = None,
+) -> tuple[RegionMap, ...]:
+    """Return where in alpha, V, pitch rate, elevator and throttle the residuals (n, p) have their energy.
+
+    Where aileron or rudder moves, sideslip, roll and yaw rate and these two are looked at, too. A quantity that no
+    record holds, or that hardly moves, is left out. ``taken`` (n, p) as for :func:`locate`.
+    """
+    energy = np.concatenate([r**2 for r in residuals])
+    counted = np.concatenate([np.ones(r.shape) for r in residuals] if taken is None else [t * 1.0 for t in taken])
+    out = []
+    for name in (*_REGIONS, *(_LATERAL_REGIONS if moves_laterally(records) else ())):
+        if not all(name in r for r in records):
+            continue
+        x = np.concatenate([_smooth(r[name], r.dt_s) for r in records])
+        low, high = np.percentile(x, [0.5, 99.5])
+        if high - low < 1e-6:
+            continue
+        edges = np.linspace(low, high, _BINS + 1)
+        index = np.clip(np.digitize(x, edges) - 1, 0, _BINS - 1)
+        samples = np.bincount(index, minlength=_BINS).astype(float)
+        sums, counts = (np.stack([np.bincount(index, x, _BINS) for x in y.T], axis=1) for y in (energy, counted))
+        mean = np.where(counts >= _FEWEST, sums / np.maximum(counts, 1.0), np.nan)
+        if not np.isfinite(mean).any():  # records so short that no bin says anything
+            continue
+        edges = np.where(np.abs(edges) < 1e-6 * (high - low), 0.0, edges)  # rounding would be printed
+        out.append(RegionMap(name, edges, tuple(channels), mean, samples))
+    return tuple(out)
+
+
+def _smooth(x: FloatArray, dt_s: float) -> FloatArray:
+    length = max(1, round(_SMOOTH_S / dt_s))
+    padded = np.pad(x, (length // 2, length - 1 - length // 2), mode="edge")
+    return np.convolve(padded, np.full(length, 1.0 / length), mode="valid")

@@ -1,0 +1,126 @@
+"""What was amended as files: an aircraft folder of the testbench with a model that stock JSBSim loads, or the air."""
+
+from __future__ import annotations
+
+import json
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from testbench.aircraft import Aircraft, ElasticMode
+from testbench.core.paths import AIRCRAFT_MODELS
+from testbench.flight import FlightCondition
+from testbench.questions.gap.effects.base import MetGust
+
+AIRFRAME = "airframe.xml"  # of a folder whose modes are in aircraft.toml: the same model without their equations
+_HEADER = re.compile(r"^\s*\[\[?([^\]]+)\]\]?", re.MULTILINE)
+
+
+def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: FlightCondition) -> dict[str, str]:
+    """Return path -> text of the folder of ``aircraft``, amendments included.
+
+    NAME.xml is the whole model: stock JSBSim loads and flies it, at ``rate_hz`` frames per second, since delays, servos
+    of second order, memories of the flow and elastic modes count frames; equations of elastic modes are made for
+    ``condition``. aircraft.toml makes a folder of the testbench of it; where
+    there are modes it lists them and names airframe.xml, which lacks their equations, as they are written anew for
+    every rate and condition.
+
+    Args:
+        aircraft: the amended aircraft.
+        name: of the folder in aircraft_models/ that it was made from.
+        rate_hz: frame rate.
+        condition: that the elastic equations are made for.
+    """
+    modes = aircraft.flown_modes()
+    note = f"<!-- Made for {rate_hz:g} frames a second: delays and filters in it count frames. -->\n"
+    out = {f"{name}.xml": _one_factor(aircraft.model_xml(rate_hz, condition.qbar_Pa, condition.V_m_s), note)}
+    if modes is not None and len(modes):
+        bare = tuple(replace(a, modes=()) for a in aircraft.amendments)
+        rigid = replace(aircraft, elastic=None, amendments=bare)
+        out[AIRFRAME] = _one_factor(rigid.model_xml(rate_hz, condition.qbar_Pa, condition.V_m_s), note)
+    out["aircraft.toml"] = _description(
+        (AIRCRAFT_MODELS / name / "aircraft.toml").read_text(encoding="utf-8"),
+        aircraft,
+        AIRFRAME if AIRFRAME in out else f"{name}.xml",
+        rate_hz,
+    )
+    return out | {f"Engines/{file}": text for file, text in aircraft.engine_files.items()}
+
+
+def air_text(met: MetGust) -> str:
+    """Return the air that one manoeuvre met as the table of a scenario that flies it."""
+    gust = met.gust
+    size = {"duration_s": gust.duration_s} if gust.duration_s is not None else {"length_m": gust.length_m}
+    values = {"amplitude_m_s": gust.amplitude_m_s, "start_s": gust.start_s, **size}
+    lines = [
+        f"# Written by the gap workflow. The air that manoeuvre {json.dumps(met.manoeuvre)} met, and no other one.",
+        "# start_s counts from the first sample of its record; a scenario counts from the end of its settling time.",
+        "[air.gust]",
+        f"axis = {json.dumps(gust.axis)}",
+        *(f"{name} = {float(value or 0.0)!r}" for name, value in values.items()),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _one_factor(xml: str, note: str) -> str:
+    """Return a model, with a note, whose coefficients have one number each again: re-tuning multiplies by a second."""
+    tree = ET.fromstring(xml)
+    for function in tree.iter("function"):
+        product = function.find("product")
+        if product is None or not (function.get("name") or "").startswith("aero/coefficient/"):
+            continue
+        values = product.findall("value")
+        if len(values) < 2:
+            continue
+        values[0].text = repr(float(np.prod([float(v.text or "nan") for v in values])))
+        for v in values[1:]:
+            product.remove(v)
+    ET.indent(tree)
+    return '<?xml version="1.0"?>\n' + note + ET.tostring(tree, encoding="unicode") + "\n"
+
+
+def _description(text: str, aircraft: Aircraft, model: str, rate_hz: float) -> str:
+    """Return the text of an aircraft.toml with another model and rate, and with the modes that ``aircraft`` flies."""
+    headers = list(_HEADER.finditer(text))
+    ends = [*(h.start() for h in headers[1:]), len(text)]
+    kept = text[: headers[0].start()] if headers else text
+    for header, end in zip(headers, ends, strict=False):
+        if header[1].split(".")[0].strip() != "elastic":
+            kept += text[header.start() : end]
+    amended = "; ".join(a.description for a in aircraft.amendments if a.description)
+    if amended:
+        kept = re.sub(r'^title = "(.*)"', lambda m: f'title = "{m[1]}; amended"', kept, count=1, flags=re.MULTILINE)
+    kept = re.sub(r"^model = .*$", f"model = {json.dumps(model)}", kept, count=1, flags=re.MULTILINE)
+    kept = re.sub(
+        r"^rate_hz = ([\d.]+).*$",  # what a comment says is said of the rate that it stands beside
+        lambda m: m[0] if float(m[1]) == rate_hz else f"rate_hz = {rate_hz!r}",
+        kept,
+        count=1,
+        flags=re.MULTILINE,
+    )
+    head = f"# Written by the gap workflow. Amended: {amended}.\n" if amended else ""
+    modes = aircraft.flown_modes()
+    if modes is None or not len(modes):
+        return head + kept.rstrip() + "\n"
+    lines = ["", "[elastic]", f"stations_m = {list(modes.stations_m)}"]
+    for mode in modes.modes:
+        lines += ["", "[[elastic.mode]]", *_mode(mode)]
+    return head + kept.rstrip() + "\n" + "\n".join(lines) + "\n"
+
+
+def _mode(mode: ElasticMode) -> list[str]:
+    out = [f"name = {json.dumps(mode.name)}", f"symmetry = {json.dumps(mode.symmetry)}"]
+    out += [f"{key} = {float(getattr(mode, key))!r}" for key in ("f_hz", "zeta", "mass_kg_m2")]
+    for key in ("force", "force_eta", "force_etadot", "effect_eta", "effect_etadot"):
+        values: Mapping[object, float] = getattr(mode, key)
+        if values:
+            out.append(f"{key} = {{ " + ", ".join(f'"{k}" = {float(v)!r}' for k, v in values.items()) + " }")
+    if mode.shape is not None:
+        parts = ", ".join(
+            f"{key} = {list(getattr(mode.shape, key))}" for key in ("bend_m", "twist_rad", "curvature_1_m")
+        )
+        out.append(f"shape = {{ {parts} }}")
+    return out

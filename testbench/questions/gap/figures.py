@@ -1,0 +1,337 @@
+"""The figures of the gap workflow: where the residual sits, which effect explains it, before and after."""
+
+from __future__ import annotations
+
+import textwrap
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from testbench.page.labels import axis_label, shown_unit, symbol
+from testbench.page.plot import (
+    BAND,
+    COLOURS,
+    FAINT,
+    INK,
+    MEASURED,
+    QUIET,
+    Plate,
+    envelope,
+    grid,
+    label,
+    legend,
+    legend_in,
+    line_handles,
+    log_axis,
+    new_figure,
+    time_axis,
+)
+from testbench.questions.gap.evidence.locate import BANDS_HZ
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from testbench.core.record import FloatArray
+    from testbench.questions.gap.case import GapResult
+    from testbench.questions.gap.evidence.locate import ResidualMap
+    from testbench.questions.gap.result import Shrink
+
+_TOP_ENERGY = 100.0  # residual energies from 1 (noise) to this span the colour scale
+_BEFORE, _AFTER = COLOURS[1], COLOURS[0]
+_BEFORE_DASH, _AFTER_DASH, _FLOOR_DASH = (0, (5, 1.5)), "-", (0, (2, 2))  # told apart in grey print too
+_MODELS = (("believed model", _BEFORE, _BEFORE_DASH), ("amended model", _AFTER, _AFTER_DASH))
+_MOST_FORCES = 3  # manoeuvres side by side
+_SEGMENTS = 8  # of a residual spectrum, averaged
+
+
+def gap_plates(result: GapResult) -> list[Plate]:
+    """Return the figures of a gap case: maps, ranking, and before and after on each held-out manoeuvre."""
+    out = [_answer_plate(result)] if result.finding.shrink and result.finding.changed else []
+    out += [_map_plate(result), _region_plate(result)] if result.finding.regions else [_map_plate(result)]
+    if result.finding.forces:
+        out.append(_force_plate(result))
+    if any(f.gain > 0.0 for f in result.finding.naming.ranking):
+        out.append(_ranking_plate(result))
+    if result.finding.changed:
+        for k, shrink in enumerate(result.finding.shrink, 1):
+            out += [_history_plate(result, shrink, k), _spectrum_plate(result, shrink, k)]
+    return out
+
+
+def _answer_plate(result: GapResult) -> Plate:
+    """Return the one figure that shows the answer: the worst held-out channel, and all channels' energies."""
+    finding = result.finding
+    shrink = max(finding.shrink, key=lambda s: float(s.energy_before.max()))
+    outputs = finding.believed.outputs
+    k = int(np.argmax(shrink.energy_before))
+    t = shrink.record.t_s
+
+    def make(wide: bool) -> Figure:
+        """Draw measurement and both models beside the energies of their residuals."""
+        handles = line_handles([], [("measured", MEASURED), *_MODELS])
+        top = legend_in([h.get_label() for h in handles], wide) + 0.28
+        heights = [2.1] if wide else [1.9, 0.28 * len(outputs) + 0.2]
+        figure = new_figure(wide, top + sum(heights) + 0.62 * (len(heights) - 1) + 0.55)
+        panels = grid(figure, top, heights, (1.6, 1.0) if wide else (1.0,), gap_in=0.62, between_in=0.75).ravel()
+        axes, bars = panels[0], panels[1]
+        factor = shown_unit(outputs[k])[0]
+        axes.plot(*envelope(t, factor * shrink.record[outputs[k]]), color=MEASURED, linewidth=1.0)
+        axes.plot(t, factor * shrink.before[:, k], color=_BEFORE, linestyle=_BEFORE_DASH, linewidth=1.3)
+        axes.plot(t, factor * shrink.after[:, k], color=_AFTER, linewidth=1.3)
+        label(axes, "t, s", axis_label(outputs[k]), shrink.manoeuvre)
+        time_axis(axes)
+        rows = np.arange(len(outputs))
+        low = 0.5
+        open_bar, full_bar = {"facecolor": "white", "edgecolor": _BEFORE, "linewidth": 1.2}, {"color": _AFTER}
+        for energy, look, shift in ((shrink.energy_before, open_bar, -0.19), (shrink.energy_after, full_bar, 0.19)):
+            bars.barh(rows + shift, np.maximum(energy - low, 0.0), left=low, height=0.34, **look)
+        bars.axvline(1.0, color=INK, linewidth=0.9, linestyle=_FLOOR_DASH)
+        bars.set_yticks(rows, [symbol(o) for o in outputs])
+        bars.set_ylim(len(outputs) - 0.4, -0.6)
+        bars.grid(axis="y", visible=False)
+        bars.set_xlim(low, max(2.0, 1.5 * float(shrink.energy_before.max())))
+        log_axis(bars, "x", powers=False)
+        label(bars, "mean squared residual, noise = 1")
+        legend(figure, handles)
+        return figure
+
+    caption = (
+        f"The manoeuvre '{shrink.manoeuvre}' was used neither to name nor to fit. Left: {symbol(outputs[k])}, in which "
+        "the believed model is furthest off. Right: residuals of all channels, open bars those of the believed model; "
+        "the dashed line is the noise floor."
+    )
+    return Plate("answer", "What the amendment does to a flight that it has not seen", caption, make)
+
+
+def _region_plate(result: GapResult) -> Plate:
+    """Return maps of residual energy over the flight region: one quantity per panel, channel by bin."""
+    regions = result.finding.regions
+
+    def make(wide: bool) -> Figure:
+        """Draw one map per quantity."""
+        per_row = min(3, len(regions)) if wide else 1
+        rows = -(-len(regions) // per_row)
+        height = 0.19 * len(regions[0].channels) + 0.25
+        figure = new_figure(wide, 0.95 + rows * height + (rows - 1) * 0.66 + 0.55)
+        panels = grid(figure, 0.95, [height] * rows, (1.0,) * per_row, gap_in=0.66, between_in=0.55).ravel()
+        image = None
+        for axes in panels[len(regions) :]:
+            axes.set_visible(False)
+        for axes, region in zip(panels, regions, strict=False):
+            image = _draw_energy(axes, region.channels, region.energy)
+            factor = shown_unit(region.quantity)[0]
+            ticks = [0, len(region.edges) // 2, len(region.edges) - 1]
+            axes.set_xticks([k - 0.5 for k in ticks], [f"{factor * region.edges[k]:.3g}" for k in ticks])
+            label(axes, axis_label(region.quantity))
+        _energy_bar(figure, image)
+        return figure
+
+    caption = (
+        "The same residuals by where in the flight envelope they were measured, all manoeuvres together: angle of "
+        "attack, airspeed, pitch rate, and the commands. A gap that sits at one end of a quantity depends on it; grey "
+        "holds too few samples."
+    )
+    return Plate("residual_regions", "Where in the flight region the residual sits", caption, make)
+
+
+def _force_plate(result: GapResult) -> Plate:
+    """Return the equation errors over time: a row per coefficient, a column per manoeuvre, the largest ones."""
+    names = [n for n in result.finding.forces[0].errors if all(n in f.errors for f in result.finding.forces)]
+    largest = sorted(
+        result.finding.forces,
+        key=lambda f: -max(float(np.std(f.errors[n])) / max(f.floor[n], 1e-12) for n in names),
+    )[:_MOST_FORCES]
+    forces = [f for f in result.finding.forces if f in largest]
+
+    def make(wide: bool) -> Figure:
+        """Draw one panel per coefficient and manoeuvre."""
+        columns = len(forces) if wide else 1
+        rows = len(names) * (1 if wide else len(forces))
+        gap = 0.5 if wide else 0.75
+        figure = new_figure(wide, 0.35 + 1.05 * rows + gap * (rows - 1) + 0.5)
+        panels = grid(figure, 0.3, [1.05] * rows, (1.0,) * columns, gap_in=gap, between_in=0.6)
+        panels = panels.reshape(len(names), len(forces)) if wide else panels.reshape(len(forces), len(names)).T
+        for r, name in enumerate(names):
+            top = max(float(np.abs(f.errors[name]).max()) for f in forces)
+            for c, found in enumerate(forces):
+                axes = panels[r, c]
+                axes.axhspan(-2.0 * found.floor[name], 2.0 * found.floor[name], color=BAND)
+                axes.plot(*envelope(found.t_s, found.errors[name]), color=COLOURS[0], linewidth=1.0)
+                axes.set_ylim(-1.05 * top, 1.05 * top)
+                last = r == len(names) - 1 or not wide
+                title = found.manoeuvre if r == 0 or not wide else ""
+                label(axes, "t, s" if last else "", f"Δ{name}" if c == 0 or not wide else "", title)
+                time_axis(axes)
+        return figure
+
+    caption = (
+        "The measured motion put into the believed equations at every instant: what they leave of the measured "
+        "accelerations, as coefficients. Grey: two standard deviations of it in the quiet flight before the commands."
+        + (f" The {_MOST_FORCES} manoeuvres with most of it." if len(forces) < len(result.finding.forces) else "")
+    )
+    return Plate("equation_errors", "Forces and moments without a cause", caption, make)
+
+
+def _map_plate(result: GapResult) -> Plate:
+    maps = result.finding.maps
+
+    def make(wide: bool) -> Figure:
+        """Draw two maps per manoeuvre: by frequency band and by time."""
+        from matplotlib.ticker import MaxNLocator
+
+        rows = len(maps) if wide else 2 * len(maps)
+        height = 0.19 * len(maps[0].channels) + 0.35
+        gap = 0.62 if wide else 0.8  # one below the other, every panel has its axis label
+        figure = new_figure(wide, 0.95 + rows * height + (rows - 1) * gap + 0.55)
+        panels = grid(figure, 0.95, [height] * rows, (1.0, 1.6) if wide else (1.0,), gap_in=gap, between_in=0.5)
+        panels = panels.reshape(len(maps), 2)
+        for r, m in enumerate(maps):
+            image = _draw_map(panels[r, 0], m, m.by_band)
+            _draw_map(panels[r, 1], m, m.by_time)
+            panels[r, 0].set_xticks(range(len(BANDS_HZ)), [f"{b[0]:g}–{b[1]:g}" for b in BANDS_HZ], fontsize=7)
+            panels[r, 1].xaxis.set_major_locator(MaxNLocator(integer=True))
+            last = r == len(maps) - 1 or not wide
+            label(panels[r, 0], "frequency, Hz" if last else "", "", m.manoeuvre)
+            label(panels[r, 1], f"t, windows of {m.window_s:g} s" if last else "", "", "" if wide else m.manoeuvre)
+        _energy_bar(figure, image)
+        return figure
+
+    caption = (
+        "Measured minus believed, in units of the noise energy, for the manoeuvres that the effect was sought in: "
+        "channel by frequency band and by time. White is noise; dark is what the model does not know."
+    )
+    return Plate("residual_maps", "Where the residual sits", caption, make)
+
+
+def _energy_bar(figure: Figure, image: Any) -> None:
+    width, tall = figure.get_size_inches()
+    bar = figure.add_axes((0.66 / width, 1.0 - 0.36 / tall, 1.8 / width, 0.09 / tall))
+    colours = figure.colorbar(image, cax=bar, orientation="horizontal", ticks=[1, 3, 10, 30, 100])
+    colours.ax.set_xticklabels(["1", "3", "10", "30", "≥100"])
+    colours.ax.set_title("residual energy, noise = 1", fontsize=8, color=QUIET)
+    colours.outline.set_visible(False)
+
+
+def _draw_map(axes: Axes, m: ResidualMap, energy: FloatArray) -> Any:
+    return _draw_energy(axes, m.channels, energy)
+
+
+def _draw_energy(axes: Axes, channels: tuple[str, ...], energy: FloatArray) -> Any:
+    from matplotlib.colors import LogNorm
+
+    image = axes.imshow(
+        np.clip(energy.T, 1.0, _TOP_ENERGY), aspect="auto", cmap="Blues", norm=LogNorm(1.0, _TOP_ENERGY)
+    )
+    axes.set_facecolor(FAINT)  # what is not a number shows it
+    axes.set_yticks(range(len(channels)), [symbol(c) for c in channels])
+    axes.grid(False)
+    axes.tick_params(length=0)
+    return image
+
+
+def _ranking_plate(result: GapResult) -> Plate:
+    fits = result.finding.naming.ranking
+
+    def make(wide: bool) -> Figure:
+        """Draw one bar per effect, the best on top."""
+        row, left, letters, lines = (0.34, 2.6, 38, 2) if wide else (0.44, 1.6, 23, 3)
+        titles = [textwrap.wrap(f.effect.title, letters, max_lines=lines, placeholder=" …") for f in fits]
+        figure = new_figure(wide, 0.3 + row * len(fits) + 0.55)
+        axes = grid(figure, 0.25, [row * len(fits)], left_in=left)[0, 0]
+        named = set(result.finding.naming.names)
+        for i, fit in enumerate(fits):
+            gain = max(fit.gain, 0.5)
+            axes.barh(i, gain, left=0.5, height=0.55, color=COLOURS[0] if fit.effect.name in named else MEASURED)
+            axes.plot([fit.threshold, fit.threshold], [i - 0.42, i + 0.42], color=COLOURS[1], linewidth=1.4)
+        axes.set_yticks(range(len(fits)), ["\n".join(title) for title in titles])
+        axes.invert_yaxis()
+        axes.grid(axis="y", visible=False)
+        axes.set_xlim(0.5, max(*(f.gain for f in fits), fits[0].threshold) * 2.0)
+        log_axis(axes, "x", powers=True)
+        label(axes, "gain: fall of chi-square")
+        return figure
+
+    caption = (
+        "How much of the residual each effect of the library explains after the uncertain coefficients were re-tuned. "
+        "Blue: named. Orange mark: what noise alone reaches with a probability of 1 in 1000, all effects together."
+    )
+    return Plate("ranking", "Which effect explains it", caption, make)
+
+
+def _history_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
+    outputs = result.finding.believed.outputs
+    t = shrink.record.t_s
+
+    def make(wide: bool) -> Figure:
+        """Draw one panel per output."""
+        handles = line_handles([], [("measured", MEASURED), *_MODELS])
+        top = legend_in([h.get_label() for h in handles], wide) + 0.2
+        figure = new_figure(wide, top + 1.0 * len(outputs) + 0.28 * (len(outputs) - 1) + 0.5)
+        panels = grid(figure, top, [1.0] * len(outputs), gap_in=0.28)[:, 0]
+        for i, (axes, name) in enumerate(zip(panels, outputs, strict=True)):
+            factor = shown_unit(name)[0]
+            axes.plot(*envelope(t, factor * shrink.record[name]), color=MEASURED, linewidth=1.0)
+            axes.plot(t, factor * shrink.before[:, i], color=_BEFORE, linestyle=_BEFORE_DASH, linewidth=1.2)
+            axes.plot(t, factor * shrink.after[:, i], color=_AFTER, linewidth=1.2)
+            last = i == len(outputs) - 1
+            text = f"{shrink.energy_before[i]:.3g} → {shrink.energy_after[i]:.3g}"
+            axes.set_title(text, loc="right", fontsize=8, color=QUIET, pad=2)
+            label(axes, "t, s" if last else "", axis_label(name))
+            time_axis(axes)
+            axes.tick_params(labelbottom=last)
+        legend(figure, handles)
+        return figure
+
+    caption = (
+        "This manoeuvre was used neither to name nor to fit. Numbers above a panel: mean squared residual before and "
+        "after, the noise being 1. Predictions are shifted to the mean of the measurement, as sensor biases are "
+        "unknown."
+    )
+    title = f"Before and after on a held-out manoeuvre: {shrink.manoeuvre}"
+    return Plate(f"held_out_{number}", title, caption, make)
+
+
+def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
+    outputs = result.finding.believed.outputs
+    dt = shrink.record.dt_s
+    believed = result.finding.believed
+    measured, share = shrink.record.columns(outputs), shrink.taken / len(shrink.record)
+    sides = [believed.in_noise_units(shrink.record, measured - y) for y in (shrink.before, shrink.after)]
+
+    def make(wide: bool) -> Figure:
+        """Draw one panel per output."""
+        per_row = 3 if wide else 1
+        rows = -(-len(outputs) // per_row)
+        handles = line_handles([], [*_MODELS, ("noise floor", INK, _FLOOR_DASH)])
+        top = legend_in([h.get_label() for h in handles], wide) + 0.3
+        figure = new_figure(wide, top + 1.3 * rows + 0.55 * (rows - 1) + 0.5)
+        panels = grid(figure, top, [1.3] * rows, (1.0,) * per_row, gap_in=0.55).ravel()
+        for i, axes in enumerate(panels):
+            if i >= len(outputs):
+                axes.set_visible(False)
+                continue
+            for residual, (_, colour, dash) in zip(sides, _MODELS, strict=True):
+                f, density = _spectrum(residual[:, i], dt)
+                axes.plot(f, density / max(share[i], 1e-9), color=colour, linestyle=dash, linewidth=1.2)
+            axes.axhline(1.0, color=INK, linewidth=0.9, linestyle=_FLOOR_DASH)
+            axes.set_xlim(f[0], f[-1])
+            log_axis(axes, "x", powers=False)
+            log_axis(axes, "y", powers=True)
+            label(axes, "f, Hz" if i >= len(outputs) - per_row else "", "", symbol(outputs[i]))
+        legend(figure, handles)
+        return figure
+
+    caption = "Spectrum of the residual in units of the noise density, averaged over overlapping segments."
+    if result.finding.air.moves:
+        caption += " Turbulence is taken out by the Kalman filter in which the effect was sought."
+    return Plate(f"held_out_{number}_spectrum", f"The same by frequency: {shrink.manoeuvre}", caption, make)
+
+
+def _spectrum(residual: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:
+    """Return frequencies, Hz, and the power of ``residual`` (n,) relative to unit white noise (Welch's method)."""
+    from scipy.signal import welch
+
+    length = 2 * residual.size // (_SEGMENTS + 1)
+    f, density = welch(residual, fs=1.0 / dt_s, nperseg=length, detrend="constant")
+    return f[1:-1], density[1:-1] / (2.0 * dt_s)

@@ -1,0 +1,255 @@
+"""Measured flights as a user hands them in: files in, records and what is believed of them out, checked at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from testbench.aircraft import Aircraft, load_aircraft
+from testbench.core.channels import CONTROLS
+from testbench.core.errors import RecordError, located
+from testbench.core.paths import find_scenario, suite_names
+from testbench.core.record import FlightRecord, load_record
+from testbench.flight import FlightCondition
+from testbench.logs.read import read_records
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.evidence.commanded import quiet_samples
+from testbench.questions.gap.evidence.compared import not_compared
+from testbench.questions.gap.evidence.gusts import record_key
+from testbench.questions.identify.scenario import RecordDescription
+from testbench.sensors import SensorSuite, load_suite
+from testbench.sensors.sensor import whole_ratio
+
+SAME_SPEED = 0.05  # records must start within this share of one airspeed: the believed aircraft is trimmed once
+SAME_RATE = 0.01
+LATEST = 0.5  # of a sample: a record whose clock is no more off at its end is taken to have the suite's rate
+
+
+@dataclass(frozen=True, eq=False)
+class Flights:
+    """What a user hands in.
+
+    Attributes:
+        believed: aircraft, sensors and condition.
+        naming, held_out: name -> measured record.
+        notes: what was assumed or chosen for the user, in sentences.
+    """
+
+    believed: Believed
+    naming: Mapping[str, FlightRecord]
+    held_out: Mapping[str, FlightRecord]
+    notes: tuple[str, ...]
+
+
+def load_flights(
+    aircraft: str,
+    files: Sequence[Path | str],
+    hold_out: Sequence[Path | str] = (),
+    sensors: str | None = None,
+    wings: str = "flexible",
+    V_m_s: float | None = None,
+    h_m: float | None = None,
+    data_folder: Path | str | None = None,
+) -> Flights:
+    """Read measured flights and set up what is believed of them.
+
+    Args:
+        aircraft: name of the believed aircraft.
+        files: records of the testbench (NetCDF) or descriptions of recorded flights (TOML); of a description, records
+            for "validation" are held out.
+        hold_out: the same; all of their records are held out. If nothing is held out and there are two records or more,
+            the last one is.
+        sensors: believed suite, by name or as a file; if not given, the one that the records say made them.
+        wings: "flexible" or "rigid".
+        V_m_s: airspeed that the flights start from; if not given, its mean over the quiet flight before the commands.
+        h_m: altitude, likewise; the aircraft's design altitude where h is not recorded.
+        data_folder: folder of the files that descriptions name.
+
+    Raises:
+        ModelError: no such aircraft.
+        ScenarioError, ChannelError: a description or suite is wrong.
+        RecordError: a file is none of the above, or a record does not hold what is needed; file and record are named.
+    """
+    believed_aircraft = load_aircraft(aircraft, wings)
+    if not files:
+        raise RecordError(f"measured records of {aircraft} must be given (.nc, or descriptions .toml), got none")
+    naming: dict[str, FlightRecord] = {}
+    held: dict[str, FlightRecord] = {}
+    kept = {Path(f).resolve() for f in hold_out}  # a pattern such as flown/*.nc names those held out, too
+    for given, always in [
+        *((f, False) for f in files if Path(f).resolve() not in kept),
+        *((f, True) for f in hold_out),
+    ]:
+        for name, use, record in _read(given, data_folder):
+            same = next((n for n, r in [*naming.items(), *held.items()] if record_key(r) == record_key(record)), None)
+            if same is not None:
+                raise RecordError(f"measured records must differ, got '{same}' twice ({given}); give it once")
+            names = (name, *(f"{name} ({k})" for k in range(2, 2 + len(naming) + len(held))))
+            free = next(n for n in names if n not in naming and n not in held)  # a manoeuvre may be flown again
+            (held if always or use == "validation" else naming)[free] = record
+    notes: list[str] = []
+    if not held and len(naming) > 1:
+        last = list(naming)[-1]
+        held[last] = naming.pop(last)
+        notes.append(f"nothing was held out, so the last record, '{last}', was: --hold-out chooses others")
+    if not naming:
+        raise RecordError(
+            "at least one record must be left to name with, got none: give records beside those of --hold-out"
+        )
+    if not held:
+        notes.append("nothing is held out: whether the gap shrinks elsewhere is not known; give --hold-out")
+    suite = _suite(sensors, {**naming, **held}, notes)
+    records = check_records(suite, {**naming, **held}, notes)
+    condition = _condition(believed_aircraft, suite, records, V_m_s, h_m, notes)
+    with located(None, f"sensors '{suite.name}'"):
+        believed = Believed(believed_aircraft, suite, condition, _frame_rate(believed_aircraft, suite, notes))
+    notes += not_compared(suite)
+    return Flights(believed, {n: records[n] for n in naming}, {n: records[n] for n in held}, tuple(notes))
+
+
+def _read(given: Path | str, data_folder: Path | str | None) -> Iterable[tuple[str, str, FlightRecord]]:
+    path = Path(given)
+    if path.suffix == ".nc":
+        if not path.is_file():
+            raise RecordError(f"a record must be a file that exists, got '{path}'")
+        record = load_record(path)
+        with located(path, "kind"):
+            if record.kind != "measured":
+                raise RecordError(
+                    "the gap workflow takes measured records only, got one of kind 'truth', which a real flight does "
+                    "not have; leave the files that end in _truth.nc out"
+                )
+        manoeuvre = record.provenance.get("manoeuvre")
+        return [(str(manoeuvre) if isinstance(manoeuvre, str) else path.stem, "", record)]
+    found = path if path.is_file() else find_scenario(Path("records") / path)
+    if not found.is_file():
+        raise RecordError(f"a record must be a file that exists, got '{path}'")
+    if found.suffix != ".toml":
+        raise RecordError(
+            f"records must be NetCDF of the testbench (.nc) or a description of recorded flights (.toml), got "
+            f"'{path}'; make records of a log with: testbench import {path} -o FOLDER"
+        )
+    return read_records(RecordDescription.load(found), data_folder)
+
+
+def _suite(sensors: str | None, records: Mapping[str, FlightRecord], notes: list[str]) -> SensorSuite:
+    if sensors is not None:
+        return load_suite(sensors)
+    stated = {str(r.provenance.get("suite", "")) for r in records.values()}
+    if len(stated) == 1 and next(iter(stated)) in suite_names():
+        name = stated.pop()
+        notes.append(f"the sensors are believed to be those that the records name, {name}: --sensors chooses others")
+        return load_suite(name)
+    raise RecordError(
+        "what is believed of the sensors must be known, and these records do not say it; give --sensors with one of "
+        f"{', '.join(suite_names())}, or a suite file (.toml)"
+    )
+
+
+def check_records(
+    suite: SensorSuite, records: Mapping[str, FlightRecord], notes: list[str] | None = None
+) -> dict[str, FlightRecord]:
+    """Check that every record holds what the believed suite says; return them, their times at the suite's own rate.
+
+    A clock that is off by no more than half a sample at the end of a record is put right, with a note.
+
+    Raises:
+        RecordError: a record was aborted, lacks a channel or a command, has another rate, or no quiet flight.
+    """
+    out = {}
+    for name, record in records.items():
+        with located(None, f"record '{name}'"):
+            if record.outcome != "completed":
+                raise RecordError(f"a record must be complete, got one that was aborted: {record.reason}")
+            lacking = [c for c in suite.channels if c not in record]
+            if lacking:
+                raise RecordError(
+                    f"a record must hold every channel of the sensors believed, {suite.name}, but it lacks "
+                    f"{', '.join(lacking)} (it holds {', '.join(record.channels)}); give --sensors a suite without them"
+                )
+            if not any(f"{c}_cmd" in record for c in CONTROLS):
+                raise RecordError(
+                    "a record must hold a command such as de_cmd, because servos are part of what is believed, got "
+                    f"{', '.join(record.channels)}"
+                )
+            off = abs(record.dt_s * suite.rate_hz - 1.0)
+            if off * len(record) > LATEST:
+                raise RecordError(
+                    f"a record must have the rate of the sensors believed, {suite.rate_hz:g} Hz ({suite.name}), got "
+                    f"{1.0 / record.dt_s:.7g} Hz; correct rate_hz and the noise in a suite file of your own"
+                )
+            if whole_ratio(1.0 / record.dt_s, suite.rate_hz) is None:
+                if notes is not None:
+                    notes.append(
+                        f"the clock of '{name}' runs at {1.0 / record.dt_s:.7g} Hz, {off * len(record):.2g} samples "
+                        f"off at its end, and is taken for the sensors' {suite.rate_hz:g} Hz"
+                    )
+                record = replace(record, t_s=record.t_s[0] + np.arange(len(record)) / suite.rate_hz)
+            quiet_samples(record)
+            out[name] = record
+    return out
+
+
+def check_speeds(suite: SensorSuite, records: Mapping[str, FlightRecord], V_m_s: float | None) -> dict[str, float]:
+    """Return the airspeed, m/s, in the quiet flight of every record that holds it.
+
+    Raises:
+        RecordError: one of them is not ``V_m_s``, or where that is None not their mean, within SAME_SPEED.
+    """
+    speeds = {n: _quiet_mean(suite, r, "V") for n, r in records.items() if "V" in r}
+    at = float(np.mean(list(speeds.values()))) if V_m_s is None and speeds else V_m_s
+    for name, speed in speeds.items():
+        if at is not None and abs(speed - at) > SAME_SPEED * at:
+            raise RecordError(
+                f"records must start within {100 * SAME_SPEED:g} % of one airspeed, got {speed:.2f} m/s in '{name}' "
+                f"and {at:.2f} m/s {'in the mean of all' if V_m_s is None else 'as the condition'}; ask for each speed "
+                "alone"
+            )
+    return speeds
+
+
+def _frame_rate(aircraft: Aircraft, suite: SensorSuite, notes: list[str]) -> float:
+    """Return the rate to simulate at, Hz: the aircraft's own, or the next multiple of the suite's."""
+    rate = math.ceil(aircraft.rate_hz / suite.rate_hz - SAME_RATE) * suite.rate_hz
+    if abs(rate - aircraft.rate_hz) > 1e-6 * rate:
+        notes.append(
+            f"the aircraft is simulated at {rate:g} Hz, a multiple of the records' {suite.rate_hz:g} Hz, in place of "
+            f"its own {aircraft.rate_hz:g} Hz"
+        )
+    return rate
+
+
+def _condition(
+    aircraft: Aircraft,
+    suite: SensorSuite,
+    records: Mapping[str, FlightRecord],
+    V_m_s: float | None,
+    h_m: float | None,
+    notes: list[str],
+) -> FlightCondition:
+    speeds = check_speeds(suite, records, V_m_s)
+    if V_m_s is None and len(speeds) < len(records):
+        raise RecordError("the airspeed must be known, but it is not recorded; give --V in m/s")
+    V = float(np.mean(list(speeds.values()))) if V_m_s is None else V_m_s
+    heights = [_quiet_mean(suite, r, "h") for r in records.values() if "h" in r]
+    if h_m is not None:
+        h = h_m
+    elif len(heights) == len(records):
+        h = float(np.mean(heights))
+    else:
+        h = aircraft.design_h_m
+        notes.append(f"the altitude is not recorded and taken to be the aircraft's design altitude, {h:g} m: --h tells")
+    if V_m_s is None:
+        notes.append(f"the condition, {V:.4g} m/s and {h:.4g} m, is that of the quiet flight before the first commands")
+    return FlightCondition(V, h)
+
+
+def _quiet_mean(suite: SensorSuite, record: FlightRecord, name: str) -> float:
+    """Return what a sensor reads in the quiet flight, less what is believed of its bias and scale."""
+    sensor = next((s for s in suite.sensors if s.channel == name), None)
+    bias, scale = (0.0, 1.0) if sensor is None else (sensor.bias, sensor.scale)
+    return (float(np.mean(record[name][: quiet_samples(record)])) - bias) / scale

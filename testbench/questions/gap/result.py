@@ -1,0 +1,205 @@
+"""What the gap workflow found: before and after on held-out manoeuvres, and the answer in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from testbench.core.constants import DEG_RAD, G0_M_S2, KT_M_S
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.questions.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
+from testbench.questions.gap.controls import Controls
+from testbench.questions.gap.decide import FAR, Rest, WrongParameter, off_parameters
+from testbench.questions.gap.evidence.air import AirFound
+from testbench.questions.gap.evidence.check import DataCheck
+from testbench.questions.gap.evidence.forces import EquationErrors
+from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
+from testbench.questions.gap.search.fit import FALSE_ALARM
+from testbench.questions.gap.search.name import Naming
+
+# What a simulator may be off in the short period and after a power change, in roll and yaw response and in a steady
+# sideslip, 14 CFR 60, appendix A, table A2A; the pitch angle's tolerance is taken for the angle of attack.
+TOLERANCE = {
+    "theta": 1.5 * DEG_RAD,
+    "alpha": 1.5 * DEG_RAD,
+    "q": 2.0 * DEG_RAD,
+    "az": 0.10 * G0_M_S2,
+    "V": 3.0 * KT_M_S,
+    "beta": 1.0 * DEG_RAD,
+    "phi": 2.0 * DEG_RAD,
+    "p": 2.0 * DEG_RAD,
+    "r": 2.0 * DEG_RAD,
+}
+_ALLOWED = (
+    "than a flight simulator for training may be off (1.5 deg, 2 deg/s, 0.10 g, 3 kt, 2 deg of bank, 1 deg of "
+    "sideslip: 14 CFR 60, table A2A)"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Shrink:
+    """Before and after on one held-out manoeuvre, residuals in units of the noise.
+
+    Attributes:
+        manoeuvre: name.
+        record: the measured record.
+        before, after: (n, p) predictions of the believed and of the amended model, offset to the record's mean.
+        energy_before, energy_after: (p,) mean squared residual per channel, 1 is the noise floor.
+        taken: (p,) number of samples that were taken.
+        map_before, map_after: where the residual sits.
+    """
+
+    manoeuvre: str
+    record: FlightRecord
+    before: FloatArray
+    after: FloatArray
+    energy_before: FloatArray
+    energy_after: FloatArray
+    taken: FloatArray
+    map_before: ResidualMap
+    map_after: ResidualMap
+
+    @property
+    def visible(self) -> bool:
+        """True if the excess before stands four standard deviations above what noise alone scatters by."""
+        scatter = np.sqrt(np.sum(2.0 / np.maximum(self.taken, 1.0)))
+        return float(np.sum(self.energy_before - 1.0)) > 4.0 * scatter
+
+    @property
+    def removed(self) -> float:
+        """Share of the excess energy over the noise floor that the amendment removed, all channels together."""
+        excess = float(np.sum(self.energy_before - 1.0))
+        return 1.0 - float(np.sum(self.energy_after - 1.0)) / excess if excess > 0.0 else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class GapFinding:
+    """What the gap workflow found, where, and what adding it did on held-out manoeuvres.
+
+    Attributes:
+        believed: what was believed, with the air that was found.
+        amended: the same with what was named.
+        maps: where the residual of the believed model sits, one per manoeuvre that was used to name.
+        naming: the outcome.
+        shrink: before and after, one per held-out manoeuvre.
+        air: what the residuals say of the air.
+        regions: where in the flight envelope the residual of the believed model sits.
+        forces: equation errors of forces and moments, one per manoeuvre that has the channels for it.
+        next_flight: the manoeuvre that would tell the rest apart, in words; "" if nothing is left to tell apart.
+        check: what the instruments say of each other, or None if that was not asked.
+        parameters: believed coefficients that re-tuning finds wrong, where no effect is named; ``amended`` is re-tuned.
+        errors: channel -> largest error of the believed model over all records, about its mean in each, SI.
+        left: what the residuals of ``amended`` hold that is not white, where an effect is named in still air; None if
+            that may be noise.
+        rest: what another effect would explain of what is left, where that is more than noise and form are worth.
+        controls: control flights without any effect, if any were asked for.
+    """
+
+    believed: Believed
+    amended: Believed
+    maps: tuple[ResidualMap, ...]
+    naming: Naming
+    shrink: tuple[Shrink, ...]
+    air: AirFound
+    regions: tuple[RegionMap, ...] = ()
+    forces: tuple[EquationErrors, ...] = ()
+    next_flight: str = ""
+    check: DataCheck | None = None
+    parameters: tuple[WrongParameter, ...] = ()
+    errors: Mapping[str, float] = field(default_factory=dict)
+    left: Structure | None = None
+    rest: Rest | None = None
+    controls: Controls | None = None
+
+    @property
+    def changed(self) -> bool:
+        """True if ``amended`` is another model than ``believed``: something was named, or parameters are wrong."""
+        return self.naming.best is not None or bool(self.parameters)
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """The answer in words."""
+        re_tuned = "; ".join(p.sentence for p in self.parameters)
+        out = [f"{re_tuned}; beside that, {self.naming.sentence}" if re_tuned else self.naming.sentence]
+        out += [*self._evidence(), *([self.next_flight] if self.next_flight else [])]
+        for s in self.shrink if self.changed else ():
+            k = int(np.argmax(s.energy_before))
+            out.append(
+                f"held-out {s.manoeuvre}: mean squared residual {s.energy_before.mean():.3g} before and "
+                f"{s.energy_after.mean():.3g} after, noise floor 1 (most in {self.believed.outputs[k]}: "
+                f"{s.energy_before[k]:.3g} and {s.energy_after[k]:.3g}); "
+                + (
+                    f"{100 * s.removed:.1f} % of the excess removed"
+                    if s.visible
+                    else "too little excess to judge by here"
+                )
+            )
+        if self.naming.outcome != "no gap":
+            out += [m.sentence for m in self.maps]
+            out += [max(self.regions, key=lambda r: r.contrast).sentence] if self.regions else []
+        news = self.check.sentences if self.check is not None and self.check.news else ()
+        controls = () if self.controls is None else (self.controls.sentence,)
+        return (*out, *controls, self.air.sentence, *news)
+
+    @property
+    def immaterial(self) -> bool:
+        """True if what was named changes no channel of a held-out manoeuvre by as much as TOLERANCE.
+
+        That is what flight simulators for training are allowed to be off; a channel without a tolerance must not change
+        by more than its noise. Where nothing is named but more than noise is left, or parameters are wrong: True if the
+        believed model errs by less than TOLERANCE in every record.
+        """
+        judged = [i for i, n in enumerate(self.believed.outputs) if n in TOLERANCE]
+        if self.naming.best is None:
+            errors = [(self.errors.get(self.believed.outputs[i], np.inf), i) for i in judged]
+            gap = bool(self.parameters) or self.naming.outcome != "no gap"
+            return gap and bool(judged) and all(e < TOLERANCE[self.believed.outputs[i]] for e, i in errors)
+        if not self.shrink or self.naming.best.effect.met is not None:  # a gust is of no other manoeuvre's air
+            return False
+        limits = np.array(
+            [TOLERANCE.get(n, s) for n, s in zip(self.believed.outputs, self.believed.noise_std, strict=True)]
+        )
+        moved = [np.abs(s.after - s.before).max(axis=0) for s in self.shrink]
+        return bool(judged) and bool(np.all(np.max(moved, axis=0) < limits))
+
+    def _evidence(self) -> list[str]:
+        best = self.naming.best
+        if best is None:
+            judged = ", ".join(n for n in self.believed.outputs if n in TOLERANCE)
+            words = f"real but immaterial: in {judged} of these records the believed model errs by less {_ALLOWED}"
+            off = [p.sentence for p in off_parameters(self.naming) if p.deviations <= FAR]
+            return [*off, words] if self.immaterial else off
+        out = [
+            f"evidence: it lowers chi-square by {best.gain:.0f}, where noise alone reaches {best.threshold:.3g} once "
+            f"in {1.0 / FALSE_ALARM:.0f} cases"
+        ]
+        others = [f for f in self.naming.ranking if f.effect.name not in self.naming.names]
+        if others:
+            second = max(others, key=lambda f: f.gain)
+            share = 100.0 * second.gain / best.gain
+            out[0] += f"; the runner-up, {second.effect.title}, lowers it by {second.gain:.0f} ({share:.0f} %)"
+        if self.left is not None:
+            out.append(self.left.sentence)
+        if self.rest is not None:
+            out.append(self.rest.sentence)
+        if self.immaterial:
+            words = f"real but immaterial: in the manoeuvres held out it changes every channel by less {_ALLOWED}"
+            if not set(self.believed.outputs) <= TOLERANCE.keys():
+                words += ", or where none is given by less than its noise"
+            out.append(words)
+        if best.effect.met is not None:
+            out.append(
+                "it was in the air of that manoeuvre alone; what those held out gain is the work of the coefficients "
+                f"re-tuned beside it. It could be mistaken for {best.effect.mistaken_for}. What separates them: "
+                f"{best.effect.separated_by}"
+            )
+        priors = {**NUISANCES, **LATERAL_NUISANCES}
+        far = [f"{n} {f:.3g}" for n, f in best.tuning.items() if abs(f - 1.0) > 2.0 * priors[n]]
+        if far:
+            out.append(
+                f"re-tuned beside it by more than twice what is believed of them: {', '.join(far)} times the believed "
+                "value; the effect may not be the whole story"
+            )
+        return out

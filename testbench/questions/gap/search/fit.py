@@ -1,0 +1,178 @@
+"""Fit one effect from its most promising starts: estimates, errors, gain and the threshold that noise would reach."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import chi2
+
+from testbench.core.record import FloatArray
+from testbench.core.words import with_error
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.effects import Effect
+from testbench.questions.gap.search.gauss_newton import Descent, descend, within_priors
+from testbench.questions.gap.search.hypothesis import Local
+from testbench.questions.gap.search.screening import Screened
+
+FALSE_ALARM = 1e-3  # probability of naming any effect where there is none, all effects of the library together
+HOPELESS = 0.7  # a fit that gains less than this share of the best one's gain is not followed to its end,
+HOPELESS_BESIDE_NOISE = 0.9  # or less than this share where the best one leaves noise only
+HOPELESS_AT_FIRST = 0.5  # which must promise this share before its first flight, from its best start
+STARTS = 2  # the most promising starts of an effect with several parameters are fitted, of one with one the best
+
+
+@dataclass(frozen=True, eq=False)
+class EffectFit:
+    """One effect fitted to the naming records.
+
+    Attributes:
+        effect: the effect.
+        values: parameter -> estimate.
+        errors: parameter -> standard error.
+        chi2: weighted sum of squares left, nuisances re-tuned (prior included).
+        gain: fall of chi2 against the believed model with its nuisances re-tuned; 0 if it found nothing better.
+        threshold: gain that noise alone exceeds with probability FALSE_ALARM / number of effects that could be seen.
+        share: share of the excess over the noise that it explains, 0 to 1; NaN if the excess itself is no more than
+            four standard deviations of the noise's chi-square.
+        tuning: nuisance -> re-tuned factor.
+        flown: False if the fit was given up as hopeless on linear predictions, without a flight.
+        within: probability that nuisances drawn from their priors lie as far from the believed values as ``tuning``.
+        settled: False if it was given up, flown or not, before it came to rest.
+        scatter_s: standard deviation of a delay from command to command, see :mod:`.scatter`; ``chi2`` is
+            then -2 ln of the likelihood, as far as it differs from that of noise alone.
+    """
+
+    effect: Effect
+    values: Mapping[str, float]
+    errors: Mapping[str, float]
+    chi2: float
+    gain: float
+    threshold: float
+    share: float
+    tuning: Mapping[str, float]
+    flown: bool = True
+    within: float = 1.0
+    settled: bool = True
+    scatter_s: float = 0.0
+
+    def brought_to(self, x: FloatArray, point: Local, left: float, chi2_tuned: float) -> EffectFit:
+        """Return the fit at parameters ``x`` (p,) and the coefficients of a point flown with them; its errors stay.
+
+        ``left`` is the weighted sum of squares there, ``chi2_tuned`` that without any effect, nuisances re-tuned.
+        """
+        return replace(
+            self,
+            values=dict(zip(self.values, x.tolist(), strict=True)),
+            chi2=left,
+            gain=max(chi2_tuned - left, 0.0),
+            share=share_of_excess(chi2_tuned, left, point.samples),
+            tuning=point.tuning,
+            within=within_priors(point),
+        )
+
+    def added_to(self, believed: Believed) -> Believed:
+        """Return ``believed`` re-tuned and with the effect, as they were fitted."""
+        return believed.with_tuning(self.tuning).with_effect(self.effect, self.values)
+
+    @property
+    def significant(self) -> bool:
+        """True if noise would hardly ever gain as much."""
+        return self.gain > self.threshold
+
+    @property
+    def beyond(self) -> tuple[str, ...]:
+        """Sizes that came to rest at the end of what is physically possible: the data ask for more.
+
+        Only of parameters that say how much of an effect there is, those with a value without effect. The ends of the
+        others (a damping, a sharpness, a share between two forms) are forms of their own.
+        """
+        return tuple(
+            p.name
+            for p in self.effect.parameters
+            if p.none is not None
+            and abs(self.values[p.name] - p.none) > 1e-3 * (p.high - p.low)
+            and min(self.values[p.name] - p.low, p.high - self.values[p.name]) < 1e-3 * (p.high - p.low)
+        )
+
+    @property
+    def size(self) -> str:
+        """Parameters with their standard errors, in words."""
+        units = {p.name: p.unit for p in self.effect.parameters}
+        said = [
+            f"{n} = {with_error(v, self.errors[n])}" + (f" {units[n]}" if units[n] != "1" else "")
+            for n, v in self.values.items()
+        ]
+        if self.scatter_s:
+            said.append(f"scattering by {self.scatter_s:.2g} s from command to command (flown: the mean)")
+        return ", ".join(said)
+
+
+def fit(
+    screened: Screened,
+    chi2_tuned: float,
+    best_gain: float,
+    tested: int,
+    patience: int = 0,
+    hopeless_share: float = HOPELESS,
+    at_first_share: float | None = None,
+    near: bool = False,
+) -> EffectFit | None:
+    """Fit one of ``tested`` effects from its most promising starts; return the best fit, or None if none flies.
+
+    Args:
+        screened: the effect and its starts.
+        chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
+        best_gain: of the fits so far.
+        tested: number of effects that are tested.
+        patience: rounds before a descent may be given up as hopeless, for a base that is far from rest.
+        hopeless_share: a descent ends once it promises to gain no more than this share of ``best_gain``.
+        at_first_share: share of ``best_gain`` that the first round must promise; only the best start is fitted then.
+        near: the starts are thought to be near the best fit, see :func:`.gauss_newton.descend`.
+    """
+    effect = screened.effect
+    hopeless = chi2_tuned - hopeless_share * best_gain
+    at_first = np.inf if at_first_share is None else chi2_tuned - at_first_share * best_gain
+    several = len(effect.parameters) > 1 and at_first_share is None
+    reached: list[Descent] = []
+    for start in screened.starts[: STARTS if several else 1]:
+        descent = descend(screened.changes, start, hopeless, patience, near, at_first)
+        if descent is not None:
+            reached.append(descent)
+            hopeless = min(hopeless, chi2_tuned - hopeless_share * (chi2_tuned - descent.chi2))
+    if not reached:
+        return None
+    return summarise(effect, min(reached, key=lambda f: f.chi2), chi2_tuned, tested, screened.changes.base)
+
+
+def summarise(effect: Effect, best: Descent, chi2_tuned: float, tested: int, base: Local) -> EffectFit:
+    """Return the fit that a descent from ``base`` of one of ``tested`` effects ended in."""
+    names = [p.name for p in effect.parameters]
+    samples = best.jacobian.shape[0] - (base.exact.size - base.samples)
+    information = best.jacobian.T @ best.jacobian
+    errors = np.sqrt(np.maximum(np.diag(np.linalg.pinv(information)), 0.0) * max(best.chi2 / samples, 1.0))
+    return EffectFit(
+        effect=effect,
+        values=dict(zip(names, best.x.tolist(), strict=True)),
+        errors=dict(zip(names, errors.tolist(), strict=True)),
+        chi2=best.chi2,
+        gain=max(chi2_tuned - best.chi2, 0.0),
+        threshold=float(chi2.isf(FALSE_ALARM / (tested * effect.looks), len(names))),
+        share=share_of_excess(chi2_tuned, best.chi2, samples),
+        tuning=best.tuning,
+        flown=best.flown,
+        within=best.within,
+        settled=best.settled,
+    )
+
+
+def share_of_excess(chi2_tuned: float, left: float, samples: int) -> float:
+    """Return the share, 0 to 1, of what ``chi2_tuned`` exceeds the noise by that is gone where ``left`` is left.
+
+    NaN if it exceeds the noise by no more than four standard deviations of the noise's chi-square.
+    """
+    excess = chi2_tuned - samples
+    if not excess > 4.0 * np.sqrt(2.0 * samples):
+        return float("nan")
+    return float(np.clip((chi2_tuned - left) / excess, 0.0, 1.0))

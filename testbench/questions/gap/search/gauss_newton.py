@@ -1,0 +1,297 @@
+"""Bring coefficients, and the parameters of an effect beside them, to rest: fit on linear differences, fly, repeat."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from scipy.optimize import OptimizeResult, least_squares
+from scipy.stats import chi2, norm
+
+from testbench.core.record import FloatArray
+from testbench.questions.gap.effects import Effect
+from testbench.questions.gap.search.hypothesis import Changes, Local
+from testbench.questions.gap.search.parallel import spread
+
+FRESH_TANGENTS = (2, 5)  # before these rounds tangents of the nuisances are taken anew, where the descent has come to
+MAX_ROUNDS = 14  # rounds of fitting on linear differences and flying the result
+AT_REST = 0.1  # the rounds end when another one promises to lower chi-square by no more: far below any threshold,
+AT_REST_SHARE = 1e-3  # or by no more than this share of what is left above the noise
+KEPT = 0.9  # share of a promised gain that a step must reach to be content with its tangents
+SHORTENED = (1.0, 0.5, 0.2)  # shares of a step that are tried in turn until one flies and lowers chi-square
+OFF_BOUND = 0.1  # share of its start by which a parameter is moved off a bound before a round: there it feels no slope
+DIFFERENCE = 1e-3  # step of differences, of a parameter's start
+IDLE = 3  # the rounds end, too, when so many in turn have found nothing better
+
+
+@dataclass(frozen=True, eq=False)
+class Descent:
+    """Where a descent came to rest: parameters, nuisances, Jacobian (rows, p) and the sum of squares with priors.
+
+    ``within`` is the probability of :func:`within_priors` there; ``settled`` is False if it was given up before.
+    """
+
+    x: FloatArray
+    tuning: Mapping[str, float]
+    jacobian: FloatArray
+    chi2: float
+    flown: bool
+    within: float
+    settled: bool = True
+
+
+def descend(
+    changes: Changes,
+    start: FloatArray,
+    hopeless: float,
+    patience: int = 0,
+    near: bool = False,
+    at_first: float = np.inf,
+) -> Descent | None:
+    """Descend from one start: fit on the linear differences, fly the result, repeat until it rests.
+
+    Residuals near a point x0 that was flown: exact(x0) + change(x) - change(x0) + tangents (factors - factors0).
+
+    Args:
+        changes: what the effect changes, from the point that the descent begins at.
+        start: parameters (p,) to begin with.
+        hopeless: chi-square that a descent must promise to get below, this round or with one more like the last.
+        patience: rounds before that is asked.
+        near: the start is thought to be near the best fit: the first point flown is the start itself, if that is better
+            than the point without the effect.
+        at_first: chi-square that the first round must promise to get below, however much patience there is.
+
+    Returns None if nothing on the way could be flown.
+    """
+    effect, here = changes.effect, changes.base
+    start = _flyable(changes, start)
+    low, high = effect.bounds
+    scale = np.maximum(np.abs(start), 1e-3 * (high - low))
+    off = OFF_BOUND * np.minimum(scale, 0.1 * (high - low))
+    known = np.zeros_like(here.exact)  # the change at the point flown last; the first one is the base itself
+    curved = effect.flown and changes.model(start).aircraft.amendments != here.model.aircraft.amendments
+    best: Descent | None = None
+    x, chi2_here, idle, begun, promised = start, np.inf, 0, False, np.inf
+    if near:
+        there, change = here.moved(changes.model(start), here.factors), changes.at(start)
+        if there is not None and change is not None and there.chi2 < here.chi2:
+            here, known, begun = there, change, True
+    for k in range(MAX_ROUNDS):
+        aim = hopeless if k >= patience else at_first if k == 0 else np.inf
+        begun = begun or k > 0  # the point flown last has the effect
+        if curved and begun:  # what such an effect changes depends on the coefficients, and they on it
+            changes, known, here = _rebased(changes, known, here)
+        elif k in FRESH_TANGENTS:
+            here = here.afresh(False)
+        objective = _Objective(changes, here, known, low - scale, scale)
+        inside = np.clip(x, low + off, high - off)
+        found = least_squares(
+            objective,
+            objective.scaled(inside),
+            bounds=(objective.scaled(low), objective.scaled(high)),
+            diff_step=DIFFERENCE,
+            ftol=1e-5,
+            xtol=1e-4,
+            max_nfev=4 if curved and begun else 8,
+            callback=_GiveUp(aim),
+            workers=_spread_out,
+        )
+        fallen, promised = promised - 2.0 * float(found.cost), 2.0 * float(found.cost)
+        x_new = np.clip(objective.unscaled(found.x), low, high)
+        change, jacobian = changes.at(x_new), found.jac / scale
+        if change is None:
+            break
+        asked = here.tuned(here.exact + change - known)[1]
+        factors = here.towards(asked)
+        if promised > aim and (k == 0 or fallen < promised - aim):
+            if best is not None:
+                return replace(best, settled=False)
+            within = within_priors(replace(here, factors=factors))
+            return Descent(x_new, here.named(factors), jacobian, promised, False, within, False)
+        within_reach, wanted = np.allclose(factors, asked), x_new
+        if not within_reach:  # coefficients go so far in one round only: the effect goes along with them
+            share = float(np.linalg.norm(factors - here.factors) / np.linalg.norm(asked - here.factors))
+            origin = x if begun else _none(effect, start)
+            x_new = origin + share * (x_new - origin)
+        step = _shortened(changes, here, x if begun else None, x_new, factors)
+        if not within_reach:
+            step = _lower(step, changes, here, wanted)
+        if step is None:
+            break
+        before, moved, x, whole = chi2_here, *step
+        whole = whole and within_reach
+        after = change if whole else changes.at(x)
+        if after is None:
+            break
+        known = after
+        chi2_here = moved.chi2 + float(np.sum(effect.prior_residuals(x) ** 2))
+        broken = not whole or _broken(before, promised, chi2_here)
+        here = moved.afresh(False) if broken and not curved else moved  # linear predictions have failed: tangents anew
+        rest = max(AT_REST, AT_REST_SHARE * (chi2_here - here.samples))
+        idle = idle + 1 if best is not None and chi2_here > best.chi2 - rest else 0
+        if best is None or chi2_here < best.chi2:
+            best = Descent(x, here.tuning, jacobian, chi2_here, True, within_priors(here))
+        if idle == IDLE or (whole and (before - promised < rest or abs(chi2_here - promised) < rest)):
+            break
+    return best
+
+
+def _spread_out(objective: Callable[[FloatArray], FloatArray], points: Iterable[FloatArray]) -> list[FloatArray]:
+    """Return the objective at several points, those that its slopes are taken from, on all processes that there are."""
+    return spread([partial(objective, z) for z in points])
+
+
+def _none(effect: Effect, x: FloatArray) -> FloatArray:
+    """Return parameters ``x`` (p,), but for those that have a value without effect: of them that one."""
+    return np.array([v if p.none is None else p.none for v, p in zip(x, effect.parameters, strict=True)])
+
+
+def _flyable(changes: Changes, start: FloatArray) -> FloatArray:
+    """Return as much of a start (p,), counted from no effect, as can be flown; all of it if nothing of it can."""
+    none = _none(changes.effect, start)
+    shares = (none + share * (start - none) for share in SHORTENED)
+    return next((x for x in shares if changes.at(x) is not None), start)
+
+
+def _rebased(changes: Changes, known: FloatArray, here: Local) -> tuple[Changes, FloatArray, Local]:
+    """Return what the effect changes at the coefficients of ``here``, that change, and the point with own tangents.
+
+    All of it is flown: linear predictions are taken about trim and see neither the memory of a feedback nor curvature.
+    """
+    here = here.afresh(True)
+    origin = changes.base.moved(changes.base.model, here.factors)
+    if origin is None:
+        return changes, known, here
+    return Changes(origin, changes.effect), here.exact - origin.exact, here
+
+
+class _GiveUp:
+    """Ends a fit on linear differences that more than three steps like its last one would not save."""
+
+    def __init__(self, hopeless: float) -> None:
+        self.hopeless, self.last = hopeless, np.inf
+
+    def __call__(self, intermediate_result: OptimizeResult) -> None:
+        now = 2.0 * float(intermediate_result.cost)
+        if 3.0 * (self.last - now) < now - self.hopeless:
+            raise StopIteration
+        self.last = now
+
+
+def _shortened(
+    changes: Changes, here: Local, x: FloatArray | None, x_new: FloatArray, factors: FloatArray
+) -> tuple[Local, FloatArray, bool] | None:
+    """Fly the step that linear predictions ask for, or as much of it as flies and lowers chi-square.
+
+    Args:
+        changes: the effect, from the point that the descent began at.
+        here: the point flown last.
+        x: the effect's parameters there, None if it was flown without the effect.
+        x_new: those asked for.
+        factors: nuisance factors asked for.
+
+    Returns the point, its parameters, and whether it is the whole step; None if nothing of it can be flown. A step that
+    cannot be made to lower chi-square is made whole, if it flies: the rounds after it may still.
+    """
+    effect, whole = changes.effect, None
+    aim = here.chi2 + (0.0 if x is None else float(np.sum(effect.prior_residuals(x) ** 2)))
+    for share in SHORTENED:
+        x_there = x_new if x is None else x + share * (x_new - x)
+        moved = here.moved(changes.model(x_there), here.factors + share * (factors - here.factors))
+        if moved is not None and moved.chi2 + float(np.sum(effect.prior_residuals(x_there) ** 2)) < aim:
+            return moved, x_there, share == 1.0
+        if moved is not None and share == 1.0:
+            whole = moved
+    return None if whole is None else (whole, x_new, True)
+
+
+def _lower(
+    step: tuple[Local, FloatArray, bool] | None, changes: Changes, here: Local, wanted: FloatArray
+) -> tuple[Local, FloatArray, bool] | None:
+    """Return ``step``, or the effect whole with the coefficients left where they are, if that is lower.
+
+    Coefficients that are asked far off may stand in for an effect that has hardly begun.
+    """
+    whole = here.moved(changes.model(wanted), here.factors)
+    if whole is None:
+        return step
+
+    def cost(point: Local, x: FloatArray) -> float:
+        return point.chi2 + float(np.sum(changes.effect.prior_residuals(x) ** 2))
+
+    return step if step is not None and cost(*step[:2]) <= cost(whole, wanted) else (whole, wanted, True)
+
+
+@dataclass(frozen=True, eq=False)
+class _Objective:
+    """Weighted residuals at parameter values, nuisances re-tuned, followed by those of the priors.
+
+    Of scaled values z = (x - origin) / scale, which are 1 or more, so that relative steps do not vanish near a bound.
+    """
+
+    changes: Changes
+    here: Local
+    known: FloatArray
+    origin: FloatArray
+    scale: FloatArray
+
+    def scaled(self, x: FloatArray) -> FloatArray:
+        return (x - self.origin) / self.scale
+
+    def unscaled(self, z: FloatArray) -> FloatArray:
+        return self.origin + self.scale * z
+
+    def __call__(self, z: FloatArray) -> FloatArray:
+        x = self.unscaled(z)
+        change = self.changes.at(x)
+        left = self.here.lost if change is None else self.here.tuned(self.here.exact + change - self.known)[0]
+        return np.concatenate([left, self.changes.effect.prior_residuals(x)])
+
+
+def retune(base: Local) -> Local:
+    """Re-tune the nuisances of the model of ``base`` until they rest; return the best point.
+
+    With tangents of linear predictions at first, then with flown ones: where those of a linearisation about trim would
+    rest, a few units of chi-square may be left for an effect to gain that is none.
+    """
+    here = _rest(base)
+    return _rest(here.afresh(True))
+
+
+def _rest(here: Local) -> Local:
+    for _ in range(MAX_ROUNDS):
+        left, factors = here.tuned(here.exact)
+        if here.chi2 - float(left @ left) < AT_REST:
+            break
+        there = None
+        for share in SHORTENED:
+            moved = here.moved(here.model, here.factors + share * (here.towards(factors) - here.factors))
+            if moved is not None and moved.chi2 < here.chi2:
+                kept = share == 1.0 and not _broken(here.chi2, float(left @ left), moved.chi2)
+                there = moved if kept else replace(moved, slopes=None)
+                break
+        if there is None:
+            break
+        here = there
+    return here
+
+
+def _broken(before: float, promised: float, flown: float) -> bool:
+    """Return whether a step gained so much less than linear predictions promised that they need new tangents.
+
+    Chi-square before it (infinite if that is not known, as for the first step), as promised and as flown.
+    With those of the beginning re-tuning may swing from one side of the best point to the other for all its rounds.
+    """
+    return before - flown < KEPT * (before - promised)
+
+
+def within_priors(point: Local) -> float:
+    """Return the probability that nuisances drawn from their priors lie as far from the believed values as here.
+
+    Far are all of them together (chi-square) or one of them alone; Bonferroni's bound holds for both tests.
+    """
+    z = point.deviations
+    one = 2.0 * z.size * float(norm.sf(np.max(np.abs(z))))
+    return min(2.0 * min(float(chi2.sf(z @ z, z.size)), one), 1.0)

@@ -1,0 +1,230 @@
+"""Look for a gust in the residual of every record: matched filters over record, start, duration and component.
+
+To first order the response R to a gust of 1 m/s that starts later is the same response later. With r the residuals
+after re-tuning, T the tangents of the nuisances, A = T'T + S^-2 (S the deviations of their priors) and R_s the response
+shifted by s, means over the record taken out, the gain of the best amplitude (score test) is
+
+    z(s) = (r'R_s)^2 / (R_s'R_s - (T'R_s)' A^-1 (T'R_s)),
+
+and all correlations over s are one pass of Fourier transforms. Without a gust every z(s) is chi-square with one degree
+of freedom; Bonferroni's bound over all records, starts, durations and components keeps the largest below the threshold
+with probability 1 - FALSE_ALARM. Starts closer than a fifth of the shortest duration would hardly be tests of their
+own; the bound is safe however alike they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.linalg import cho_factor, cho_solve
+from scipy.stats import chi2
+
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.flight.air import Gust
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.effects.base import Effect, MetGust
+from testbench.questions.gap.effects.gust import LARGEST_M_S, Axis, placed
+from testbench.questions.gap.evidence.commanded import MOVED, commands
+from testbench.questions.gap.evidence.gusts import manoeuvre_of, record_key
+from testbench.questions.gap.search.fit import FALSE_ALARM
+
+if TYPE_CHECKING:
+    from testbench.questions.gap.search.hypothesis import Local
+    from testbench.questions.gap.search.name import Naming
+
+DURATIONS_S = (0.3, 0.45, 0.65, 0.9, 1.3, 1.8, 2.6, 3.7)
+STEP_S = 0.1  # between the starts that are looked at
+LEAST_SHARE = 0.5  # of the excess over the noise that a gust must promise: less comes from a gap in several records
+AFTER_S = 1.0  # the answer to a command lasts about a short period beyond it
+RINGS_S = 2.0  # and so does the answer to a gust
+PROVEN = 0.02  # share of its gain that a gust beside a command may leave: other pulses leave more
+LEFT = 0.1
+_LATERAL = {"beta", "v", "p", "r", "phi", "ay"}
+_LEAST = 1e-3  # information on the amplitude, (m/s)^-2, below which a start (at the very end) is not looked at
+
+
+@dataclass(frozen=True)
+class FoundGust:
+    """Where one gust explains most.
+
+    Attributes:
+        record: its number in the sequence, from 0.
+        axis: component of the air.
+        start_s, duration_s: on the clock of the record.
+        amplitude_m_s: the best one, to first order.
+        gain: fall of chi-square, to first order.
+        looks: number of places that were looked at.
+    """
+
+    record: int
+    axis: Axis
+    start_s: float
+    duration_s: float
+    amplitude_m_s: float
+    gain: float
+    looks: int
+
+    @property
+    def stands_out(self) -> bool:
+        """True if noise alone would gain as much anywhere with probability FALSE_ALARM at most."""
+        return self.looks > 0 and self.gain > float(chi2.isf(FALSE_ALARM / self.looks, 1))
+
+
+@dataclass(frozen=True, eq=False)
+class GustSearch:
+    """Matched filters of a point's records, made once; residuals are searched by :meth:`best`.
+
+    Attributes:
+        records: the records.
+        places: (axis, duration) of every filter.
+        filters: per record (filters, frequencies, p) conjugate transforms of the responses.
+        information: per record (filters, n) information on the amplitude, by start; 0 where it is not looked at.
+        sizes: per record the length of its transforms.
+    """
+
+    records: tuple[FlightRecord, ...]
+    places: tuple[tuple[Axis, float], ...]
+    filters: tuple[FloatArray, ...]
+    information: tuple[FloatArray, ...]
+    sizes: tuple[int, ...]
+
+    @classmethod
+    def at(cls, point: Local) -> GustSearch:
+        """Make the filters of the model of ``point`` in still air."""
+        records, p = point.records, len(point.believed.outputs)
+        axes: tuple[Axis, ...] = ("north", "down")
+        if _LATERAL & set(point.believed.outputs):
+            axes = (*axes, "east")
+        places = tuple((axis, d) for axis in axes for d in DURATIONS_S)
+        T = np.split(point.tangents, np.cumsum([len(r) * p for r in records])[:-1])
+        A = cho_factor(point.tangents.T @ point.tangents + np.diag(point.prior_std**-2.0))
+        responses = _responses(point, max(records, key=len), places)
+        filters, information, sizes = [], [], []
+        for record, tangents in zip(records, T, strict=True):
+            n = len(record)
+            size = next_fast_len(2 * n, real=True)
+            R = responses[:, :n]
+            valid = record.valid[:, [record.channels.index(c) for c in point.believed.outputs]].astype(float)
+            F = np.conj(rfft(R, size, axis=1))
+            V = rfft(valid, size, axis=0)
+            square = irfft((V * np.conj(rfft(R**2, size, axis=1))).sum(axis=2), size, axis=1)[:, :n]
+            sums = irfft(V * F, size, axis=1)[:, :n]
+            square -= (sums**2 / np.maximum(valid.sum(axis=0), 1.0)).sum(axis=2)
+            onto = rfft(tangents.reshape(n, p, -1), size, axis=0)
+            G = irfft(np.einsum("fpk,mfp->mfk", onto, F), size, axis=1)[:, :n]
+            flat = G.reshape(-1, G.shape[2])
+            square -= (flat * cho_solve(A, flat.T).T).sum(axis=1).reshape(square.shape)
+            step = max(1, round(STEP_S / record.dt_s))
+            looked = (np.arange(n) % step == 0) & (square > _LEAST)
+            filters.append(F)
+            information.append(np.where(looked, square, 0.0))
+            sizes.append(size)
+        return cls(records, places, tuple(filters), tuple(information), tuple(sizes))
+
+    @property
+    def looks(self) -> int:
+        """Number of places that are looked at."""
+        return sum(int(np.count_nonzero(i)) for i in self.information)
+
+    def best(self, residuals: Sequence[FloatArray]) -> FoundGust | None:
+        """Return the gust that explains most of ``residuals``, per record (n, p), nuisances re-tuned; None if nowhere.
+
+        Amplitudes beyond LARGEST_M_S are none of a gust.
+        """
+        out: FoundGust | None = None
+        for k, (record, r) in enumerate(zip(self.records, residuals, strict=True)):
+            n, info = len(record), self.information[k]
+            X = rfft(r, self.sizes[k], axis=0)
+            score = irfft((X * self.filters[k]).sum(axis=2), self.sizes[k], axis=1)[:, :n]
+            amplitude = np.divide(score, info, out=np.zeros_like(score), where=info > 0.0)
+            gain = np.where(np.abs(amplitude) < LARGEST_M_S, amplitude * score, 0.0)
+            m, s = np.unravel_index(int(np.argmax(gain)), gain.shape)
+            if gain[m, s] > (0.0 if out is None else out.gain):
+                axis, duration = self.places[int(m)]
+                start, size = float(s) * record.dt_s, float(amplitude[m, s])
+                out = FoundGust(k, axis, start, duration, size, float(gain[m, s]), self.looks)
+        return out
+
+
+def _responses(point: Local, record: FlightRecord, places: Sequence[tuple[Axis, float]]) -> FloatArray:
+    """Return what a gust of 1 m/s from the first sample on changes in the readings (places, n, p), in noise units."""
+    model, out = replace(point.model.with_tuning(point.tuning), gusts=()), []
+    calm, key = model.predict_linear(record), record_key(record)
+    for axis, duration in places:
+        met = replace(model, gusts=(MetGust(key, "", Gust(axis, 1.0, 0.0, duration)),))
+        out.append((met.predict_linear(record) - calm) / model.noise_std)
+    return np.array(out)
+
+
+def sought(point: Local, effect: Effect) -> Effect:
+    """Return ``effect`` where screening finds it: a gust in the record, along the axis and at the time that it explains
+    most of the residual of ``point`` with; every other effect as it is.
+
+    A gust that does not stand out, or promises too small a share of what is above the noise, stays without a place and
+    is not fitted. In turbulence none is looked for: the whitening filter takes moving air out of the residuals, and one
+    more gust of it is not another effect. For the same reason one in the quiet flight before the commands, where the
+    air is listened to, is heard as turbulence.
+    """
+    if effect.met is None or point.believed.whiten is not None or point.model.gusts:
+        return effect
+    p, records = len(point.believed.outputs), point.records
+    left = point.tuned(point.exact)[0][: point.exact.size]
+    parts = [r.reshape(-1, p) for r in np.split(left, np.cumsum([len(r) * p for r in records])[:-1])]
+    found = GustSearch.at(point).best(parts)
+    if found is None or not found.stands_out or found.gain < LEAST_SHARE * (point.chi2 - point.samples):
+        return effect
+    record = records[found.record]
+    start = (found.amplitude_m_s, found.start_s, found.duration_s)
+    name = manoeuvre_of(record, found.record + 1)
+    return placed(effect, record_key(record), name, found.axis, start, record.duration_s, found.looks)
+
+
+def doubted(naming: Naming, believed: Believed, records: Sequence[FlightRecord]) -> Naming:
+    """Return ``naming`` without a gust that may as well be an answer to a command which no effect of the library is.
+
+    An effect of the aircraft that only one manoeuvre is large or fast enough for looks like a gust that came with the
+    command. A gust that blows while a command is out, or less than AFTER_S later, is named only if its form is proven:
+    what may be left of the residual around it, noise taken out (upper bound of probability 1 - LEFT), is less than
+    PROVEN times what it gains.
+    """
+    for fit in (f for f in naming.ranking if f.effect.name in naming.names):
+        model = fit.added_to(believed)
+        for met in model.gusts[len(believed.gusts) :]:
+            record = next(r for r in records if record_key(r) == met.record)
+            part = _unproven(model, record, met.gust) / fit.gain
+            if not _commanded(record, met.gust) or part < PROVEN:
+                continue
+            names = tuple(n for n in naming.names if n != fit.effect.name)
+            why = (
+                f"{fit.effect.title} ({fit.size}) comes nearest, but a command is out at that time, and what is left "
+                f"around it may be {100.0 * part:.3g} % of what it explains: an answer to the command that the library "
+                f"does not hold could look like it. Fly the manoeuvre again: a gust does not come twice"
+            )
+            if not names:
+                return replace(naming, outcome="unexplained", names=(), sentence=f"unexplained: {why}")
+            kept = "; ".join(f"{f.effect.title}, {f.size}" for f in naming.ranking if f.effect.name in names)
+            outcome = "set" if len(names) > 1 else "named"
+            return replace(naming, outcome=outcome, names=names, sentence=f"{kept}; {why}")
+    return naming
+
+
+def _commanded(record: FlightRecord, gust: Gust) -> bool:
+    """Return whether a command is away from where it began while the gust blows, or was so less than AFTER_S before."""
+    t, u = record.t_s - record.t_s[0], commands(record)[1]
+    near = (t > gust.start_s - AFTER_S) & (t < gust.start_s + float(gust.duration_s or 0.0))
+    return bool((np.abs(u[near]) > MOVED).any())
+
+
+def _unproven(model: Believed, record: FlightRecord, gust: Gust) -> float:
+    """Return what may be left, beside noise, of the residual while the gust blows and RINGS_S after it.
+
+    Noise that happens to be low proves nothing: it is not taken for less than it is in the mean.
+    """
+    t = record.t_s - record.t_s[0]
+    blows = (t > gust.start_s) & (t < gust.start_s + float(gust.duration_s or 0.0) + RINGS_S)
+    r, samples = model.residuals(record)[blows], np.count_nonzero(model.taken(record)[blows])
+    return float(max(np.sum(r**2), samples) - chi2.isf(1.0 - LEFT, samples))

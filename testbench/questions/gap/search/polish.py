@@ -1,0 +1,90 @@
+"""Bring fits to rest on flown tangents: those of linear predictions may rest some units of chi-square too high."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+from scipy.linalg import block_diag
+from scipy.optimize import lsq_linear
+
+from testbench.core.record import FloatArray
+from testbench.questions.gap.search.fit import EffectFit
+from testbench.questions.gap.search.gauss_newton import AT_REST, SHORTENED
+from testbench.questions.gap.search.hypothesis import Changes, Local
+from testbench.questions.gap.search.likelihood import TOLD_APART, WEAK, score
+from testbench.questions.gap.search.parallel import spread
+
+_CLOSE = 2.0 * TOLD_APART  # fits that trail the best one by no more are polished: linear tangents cost less than half
+_SEEN = 0.5 * WEAK  # gain below which no polish makes a name of a fit
+_ROUNDS = 3
+_STEP = 0.1  # of differences, in standard errors
+_WIDEST, _NARROWEST = 1e-2, 1e-6  # of them, of a parameter's range
+
+
+def polished(base: Local, ranking: Sequence[EffectFit], chi2_tuned: float) -> list[EffectFit]:
+    """Return the fits of ``ranking``, of which those that compete for the first place have come to rest as flown.
+
+    Args:
+        base: a point without any effect.
+        ranking: fits, best first.
+        chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
+    """
+    flown = [f for f in ranking if f.flown and f.settled and not f.scatter_s and f.gain > _SEEN]
+    first = max((score(f, base.samples) for f in flown), default=0.0)
+    close = [f for f in flown if first - score(f, base.samples) < _CLOSE]
+    if len(close) < 2:
+        return list(ranking)
+    found = dict(zip(map(id, close), spread([partial(_at_rest, base, f, chi2_tuned) for f in close]), strict=True))
+    return [found.get(id(f), f) for f in ranking]
+
+
+def slopes(changes: Changes, there: Local, x: FloatArray, errors: FloatArray) -> FloatArray:
+    """Return d residuals / d parameters (samples, p) at a point flown with them, by differences of flights.
+
+    Args:
+        changes: the effect, from a point without it.
+        there: the point, flown with the effect at ``x``.
+        x: (p,) parameters.
+        errors: (p,) their standard errors, of which the differences are a tenth.
+    """
+    low, high = changes.effect.bounds
+    width = np.clip(_STEP * errors, _NARROWEST * (high - low), _WIDEST * (high - low))
+    columns = []
+    for i, h in enumerate(np.where(x + width < high, width, -width)):
+        beside = there.moved(changes.model(x + h * (np.arange(len(x)) == i)), there.factors)
+        columns.append(np.zeros_like(there.exact) if beside is None else (beside.exact - there.exact) / h)
+    return np.column_stack(columns)
+
+
+def _at_rest(base: Local, fit: EffectFit, chi2_tuned: float) -> EffectFit:
+    """Return ``fit`` after Gauss-Newton steps on flown tangents that lower chi-square; its errors stay."""
+    changes, (low, high) = Changes(base, fit.effect), fit.effect.bounds
+    x, errors = np.array(list(fit.values.values())), np.array(list(fit.errors.values()))
+    there = base.moved(changes.model(x), base.factors_of(fit.tuning))
+    if there is None:
+        return fit
+    lowest, free = _cost(there, changes, x), np.full(len(base.priors), np.inf)
+    for _ in range(_ROUNDS):
+        near = there.afresh(True)
+        J = block_diag(fit.effect.prior_slopes(x), np.diag(1.0 / base.prior_std))
+        J = np.vstack([np.hstack([slopes(changes, there, x, errors), near.tangents]), J])
+        r = np.concatenate([there.exact, fit.effect.prior_residuals(x), there.deviations])
+        ends = np.concatenate([np.minimum(low - x, -1e-12), -free]), np.concatenate([np.maximum(high - x, 1e-12), free])
+        step = lsq_linear(J, -r, ends).x
+        if r @ r - np.sum((r + J @ step) ** 2) < AT_REST:
+            break
+        for share in SHORTENED:
+            x_there = np.clip(x + share * step[: len(x)], low, high)
+            moved = near.moved(changes.model(x_there), there.factors + share * step[len(x) :])
+            if moved is not None and _cost(moved, changes, x_there) < lowest:
+                there, x, lowest = moved, x_there, _cost(moved, changes, x_there)
+                break
+        else:
+            break
+    return fit if lowest >= fit.chi2 else fit.brought_to(x, there, lowest, chi2_tuned)
+
+
+def _cost(point: Local, changes: Changes, x: FloatArray) -> float:
+    return point.chi2 + float(np.sum(changes.effect.prior_residuals(x) ** 2))

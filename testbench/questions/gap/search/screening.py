@@ -1,0 +1,166 @@
+"""Screen the effects of the library: what each promises on linear differences, before any is fitted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import product
+
+import numpy as np
+
+from testbench.core.record import FloatArray
+from testbench.questions.gap.effects import Effect
+from testbench.questions.gap.search.hypothesis import Changes, Local
+from testbench.questions.gap.search.parallel import spread
+
+SMALL = 0.1  # share of its usual start at which an effect is screened where it can only be small
+INVISIBLE = 1e-2  # chi-square by which an effect changes the predictions at its starts: less cannot be seen
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """What an effect promises before it is fitted.
+
+    Attributes:
+        effect: the effect.
+        changes: what it changes.
+        starts: those that can be flown, the most promising first.
+        promise: gain of the best start, or of the best multiple of what it changes.
+        why: why these records cannot show it, or "".
+        alone: the same gain where no nuisance is re-tuned.
+    """
+
+    effect: Effect
+    changes: Changes
+    starts: tuple[FloatArray, ...]
+    promise: float
+    why: str
+    alone: float = 0.0
+
+    @property
+    def seen(self) -> bool:
+        """True if these records could show it."""
+        return not self.why
+
+
+def screen(base: Local, effect: Effect, share: float = 1.0, far: bool = False) -> Screened:
+    """Set what ``effect`` changes at its starts, d, against the residual r, nuisances re-tuned in both.
+
+    A start promises the larger of |r|^2 - |r + d|^2 and (r'd)^2 / d'd, the gain of the best multiple of d (score test).
+    Where one parameter is a size that may have either sign, the start is moved to that multiple; such a start is taken
+    at a ``share`` of its size. From a base that is ``far`` from rest both signs are flown: to other flights than those
+    of the base, one does not change the residuals by minus what the other does.
+    """
+    changes, size = Changes(base, effect), _size(effect)
+    if effect.lateral and not base.lateral:
+        return Screened(effect, changes, (), 0.0, "these records cannot show it: neither aileron nor rudder moves")
+    if not effect.looks:
+        return Screened(effect, changes, (), 0.0, f"looked for in every record, no {effect.name} stands out of one")
+    starts = _starts(effect)
+    if size is not None:
+        if not (far and effect.flown):  # the other sign changes the residuals by minus as much
+            starts = [s for s in starts if s[size] == effect.parameters[size].starts[0]]
+        none = effect.parameters[size].none or 0.0
+        for s in starts:
+            s[size] = none + share * (s[size] - none)
+    r = base.tuned(base.exact)[0]
+    flies, alone, found = False, 0.0, []
+    for x in starts:
+        change = changes.at(x)
+        if change is None:
+            continue
+        flies = True
+        left = base.tuned(base.exact + change)[0]
+        d = left - r
+        if d @ d <= INVISIBLE:
+            continue
+        along = float(base.exact @ change)
+        alone = max(alone, -2.0 * along - float(change @ change), along**2 / float(change @ change))
+        multiple, cost = -float(r @ d) / float(d @ d), float(left @ left)
+        scored = multiple**2 * float(d @ d)
+        if size is not None:
+            x, cost = _multiplied(x, effect, size, multiple), float(r @ r) - scored
+        found.append((cost, max(float(r @ r) - cost, scored), x))
+    if not found:
+        why = "these records cannot show it: their channels, compared about their means, do not change"
+        return Screened(effect, changes, (), 0.0, why if flies else "no start of it flies the measured commands")
+    found.sort(key=lambda f: f[0])
+    return Screened(effect, changes, tuple(f[2] for f in found), max(f[1] for f in found), "", alone)
+
+
+def screen_all(tasks: Sequence[tuple[Local, Effect]], share: float = 1.0, far: bool = False) -> list[Screened]:
+    """Return :func:`screen` of (point, effect) pairs, on all processes that the search may use."""
+    for base in {id(base): base for base, _ in tasks}.values():
+        base.prepare()
+    parts = spread([partial(_parts, base, effect, share, far) for base, effect in tasks])
+    both = zip(tasks, parts, strict=True)
+    return [Screened(e, Changes(b, e, known), *rest) for (b, e), (known, rest) in both]
+
+
+def _parts(
+    base: Local, effect: Effect, share: float, far: bool
+) -> tuple[dict[bytes, FloatArray | None], tuple[tuple[FloatArray, ...], float, str, float]]:
+    """Return of what an effect promises all that the searching process does not have."""
+    s = screen(base, effect, share, far)
+    return s.changes.known, (s.starts, s.promise, s.why, s.alone)
+
+
+def screen_closely(base: Local, screened: Sequence[Screened]) -> list[Screened]:
+    """Return for each effect what it promises at a small size, flown, if that is more; otherwise what it did.
+
+    Where little more than noise is left no effect is large, and one that works like re-tuned coefficients is what they
+    leave of it: a pitch damper of some thousandths is Cm_q to a few parts in a thousand. So small a difference is lost
+    at a size at which the aircraft flies another flight, and in what linear predictions get wrong.
+    """
+    sized = [i for i, s in enumerate(screened) if s.seen and _size(s.effect) is not None]
+    close = screen_all([(base, replace(screened[i].effect, flown=True)) for i in sized], SMALL)
+    out = list(screened)
+    for i, s in zip(sized, close, strict=True):
+        if s.promise > out[i].promise:
+            out[i] = s
+    return out
+
+
+def flown_best(base: Local, screened: Screened) -> Screened:
+    """Return ``screened`` with the one start of the effect, of either sign, that leaves least when it is flown."""
+    starts = _starts(screened.effect)
+    flown = [
+        (there.chi2, k) for k, s in enumerate(starts) if (there := base.moved(screened.changes.model(s), base.factors))
+    ]
+    return replace(screened, starts=(starts[min(flown)[1]],)) if flown else screened
+
+
+def _starts(effect: Effect) -> list[FloatArray]:
+    """Return every combination of the parameters' starts, each (p,)."""
+    return [np.array(s) for s in product(*(p.starts for p in effect.parameters))]
+
+
+def _size(effect: Effect) -> int | None:
+    """Return the parameter that is a size of either sign, if there is exactly one."""
+    sizes = [i for i, p in enumerate(effect.parameters) if p.none is not None and p.low < p.none < p.high]
+    return sizes[0] if len(sizes) == 1 else None
+
+
+def _multiplied(x: FloatArray, effect: Effect, size: int, multiple: float) -> FloatArray:
+    """Return the start with a multiple of its size, not quite zero and not beyond its bounds."""
+    p, out = effect.parameters[size], x.copy()
+    none = p.none or 0.0
+    step = math.copysign(float(np.clip(abs(multiple), 0.02, 5.0)), multiple)
+    out[size] = np.clip(none + step * (x[size] - none), 0.98 * p.low + 0.02 * none, 0.98 * p.high + 0.02 * none)
+    return out
+
+
+def promising(screened: Sequence[Screened], followed: float, followed_far: float, at_least: int) -> list[Screened]:
+    """Return those worth a fit, the most promising first.
+
+    Followed are the first ``at_least`` and those that promise a share ``followed`` of what the best one promises, or of
+    effects with several parameters, of which screening tries a few combinations only, ``followed_far``.
+    """
+    order = sorted((s for s in screened if s.seen), key=lambda s: -s.promise)
+    return [
+        s
+        for i, s in enumerate(order)
+        if i < at_least or s.promise > (followed if len(s.effect.parameters) == 1 else followed_far) * order[0].promise
+    ]

@@ -1,0 +1,1 @@
+"""The same estimators and the same page for recorded flights."""

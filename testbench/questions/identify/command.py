@@ -1,0 +1,38 @@
+"""The command ``testbench identify``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from testbench.page.terminal import console, stages
+from testbench.questions.options import OutOption
+
+
+def command(
+    description: Annotated[Path, typer.Argument(help="Description of recorded flights (TOML).", show_default=False)],
+    out: OutOption = Path("results"),
+    data: Annotated[
+        Path | None, typer.Option(help="Folder with the data files; replaces the one in the description.")
+    ] = None,
+) -> None:
+    """Run the same estimators, evaluation and report on recorded flights.
+
+    The description says which file, which column is which channel in which unit, and which time segments to use;
+    CSV, text, MAT, Parquet and NetCDF are read. Example: `testbench identify records/attas_short_period`.
+    """
+    from testbench.page.write import record_keeper
+    from testbench.questions.files import find
+    from testbench.questions.identify.ask import identify
+    from testbench.questions.identify.scenario import RecordDescription
+    from testbench.questions.run.page import print_result, write_results
+
+    loaded = RecordDescription.load(find(description, "identify"))
+    folder = out / loaded.name
+    with stages() as say:
+        result = identify(loaded, data, record_keeper(folder), say)
+        say("write report")
+        write_results(result, folder)
+    print_result(result, console(), folder)

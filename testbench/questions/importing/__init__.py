@@ -1,0 +1,1 @@
+"""What is in a flight log, and where are its manoeuvres?"""

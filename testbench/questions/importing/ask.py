@@ -1,0 +1,290 @@
+"""One log in; what is in it, its manoeuvres as records, and descriptions ready for ``testbench identify`` out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from testbench.core.channels import CONTROLS, channel
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import RecordError
+from testbench.core.record import FlightRecord
+from testbench.logs.dataflash import HEAD, read_dataflash, servo_rules
+from testbench.logs.dataflash import RULES as DATAFLASH_RULES
+from testbench.logs.layout import SUFFIXES, find_data_folder
+from testbench.logs.manoeuvres import QUIET_S, Manoeuvre, Search, find_manoeuvres
+from testbench.logs.read import read_records
+from testbench.logs.resampling import common_rate, resample
+from testbench.logs.sidpac import read_columns
+from testbench.logs.signals import Log, Mapped, Rule, Topic, map_channels, scaled
+from testbench.logs.ulog import MAGIC, read_ulog
+from testbench.logs.ulog import RULES as ULOG_RULES
+from testbench.questions.identify.scenario import RecordDescription
+
+_AXES = {"longitudinal": ("de", "thr"), "lateral": ("da", "dr")}
+_OUTPUTS = {"longitudinal": ("alpha", "q", "theta", "az"), "lateral": ("beta", "p", "r", "phi")}
+_MOST_OUTPUTS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Imported:
+    """A log that was read: its channels as logged, the record of all of it on one clock, and the manoeuvres in it."""
+
+    log: Log
+    channels: tuple[Mapped, ...]
+    record: FlightRecord
+    rate_hz: float
+    search: Search
+
+
+def read_log(path: Path | str, part: str | None = None) -> tuple[Log, tuple[Rule, ...]]:
+    """Read a log of any known format, told by its first bytes, else by its suffix; return it and its rules.
+
+    ``part`` names one of several records of a description.
+
+    Raises:
+        RecordError: the file is missing, empty, of no known format, or damaged beyond use.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise RecordError(f"a log must be a file that exists, got '{path}'")
+    with path.open("rb") as file:
+        head = file.read(8000)
+    suffix = path.suffix.lower()
+    if not head:
+        raise RecordError(f"a log must hold samples, but '{path}' is empty")
+    if suffix == ".toml":
+        return read_described(path, part)
+    if part is not None:
+        raise RecordError(f"--record chooses among those of a description (.toml), but '{path}' is none")
+    if head.startswith(MAGIC) or suffix == ".ulg":
+        return read_ulog(path), ULOG_RULES
+    if head.startswith(HEAD) or suffix == ".bin" or (suffix in (".log", ".txt") and b"FMT," in head):
+        log = read_dataflash(path)
+        return log, (*DATAFLASH_RULES, *servo_rules(log.parameters))
+    if suffix in SUFFIXES:
+        return read_columns(path)
+    raise RecordError(
+        f"a log must be PX4's ULog (.ulg), ArduPilot's DataFlash (.bin, .log), a table ({', '.join(SUFFIXES)}) or the "
+        f"description of one (.toml), got '{path}', which begins as none of them"
+    )
+
+
+def read_described(path: Path, part: str | None = None) -> tuple[Log, tuple[Rule, ...]]:
+    """Read one record of a description as a log; return it and its rules.
+
+    Raises:
+        RecordError, ScenarioError: the description is incomplete, its data cannot be read, or it has several records
+            and ``part`` is none of them.
+    """
+    description = RecordDescription.load(path)
+    records = {name: record for name, _, record in read_records(description)}
+    if (part or "") not in (records if part is not None or len(records) > 1 else ("",)):
+        raise RecordError(
+            f"one of the records of '{path}' must be chosen by --record: {', '.join(records)}; got {part or 'none'}"
+        )
+    name = part or next(iter(records))
+    record = records[name]
+    columns = {n: np.where(record.valid[:, i], record.data[:, i], np.nan) for i, n in enumerate(record.channels)}
+    rules = tuple(
+        Rule(c.name, "", (c.name,), scaled(1.0), f"column {c.column}, {c.unit}", in_si=True)
+        for c in description.channel
+    )
+    file = find_data_folder(description) / next(spec.file for spec in description.record if name in spec.parts)
+    return Log(file, "a table, as described", {"": Topic("", record.t_s, columns)}), rules
+
+
+def import_log(
+    path: Path | str,
+    rate_hz: float | None = None,
+    throw_rad: Mapping[str, float] | None = None,
+    lead_s: float = 2.0,
+    tail_s: float = 5.0,
+    part: str | None = None,
+) -> Imported:
+    """Read a log, map it to the channel table, put it on one clock and find its manoeuvres.
+
+    Args:
+        path: the log.
+        rate_hz: rate of the record; see :func:`testbench.logs.resampling.common_rate` for what is taken otherwise.
+        throw_rad: surface ("de", "da", "dr") -> its deflection at full command, rad.
+        lead_s: quiet flight before each manoeuvre, s.
+        tail_s: response after it, s.
+        part: record of a description, where it has several.
+
+    Raises:
+        RecordError: the log cannot be read, holds no channel of the table, or a number given is out of its range.
+    """
+    log, rules = read_log(path, part)
+    channels = map_channels(log, rules, throw_rad)
+    if not channels:
+        raise RecordError(
+            f"'{path}' must hold signals of the channel table, but none of its topics is known as one, or they hold "
+            f"fewer than 4 samples or nothing but zeros: {', '.join(name or 'the table' for name in log.topics)}"
+        )
+    rate = common_rate(channels) if rate_hz is None else rate_hz
+    with log.file.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    provenance: dict[str, Any] = {
+        "file": log.file.name,
+        "sha256": digest,
+        "format": log.kind,
+        "log": dict(log.facts),
+        "warnings": list(log.warnings),
+        "channels": {c.name: {"source": c.source, "conversion": c.said, "assumed": c.assumed} for c in channels},
+    }
+    stepped = [name for base in CONTROLS for name in (base, f"{base}_cmd")]
+    record = resample(channels, rate, provenance, stepped)
+    controls = controls_of(record)
+    search = find_manoeuvres(record, controls, lead_s, tail_s) if controls else Search((), ("no control was found",))
+    return Imported(log, tuple(channels), record, rate, search)
+
+
+def parse_throws(given: Sequence[str]) -> dict[str, float]:
+    """Return surface -> deflection at full command, rad, from texts such as "de=20" (deg).
+
+    Raises:
+        RecordError: a text is not of that form, or the deflection is not between 0 and 90 deg.
+    """
+    out = {}
+    for text in given:
+        name, _, size = text.partition("=")
+        try:
+            degrees = float(size)
+        except ValueError:
+            degrees = np.nan
+        if name not in ("de", "da", "dr") or not 0.0 < degrees <= 90.0:
+            raise RecordError(f"a throw must be de, da or dr = degrees above 0 and up to 90, as de=20, got '{text}'")
+        out[name] = degrees * DEG_RAD
+    return out
+
+
+def controls_of(record: FlightRecord) -> tuple[str, ...]:
+    """Return the controls of a record: the deflection where it was logged, else the command."""
+    names = (name if name in record else f"{name}_cmd" for name in CONTROLS)
+    return tuple(name for name in names if name in record)
+
+
+def cut(imported: Imported) -> dict[str, tuple[Manoeuvre, FlightRecord]]:
+    """Return name -> (manoeuvre, record), time counted from the start of each cut, for those that can be cut out."""
+    out: dict[str, tuple[Manoeuvre, FlightRecord]] = {}
+    usable = [m for m in imported.search.manoeuvres if m.cut_s is not None]
+    for i, m in enumerate(usable, start=1):
+        assert m.cut_s is not None
+        part = imported.record.between(m.cut_s[0], m.cut_s[1] + 0.5 / imported.rate_hz)
+        part = replace(
+            part, t_s=part.t_s - part.t_s[0], provenance={**part.provenance, "cut_from_record_s": list(m.cut_s)}
+        )
+        out[f"{i:02d}_{'_'.join(name.removesuffix('_cmd') for name in m.controls)}"] = (m, part)
+    return out
+
+
+def write_import(imported: Imported, folder: Path | str) -> list[Path]:
+    """Write the whole record, one record per manoeuvre (NetCDF), and a description per axis; return the paths.
+
+    Descriptions are named after the log: FILE_longitudinal.toml, FILE_lateral.toml, FILE_combined.toml; with no
+    manoeuvre that can be cut out, FILE_whole.toml, which splits the whole record. Each has been read back as
+    ``testbench identify`` would.
+
+    Raises:
+        RecordError: the folder cannot be written to.
+    """
+    folder = Path(folder)
+    paths = [imported.record.save(folder / "whole.nc")]
+    parts = cut(imported)
+    paths += [record.save(folder / f"{name}.nc") for name, (_, record) in parts.items()]
+    stem = imported.log.file.stem
+    groups: dict[str, dict[str, tuple[Manoeuvre | None, FlightRecord]]] = {}
+    for name, (m, record) in parts.items():
+        groups.setdefault(_axis(m), {})[name] = (m, record)
+    if not parts and controls_of(imported.record):
+        groups["whole"] = {"whole": (None, imported.record)}
+    for axis, members in groups.items():
+        text = describe(imported, axis, members)
+        if text:
+            path = folder / f"{stem}_{axis}.toml"
+            path.write_text(text, encoding="utf-8")
+            RecordDescription.load(path)
+            paths.append(path)
+    return paths
+
+
+def _axis(m: Manoeuvre) -> str:
+    bases = {name.removesuffix("_cmd") for name in m.controls}
+    return next((axis for axis, own in _AXES.items() if bases <= set(own)), "combined")
+
+
+def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvre | None, FlightRecord]]) -> str:
+    """Return the description (TOML) of some records of one log, "" if nothing was measured that could be an output.
+
+    Manoeuvres of the same controls identify and validate in turn; one that is alone is split. Every channel carries
+    in a comment where it comes from and what was assumed.
+    """
+    records = [record for _, record in members.values()]
+    held = [n for n in records[0].channels if all(r.valid[:, r.channels.index(n)].any() for r in records)]
+    used = [m for m, _ in members.values() if m is not None] or imported.search.manoeuvres
+    moved = {name for m in used for name in m.controls}
+    cut_out = any(m is not None for m, _ in members.values())
+    inputs = [n for n in controls_of(records[0]) if n in held and (n in moved or not moved)]
+    outputs = []
+    for key, names in _OUTPUTS.items():
+        if any(name.removesuffix("_cmd") in _AXES[key] for name in inputs):
+            outputs += [n for n in names if n in held][:_MOST_OUTPUTS]
+    if not outputs or not inputs:
+        return ""
+    leads = [m.start_s - m.cut_s[0] for m, _ in members.values() if m is not None and m.cut_s is not None]
+    trim = np.floor(10.0 * min(leads, default=0.0)) / 10.0
+    log, rate = imported.log, imported.rate_hz
+    q = json.dumps
+    head = [
+        "# Written by testbench import. Edit it: uses, inputs, outputs and estimators are proposals.",
+        *(f"# Log: {_line(text)}" for text in log.warnings),
+        f"title = {q(f'{log.file.name}: {axis} manoeuvres' if cut_out else f'{log.file.name}: the whole record')}",
+        f"source = {q(f'{log.file.name}, {log.kind}')}",
+        'rights = "say here whose data these are and who may use them"',
+        'folder = "."',
+        *([f"trim_s = {trim:g}"] if trim >= QUIET_S else []),
+        "",
+        "[time]",
+        'column = "t"',
+    ]
+    for (name, (m, _)), use in zip(members.items(), _uses(members), strict=True):
+        head += ["", "[[record]]"]
+        if m is not None and m.cut_s is not None:
+            head.append(
+                f"# {m.cut_s[0]:.2f} to {m.cut_s[1]:.2f} s of whole.nc; controls move from {m.start_s:.2f} s on"
+            )
+        head += [f"name = {q(name)}", f"file = {q(name + '.nc')}", f"use = {q(use)}"]
+    for c in imported.channels:
+        if c.name in held:
+            head += ["", f"# {_line(c.source)}: {_line(c.said)}"]
+            head += [f"# assumed: {_line(c.assumed)}"] if c.assumed else []
+            head += ["[[channel]]", f"name = {q(c.name)}", f"column = {q(c.name)}", f"unit = {q(channel(c.name).unit)}"]
+            head.append('missing = "mask"')
+    horizon = int(np.clip(round(0.2 * rate), 5, 20))
+    head += ["", "[preparation]", f'bias = "{"trim" if trim >= QUIET_S else "mean"}"', "", "[identification]"]
+    head += [f"inputs = {q(inputs)}", f"outputs = {q(outputs)}", "", "[[identification.estimators]]"]
+    head += ['method = "dsr_e"', f"order = {max(2, len(outputs))}", f"past_horizon = {horizon}"]
+    return "\n".join([*head, f"future_horizon = {horizon}", ""])
+
+
+def _uses(members: Mapping[str, tuple[Manoeuvre | None, FlightRecord]]) -> list[str]:
+    groups = [m.controls if m is not None else () for m, _ in members.values()]
+    total, seen = Counter(groups), Counter[tuple[str, ...]]()
+    out = []
+    for group in groups:
+        out.append("split" if total[group] == 1 else ("identification", "validation")[seen[group] % 2])
+        seen[group] += 1
+    return out
+
+
+def _line(text: str) -> str:
+    """Return text from a log for a comment of one line."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())

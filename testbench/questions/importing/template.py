@@ -1,0 +1,229 @@
+"""A description to fill in, made from the table that it is to describe: its columns, what they hold, what to say.
+
+Nothing of a table without names can be known but its numbers: which column is which channel is for its owner to say.
+What the file gives away is proposed: names of channels in the header, stated units, a column that counts time.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from testbench.core.channels import CHANNELS, UNITS, channel
+from testbench.core.errors import RecordError
+from testbench.core.record import FloatArray
+from testbench.logs.layout import SUFFIXES, TIME_UNITS
+from testbench.logs.mat import mat_variables
+from testbench.logs.sidpac import CLOCKS, channel_called, stated_unit
+from testbench.logs.tables import Table, read_table
+
+_EVEN = 0.5  # steps of a column that counts time differ from the usual one by less than this share, but for gaps
+_MOST_GAPS = 6
+_RATES = ("fs", "rate", "rate_hz", "fs_hz", "sampling_rate", "sample_rate", "sampling_frequency")
+
+
+class _Clock(NamedTuple):
+    """The column, counted from 1, that may count time, its unit, and pieces without gaps as (first, last) times."""
+
+    number: int
+    unit: str
+    pieces: tuple[tuple[float, float], ...]
+
+
+def write_template(path: Path | str, out: Path | str) -> Path:
+    """Write the template for the table ``path`` to ``out`` and return that.
+
+    Raises:
+        RecordError: the table cannot be read, or ``out`` exists or cannot be written.
+    """
+    path, out = Path(path), Path(out)
+    if out.suffix.lower() != ".toml":
+        raise RecordError(f"a description must be a .toml file, got '{out}'")
+    if out.exists():
+        raise RecordError(f"a description to fill in must be a new file, got '{out}', which exists; give another name")
+    folder = os.path.relpath(path.resolve().parent, out.resolve().parent)
+    text = description_template(path, folder)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        out.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RecordError(f"a description must be written where that is possible, got '{out}': {error}") from error
+    return out
+
+
+def description_template(path: Path | str, folder: str = ".") -> str:
+    """Return a description (TOML) of the table ``path`` in ``folder`` whose channels are still to be named.
+
+    Raises:
+        RecordError: the file is missing, no table, or cannot be read.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise RecordError(f"a table must be a file that exists, got '{path}'")
+    kind = SUFFIXES.get(path.suffix.lower())
+    if kind is None:
+        raise RecordError(
+            f"a description is for a table ({', '.join(SUFFIXES)}), got '{path}'; logs of autopilots need none"
+        )
+    variable, others = _variable(path) if kind == "mat" else ("", [])
+    table = read_table(path, kind, variable or None)
+    columns = [table.numbers(i + 1) for i in range(len(table.names))]
+    clock = _clock(table, columns)
+    q = json.dumps
+    lines = [
+        f"# {_plain(path.name)}: {len(table)} rows, {len(columns)} columns.",
+        "# To fill in: remove the # before the columns that are channels, give each its name and unit, and name inputs",
+        "# and outputs below. Then:",
+        "#   testbench check THIS_FILE       says what is still missing",
+        "#   testbench import THIS_FILE      shows what it holds, and with -o cuts its manoeuvres",
+        "#   testbench identify THIS_FILE    identifies",
+        *_channel_list(),
+        f"title = {q(path.stem)}",
+        'source = "say here what was flown, by whom and when"',
+        'rights = "say here whose data these are and who may use them"',
+        f"folder = {q(Path(folder).as_posix())}",
+        "",
+        "[time]",
+        *_time_lines(table, columns, clock),
+        "",
+        "[[record]]",
+        f"name = {q(path.stem)}",
+        f"file = {q(path.name)}",
+        'use = "split"  # the first part identifies, the rest judges',
+    ]
+    if variable:
+        lines.append(f"variable = {q(variable)}" + (f"  # or {_plain(', '.join(others))}" if others else ""))
+    if clock and len(clock.pieces) > 1:
+        lines.append("# times jump here; each piece becomes a record of its own")
+        lines.append(f"segments = [{', '.join(f'[{a:.9g}, {b:.9g}]' for a, b in clock.pieces)}]")
+    for i, values in enumerate(columns):
+        if clock is None or i != clock.number - 1:
+            lines += _column_lines(table, i, values)
+    return "\n".join([*lines, *_TAIL, ""])
+
+
+_TAIL = """
+[preparation]
+bias = "mean"
+
+[identification]
+# inputs = ["de"]               # channels from above
+# outputs = ["alpha", "q"]
+
+[[identification.estimators]]
+method = "dsr_e"
+order = 2
+past_horizon = 10
+future_horizon = 10
+""".splitlines()
+
+
+def _variable(path: Path) -> tuple[str, list[str]]:
+    """Return the matrix to read of a MAT file that holds several, the one with most samples, and the others."""
+    try:
+        read_table(path, "mat")
+    except RecordError:
+        try:
+            content = mat_variables(path.read_bytes())
+        except (ValueError, OSError):
+            return "", []  # the common reader says what is wrong
+        sizes = {k: v.shape[0] for k, v in content.items() if isinstance(v, np.ndarray) and v.ndim == 2}
+        names = sorted(sizes, key=lambda k: -sizes[k])
+        return (names[0], names[1:]) if names and sizes[names[0]] > 1 else ("", [])
+    return "", []
+
+
+def _clock(table: Table, columns: Sequence[FloatArray]) -> _Clock | None:
+    """Return the column that is called time, or, if none is, the first one that runs on evenly; None if none does."""
+    labels = [name.strip().lower() for name in table.names]
+    ordered = sorted(range(len(columns)), key=lambda i: (labels[i] not in CLOCKS, i))
+    for i in ordered:
+        t, unit = columns[i], table.units[i].strip().lower() or "s"
+        if t.size < 3 or not np.all(np.isfinite(t)) or unit not in TIME_UNITS:
+            continue
+        steps = np.diff(t)
+        usual = float(np.median(steps))
+        if usual <= 0.0 or np.any(steps <= 0.0):
+            continue
+        cuts = np.flatnonzero(np.abs(steps - usual) > _EVEN * usual)
+        if cuts.size >= _MOST_GAPS:
+            continue
+        starts, ends = np.r_[0, cuts + 1], np.r_[cuts, t.size - 1]
+        factor = TIME_UNITS[unit]
+        pieces = tuple((factor * float(t[a]), factor * float(t[b])) for a, b in zip(starts, ends, strict=True) if b > a)
+        return _Clock(i + 1, unit, pieces)
+    return None
+
+
+def _time_lines(table: Table, columns: Sequence[FloatArray], clock: _Clock | None) -> list[str]:
+    if clock is not None:
+        t = columns[clock.number - 1]
+        step = float(np.median(np.diff(t)))
+        return [
+            f"column = {_key(table, clock.number - 1)}  # runs from {t[0]:.6g} to {t[-1]:.6g} in steps of {step:.6g}",
+            f'unit = "{clock.unit}"',
+        ]
+    for name, values in zip(table.names, columns, strict=True):
+        given = values[np.isfinite(values)]
+        if name.strip().lower() in _RATES and given.size and np.all(given == given[0]) and given[0] > 0.0:
+            return [f"rate_hz = {float(given[0])!r}  # no column counts time; column '{_plain(name)}' says this"]
+    return ["# no column counts time: say how many rows there are in a second", "# rate_hz = 100.0"]
+
+
+def _column_lines(table: Table, i: int, values: FloatArray) -> list[str]:
+    """Return the entry of one column, as a remark unless its name is that of a channel."""
+    taken = values[np.isfinite(values)]
+    name, stated = table.names[i], table.units[i].strip()
+    head = f"# column {i + 1}" + (f", {_plain(name)}" if name else "") + (f" [{_plain(stated)}]" if stated else "")
+    if not taken.size:
+        return ["", f"{head}: no numbers"]
+    extent = f"{taken.min():.5g} to {taken.max():.5g}" if taken.min() < taken.max() else f"{taken[0]:.5g} throughout"
+    head += f": {extent}" + (f", {values.size - taken.size} missing" if taken.size < values.size else "")
+    found = channel_called(name)
+    unit = stated_unit(found, stated) if found else ""
+    known = bool(found and unit and taken.size == values.size)
+    entry = [
+        "[[channel]]",
+        f'name = "{found or "?"}"',
+        f"column = {_key(table, i)}",
+        f'unit = "{unit or "?"}"' + (f"  # one of {', '.join(_units(found))}" if found and not unit else ""),
+    ]
+    entry += ['missing = "mask"'] if taken.size < values.size else []
+    return ["", head, *(entry if known else [f"# {line}" for line in entry])]
+
+
+def _key(table: Table, i: int) -> str:
+    """Return how the description names a column: by its name where that is the only one, else by its number."""
+    name = table.names[i]
+    return json.dumps(name, ensure_ascii=False) if name and table.names.count(name) == 1 else str(i + 1)
+
+
+def _units(name: str) -> list[str]:
+    si = channel(name).unit
+    return list(UNITS.get(si, {si: 1.0}))
+
+
+def _channel_list() -> list[str]:
+    """Return the channels that a table may hold, by the units they can be given in, as remarks."""
+    groups: dict[str, list[str]] = {}
+    for name in (*CHANNELS, "az_wing_1", "strain_wing_1"):
+        groups.setdefault(channel(name).unit, []).append(name)
+    out = ["#", "# Channels, and the units that their columns may be in:"]
+    out += [f"#   {', '.join(names)}: {', '.join(_units(names[0]))}" for names in groups.values()]
+    return [
+        *out,
+        "# az_wing and strain_wing are numbered by station. Signs: de is positive trailing edge down, da where it",
+        "# rolls the right wing down, dr trailing edge left; az is -9.81 m/s2 in level flight. scale = -1.0 turns a",
+        "# column; minus_column = N subtracts another one (da from left and right).",
+        "",
+    ]
+
+
+def _plain(text: str) -> str:
+    """Return text from a file for a remark of one line."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())

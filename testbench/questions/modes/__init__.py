@@ -1,0 +1,1 @@
+"""Which modes do outputs show whose input nobody knows, such as a wing in turbulence?"""

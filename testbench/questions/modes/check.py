@@ -1,0 +1,41 @@
+"""What can be said of a scenario of flight in turbulence before it is flown."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from testbench.aircraft import load_aircraft
+from testbench.core.errors import Faults, nearest
+from testbench.flight.simulate import stride
+from testbench.line import log_rate
+from testbench.questions.modes.scenario import ModesScenario
+from testbench.sensors import load_suite
+
+if TYPE_CHECKING:
+    pass
+from testbench.questions.modes.ask import WING, signal_of
+
+
+def check(scenario: ModesScenario) -> list[str]:
+    """Return every law of aircraft, inputs and sensors that the scenario breaks, in words, without flying it."""
+    faults = Faults(scenario.file)
+    attempt = faults.attempt
+    aircraft = attempt("aircraft", load_aircraft, scenario.aircraft, scenario.wings)
+    suite = attempt("suite", load_suite, scenario.suite)
+    if aircraft is None or suite is None:
+        return faults
+    rate = scenario.simulation.rate_hz or aircraft.rate_hz
+    logged = log_rate(scenario.simulation, [suite])
+    attempt("simulation.log_rate_hz", stride, rate, logged)
+    attempt("suite", suite.check_log_rate, logged)
+    for i, spec in enumerate(scenario.flight):
+        attempt(f"flight[{i}]", signal_of, spec, rate)
+    for name in (*scenario.modes.channels, *scenario.modes.references):
+        if name not in suite.outputs:
+            hint = nearest(name, suite.outputs)
+            faults.note("modes", f"channels must be sensed by the suite, got '{name}'{hint}")
+    if not scenario.modes.channels and not any(c.startswith(WING) for c in suite.outputs):
+        faults.note("modes.channels", f"must be given, suite '{suite.name}' has no sensor on the wing")
+    if aircraft.flown_modes() is None:
+        faults.note("aircraft", f"{aircraft.name} must have elastic modes, it has none")
+    return faults

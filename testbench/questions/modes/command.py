@@ -1,0 +1,72 @@
+"""The command ``testbench modes``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from testbench.core.errors import RecordError
+from testbench.page.terminal import console, stages
+from testbench.questions.options import OutOption, SeedOption, refuse
+
+
+def command(
+    context: typer.Context,
+    source: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Records (NetCDF), a description of recorded flights, or a scenario of flight in turbulence (TOML).",
+            show_default=False,
+        ),
+    ],
+    channels: Annotated[
+        list[str] | None, typer.Option(help="Channel to find modes in; give it several times. All of the wing if none.")
+    ] = None,
+    references: Annotated[
+        list[str] | None, typer.Option(help="Channel that all are correlated with; every one if none is given.")
+    ] = None,
+    band: Annotated[
+        tuple[float, float] | None, typer.Option(help="Lowest and highest frequency, Hz.", show_default=False)
+    ] = None,
+    order: Annotated[int | None, typer.Option(help="Largest number of states, even; 40 if not given.")] = None,
+    out: OutOption = Path("results"),
+    data: Annotated[
+        Path | None, typer.Option(help="Folder with the data files; replaces the one in the description.")
+    ] = None,
+    seed: SeedOption = None,
+) -> None:
+    """Find modes from outputs alone, such as the accelerometers of a wing in turbulence, without any input.
+
+    Frequencies, damping ratios and shapes with their errors and a stabilisation diagram; where the flight is simulated,
+    beside the modes of the linearised aircraft. Examples: `testbench modes eolo_turbulence`,
+    `testbench modes flown/*.nc --band 2 40 --channels az_wing_1 --channels az_wing_11`.
+    """
+    from testbench.core.paths import find_scenario
+    from testbench.page.write import record_keeper
+    from testbench.questions.files import find, kinds_of
+    from testbench.questions.modes.ask import fly_modes, read_modes, search_for
+    from testbench.questions.modes.page import print_modes, write_modes
+    from testbench.questions.modes.scenario import ModesScenario
+
+    asked = {"channels": channels, "references": references, "band_hz": band, "order": order}
+    given = {key: value for key, value in asked.items() if value}
+    with stages() as say:
+        scenario = find_scenario(source[0])
+        own = source[0].suffix.lower() != ".nc"
+        if own and not (scenario.is_file() and kinds_of(scenario)[0].command == "identify"):
+            if len(source) > 1:
+                raise RecordError(f"scenarios and descriptions must be given one at a time, got {len(source)} files")
+            refuse(context, "with a scenario, which makes its own flights", "data")
+            loaded = ModesScenario.load(find(source[0], "modes"))
+            folder = out / f"{loaded.name}_modes"
+            result = fly_modes(loaded, search_for(given, loaded.modes), seed, record_keeper(folder), say)
+        else:
+            refuse(context, "with measured records, in which the noise is", "seed")
+            say("read records")
+            result = read_modes(source, search_for(given), data, say)
+            folder = out / f"{result.name}_modes"
+        say("write report")
+        write_modes(result, folder)
+    print_modes(result, console(), folder)

@@ -1,0 +1,71 @@
+"""Scenarios of flight in turbulence: what is flown, and which outputs the modes are sought in."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from testbench.core.scenario.air import AirSpec
+from testbench.core.scenario.base import FlownInAir, SuiteName
+from testbench.core.scenario.inputs import Input
+from testbench.core.schema import NonNegative, Positive, Strict
+
+Names = Annotated[tuple[str, ...], Field(strict=False)]
+Band = Annotated[tuple[Positive, Positive], Field(strict=False)]
+
+
+class TurbulentFlight(Strict):
+    """One flight; controls stay at trim where no input is given.
+
+    The record starts ``settle_s`` after the trim: by then the turbulence has risen to its strength. Flights differ in
+    their turbulence.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    duration_s: Positive
+    settle_s: NonNegative = 4.0
+    input: Annotated[tuple[Input, ...], Field(strict=False)] = ()
+
+
+class ModeSearch(Strict):
+    """Which modes are sought, and in what.
+
+    ``channels`` left empty means every wing accelerometer and strain gauge of the suite; ``references`` are those that
+    all are correlated with, all if none is given. ``band_hz`` is the lowest and highest frequency; ``order`` the
+    largest number of states, 40 if the lags have room for them; a mode must be stable at ``least_orders`` of the orders
+    2, 4, ... ``order``.
+    """
+
+    channels: Names = ()
+    references: Names = ()
+    band_hz: Band | None = None
+    order: Annotated[int, Field(ge=4, le=200)] | None = None
+    least_orders: Annotated[int, Field(ge=2)] = 5
+
+
+class ModesScenario(FlownInAir):
+    """Flights in turbulence, whose modes are found from the outputs alone and set beside those of the aircraft."""
+
+    unnamed: ClassVar[str] = "modes"
+
+    wings: Literal["flexible"] = "flexible"
+    air: AirSpec
+    suite: SuiteName
+    flight: Annotated[tuple[TurbulentFlight, ...], Field(min_length=1, strict=False)]
+    modes: ModeSearch = ModeSearch()
+
+    @model_validator(mode="after")
+    def _moving_air_and_names(self) -> ModesScenario:
+        if self.air.turbulence_rms_m_s == 0.0 and not any(f.input for f in self.flight):
+            raise ValueError("air.turbulence_rms_m_s > 0 must hold where no flight has an input: nothing else moves")
+        names = [f.name for f in self.flight]
+        if len(set(names)) != len(names):
+            raise ValueError(f"flight names must differ, got {', '.join(names)}")
+        return self
+
+    def faults(self) -> list[str]:
+        """Return every law of aircraft, inputs and sensors that the scenario breaks; see :mod:`.check`."""
+        from testbench.questions.modes.check import check
+
+        return check(self)

@@ -1,0 +1,42 @@
+"""What the commands of several questions share: arguments, options, and the refusal of what nothing would heed."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+ScenarioArgument = Annotated[
+    Path, typer.Argument(help="Scenario file, or the name of a packaged one.", show_default=False)
+]
+OutOption = Annotated[Path, typer.Option("--out", "-o", help="Folder that gets one folder of results per scenario.")]
+SeedOption = Annotated[int | None, typer.Option("--seed", min=0, help="Replaces the seed of the scenario.")]
+
+UsageError: Any = typer.BadParameter.__base__  # click's, of whichever click typer brings
+
+
+class Wings(str, Enum):
+    """Whether elastic modes move."""
+
+    flexible = "flexible"
+    rigid = "rigid"
+
+
+def refuse(context: typer.Context, why: str, *parameters: str) -> None:
+    """Refuse parameters of a command that were given and that nothing would heed.
+
+    Args:
+        context: of the command.
+        why: ends the sentence "X has no use ...".
+        parameters: names as the command's function has them.
+
+    Raises:
+        click.UsageError: names the first of them that was given.
+    """
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if parameter.name in parameters and source is not None and source.name == "COMMANDLINE":
+            name = next((o for o in parameter.opts if o.startswith("--")), (parameter.name or "").upper())
+            raise UsageError(f"{name} has no use {why}", ctx=context)

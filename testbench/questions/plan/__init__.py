@@ -1,0 +1,1 @@
+"""How does a flight campaign go: which points in which order, with which cards, repeats, times and energy?"""

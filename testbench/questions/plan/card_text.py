@@ -1,0 +1,292 @@
+"""What a flight card says, in words: set-up, sequence, limits and what to do, go or no-go, what to log."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from testbench.flight.condition import air_density
+from testbench.page.labels import file_stem, number, shown_unit, symbol
+
+if TYPE_CHECKING:
+    from testbench.core.record import FloatArray
+    from testbench.questions.plan.result import Card, Plan
+
+_HELD_S = 0.1  # a level that lasts so long is a step that is said
+_MOST_STEPS = 14
+_WHAT_TO_DO = {
+    "V": "release, throttle to trim, slow down by raising the nose gently; look at the record before the next run",
+    "az": "release, wait for trim; repeat with half the amplitude",
+    "alpha": "release, push to unload, add power; repeat with half the amplitude",
+    "beta": "release the rudder, wait; repeat with half the amplitude",
+    "phi": "release, level the wings, fly back to height and speed",
+    "theta": "release, bring the nose to the horizon, then the speed back",
+    "h": "end the run, fly back to height",
+}
+_NARROW = "\u00a0"  # a unit stays on the line of its number
+_STOPS = "the surface is at its limit: the run is void, trim anew"
+CONTROL_NAMES = {"de": "elevator", "da": "aileron", "dr": "rudder", "thr": "throttle"}
+POSITIVE = {"de": "trailing edge down", "da": "right wing down", "dr": "trailing edge left", "thr": "more power"}
+
+
+@dataclass(frozen=True)
+class CardText:
+    """The words of a card.
+
+    Attributes:
+        status: what became of it in the simulator, in one sentence.
+        setup: (what, value).
+        sequence: lines on the control sequence.
+        limits: (limit, range, what to do when it is met).
+        modes: (mode, frequency, damping here, predicted at the next point, least measured for a go).
+        go: the rule for going on, in one sentence.
+        log: what to log.
+        notes: accuracy, band, limits met at full amplitude.
+    """
+
+    status: str
+    setup: tuple[tuple[str, str], ...]
+    sequence: tuple[str, ...]
+    limits: tuple[tuple[str, str, str], ...]
+    modes: tuple[tuple[str, str, str, str, str], ...]
+    go: str
+    log: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def card_stem(card: Card) -> str:
+    """Return the name of a card's files, without ending."""
+    return file_stem(f"{card.number:02d}_{card.spec.name}_{card.point.V_m_s:g}mps_{card.point.h_m:g}m")
+
+
+def short_name(name: str) -> str:
+    """Return the name of a mode as it fits beside its figures."""
+    for long, short in (("asymmetric", "asym."), ("symmetric", "sym."), ("tail-boom", "boom"), (" and ", " + ")):
+        name = name.replace(long, short)
+    return name if len(name) <= 46 else name[:45] + "…"
+
+
+def shown(channel: str, value: float, digits: int = 3) -> str:
+    """Return a value with its shown unit."""
+    factor, unit = shown_unit(channel)
+    return f"{number(value * factor, digits)}{_NARROW + unit if unit else ''}"
+
+
+def levels(t_s: FloatArray, u: FloatArray) -> list[tuple[float, float, float]]:
+    """Return (begin, end, level) of every level but zero that a signal holds for at least 0.1 s."""
+    jumps = np.flatnonzero(np.diff(u) != 0.0) + 1
+    edges = [0, *jumps.tolist(), len(u)]
+    dt = float(t_s[1] - t_s[0])
+    return [
+        (float(t_s[a]), float(t_s[a]) + (b - a) * dt, float(u[a]))
+        for a, b in pairwise(edges)
+        if u[a] != 0.0 and (b - a) * dt >= _HELD_S - 1e-9
+    ]
+
+
+def sequence_lines(card: Card) -> list[str]:
+    """Return the control sequence in words, one line per control and input."""
+    out = []
+    for j, name in enumerate(card.signal.channels):
+        held = levels(card.signal.t_s, card.signal.u[:, j])
+        head = f"{CONTROL_NAMES[name]} (+: {POSITIVE[name]})"
+        if held and len(held) <= _MOST_STEPS:
+            steps = [f"{number(a)} to {number(b)} s: {_signed(name, level)}" for a, b, level in held]
+            out.append(f"{head}: {'; '.join(steps)}; then trim")
+        else:
+            peak = float(np.abs(card.signal.u[:, j]).max())
+            kinds = [_kind(s) for s in card.spec.input if s.control == name]
+            out.append(f"{head}: {'; '.join(kinds)}; peak {shown(name, peak)}; then trim")
+    return out
+
+
+def _signed(name: str, value: float) -> str:
+    text = shown(name, value)
+    return text if value < 0.0 else f"+{text}"
+
+
+def _kind(spec: Any) -> str:
+    """Return a signal that is no sequence of steps in words."""
+    begin = f"from {spec.start_s:g} s"
+    if spec.signal == "multisine":
+        band = f"{spec.f_min_hz:g} to {spec.f_max_hz:g} Hz"
+        return f"multisine {begin}, {band}, {spec.periods} periods of {spec.period_s:g} s"
+    if spec.signal == "sweep":
+        return f"sweep {begin}, {spec.f_start_hz:g} to {spec.f_end_hz:g} Hz in {spec.sweep_s:g} s"
+    return f"{spec.signal} {begin}"
+
+
+def card_text(card: Card, plan: Plan) -> CardText:
+    """Return the words of a card."""
+    return CardText(
+        status_line(card),
+        tuple(_setup(card, plan)),
+        tuple(sequence_lines(card)),
+        tuple(_limits(card, plan)),
+        tuple(_modes(card)),
+        go_rule(card),
+        tuple(_log(card, plan)),
+        tuple(_notes(card, plan)),
+    )
+
+
+def status_line(card: Card) -> str:
+    """Return what became of a card in the simulator."""
+    if card.status == "refused":
+        return f"REFUSED, do not fly: {card.met[0]}"
+    if card.status == "scaled":
+        return f"amplitude scaled to {100.0 * card.factor:.0f} %: at full amplitude {card.met[0]}"
+    return "flown in the simulator at full amplitude: no limit is met"
+
+
+def _setup(card: Card, plan: Plan) -> list[tuple[str, str]]:
+    point, scenario = card.point, plan.scenario
+    trimmed = point.trimmed
+    eas = point.V_m_s * math.sqrt(air_density(point.h_m) / air_density(0.0))
+    mine = [r for r in plan.runs if r.card is card]
+    flights = sorted({r.flight for r in mine})
+    out = [
+        ("aircraft", plan.aircraft.name),
+        ("speed", f"{point.V_m_s:g} m/s true, {eas:.1f} m/s equivalent"),
+        ("height", f"{point.h_m:g} m above sea level, {point.h_m - scenario.timing.field_m:g} m above the field"),
+        (
+            "trim",
+            f"alpha {shown('alpha', trimmed.alpha)}, elevator {shown('de', trimmed.controls['de'])}, throttle "
+            f"{shown('thr', trimmed.controls['thr'])}, hands off for {card.spec.settle_s:g} s",
+        ),
+        ("to the onset", onset_words(card)),
+        (
+            "runs",
+            f"{card.repeats} of {card.length_s:g} s"
+            + (
+                f": no. {_range(mine[0].number, mine[-1].number)}, flight {', '.join(map(str, flights))}"
+                if mine
+                else ""
+            ),
+        ),
+        ("power", f"{number(point.power_W)} W level"),
+        ("flown by", scenario.flown_by),
+    ]
+    if scenario.flown_by == "autopilot" and "thr" in card.spec.controls:
+        out.append(("script", "none: scripts move surfaces only; command the throttle by hand or from the CSV"))
+    elif scenario.flown_by == "autopilot" and card.status != "refused":
+        pilot = scenario.autopilot
+        out.append(("script", f"{card_stem(card)}.lua; SCR_USER1 = {card.number}, mode {pilot.mode}"))
+        out.append(("switch", f"RCn_OPTION = {pilot.switch_option}: low, then high; low at once ends it"))
+    return out
+
+
+def _range(first: int, last: int) -> str:
+    return f"{first}" if first == last else f"{first} to {last}"
+
+
+def onset_words(card: Card) -> str:
+    """Return the distance to the onset of instability in words."""
+    point = card.point
+    if point.margin is None or point.onset is None:
+        return "no elastic instability predicted"
+    return f"{100.0 * point.margin:.0f} % below {point.onset.V_m_s:.3g} m/s ({point.onset.name})"
+
+
+def _limits(card: Card, plan: Plan) -> list[tuple[str, str, str]]:
+    out = []
+    for limit in card.limits:
+        factor, unit = shown_unit(limit.channel)
+        if limit.channel == "az":
+            low, high, unit = -limit.high / 9.80665, -limit.low / 9.80665, "g"
+            name = "load factor"
+        else:
+            low, high, name = limit.low * factor, limit.high * factor, symbol(limit.channel)
+        if not math.isfinite(low) or (limit.channel == "V" and low <= 0.0):
+            span = f"≤ {_plain(high)} {unit}"
+        else:
+            span = f"{_plain(low)} to {_plain(high)} {unit}"
+        out.append((name, span, _WHAT_TO_DO.get(limit.channel, _STOPS)))
+    slower = "start switch low, " if plan.scenario.flown_by == "autopilot" else "release, "
+    if any(m.elastic for m in card.point.modes):
+        out.append(("vibration", "dies away", f"{slower}throttle idle, slow down by 2 m/s; the flight is over"))
+    return out
+
+
+def _plain(value: float) -> str:
+    return f"{value:.3g}".replace("-", "−")
+
+
+def _modes(card: Card) -> list[tuple[str, str, str, str, str]]:
+    rows = []
+    for m in card.point.modes:
+        if not m.elastic and not _in_plane(m.name, card.spec.plane):
+            continue
+        rows.append(
+            (
+                short_name(m.name),
+                f"{number(m.f_hz)} Hz",
+                _damping(m.zeta),
+                "–" if m.zeta_next is None else _damping(m.zeta_next),
+                "–" if m.go is None else f"≥ {_damping(m.go)}",
+            )
+        )
+    return rows
+
+
+def _damping(zeta: float) -> str:
+    return f"{zeta:.4f}".replace("-", "−")
+
+
+def _in_plane(name: str, plane: str) -> bool:
+    return (name in {"phugoid", "short period"}) == (plane == "longitudinal")
+
+
+def go_rule(card: Card) -> str:
+    """Return the rule for going on to the next point."""
+    following = card.point.next_V_m_s
+    if following is None:
+        return "last speed of the build-up at this height"
+    if not any(m.elastic for m in card.point.modes):
+        return f"GO to {following:g} m/s if no limit was met and the response lay inside its band"
+    return (
+        f"GO to {following:g} m/s if every measured damping is at least that of the last column, no limit was met and "
+        "the response lay inside its band; else NO-GO, evaluate on the ground"
+    )
+
+
+def _log(card: Card, plan: Plan) -> list[str]:
+    suite = plan.suite
+    out = [f"{suite.title} (suite {suite.name}): {', '.join(suite.channels)} at {suite.rate_hz:g} Hz"]
+    commands = ", ".join(f"{c}_cmd" for c in card.spec.controls)
+    out.append(f"the commands {commands} at no less than {suite.rate_hz:g} Hz, in the same file and clock")
+    if plan.scenario.flown_by == "autopilot":
+        out.append("the TBSQ messages of the script, with the autopilot's own log")
+    out.append("run number, time of day, wind, battery before and after, remarks of the crew")
+    return out
+
+
+def beyond_limits(card: Card) -> list[str]:
+    """Return the symbols of limited channels whose band passes a limit."""
+    out = []
+    for limit in card.limits:
+        if limit.channel in card.band:
+            y, half = card.expected[limit.channel], card.band[limit.channel]
+            if np.any(y - half < limit.low) or np.any(y + half > limit.high):
+                out.append(symbol(limit.channel))
+    return out
+
+
+def _notes(card: Card, plan: Plan) -> list[str]:
+    scenario = plan.scenario
+    rough = f", turbulence of {scenario.turbulence_rms_m_s:g} m/s rms" if scenario.turbulence_rms_m_s else ""
+    out = [
+        "band: 95 %, from sensor noise, derivatives of the rigid motion each uncertain by "
+        f"{scenario.uncertainty_percent:g} % (one standard deviation){rough}"
+    ]
+    beyond = beyond_limits(card)
+    if beyond and card.status != "refused":
+        out.append(f"the band reaches beyond the limit on {', '.join(beyond)}: watch it, and be ready to end the run")
+    out += [f"accuracy, {r.sentence}" for r in card.reached]
+    if card.status != "fly":
+        out += [f"at full amplitude: {text}" for text in card.met[1:3]]
+    return out

@@ -1,0 +1,203 @@
+"""The types of a flight plan: points, cards, runs and flights."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from testbench.aircraft import Aircraft
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.flight import LinearModel, TrimmedFlight
+from testbench.inputs import InputSignal
+from testbench.questions.plan.scenario import PlannedManoeuvre, PlanScenario
+from testbench.sensors import SensorSuite
+
+if TYPE_CHECKING:
+    from testbench.evaluation.envelope import Envelope, Onset
+
+Status = Literal["fly", "scaled", "refused"]
+
+
+@dataclass(frozen=True)
+class ModeAt:
+    """A mode at a point.
+
+    Attributes:
+        name: of the mode.
+        elastic: whether the structure vibrates in it.
+        f_hz: natural frequency.
+        zeta: predicted damping ratio here; the least one of a mode that has split into two roots.
+        zeta_next: predicted at the next speed of the build-up, or None after the last one.
+        go: damping ratio that must be measured here before the next point is flown; None for rigid modes.
+    """
+
+    name: str
+    elastic: bool
+    f_hz: float
+    zeta: float
+    zeta_next: float | None
+    go: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """One speed and height of the build-up.
+
+    Attributes:
+        number: from 1, in the order of flying.
+        V_m_s, h_m: true airspeed and height above sea level.
+        trimmed, model: the aircraft there.
+        power_W: drawn from battery or fuel in level flight.
+        onset: the first onset of an elastic instability with rising speed at this height; None without one.
+        modes: predicted modes.
+        next_V_m_s: next speed of the build-up at this height.
+    """
+
+    number: int
+    V_m_s: float
+    h_m: float
+    trimmed: TrimmedFlight
+    model: LinearModel
+    power_W: float
+    onset: Onset | None
+    modes: tuple[ModeAt, ...]
+    next_V_m_s: float | None
+
+    @property
+    def margin(self) -> float | None:
+        """Distance to the onset as a share of it, or None if there is no onset."""
+        if self.onset is None or self.onset.V_m_s is None:
+            return None
+        return 1.0 - self.V_m_s / self.onset.V_m_s
+
+    @property
+    def label(self) -> str:
+        """Speed and height in words."""
+        return f"{self.V_m_s:g} m/s, {self.h_m:g} m"
+
+
+@dataclass(frozen=True)
+class Reached:
+    """What the repeats of a card reach of one parameter, all relative to its value: wanted, by one run, by all."""
+
+    name: str
+    wanted: float
+    one: float
+    reached: float
+    needed: int | None
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        if self.needed is None:
+            return (
+                f"{self.name}: {100.0 * self.wanted:.3g} % cannot be reached by any number of repeats: these sensors "
+                "and this input tell nothing of it alone"
+            )
+        text = f"{self.name}: {100.0 * self.reached:.2g} % reached, {100.0 * self.wanted:.3g} % wanted"
+        return text if self.reached <= self.wanted * (1.0 + 1e-9) else f"{text}; that takes {self.needed} runs"
+
+
+@dataclass(frozen=True)
+class Limit:
+    """A limit as it stands on a card: channel, lowest and highest value (SI, absolute)."""
+
+    channel: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Card:
+    """One manoeuvre at one point.
+
+    Attributes:
+        number: from 1, in the order of flying.
+        point, spec: where and what.
+        status: "fly" as given, "scaled" to ``factor``, or "refused".
+        factor: on the amplitudes of the scenario.
+        met: limits that the manoeuvre breaks in the simulator, at the amplitude of the scenario, in words.
+        signal: what is commanded, deviations from trim, at the rate of the simulator.
+        expected: the response in the simulator, or as far as it went; t = 0 is the start of the input.
+        band: channel -> (n,) half width of the 95 % band about ``expected``.
+        limits: that hold.
+        repeats: number of runs; 0 for a refused card.
+        reached: accuracy, where it sets the repeats.
+    """
+
+    number: int
+    point: Point
+    spec: PlannedManoeuvre
+    status: Status
+    factor: float
+    met: tuple[str, ...]
+    signal: InputSignal
+    expected: FlightRecord
+    band: Mapping[str, FloatArray]
+    limits: tuple[Limit, ...]
+    repeats: int
+    reached: tuple[Reached, ...]
+
+    @property
+    def title(self) -> str:
+        """What is flown where."""
+        return f"{self.spec.name} at {self.point.label}"
+
+    @property
+    def t_s(self) -> FloatArray:
+        """Times of ``expected`` on the clock of the inputs."""
+        return self.expected.t_s - self.spec.settle_s
+
+    @property
+    def length_s(self) -> float:
+        """Time of one run on condition: settling and manoeuvre."""
+        return self.spec.settle_s + self.spec.duration_s
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One repetition of a card: which flight, when after take-off, and the energy drawn until its end."""
+
+    number: int
+    card: Card
+    repeat: int
+    flight: int
+    start_s: float
+    used_J: float
+
+
+@dataclass(frozen=True)
+class FlightLeg:
+    """One flight on one battery or tank: its runs, its time from take-off to landing, and the energy that it takes."""
+
+    number: int
+    first_run: int
+    last_run: int
+    time_s: float
+    energy_J: float
+    usable_J: float
+
+    @property
+    def share(self) -> float:
+        """Energy over what is usable."""
+        return self.energy_J / self.usable_J
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A campaign that can be flown."""
+
+    scenario: PlanScenario
+    aircraft: Aircraft
+    suite: SensorSuite
+    envelopes: tuple[Envelope, ...]
+    points: tuple[Point, ...]
+    cards: tuple[Card, ...]
+    runs: tuple[Run, ...]
+    flights: tuple[FlightLeg, ...]
+
+    @property
+    def name(self) -> str:
+        """The plan's file stem."""
+        return self.scenario.name

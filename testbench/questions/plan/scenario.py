@@ -1,0 +1,201 @@
+"""Flight plans: test points, what is flown at each, limits, times and energy; inputs only, keys with their units."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from testbench.core.scenario.base import Flown, SuiteName
+from testbench.core.scenario.inputs import Control, Input
+from testbench.core.schema import NonNegative, Positive, Strict
+
+_NOT_BY_HAND = ("multisine", "prbs", "gbn")
+Name = Annotated[str, Field(min_length=1)]
+Share = Annotated[float, Field(gt=0.0, le=100.0)]
+
+
+class PlannedManoeuvre(Strict):
+    """What is flown at every point, or at those of ``speeds_m_s`` and ``heights_m``.
+
+    Either ``repeats`` is given, or ``accuracy_percent``: the standard errors wanted of named parameters, in percent of
+    their values, from which the repeats follow. ``estimated`` are the parameters that are estimated along with them;
+    if it is empty, those of the rigid motion that the moved controls enter.
+    """
+
+    name: Name
+    duration_s: Annotated[float, Field(gt=0.0, le=600.0)]
+    settle_s: Annotated[float, Field(ge=0.0, le=60.0)] = 2.0
+    repeats: Annotated[int, Field(ge=1, le=1000)] | None = None
+    accuracy_percent: dict[str, Positive] = {}
+    estimated: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    most_repeats: Annotated[int, Field(ge=1, le=1000)] = 20
+    speeds_m_s: Annotated[tuple[Positive, ...], Field(strict=False)] = ()
+    heights_m: Annotated[tuple[float, ...], Field(strict=False)] = ()
+    input: Annotated[tuple[Input, ...], Field(min_length=1, strict=False)]
+
+    @model_validator(mode="after")
+    def _one_rule_for_the_repeats(self) -> PlannedManoeuvre:
+        if (self.repeats is None) == (not self.accuracy_percent):
+            raise ValueError("a manoeuvre takes either repeats or accuracy_percent (and not both)")
+        controls = {i.control for i in self.input}
+        if controls & {"de", "thr"} and controls & {"da", "dr"}:
+            raise ValueError(
+                "the controls of a manoeuvre must belong to one motion, de and thr or da and dr, got "
+                f"{', '.join(sorted(controls))}; make two manoeuvres of it"
+            )
+        return self
+
+    @property
+    def plane(self) -> Literal["longitudinal", "lateral"]:
+        """The motion that its controls move."""
+        return "longitudinal" if self.input[0].control in {"de", "thr"} else "lateral"
+
+    @property
+    def controls(self) -> tuple[Control, ...]:
+        """The controls that move, each once."""
+        return tuple(dict.fromkeys(i.control for i in self.input))
+
+
+class PlanLimits(Strict):
+    """The envelope of every manoeuvre; changes count from trim. What is left out is not limited.
+
+    Deflections, trim included, are limited by the aircraft's own stops where none is given.
+    """
+
+    deflection_deg: dict[Literal["de", "da", "dr"], Positive] = {}
+    rate_deg_s: dict[Literal["de", "da", "dr"], Positive] = {}
+    load_factor: Annotated[tuple[float, float], Field(strict=False)] | None = None
+    alpha_deg: Annotated[tuple[float, float], Field(strict=False)] | None = None
+    beta_deg: Positive | None = None
+    speed_change_m_s: Positive | None = None
+    height_change_m: Positive | None = None
+    pitch_change_deg: Positive | None = None
+    bank_deg: Positive | None = None
+    V_max_m_s: Positive | None = None
+
+    @model_validator(mode="after")
+    def _low_below_high(self) -> PlanLimits:
+        for key in ("load_factor", "alpha_deg"):
+            pair = getattr(self, key)
+            if pair is not None and not pair[0] < pair[1]:
+                raise ValueError(f"{key}: lowest < highest must hold, got {pair[0]:g} and {pair[1]:g}")
+        return self
+
+
+class Timing(Strict):
+    """What passes besides the manoeuvres: per run ``turn_s``, to fly back and trim anew; per flight ``overhead_s``.
+
+    ``overhead_s`` is take-off, climb, descent and landing; ``field_m`` the height of the field above sea level.
+    """
+
+    turn_s: NonNegative
+    overhead_s: NonNegative
+    field_m: float = 0.0
+
+
+class Battery(Strict):
+    """Electric: power = thrust V / efficiency + avionics; ``efficiency_percent`` from battery to thrust power."""
+
+    kind: Literal["battery"]
+    capacity_Wh: Positive
+    usable_percent: Share = 80.0
+    efficiency_percent: Share
+    avionics_W: NonNegative = 0.0
+    source: Name
+
+    @property
+    def usable_J(self) -> float:
+        """Energy that a flight may use, J."""
+        return 3600.0 * self.capacity_Wh * self.usable_percent / 100.0
+
+
+class Fuel(Strict):
+    """A combustion engine: fuel power = thrust V / efficiency; ``heating_MJ_kg`` is the lower heating value."""
+
+    kind: Literal["fuel"]
+    capacity_kg: Positive
+    usable_percent: Share = 80.0
+    efficiency_percent: Share
+    heating_MJ_kg: Positive = 43.0
+    avionics_W: NonNegative = 0.0
+    source: Name
+
+    @property
+    def usable_J(self) -> float:
+        """Energy that a flight may use, J."""
+        return 1e6 * self.capacity_kg * self.heating_MJ_kg * self.usable_percent / 100.0
+
+
+class Autopilot(Strict):
+    """How an ArduPilot Plane flies a sequence: start switch, required mode, rate, and what it holds meanwhile.
+
+    ``switch_option`` is the RCn_OPTION of the start switch (300 to 307: Scripting1 to Scripting8), ``mode`` the number
+    of the flight mode (0: MANUAL). ``hold`` "all" keeps every surface at its trim while a sequence runs, as in the
+    simulation; "moved" only those that it moves.
+    """
+
+    switch_option: Annotated[int, Field(ge=300, le=307)] = 300
+    mode: Annotated[int, Field(ge=0)] = 0
+    period_ms: Annotated[int, Field(ge=5, le=100)] = 20
+    hold: Literal["all", "moved"] = "all"
+    speed_window_m_s: Positive = 1.0
+    bank_at_start_deg: Positive = 10.0
+
+
+class PlanScenario(Flown):
+    """A campaign: points over speed and height, manoeuvres at them, limits, times and energy.
+
+    ``uncertainty_percent`` is the standard deviation of every derivative of the rigid motion, ``turbulence_rms_m_s``
+    that of the vertical air: both widen the band of the expected response. ``least_damping`` is the damping ratio of an
+    elastic mode below which nobody flies; the onset of instability less ``onset_margin_percent`` is the fastest
+    admissible speed.
+    """
+
+    unnamed: ClassVar[str] = "plan"
+
+    flown_by: Literal["pilot", "autopilot"]
+    speeds_m_s: Annotated[tuple[Positive, ...], Field(min_length=1, strict=False)]
+    heights_m: Annotated[tuple[float, ...], Field(min_length=1, strict=False)]
+    onset_margin_percent: Annotated[float, Field(ge=0.0, lt=100.0)] = 10.0
+    allow_above_onset: bool = False
+    least_damping: NonNegative = 0.01
+    scale: bool = False
+    suite: SuiteName
+    turbulence_rms_m_s: NonNegative = 0.0
+    uncertainty_percent: NonNegative = 15.0
+    limits: PlanLimits
+    timing: Timing
+    energy: Annotated[Battery | Fuel, Field(discriminator="kind")]
+    autopilot: Autopilot = Autopilot()
+    manoeuvre: Annotated[tuple[PlannedManoeuvre, ...], Field(min_length=1, strict=False)]
+
+    @model_validator(mode="after")
+    def _flyable_and_consistent(self) -> PlanScenario:
+        faults = []
+        names = [m.name for m in self.manoeuvre]
+        if len(set(names)) != len(names):
+            faults.append(f"manoeuvre names must differ, got {', '.join(names)}")
+        for key in ("speeds_m_s", "heights_m"):
+            values = getattr(self, key)
+            if len(set(values)) != len(values):
+                faults.append(f"{key}: every value must stand there once, got {list(values)}")
+        for m in self.manoeuvre:
+            for key in ("speeds_m_s", "heights_m"):
+                strange = sorted(set(getattr(m, key)) - set(getattr(self, key)))
+                if strange:
+                    faults.append(f"{key} of manoeuvre '{m.name}' must be among those of the plan, got {strange}")
+            by_hand = [i.signal for i in m.input if i.signal in _NOT_BY_HAND]
+            if self.flown_by == "pilot" and by_hand:
+                faults.append(
+                    f"a pilot flies steps, manoeuvre '{m.name}' has a {by_hand[0]}; set flown_by = 'autopilot'"
+                )
+        if faults:
+            raise ValueError("; ".join(faults))
+        return self
+
+    def faults(self) -> list[str]:
+        """Return every law of aircraft, suite and inputs that the plan breaks; see :mod:`.check`."""
+        from testbench.questions.plan.check import check
+
+        return check(self)

@@ -1,0 +1,184 @@
+"""Tables of a flight plan: points, cards, runs, flights, and the damping of every mode at every point."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from testbench.page.tables import Column, Table, Value
+from testbench.questions.plan.card_text import card_stem
+
+if TYPE_CHECKING:
+    from testbench.questions.plan.result import Plan
+
+
+def plan_tables(plan: Plan) -> list[Table]:
+    """Return the tables of the page: flights, points, cards, damping."""
+    out = [points_table(plan), cards_table(plan)]
+    if plan.flights:
+        out.insert(0, flights_table(plan))
+    if any(p.modes for p in plan.points):
+        out.append(modes_table(plan))
+    return out
+
+
+def runs_table(plan: Plan) -> Table:
+    """Return one row per run, in the order of flying: the plan itself."""
+    columns = (
+        Column("run", "run"),
+        Column("flight", "flight"),
+        Column("start", "start", "min", decimals=1),
+        Column("card", "card"),
+        Column("manoeuvre", "manoeuvre"),
+        Column("plane", "motion"),
+        Column("repeat", "repeat"),
+        Column("V", "V", "m/s", given=True),
+        Column("h", "h", "m", given=True),
+        Column("amplitude", "amplitude", "%", decimals=0),
+        Column("length", "length", "s", given=True),
+        Column("used", "energy used", "Wh", decimals=1),
+    )
+    rows: list[tuple[Value, ...]] = [
+        (
+            r.number,
+            r.flight,
+            r.start_s / 60.0,
+            r.card.number,
+            r.card.spec.name,
+            r.card.spec.plane,
+            r.repeat,
+            r.card.point.V_m_s,
+            r.card.point.h_m,
+            100.0 * r.card.factor,
+            r.card.length_s,
+            r.used_J / 3600.0,
+        )
+        for r in plan.runs
+    ]
+    caption = "In the order of flying; times from take-off, energy since then until the end of the run."
+    return Table("plan", "Runs", caption, columns, tuple(rows))
+
+
+def flights_table(plan: Plan) -> Table:
+    """Return one row per flight on one battery or tank."""
+    kind = plan.scenario.energy.kind
+    columns = (
+        Column("flight", "flight"),
+        Column("runs", "runs"),
+        Column("time", "time", "min", decimals=1),
+        Column("energy", "energy", "Wh", decimals=1),
+        Column("share", "of the usable", "%", decimals=0),
+    )
+    rows: list[tuple[Value, ...]] = [
+        (
+            f.number,
+            f"{f.first_run} to {f.last_run}",
+            f.time_s / 60.0,
+            f.energy_J / 3600.0,
+            100.0 * f.share,
+        )
+        for f in plan.flights
+    ]
+    spec = plan.scenario.energy
+    caption = (
+        f"Power is thrust times speed at trim over an efficiency of {spec.efficiency_percent:g} %, and "
+        f"{spec.avionics_W:g} W ({spec.source}); {spec.usable_percent:g} % of the {kind} is usable."
+    )
+    return Table(
+        "flights", f"Flights, each on one {'battery' if kind == 'battery' else 'tank'}", caption, columns, tuple(rows)
+    )
+
+
+def points_table(plan: Plan) -> Table:
+    """Return one row per point of the build-up."""
+    columns = (
+        Column("point", "point"),
+        Column("V", "V", "m/s", given=True),
+        Column("h", "h", "m", given=True),
+        Column("margin", "below the onset", "%", decimals=0),
+        Column("alpha", "α at trim", "deg", decimals=1),
+        Column("power", "level power", "W", decimals=0),
+        Column("least", "least elastic damping ζ", decimals=4),
+        Column("least_next", "predicted at the next", decimals=4),
+        Column("mode", "of the mode"),
+        Column("go", "go"),
+    )
+    least = plan.scenario.least_damping
+    rows: list[tuple[Value, ...]] = []
+    for p in plan.points:
+        elastic = [m for m in p.modes if m.elastic]
+        worst = min(elastic, key=lambda m: m.zeta if m.zeta_next is None else min(m.zeta, m.zeta_next), default=None)
+        later = None if worst is None else worst.zeta_next
+        go = "last" if p.next_V_m_s is None else "if measured" if worst is None or (later or 0.0) >= least else "NO-GO"
+        rows.append(
+            (
+                p.number,
+                p.V_m_s,
+                p.h_m,
+                None if p.margin is None else 100.0 * p.margin,
+                p.trimmed.alpha * 57.29577951308232,
+                p.power_W,
+                None if worst is None else worst.zeta,
+                later,
+                None if worst is None else worst.name,
+                go,
+            )
+        )
+    caption = (
+        f"From slow to fast. NO-GO: the prediction for the next point is below the least admissible damping ratio, "
+        f"{least:g}. Else the next point is flown if the damping measured here allows it, by the cards."
+    )
+    return Table("points", "Test points", caption, columns, tuple(rows), wide=True)
+
+
+def cards_table(plan: Plan) -> Table:
+    """Return one row per card."""
+    columns = (
+        Column("card", "card"),
+        Column("manoeuvre", "manoeuvre"),
+        Column("V", "V", "m/s", given=True),
+        Column("h", "h", "m", given=True),
+        Column("status", "status"),
+        Column("amplitude", "amplitude", "%", decimals=0),
+        Column("repeats", "runs"),
+        Column("accuracy", "accuracy reached"),
+        Column("met", "limits met at full amplitude"),
+        Column("file", "file"),
+    )
+    rows: list[tuple[Value, ...]] = [
+        (
+            c.number,
+            c.spec.name,
+            c.point.V_m_s,
+            c.point.h_m,
+            c.status,
+            100.0 * c.factor,
+            c.repeats,
+            "; ".join(r.sentence for r in c.reached) or None,
+            "; ".join(c.met) or None,
+            card_stem(c),
+        )
+        for c in plan.cards
+    ]
+    caption = "Every card was flown in the simulator; what breaks a limit there is scaled down or refused."
+    return Table("cards", "Cards", caption, columns, tuple(rows), wide=True)
+
+
+def modes_table(plan: Plan) -> Table:
+    """Return frequency and damping of every mode at every point."""
+    columns = (
+        Column("point", "point"),
+        Column("V", "V", "m/s", given=True),
+        Column("h", "h", "m", given=True),
+        Column("mode", "mode"),
+        Column("f", "f", "Hz"),
+        Column("zeta", "ζ", decimals=4),
+        Column("zeta_next", "ζ at the next point", decimals=4),
+        Column("go", "least measured for a go", decimals=4),
+    )
+    rows: list[tuple[Value, ...]] = [
+        (p.number, p.V_m_s, p.h_m, m.name, m.f_hz, m.zeta, m.zeta_next, m.go) for p in plan.points for m in p.modes
+    ]
+    caption = (
+        "Of the linearised aircraft. A mode that has split into two roots has damping 1, or −1 if one of them diverges."
+    )
+    return Table("damping", "Predicted modes", caption, columns, tuple(rows))

@@ -1,0 +1,32 @@
+"""The command ``testbench reproduce``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from testbench.page.terminal import console, stages
+from testbench.questions.options import OutOption
+
+
+def command(
+    what: Annotated[str, typer.Argument(help="taurus, eolo, b1 or all.")] = "all",
+    out: OutOption = Path("results"),
+) -> None:
+    """Reproduce the papers' figures and tables, and set every printed number beside ours.
+
+    Writes tables, figures and one page, index.html, into `reproduction`, or `reproduction_NAME` for one aircraft alone.
+    Example: `testbench reproduce taurus`.
+    """
+    from testbench.questions.reproduce.ask import chosen, reproduce
+    from testbench.questions.reproduce.page import open_folder, print_reproduction, write_reproduction
+
+    chosen(what)
+    folder = open_folder(out / ("reproduction" if what == "all" else f"reproduction_{what}"))
+    with stages() as say:
+        chapters = reproduce(what, say)
+        say("write page")
+        write_reproduction(chapters, folder)
+    print_reproduction(chapters, console(), folder)

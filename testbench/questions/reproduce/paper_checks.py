@@ -1,0 +1,241 @@
+"""The papers' own numbers: what our aircraft take over from them, and whether they fit together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from testbench.aircraft import Aircraft, load_aircraft
+from testbench.core.constants import DEG_RAD
+from testbench.page.tables import Column, Table
+from testbench.questions.reproduce.printed import (
+    BAND_RAD_S,
+    DOUBLET_S,
+    ELEVATOR_DEG,
+    EOLO_ASPECT_RATIO,
+    EOLO_TABLE_1,
+    EOLO_TABLE_2,
+    IDENTIFICATION,
+    LOG_HZ,
+    RATE_HZ,
+    RUDDER_DEG,
+    STATED_PAIR,
+    STATED_Z3,
+    STATED_Z4,
+    TABLE_3,
+    TABLE_4,
+    TAURUS_ASPECT_RATIO,
+    TAURUS_TABLE_1_IN,
+    TRANSFER_FUNCTIONS,
+    VALIDATION,
+    WINDOW_S,
+    A,
+    D,
+    K,
+    shown,
+)
+from testbench.questions.reproduce.section import Comparison, Say, Section
+from testbench.questions.reproduce.verdict import (
+    Why,
+    claim_row,
+    judge_number,
+    number_row,
+    taken_over,
+)
+
+_IN_M = 0.0254
+_SELF = Why(
+    "The printed numbers fit together.",
+    "The printed numbers part among themselves.",
+    "The printed numbers contradict each other.",
+)
+
+
+def taurus(say: Say) -> Section:
+    """Return Table I beside our aircraft, and equations 6 to 9 beside each other."""
+    say("Taurus: the paper's own numbers")
+    aircraft = load_aircraft("taurus")
+    checks = tuple(_taurus_checks())
+    return Section(
+        "taurus_paper",
+        "The paper's own numbers (Table I, equations 6 to 9)",
+        (in_words(checks),),
+        tuple(_taurus_data(aircraft)),
+        checks=checks,
+    )
+
+
+def eolo(say: Say) -> Section:
+    """Return Tables 1 and 2 beside our aircraft, and the printed model and tables checked."""
+    say("EOLO: the paper's own numbers")
+    aircraft = load_aircraft("eolo")
+    checks = tuple(_eolo_checks())
+    return Section(
+        "eolo_paper",
+        "The paper's own numbers (Tables 1 to 4, the identified matrices)",
+        (in_words(checks),),
+        tuple(_eolo_data(aircraft)),
+        (_mode_table(aircraft),),
+        checks=checks,
+    )
+
+
+def in_words(checks: Sequence[Comparison]) -> str:
+    """Return how many checks of the paper against itself fail, and which."""
+    parted = [r for r in checks if r.verdict != "agrees"]
+    names, good = "; ".join(r.what for r in parted), len(checks) - len(parted)
+    return (
+        f"Of {len(checks)} checks of the printed numbers against each other {good} come{'s' if good == 1 else ''} out"
+        + (f" and {len(parted)} {'does' if len(parted) == 1 else 'do'} not: {names}" if parted else "")
+    )
+
+
+def _data(what: str, where: str, printed: float, ours: float, unit: str, note: str = "") -> Comparison:
+    """Return a printed property of the aircraft beside the simulated one's: taken over, or judged if it is not."""
+    if abs(ours - printed) <= 0.005 * abs(printed):
+        return taken_over(what, where, f"{shown(printed)} {unit}", f"{ours:.4g} {unit}", "A property of the aircraft.")
+    why = Why(note, note, note)
+    return number_row(what, where, printed, ours, unit, why, (2, 3))
+
+
+def _taurus_data(aircraft: Aircraft) -> list[Comparison]:
+    g, table = aircraft.geometry, TAURUS_TABLE_1_IN
+    full = {n: c.full / DEG_RAD for n, c in aircraft.controls.items()}
+    return [
+        _data("wing area", "Table I", table["wing area"], g.S_m2 / _IN_M**2, "in²"),
+        _data("wing span", "Table I", table["span"], g.b_m / _IN_M, "in"),
+        _data(
+            "wing chord", "Table I", table["chord"], g.cbar_m / _IN_M, "in",
+            "Area and span were taken; their quotient is the chord, which the printed one is not.",
+        ),
+        _data("elevator deflection", "Table I", ELEVATOR_DEG, full["de"], "deg"),
+        _data("rudder deflection", "Table I", RUDDER_DEG, full["dr"], "deg"),
+    ]  # fmt: skip
+
+
+def _taurus_checks() -> list[Comparison]:
+    S, b, c = (TAURUS_TABLE_1_IN[k] for k in ("wing area", "span", "chord"))
+    _, above, under = TRANSFER_FUNCTIONS["theta"]
+    q_0 = TRANSFER_FUNCTIONS["q"][1][-1] / TRANSFER_FUNCTIONS["q"][2][-1]
+    below = [np.array(den) for _, _, den in TRANSFER_FUNCTIONS.values()]
+    shares = float(max(np.max(np.abs(d - below[0])) for d in below[1:]))
+    return [
+        _check("aspect ratio b²/S", "Table I", TAURUS_ASPECT_RATIO, b**2 / S, "", 2, 0.05),
+        _check("wing area as span times chord", "Table I", S, b * c, "in²", 0, 0.05 * S),
+        claim_row(
+            "q is the derivative of θ", "equations 6 and 7", "no steady pitch rate from a steady elevator",
+            f"steady q {q_0:.2f} 1/s per elevator, steady θ {above[-1] / under[-1]:.2f}; “agrees” if that q is 0",
+            abs(q_0) < 1e-9, _SELF, headline=False,
+        ),
+        claim_row(
+            "one aircraft, one denominator", "equations 6 to 9", "four denominators",
+            f"they differ by up to {shares:.1f} in a coefficient; “agrees” if they do not",
+            shares < 0.05, _SELF, headline=False,
+        ),
+        claim_row(
+            "a doublet's sample", "sections IV and V", f"doublets of {DOUBLET_S:g} s, {LOG_HZ:g} Hz",
+            f"{DOUBLET_S * LOG_HZ:.0f} samples per doublet; “agrees” from 10",
+            DOUBLET_S * LOG_HZ >= 10.0, _SELF, headline=False,
+        ),
+    ]  # fmt: skip
+
+
+def _eolo_data(aircraft: Aircraft) -> list[Comparison]:
+    g, m = aircraft.geometry, aircraft.mass
+    ours = {"S": g.S_m2, "c": g.cbar_m, "b": g.b_m, "mass": m.mass_kg, "Ixx": m.Ixx, "Iyy": m.Iyy, "Izz": m.Izz}
+    units = {"S": "m²", "c": "m", "b": "m", "mass": "kg"}
+    rows = [_data(name, "Table 1", value, ours[name], units.get(name, "kg m²")) for name, value in EOLO_TABLE_1.items()]
+    rows.append(_data("aspect ratio", "section 3.1", EOLO_ASPECT_RATIO, g.b_m**2 / g.S_m2, ""))
+    assert aircraft.elastic is not None
+    pairs = list(zip(EOLO_TABLE_2.items(), aircraft.elastic.modes, strict=True))
+    same = sum(
+        judge_number(f, mode.f_hz) == "agrees" and judge_number(z, 100.0 * mode.zeta) == "agrees"
+        for (_, (f, z)), mode in pairs
+    )
+    rows.append(
+        taken_over(
+            "eight elastic modes", "Table 2", f"{len(EOLO_TABLE_2)} frequencies and damping ratios",
+            f"{same} of {len(pairs)} modes with both, in still air and without lift",
+            "Mode shapes and generalised masses are not printed and are estimated.",
+        )
+    )  # fmt: skip
+    return rows
+
+
+def _check(what: str, where: str, printed: float, again: float, unit: str, decimals: int, slack: float) -> Comparison:
+    """Return a printed number beside what other printed numbers make of it; it agrees within ``slack``."""
+    left, right = (f"{v:.{decimals}f} {unit}".strip().replace("-", "−") for v in (printed, again))
+    return claim_row(
+        what, f"{where}", left, f"{right} from the other numbers; “agrees” within {slack:g}",
+        abs(printed - again) <= slack, _SELF, headline=False,
+    )  # fmt: skip
+
+
+_ROUNDING = 5e-4  # of eigenvalues: entries of A have four places, and the pair's hang on them some ten times over
+
+
+def _eolo_checks() -> list[Comparison]:
+    z = np.linalg.eigvals(A)
+    real = np.sort([v.real for v in z if abs(v.imag) < 1e-9])
+    pair = next(v for v in z if v.imag > 1e-9)
+    stated = 2.0 * STATED_PAIR.real + STATED_Z3 + STATED_Z4
+    pairs = (
+        ("eigenvalue pair, real part", STATED_PAIR.real, pair.real),
+        ("eigenvalue pair, imaginary part", STATED_PAIR.imag, pair.imag),
+        ("z4 as a root of A", STATED_Z4, real[-1]),
+        ("z3 as a root of A", STATED_Z3, real[0]),
+        ("sum of the eigenvalues against the trace of A", stated, float(np.trace(A))),
+    )
+    rows = [_check(what, "section 3.2", one, other, "", 4, _ROUNDING) for what, one, other in pairs]
+    rows += [
+        claim_row(
+            "D of the printed model", "section 2.1 and 3.2", "null matrix D",
+            "printed D: " + ", ".join(shown(v) for v in D.ravel()) + "; “agrees” if zero",
+            not D.any(), _SELF, headline=False,
+        ),
+        claim_row(
+            "K of the printed model", "section 3.2", f"K23 = {shown(K[1, 2])}, K33 = {shown(K[2, 2])}",
+            "the same entry twice; “agrees” if they differ", bool(K[1, 2] != K[2, 2]), _SELF, headline=False,
+        ),
+        _check(
+            f"samples of the window from {WINDOW_S[0]:g} to {WINDOW_S[1]:g} s", "section 3.2",
+            IDENTIFICATION + VALIDATION, (WINDOW_S[1] - WINDOW_S[0]) * RATE_HZ + 1.0, "", 0, 0.5,
+        ),
+        _check(
+            "aspect ratio b²/S", "Table 1, section 3.1", EOLO_ASPECT_RATIO,
+            EOLO_TABLE_1["b"] ** 2 / EOLO_TABLE_1["S"], "", 2, 0.01,
+        ),
+    ]  # fmt: skip
+    for n, table in TABLE_3.items():
+        for k, use in enumerate(("id. set", "val. set")):
+            mean = float(np.mean([row[k] for key, row in table.items() if key != "mean"]))
+            rows.append(_check("mean of the MRSE", f"Table 3, n = {n}, {use}", table["mean"][k], mean, "%", 2, 0.01))
+    for which, column in TABLE_4.items():
+        mean = float(np.mean([v for key, v in column.items() if key != "mean"]))
+        rows.append(_check("mean of the MRSE", f"Table 4, {which} α", column["mean"], mean, "%", 2, 0.01))
+    return rows
+
+
+def _mode_table(aircraft: Aircraft) -> Table:
+    assert aircraft.elastic is not None
+    rows = [
+        (name, f, mode.f_hz, z, 100.0 * mode.zeta)
+        for (name, (f, z)), mode in zip(EOLO_TABLE_2.items(), aircraft.elastic.modes, strict=True)
+    ]
+    return Table(
+        "eolo_table2",
+        "Table 2: modes of the ground vibration test",
+        f"Printed, and those of the simulated wing without air. All lie above the {BAND_RAD_S:g} rad/s "
+        f"({BAND_RAD_S / (2.0 * np.pi):.1f} Hz) of the paper's input."
+        if min(f for f, _ in EOLO_TABLE_2.values()) > BAND_RAD_S / (2.0 * np.pi)
+        else "Printed, and those of the simulated wing without air.",
+        (
+            Column("mode", "mode"),
+            Column("printed_hz", "printed", "Hz", "frequency", given=True),
+            Column("ours_hz", "ours", "Hz", "frequency", given=True),
+            Column("printed_zeta", "printed", "%", "damping ratio", given=True),
+            Column("ours_zeta", "ours", "%", "damping ratio", given=True),
+        ),
+        tuple(rows),
+    )

@@ -1,0 +1,103 @@
+"""What a reproduction consists of: sections with findings in words, printed numbers beside ours, tables and figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from testbench.page.plot import Plate
+from testbench.page.tables import Column, Table
+
+Verdict = Literal["agrees", "agrees in kind", "differs", "cannot be compared", "taken over"]
+VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One thing that a paper prints beside what was found here.
+
+    Attributes:
+        what: the quantity or the claim.
+        where: equation, table, figure or section of the paper.
+        printed: as the paper has it.
+        ours: as found here.
+        verdict: how the two compare; "agrees in kind" where the sense agrees and the figure cannot.
+        why: in plain words.
+        headline: it is one of the results that the first screen lists.
+    """
+
+    what: str
+    where: str
+    printed: str
+    ours: str
+    verdict: Verdict
+    why: str
+    headline: bool = False
+
+
+@dataclass(frozen=True)
+class Section:
+    """One part of a paper's results, or one of its open questions.
+
+    Attributes:
+        name: short, fit for a file name.
+        title: what it is about.
+        findings: sentences, the most important first.
+        comparisons: printed beside ours.
+        checks: printed numbers beside what other printed numbers make of them.
+        tables, plates: what the findings rest on; their names carry the section's, so that files do not collide.
+    """
+
+    name: str
+    title: str
+    findings: tuple[str, ...]
+    comparisons: tuple[Comparison, ...] = ()
+    tables: tuple[Table, ...] = ()
+    plates: tuple[Plate, ...] = ()
+    checks: tuple[Comparison, ...] = ()
+
+    @property
+    def heads(self) -> tuple[Table, ...]:
+        """Printed beside ours, and the printed numbers against each other, as tables of the page."""
+        out = []
+        if self.comparisons:
+            out.append(comparison_table(f"{self.name}_printed_and_ours", self.comparisons))
+        if self.checks:
+            out.append(check_table(f"{self.name}_checks", self.checks))
+        return tuple(out)
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """One aircraft of the papers."""
+
+    name: str
+    title: str
+    source: str
+    sections: tuple[Section, ...]
+
+    @property
+    def comparisons(self) -> tuple[Comparison, ...]:
+        """Every printed number beside ours."""
+        return tuple(c for s in self.sections for c in s.comparisons)
+
+
+def comparison_table(name: str, comparisons: Sequence[Comparison]) -> Table:
+    """Return printed and own figures as one table."""
+    return _table(name, "Printed and ours", "One row per number or statement of the paper.", "ours", comparisons)
+
+
+def check_table(name: str, checks: Sequence[Comparison]) -> Table:
+    """Return printed figures beside what other printed figures make of them."""
+    caption = "No simulation: one row per number that follows from others."
+    return _table(name, "The printed numbers against each other", caption, "from the others", checks)
+
+
+def _table(name: str, title: str, caption: str, other: str, rows: Sequence[Comparison]) -> Table:
+    heads = ("what", "where in the paper", "printed", other, "verdict", "why")
+    keys = ("what", "where", "printed", "ours", "verdict", "why")
+    columns = tuple(Column(key, head) for key, head in zip(keys, heads, strict=True))
+    cells = tuple((c.what, c.where, c.printed, c.ours, c.verdict, c.why) for c in rows)
+    return Table(name, title, caption, columns, cells, wide=True)

@@ -1,0 +1,1 @@
+"""The frequency responses of recorded flights, with coherence and random error."""

@@ -1,0 +1,44 @@
+"""The command ``testbench response``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from testbench.page.terminal import console, stages
+from testbench.questions.options import OutOption
+
+
+def command(
+    description: Annotated[Path, typer.Argument(help="Description of recorded flights (TOML).", show_default=False)],
+    window: Annotated[
+        list[float], typer.Option(help="Length of the windows, s; several are combined (composite windowing).")
+    ] = [10.0],  # noqa: B006 (typer reads it, nothing changes it)
+    out: OutOption = Path("results"),
+    data: Annotated[
+        Path | None, typer.Option(help="Folder with the data files; replaces the one in the description.")
+    ] = None,
+) -> None:
+    """Estimate the frequency responses of recorded flights with coherence and random error.
+
+    All records of the description are taken together, inputs and outputs as it names them. Sweeps and multisines are
+    what it is for. Example: `testbench response records/attas_short_period --window 5 --window 12`.
+    """
+    from testbench.logs.read import read_records
+    from testbench.questions.files import find
+    from testbench.questions.identify.scenario import RecordDescription
+    from testbench.questions.response.ask import frequency_responses
+    from testbench.questions.response.page import print_response, write_response
+
+    described = RecordDescription.load(find(description, "identify"))
+    folder = out / f"{described.name}_response"
+    with stages() as say:
+        say("read records")
+        records = [record for _, _, record in read_records(described, data)]
+        say("estimate frequency responses")
+        found = frequency_responses(described, records, window)
+        say("write report")
+        write_response(found, described, folder)
+    print_response(found, console(), folder)

@@ -1,0 +1,70 @@
+"""The answer of a run in a few lines, for the head of the page and for the terminal."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from testbench.questions.run.labels import case_names
+from testbench.questions.run.pole_tables import reference_tables
+
+if TYPE_CHECKING:
+    from testbench.questions.run.result import RunResult
+
+
+_BEFORE_UNIT = re.compile(r"(\d) (%|rad/s|Hz|dB|s\b)")
+
+
+@dataclass(frozen=True)
+class Line:
+    """One sentence and how it is shown: the lead in bold, doubts set off."""
+
+    text: str
+    kind: Literal["lead", "finding", "doubt"] = "finding"
+
+
+def answer_lines(result: RunResult, most_doubts: int = 4) -> list[Line]:
+    """Return found against printed values, then the findings of the run, doubts last; verdicts if there are none.
+
+    Beyond ``most_doubts`` only the number of the other doubts is given.
+    """
+    advice = tuple(a for case in result.cases for a in case.model.advice)
+    findings = [text for text in result.findings if not text.endswith(advice)] if advice else list(result.findings)
+    doubts = [text for text in result.findings if text.endswith(advice)] if advice else []
+    found = [*_against_printed(result), *findings]
+    if not found:
+        found = [
+            f"{name}: {verdict}"
+            for name, case in zip(case_names(result.cases), result.cases, strict=True)
+            for verdict in case.evaluation.verdicts[:2]
+        ]
+    if len(doubts) > most_doubts:
+        doubts = [
+            *doubts[:most_doubts],
+            f"{len(doubts) - most_doubts} more doubts stand in the report, with the models",
+        ]
+    lines = [Line(_sentence(text), "lead" if i == 0 else "finding") for i, text in enumerate(found)]
+    return lines + [Line(_sentence(text), "doubt") for text in doubts]
+
+
+def _sentence(text: str) -> str:
+    """Return ``text`` with a capital (unless a name begins it), a full stop, and numbers kept beside their units."""
+    first = text.split(" ", 1)[0]
+    capital = text if "_" in first else text[:1].upper() + text[1:]
+    kept = _BEFORE_UNIT.sub("\\1\u00a0\\2", capital)
+    return kept if kept.endswith((".", "!", "?")) else kept + "."
+
+
+def _against_printed(result: RunResult) -> list[str]:
+    """Return one sentence per printed mode and estimator."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for table in reference_tables(result):
+        if table.name != "reference":
+            continue
+        for row in table.rows:
+            text = {c.key: c.text(v) for c, v in zip(table.columns, row, strict=True)}
+            printed = f"{text['printed']} (printed wn {text['printed wn']} rad/s, zeta {text['printed zeta']})"
+            pole = f"wn {text['wn']} rad/s, zeta {text['zeta']}" if text["wn"] != "–" else "no such pole"
+            found.setdefault((printed, text["model"]), []).append(f"{pole} from {text['outputs']}")
+    return [f"{printed}: {model} finds {'; '.join(poles)}" for (printed, model), poles in found.items()]

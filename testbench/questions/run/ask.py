@@ -1,0 +1,115 @@
+"""Run a scenario: load the aircraft and its sensors, trim, fly and measure, linearise, identify and judge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from testbench.aircraft import Aircraft, load_aircraft
+from testbench.core.errors import located
+from testbench.estimators.settings import Identification
+from testbench.evaluation.truth import Truth, excited, true_model
+from testbench.flight import TrimmedFlight
+from testbench.flight.air import air_of
+from testbench.line import Flight, Keep, Report, fly_and_measure, identify_and_judge, log_rate, trim_for
+from testbench.questions.run.result import RunResult
+from testbench.questions.run.scenario import Scenario
+from testbench.sensors import SensorSuite, load_suite
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What a run needs before it flies; made once where many runs share it, or change it.
+
+    Attributes:
+        aircraft: possibly not the one of the scenario's name.
+        suites: possibly not those of the scenario's names.
+        trimmed: at the scenario's condition and steady wind.
+        truth: of this aircraft and trim, or None if estimates need no truth beside them.
+        channels: of the truth to log; all if None.
+    """
+
+    aircraft: Aircraft
+    suites: tuple[SensorSuite, ...]
+    trimmed: TrimmedFlight
+    truth: Truth | None = None
+    channels: tuple[str, ...] | None = None
+
+
+def run(
+    scenario: Scenario,
+    seed: int | None = None,
+    keep: Keep | None = None,
+    progress: Report | None = None,
+    prepared: Prepared | None = None,
+) -> RunResult:
+    """Fly, measure, identify and judge one scenario.
+
+    Args:
+        scenario: what to do.
+        seed: replaces the scenario's own.
+        keep: called with a name and each record as soon as it exists, so that a later failure loses none of them.
+        progress: called with a few words as each stage begins.
+        prepared: takes the place of loading, trimming and linearising what the scenario names.
+
+    Raises:
+        TestbenchError: with the file and key of the scenario that it comes from.
+    """
+    seed, say = scenario.seed if seed is None else seed, progress or (lambda text: None)
+    ready = prepared or _ready(scenario, seed, say)
+    flights = _fly_all(scenario, ready, seed, keep, say)
+    known = ready.truth
+    if prepared is None:
+        say("linearise")
+        known = _truth(ready, flights, scenario.identification)
+    noise = {s.name: s.noise_std for s in ready.suites} if scenario.preparation.lowpass_hz is None else {}
+    names = [s.name for s in ready.suites]
+    cases = identify_and_judge(
+        flights, names, scenario.preparation, scenario.identification, scenario.file, say, known, noise
+    )
+    return RunResult(
+        scenario.name, scenario.title, scenario.question, scenario, seed, flights, cases, known, ready.suites
+    )
+
+
+def load_scenario(path: Path | str) -> Scenario:
+    """Read a scenario and check it against its aircraft and suites, without flying; see :meth:`Scenario.load`."""
+    return Scenario.load(path)
+
+
+def _ready(scenario: Scenario, seed: int, say: Report) -> Prepared:
+    aircraft = load_aircraft(scenario.aircraft, scenario.wings)
+    with located(scenario.file, "suites"):
+        suites = tuple(load_suite(name) for name in scenario.suites)
+    say(f"trim {aircraft.name}")
+    return Prepared(aircraft, suites, trim_for(scenario, aircraft, seed))
+
+
+def _fly_all(scenario: Scenario, ready: Prepared, seed: int, keep: Keep | None, say: Report) -> tuple[Flight, ...]:
+    flights = []
+    for i, spec in enumerate(scenario.manoeuvre):
+        say(f"fly {spec.name}")
+        with located(scenario.file, f"manoeuvre[{i}]"):
+            flight = fly_and_measure(
+                ready.aircraft,
+                ready.trimmed,
+                spec.name,
+                spec.input,
+                spec.duration_s,
+                log_rate_hz=log_rate(scenario.simulation, ready.suites),
+                settle_s=spec.settle_s,
+                suites=ready.suites,
+                seed=seed + i,
+                air=air_of(scenario.air, scenario.condition.h_m, seed + i),
+                channels=ready.channels,
+                use=spec.use,
+                keep=keep,
+            )
+        flights.append(flight)
+    return tuple(flights)
+
+
+def _truth(ready: Prepared, flights: tuple[Flight, ...], identification: Identification) -> Truth:
+    flight = next(f for f in flights if f.use != "validation")
+    assert flight.truth is not None
+    return excited(true_model(ready.aircraft, ready.trimmed), flight.truth, identification.inputs, ready.suites)

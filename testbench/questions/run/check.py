@@ -1,0 +1,70 @@
+"""What can be said of a scenario before it is flown: every law of aircraft, inputs and sensors that it breaks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from testbench.aircraft import Aircraft, load_aircraft
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import Faults, LimitError
+from testbench.flight.simulate import stride
+from testbench.inputs import build
+from testbench.line import log_rate
+from testbench.questions.run.scenario import Scenario
+
+if TYPE_CHECKING:
+    from testbench.questions.compare.scenario import CompareScenario
+from testbench.sensors import SensorSuite, load_suite
+
+
+def check(scenario: Scenario | CompareScenario) -> list[str]:
+    """Return every law of aircraft, inputs and sensors that the scenario breaks, in words, without flying it."""
+    faults = Faults(scenario.file)
+    attempt = faults.attempt
+    aircraft = attempt("aircraft", load_aircraft, scenario.aircraft, scenario.wings)
+    loaded = [attempt(f"suites[{i}]", load_suite, name) for i, name in enumerate(scenario.suites)]
+    suites = tuple(s for s in loaded if s is not None)
+    if aircraft is None or len(suites) < len(scenario.suites):
+        return faults
+    rate = scenario.simulation.rate_hz or aircraft.rate_hz
+    logged = log_rate(scenario.simulation, suites)
+    attempt("simulation.log_rate_hz", stride, rate, logged)
+    for i, suite in enumerate(suites):
+        attempt(f"suites[{i}]", suite.check_log_rate, logged)
+    for i, spec in enumerate(scenario.manoeuvre):
+        attempt(f"manoeuvre[{i}]", build, spec.input, spec.duration_s, rate)
+        for k, signal in enumerate(spec.input):
+            key = f"manoeuvre[{i}].input[{k}]"
+            unit = "amplitude_percent" if signal.control == "thr" else "amplitude_deg"
+            attempt(f"{key}.{unit}", check_amplitude, aircraft, signal.control, signal.amplitude)
+        if spec.use == "identification" and spec.settle_s == 0.0 and scenario.preparation.bias == "trim":
+            attempt(f"manoeuvre[{i}].settle_s", _no_settling)
+    for name in (*scenario.identification.inputs, *scenario.identification.outputs):
+        if not any(name in s.channels for s in suites):
+            attempt("identification", _no_such_sensor, name, suites)
+    return faults
+
+
+def check_amplitude(aircraft: Aircraft, control: str, amplitude: float) -> None:
+    """Check that a control can move so far.
+
+    Raises:
+        LimitError: the amplitude is larger than its full deflection.
+    """
+    full = aircraft.controls[control].full
+    if abs(amplitude) > full:
+        scale, unit = (100.0, "percent") if control == "thr" else (1.0 / DEG_RAD, "deg")
+        raise LimitError(
+            f"amplitude_{unit} <= {full * scale:g} must hold for control '{control}' of {aircraft.name}, "
+            f"got {abs(amplitude) * scale:g}"
+        )
+
+
+def _no_settling() -> None:
+    raise LimitError('settle_s > 0 must hold where preparation.bias = "trim" (the bias is read there), got 0')
+
+
+def _no_such_sensor(name: str, suites: Sequence[SensorSuite]) -> None:
+    have = ", ".join(dict.fromkeys(c for s in suites for c in s.channels))
+    raise LimitError(f"inputs and outputs must be sensed by a suite, got '{name}'; sensed: {have}")

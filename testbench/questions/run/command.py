@@ -1,0 +1,28 @@
+"""The command ``testbench run``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from testbench.page.terminal import console, stages
+from testbench.questions.options import OutOption, ScenarioArgument, SeedOption
+
+
+def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: SeedOption = None) -> None:
+    """Fly a scenario, measure, identify, judge, and write records, tables, models and report.html.
+
+    Example: `testbench run eolo_alpha` answers what an angle-of-attack vane buys.
+    """
+    from testbench.page.write import record_keeper
+    from testbench.questions.files import find
+    from testbench.questions.run.ask import run
+    from testbench.questions.run.page import print_result, write_results
+    from testbench.questions.run.scenario import Scenario
+
+    loaded = Scenario.load(find(scenario, "run"))
+    folder = out / loaded.name
+    with stages() as say:
+        result = run(loaded, seed, record_keeper(folder), say)
+        say("write report")
+        write_results(result, folder)
+    print_result(result, console(), folder)

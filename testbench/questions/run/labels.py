@@ -1,0 +1,45 @@
+"""Names of the cases of a run, of their outputs and of the elastic modes of its aircraft."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from testbench.estimators.settings import estimator_name
+
+if TYPE_CHECKING:
+    from testbench.line import Case
+    from testbench.questions.run.result import RunResult
+from testbench.page.labels import unique
+
+
+def case_names(cases: Sequence[Case]) -> list[str]:
+    """Return a short and unique name per case: what differs of suite, method and order, then a number."""
+    suites, methods = {c.suite for c in cases}, {estimator_name(c.estimator) for c in cases}
+    names = []
+    for case in cases:
+        parts = ([case.suite] if len(suites) > 1 or len(methods) == 1 else []) + (
+            [estimator_name(case.estimator)] if len(methods) > 1 else []
+        )
+        order = case.model.diagnostics.get("order")
+        same = [c for c in cases if _key(c) == _key(case)]
+        if len(same) > 1 and order is not None:
+            parts.append(f"n = {order}")
+        names.append(", ".join(parts))
+    return unique(names)
+
+
+def _key(case: Case) -> tuple[str, str]:
+    return case.suite, estimator_name(case.estimator)
+
+
+def outputs_of(cases: Sequence[Case]) -> list[str]:
+    """Return the outputs of all cases, in the order of the case that has most of them."""
+    ordered = sorted(cases, key=lambda c: -len(c.model.outputs))
+    return list(dict.fromkeys(o for c in ordered for o in c.model.outputs))
+
+
+def elastic_names(result: RunResult) -> set[str]:
+    """Return the names of the elastic modes of a simulated aircraft; none for a recorded one."""
+    flown = None if result.truth is None else result.truth.aircraft.flown_modes()
+    return {m.name for m in flown.modes} if flown else set()

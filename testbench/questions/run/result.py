@@ -1,0 +1,69 @@
+"""What a run finds: flights and their records, the truth beside them, and each case of suite and estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+from testbench.estimators.settings import estimator_name
+from testbench.evaluation.truth import Truth
+from testbench.line import Case, Flight
+from testbench.questions.run.findings import alpha_findings, sampling_findings
+from testbench.questions.run.scenario import Scenario
+from testbench.sensors import SensorSuite
+
+if TYPE_CHECKING:
+    from testbench.questions.identify.scenario import RecordDescription
+
+
+@dataclass(frozen=True, eq=False)
+class RunResult:
+    """Everything a run found. ``table`` and ``findings`` are made from it; nothing is stored twice."""
+
+    name: str
+    title: str
+    question: str
+    source: Scenario | RecordDescription
+    seed: int
+    flights: tuple[Flight, ...]
+    cases: tuple[Case, ...]
+    truth: Truth | None = None
+    suites: tuple[SensorSuite, ...] = ()
+    reference: Mapping[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def table(self) -> Any:
+        """Pandas DataFrame, one row per suite, estimator, data set and output: MRSE and fit in percent."""
+        import pandas as pd
+
+        rows = [
+            {
+                "suite": c.suite,
+                "estimator": estimator_name(c.estimator),
+                "data": data,
+                "output": o,
+                "mrse_percent": m,
+                "fit_percent": f,
+            }
+            for c in self.cases
+            for data, scores in (
+                ("identification", c.evaluation.identification),
+                ("validation", c.evaluation.validation),
+            )
+            for o, m, f in zip(c.model.outputs, scores.mrse_percent, scores.fit_percent, strict=True)
+        ]
+        return pd.DataFrame(rows)
+
+    @cached_property
+    def findings(self) -> tuple[str, ...]:
+        """The answer in a few sentences."""
+        out = alpha_findings(self.cases)
+        if self.truth is not None:
+            identification = next(f for f in self.flights if f.use != "validation")
+            out += sampling_findings(self.cases, self.truth.modes, identification, self.source.preparation.lowpass_hz)
+            out += [e.sentence for e in self.truth.excitation]
+        for case in self.cases:
+            out += [f"{case.label}: {advice}" for advice in case.model.advice]
+        return tuple(out)

@@ -1,0 +1,37 @@
+"""The scenario of a run: what is flown, what is sensed, what is identified. It holds no code; keys carry their unit."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from testbench.core.scenario.base import FlownInAir, Manoeuvre, Preparation, SuiteName
+from testbench.estimators.settings import Identification
+
+
+class Scenario(FlownInAir):
+    """One experiment: aircraft, condition, manoeuvres, sensor suites, estimators."""
+
+    manoeuvre: Annotated[tuple[Manoeuvre, ...], Field(min_length=1, strict=False)]
+    suites: Annotated[tuple[SuiteName, ...], Field(min_length=1, strict=False)]
+    preparation: Preparation = Preparation()
+    identification: Identification
+
+    @model_validator(mode="after")
+    def _uses_and_names(self) -> Scenario:
+        uses = [m.use for m in self.manoeuvre]
+        if "split" not in uses and not {"identification", "validation"} <= set(uses):
+            raise ValueError(
+                "manoeuvres must include use = 'identification' and 'validation', or one with use = 'split'"
+            )
+        names = [m.name for m in self.manoeuvre]
+        if len(set(names)) != len(names):
+            raise ValueError(f"manoeuvre names must differ, got {', '.join(names)}")
+        return self
+
+    def faults(self) -> list[str]:
+        """Return every law of aircraft, inputs and sensors that the scenario breaks; see :mod:`.check`."""
+        from testbench.questions.run.check import check
+
+        return check(self)

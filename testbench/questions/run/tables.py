@@ -1,0 +1,226 @@
+"""Tables of a run: errors of prediction, parameters, excitation, poles, frequency responses, polynomials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from testbench.page.labels import number, superscript, symbol
+from testbench.questions.run.labels import case_names, outputs_of
+
+if TYPE_CHECKING:
+    from testbench.questions.run.result import RunResult
+from testbench.page.tables import Column, Table, Value
+
+
+def result_tables(result: RunResult) -> list[Table]:
+    """Return every table of what was found that ``result`` has the data for, in the order of the report."""
+    from testbench.questions.run.parameter_tables import parameter_table
+    from testbench.questions.run.pole_tables import mode_table, pole_table, reference_tables
+
+    made = [
+        mrse_table(result),
+        fit_table(result),
+        parameter_table(result),
+        excitation_table(result),
+        mode_table(result),
+        bode_table(result),
+        *reference_tables(result),
+        pole_table(result),
+        transfer_function_table(result),
+    ]
+    return [table for table in made if table is not None and table.rows]
+
+
+def mrse_table(result: RunResult) -> Table:
+    """Return the MRSE of every output and its mean, cases side by side, as in the EOLO paper's Tables 3 and 4."""
+    return _score_table(
+        result,
+        "mrse",
+        "MRSE",
+        "Mean relative squared error (EOLO paper, equation 4): 100 % times the root of the error's energy over that of "
+        "the measured output, in free run. 0 % is perfect, 100 % no better than predicting zero. Noise alone: "
+        "what a perfect model would get, since the measured output is noisy. A dash: the suite does not sense that "
+        "output; means over different outputs do not compare.",
+    )
+
+
+def fit_table(result: RunResult) -> Table:
+    """Return the fit in percent of every output, cases side by side; the Taurus paper's measure (Figures 5 to 8)."""
+    return _score_table(
+        result,
+        "fit",
+        "Fit",
+        "Goodness of fit, 100 % times one minus the norm of the error over the norm of the measured output about its "
+        "mean, in free run. 100 % is perfect, 0 % no better than the mean, negative is worse.",
+    )
+
+
+def _score_table(result: RunResult, kind: str, head: str, caption: str) -> Table:
+    columns = [Column("output", "output")]
+    names = case_names(result.cases)
+    floor = _noise_floor(result) if kind == "mrse" else {}
+    if floor:
+        for use, short in (("identification", "id. set"), ("validation", "val. set")):
+            columns.append(Column(f"noise alone {use}", short, "%", "noise alone", decimals=2))
+    for name in names:
+        for use, short in (("identification", "id. set"), ("validation", "val. set")):
+            columns.append(Column(f"{name} {use}", short, "%", name, decimals=2))
+    rows: list[tuple[Value, ...]] = []
+    outputs = outputs_of(result.cases)
+    for output in outputs:
+        scores = (_score(case, use, kind, output) for case, use in _sets(result))
+        rows.append((symbol(output), *(floor[output] if floor else ()), *scores))
+    rows.append(
+        ("mean", *((None, None) if floor else ()), *(_mean_score(case, use, kind) for case, use in _sets(result)))
+    )
+    return Table(kind, f"{head} per output", caption, tuple(columns), tuple(rows), total=True)
+
+
+def _noise_floor(result: RunResult) -> dict[str, tuple[float, float]]:
+    """Return output -> MRSE of a perfect model on identification and validation data; empty where it is not known."""
+    out = {}
+    for case in result.cases:
+        sets = (case.evaluation.identification.noise_percent, case.evaluation.validation.noise_percent)
+        if sets[0] is not None and sets[1] is not None:
+            for k, output in enumerate(case.model.outputs):
+                out[output] = (float(sets[0][k]), float(sets[1][k]))
+    return out
+
+
+def _sets(result: RunResult) -> list[tuple[Any, str]]:
+    return [(case, use) for case in result.cases for use in ("identification", "validation")]
+
+
+def _score(case: Any, use: str, kind: str, output: str) -> float | None:
+    if output not in case.model.outputs:
+        return None
+    values = getattr(getattr(case.evaluation, use), f"{kind}_percent")
+    return float(values[case.model.outputs.index(output)])
+
+
+def _mean_score(case: Any, use: str, kind: str) -> float:
+    scores = getattr(case.evaluation, use)
+    return scores.mrse_mean if kind == "mrse" else float(np.mean(scores.fit_percent))
+
+
+def excitation_table(result: RunResult) -> Table | None:
+    """Return what the identification input does to every true mode, with the verdict; None without truth."""
+    if result.truth is None or not result.truth.excitation:
+        return None
+    from testbench.evaluation.excitation import EXCITED_DB
+
+    sensors = list(dict.fromkeys(s for e in result.truth.excitation for s in e.snr_db))
+    columns = (
+        Column("mode", "mode"),
+        Column("wn", "ωn", "rad/s"),
+        Column("f", "f", "Hz"),
+        Column("zeta", "ζ", "", digits=2),
+        Column("input share", "input energy in its band", "%", digits=2),
+        *(Column(f"snr {s}", symbol(s), "dB", "response over noise", decimals=0) for s in sensors),
+        Column("verdict", "verdict"),
+    )
+    rows = []
+    for e in result.truth.excitation:
+        wn = abs(e.pole)
+        ratios = [float(e.snr_db[s]) if s in e.snr_db else None for s in sensors]
+        verdict = "excited" if e.excited else "NOT excited"
+        rows.append((e.mode, wn, wn / (2 * np.pi), -e.pole.real / wn, 100.0 * e.input_share, *ratios, verdict))
+    caption = (
+        f"A mode counts as excited when the sensor that shows it best has its response {EXCITED_DB:g} dB "
+        "or more above the noise, both inside the mode's half-power band. Computed from the true linear model, the "
+        "input as flown and the noise of the suites."
+    )
+    return Table("excitation", "Does the input excite each mode?", caption, columns, tuple(rows))
+
+
+def transfer_function_table(result: RunResult) -> Table:
+    """Return numerator and denominator of every discrete model, output by input."""
+    columns = (
+        Column("model", "model"),
+        Column("response", "response"),
+        Column("numerator", "numerator"),
+        Column("denominator", "denominator"),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for name, case in zip(case_names(result.cases), result.cases, strict=True):
+        for output, given, above, below in polynomials(case.model.to_dict()):
+            rows.append((name, f"{symbol(output)} / {symbol(given)}", polynomial(above), polynomial(below)))
+    caption = (
+        "Discrete-time models in powers of the delay z⁻¹, at the sample time of the record; SI units and radians. Of a "
+        "state-space model all responses share one denominator. All digits are in the model files."
+    )
+    return Table("transfer_functions", "Identified transfer functions", caption, columns, tuple(rows), wide=True)
+
+
+def polynomials(model: Mapping[str, Any]) -> list[tuple[str, str, list[float], list[float]]]:
+    """Return (output, input, numerator, denominator) in powers 0, -1, ... of z, from a model's ``to_dict``.
+
+    Discrete state-space models (A, B, C, D) and sets of transfer functions (numerators, denominators) are understood;
+    of any other model nothing is returned.
+    """
+    out: list[tuple[str, str, list[float], list[float]]] = []
+    if model.get("time") == "continuous":
+        return out
+    if {"A", "B", "C", "D"} <= set(model):
+        from scipy.signal import ss2tf
+
+        A, B, C, D = (np.asarray(model[k], float) for k in "ABCD")
+        for j, given in enumerate(model["inputs"]):
+            above, below = ss2tf(A, B, C, D, input=j)
+            out += [
+                (o, given, list(map(float, b)), list(map(float, below)))
+                for o, b in zip(model["outputs"], above, strict=True)
+            ]
+    elif {"numerators", "denominators"} <= set(model):
+        given = model["inputs"][0]
+        for output in model["outputs"]:
+            below = [float(a) for a in model["denominators"][output]]
+            above = [float(b) for b in model["numerators"][output]]
+            out.append((output, given, [0.0] * (len(below) - len(above)) + above, below))
+    return out
+
+
+def polynomial(coefficients: Sequence[float], digits: int = 5) -> str:
+    """Return "0.12 z⁻¹ − 0.3 z⁻²" for coefficients of powers 0, -1, ...; terms 1e-12 below the largest are left out."""
+    largest = max((abs(c) for c in coefficients), default=0.0)
+    terms: list[str] = []
+    for power, c in enumerate(coefficients):
+        if abs(c) <= 1e-12 * largest:
+            continue
+        sign = ("− " if c < 0.0 else "+ ") if terms else ("−" if c < 0.0 else "")
+        size = "" if abs(c) == 1.0 and power else f"{abs(c):.{digits}g}".replace("-", "−") + " "
+        terms.append(sign + size + (f"z{superscript(-power)}" if power else ""))
+    return " ".join(t.strip() for t in terms) or "0"
+
+
+def bode_table(result: RunResult) -> Table | None:
+    """Return the errors of every frequency response over the band that the input excites; None without truth."""
+    if not any(case.evaluation.bode is not None for case in result.cases):
+        return None
+    columns = [Column("output", "output")]
+    bands = []
+    for name, case in zip(case_names(result.cases), result.cases, strict=True):
+        columns += [
+            Column(f"{name} magnitude", "magnitude", "dB", name, decimals=2),
+            Column(f"{name} complex", "complex", "%", name, decimals=1),
+        ]
+        omega = case.evaluation.omega_rad_s
+        if omega is not None and len(omega):
+            bands.append(f"{name}: {number(float(omega[0]))} to {number(float(omega[-1]))} rad/s")
+    rows: list[tuple[Value, ...]] = []
+    for output in outputs_of(result.cases):
+        row: list[Value] = [symbol(output)]
+        for case in result.cases:
+            bode = case.evaluation.bode
+            known = bode is not None and output in case.model.outputs
+            k = case.model.outputs.index(output) if known else 0
+            row += [float(bode.magnitude_db[k]), float(bode.relative_percent[k])] if known and bode else [None, None]
+        rows.append(tuple(row))
+    caption = (
+        "Root mean square over the band that the identification input excites: of the ratio of magnitudes in dB, and "
+        f"of the complex error over the true magnitude, which counts phase too. {'; '.join(bands)}."
+    )
+    return Table("bode", "Frequency response against the true aircraft", caption, tuple(columns), tuple(rows))

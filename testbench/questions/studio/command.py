@@ -1,0 +1,40 @@
+"""The command ``testbench studio``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from testbench.page.terminal import stages
+
+
+def command(
+    aircraft: Annotated[list[str] | None, typer.Argument(help="Aircraft; all if none is named.")] = None,
+    write: Annotated[
+        Path | None, typer.Option(help="Write the page to this file instead; it needs no server.", show_default=False)
+    ] = None,
+    port: Annotated[int, typer.Option(help="Port on this machine; 0 for any that is free.")] = 8700,
+) -> None:
+    """Serve the interactive page: drag an input, see its spectrum, the response and what could be known from it.
+
+    The page answers on 127.0.0.1 only, until Ctrl-C. Example: `testbench studio eolo`.
+    """
+    from testbench.questions.studio.models import studio_models
+    from testbench.questions.studio.page import studio_page
+    from testbench.questions.studio.serve import HOST, serving
+
+    with stages() as say:
+        page = studio_page(studio_models(aircraft or (), say))
+    if write is not None:
+        write.parent.mkdir(parents=True, exist_ok=True)
+        write.write_text(page, encoding="utf-8")
+        print(f"Written: {write}")
+        return
+    with serving(page, port) as server:
+        print(f"Open http://{HOST}:{server.server_port}/ in a browser; Ctrl-C ends.", flush=True)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            print("Ended.")

@@ -1,0 +1,167 @@
+"""The linearised aircraft as a structure, and the Fisher information of an input through sensors."""
+
+import numpy as np
+import pytest
+
+from testbench.core.errors import ChannelError, EstimationError
+from testbench.core.record import FlightRecord
+from testbench.estimators.parametric import output_error
+from testbench.estimators.parametric.response import respond
+from testbench.evaluation.derivatives import dimensional_derivatives
+from testbench.flight import linearise
+from testbench.information.aircraft_structure import aircraft_structure, parameter_names
+from testbench.information.fisher import Experiment, accuracy, cost
+from testbench.sensors import Sensor
+
+FREE = ("X_V", "Z_alpha", "Z_de", "M_alpha", "M_q", "M_de")
+OUTPUTS = ("V", "alpha", "q", "theta", "az")
+NOISE = (0.2, 0.005, 0.01, 0.005, 0.1)
+DT, N = 0.02, 500
+
+
+@pytest.fixture(scope="module")
+def linear(taurus, taurus_trim):
+    return linearise(taurus, taurus_trim)
+
+
+def structure(linear, trimmed, free=FREE, inputs=("de_cmd",), outputs=OUTPUTS, modes=(), plane="longitudinal"):
+    V = trimmed.condition.V_m_s
+    return aircraft_structure(linear, V, trimmed.alpha, plane, modes, inputs, outputs, free)
+
+
+def sensors(**other):
+    return tuple(Sensor(c, noise_std=s, **other) for c, s in zip(OUTPUTS, NOISE, strict=True))
+
+
+def doublet():
+    u = np.zeros((N, 1))
+    u[50:75], u[75:100] = 0.05, -0.05
+    return u
+
+
+def test_true_parameters_give_the_linearised_aircraft_and_are_the_derivatives_of_the_tables(linear, taurus_trim):
+    s = structure(linear, taurus_trim)
+    m = s.matrices(s.true)
+    rows = [linear.states.index(x) for x in s.states]
+    np.testing.assert_array_equal(m.A, linear.A[np.ix_(rows, rows)])
+    table = {d.name: d.held for d in dimensional_derivatives(linear, taurus_trim)}
+    for name, value in zip(FREE, s.true, strict=True):
+        assert value == pytest.approx(table[name], rel=1e-9)
+
+
+def test_lateral_parameters_are_the_derivatives_of_the_tables(linear, taurus_trim):
+    names = parameter_names(linear.inputs, "lateral", ())
+    s = structure(linear, taurus_trim, names, ("da_cmd", "dr_cmd"), ("p", "r", "beta", "ay"), plane="lateral")
+    table = {d.name: d.held for d in dimensional_derivatives(linear, taurus_trim)}
+    for name, value in zip(names, s.true, strict=True):
+        assert value == pytest.approx(table[name], rel=1e-9, abs=1e-7)
+
+
+def test_a_changed_derivative_changes_what_accelerometers_feel(linear, taurus_trim):
+    s = structure(linear, taurus_trim)
+    params = s.true.copy()
+    params[FREE.index("Z_alpha")] *= 1.1
+    m = s.matrices(params)
+    row, az = s.states.index("w"), OUTPUTS.index("az")
+    np.testing.assert_allclose(m.C[az] - s.C0[az], m.A[row] - s.A0[row], rtol=1e-9, atol=1e-12)
+    assert np.abs(m.C[az] - s.C0[az]).max() > 0.1
+
+
+def test_modal_parameters_are_frequency_and_damping(eolo, eolo_trim):
+    linear = linearise(eolo, eolo_trim)
+    s = structure(linear, eolo_trim, ("omega_1", "zeta_1", "Q1_de"), modes=(1, 5, 7), outputs=("q",))
+    row, column = s.states.index("etadot_1"), s.states.index("eta_1")
+    assert s.true[0] == pytest.approx(np.sqrt(-s.A0[row, column]))
+    params = s.true * np.array([1.1, 1.0, 1.0])
+    assert s.matrices(params).A[row, column] == pytest.approx(1.21 * s.A0[row, column])
+
+
+def test_information_is_that_of_the_sensitivities(linear, taurus_trim):
+    s = structure(linear, taurus_trim)
+    u = doublet()
+    r = respond(s, s.true, range(len(FREE)), u, DT, np.ones(1, bool), np.zeros(len(s.states)))
+    W = (r.dparams / np.array(NOISE)[:, None]).reshape(-1, len(FREE))
+    found = Experiment(s, sensors(), DT, N, biases=False).information(u)
+    np.testing.assert_allclose(found, W.T @ W, rtol=1e-8)
+    # offsets: the Schur complement is least squares on sensitivities less their mean
+    centred = (r.dparams - r.dparams.mean(axis=0)) / np.array(NOISE)[:, None]
+    W = centred.reshape(-1, len(FREE))
+    np.testing.assert_allclose(Experiment(s, sensors(), DT, N).information(u), W.T @ W, rtol=1e-7)
+
+
+def test_a_fine_input_seen_by_slow_sensors(linear, taurus_trim):
+    s, stride = structure(linear, taurus_trim), 4
+    u = np.zeros((N, 1))
+    u[51:76], u[76:101] = 0.05, -0.05  # edges off the sensors' samples
+    r = respond(s, s.true, range(len(FREE)), u, DT, np.ones(1, bool), np.zeros(len(s.states)))
+    y, S = Experiment(s, sensors(), DT, N // stride, stride).response(u)
+    np.testing.assert_allclose(y, r.y[::stride], atol=1e-10 * np.abs(r.y).max())
+    np.testing.assert_allclose(S, r.dparams[::stride], atol=1e-9 * np.abs(r.dparams).max())
+
+
+def test_slow_sensors_and_lost_samples_tell_less_and_lag_shapes(linear, taurus_trim):
+    s, u = structure(linear, taurus_trim), doublet()
+    full = Experiment(s, sensors(), DT, N, biases=False).information(u)
+    lost = Experiment(s, sensors(dropout=0.25), DT, N, biases=False).information(u)
+    np.testing.assert_allclose(lost, 0.75 * full, rtol=1e-12)
+    slow = Experiment(s, sensors(rate_hz=10.0), DT, N, biases=False).information(u)
+    np.testing.assert_allclose(np.diag(slow), np.diag(full) / 5.0, rtol=0.2)  # a fifth of the samples
+    lagged = Experiment(s, sensors(lag_s=0.2), DT, N, biases=False).information(u)
+    assert np.all(np.diag(lagged) < np.diag(full))
+    quantised = tuple(Sensor(c, quantum=n * np.sqrt(12.0)) for c, n in zip(OUTPUTS, NOISE, strict=True))
+    np.testing.assert_allclose(Experiment(s, quantised, DT, N, biases=False).information(u), full, rtol=1e-9)
+
+
+def test_predicted_errors_are_the_scatter_of_output_error_estimates(linear, taurus_trim):
+    s, u = structure(linear, taurus_trim), doublet()
+    predicted = accuracy(Experiment(s, sensors(), DT, N).information(u)).std
+    y = respond(s, s.true, (), u, DT, np.ones(1, bool), np.zeros(len(s.states))).y
+    found = []
+    for seed in range(60):
+        noise = np.random.default_rng(seed).standard_normal(y.shape) * np.array(NOISE)
+        record = FlightRecord(np.arange(N) * DT, ("de_cmd", *OUTPUTS), np.hstack([u, y + noise]), "measured")
+        found.append(output_error.estimate([record], s, initial_states="zero", output_biases=OUTPUTS).params)
+    z = (np.array(found) - s.true) / predicted
+    # 6 x 60 squared deviates, correlated among parameters: at worst chi-square of 60 per parameter. The 1e-4 limits
+    # of chi-square with 60 degrees of freedom over 60 are 0.47 and 1.82; six of them: false alarm 1e-3
+    assert np.all((np.mean(z**2, axis=0) > 0.47) & (np.mean(z**2, axis=0) < 1.82))
+
+
+def test_costs():
+    M, G = np.diag([4.0, 16.0]), np.eye(2)
+    assert cost(M, G, "worst") == pytest.approx(0.5)
+    assert cost(M, G, "E") == pytest.approx(0.5)
+    assert cost(M, G, "A") == pytest.approx(np.sqrt((0.25 + 0.0625) / 2.0))
+    assert cost(M, G, "D") == pytest.approx(64.0**-0.25)
+    assert cost(4.0 * M, G, "D") == pytest.approx(0.5 * cost(M, G, "D")), "scales as 1 / amplitude"
+    assert cost(M, np.diag([4.0, 1.0]), "worst") == pytest.approx(2.0), "in units of the wanted errors"
+    assert cost(M, np.array([[1.0, 2.0]]), "worst") == pytest.approx(np.sqrt(0.25 + 4.0 * 0.0625))
+    assert cost(np.diag([1.0, 0.0]), G, "D") == np.inf
+
+
+def test_what_is_not_known_has_no_finite_error():
+    found = accuracy(np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 4.0]]))
+    assert list(np.isinf(found.std)) == [True, True, False]
+    assert found.std[2] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("error", "law", "change"),
+    [
+        (EstimationError, "did you mean 'M_alpha'|'M_alpha'", {"free": ("M_alhpa",)}),
+        (EstimationError, "omega_1 and zeta_1 go together", {"free": ("omega_1",), "modes": (1,)}),
+        (ChannelError, "no channel 'alhpa'", {"outputs": ("alhpa",)}),
+    ],
+)
+def test_unknown_names(eolo, eolo_trim, error, law, change):
+    linear = linearise(eolo, eolo_trim)
+    with pytest.raises(error, match=law):
+        structure(linear, eolo_trim, **change)
+
+
+def test_a_sensor_without_noise_is_refused(linear, taurus_trim):
+    s = structure(linear, taurus_trim, outputs=("q",), free=("M_q",))
+    with pytest.raises(EstimationError, match="'q' is free of noise"):
+        Experiment(s, (Sensor("q"),), DT, N)
+    with pytest.raises(EstimationError, match="must divide that of the suite"):
+        Experiment(s, (Sensor("q", noise_std=0.1, rate_hz=30.0),), DT, N)

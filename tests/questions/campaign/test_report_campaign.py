@@ -1,0 +1,175 @@
+"""The packaged campaign from its file to its report: answer first, tables as figures, page without anything fetched."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import re
+from dataclasses import replace
+
+import pytest
+from rich.console import Console
+
+from testbench.core.paths import SCENARIOS
+from testbench.questions.campaign.execute import Progress, fly_campaign
+from testbench.questions.campaign.load import load_campaign
+from testbench.questions.campaign.page import (
+    answer,
+    campaign_tables,
+    cost_sentence,
+    print_campaign,
+    read_campaign,
+    show_progress,
+    write_campaign,
+)
+from testbench.questions.campaign.store import Counts, Store
+from testbench.questions.campaign.summary import Cause
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scatter")
+    campaign = load_campaign(SCENARIOS / "campaign" / "taurus_scatter.toml")
+    fly_campaign(campaign, folder, workers=2)
+    with Store.read(folder) as store:
+        result = read_campaign(campaign, store)
+    return result, folder
+
+
+def test_the_packaged_campaign_answers_its_question(flown):
+    """The four-pole fits are far off in the short period's damping, in every run: the Taurus paper's phenomenon."""
+    result, _ = flown
+    assert result.counts.finished == 24
+    assert result.counts.done >= 20
+    said = answer(result)
+    assert said[0][0] == "lead"
+    fair = sum(not a.biased for a in result.summary.accuracies)
+    lead = said[0][1]
+    assert lead.startswith(
+        f"{fair} of {len(result.summary.accuracies)} estimates show no bias beyond chance, the others"
+    )
+    for words in ("% of the true value", "from run to run they scatter", "states no errors to judge"):
+        assert words in lead
+    assert said[1][1].startswith(f"{result.counts.done} of 24 runs are done")
+    assert any("bias" in text and "of the true value" in text for kind, text in said if kind == "doubt")
+    found = {a.name: a for a in result.summary.accuracies}
+    zeta = found["taurus_8hz, transfer_function: short period (theta) zeta"]
+    assert zeta.biased
+    assert zeta.bias < -0.3
+    wn = found["taurus_8hz, transfer_function: phugoid (theta) wn, rad/s"]
+    assert abs(wn.bias / wn.true_mean) < 0.1
+
+
+def test_files_and_page(flown):
+    result, folder = flown
+    paths = write_campaign(result, folder)
+    assert paths[-1] == folder / "report.html"
+    page = paths[-1].read_text(encoding="utf-8")
+    assert page.index("The answer") < page.index("no bias beyond chance") < page.index('id="figure-estimates"')
+    assert page.count('id="figure-estimates"') == 1
+    assert page.index('id="figure-estimates"') < page.index("<main>")
+    assert "aircraft.mass_percent" in page
+    assert "normal: mean 0.0, std 2.0" in page
+    assert not re.search(r"(?:src|href)=[\"']https?:", page)
+    assert {p.name for p in (folder / "figures").iterdir()} == {"estimates.png", "distributions.png", "convergence.png"}
+    rows = list(csv.reader(io.StringIO((folder / "tables" / "accuracy.csv").read_text(encoding="utf-8"))))
+    assert len(rows) == 1 + len(result.summary.accuracies)
+    assert json.loads((folder / "tables" / "figures.json").read_text(encoding="utf-8"))["rows"]
+    first = {p: p.read_bytes() for p in paths}
+    assert {p: p.read_bytes() for p in write_campaign(result, folder)} == first
+
+
+def test_the_terminal_and_the_cost(flown):
+    result, folder = flown
+    console = Console(record=True, width=200, file=io.StringIO())
+    print_campaign(result, console, folder)
+    text = console.export_text()
+    assert "runs are done" in text
+    assert "report.html" in text
+    assert re.search(r"a run takes \d.* ms of one processor; a million like it .* processor hours", text)
+    assert "time histories" not in text
+    kept = replace(result, records_size=24 * 500_000)
+    assert "GB of store and 500 GB of time histories" in cost_sentence(kept)
+    assert "nothing is finished yet" in cost_sentence(
+        type(result)(result.campaign, Counts(3), result.summary, None, 0, 0)
+    )
+
+
+def _changed(result, **accuracy):
+    """The result with one estimate alone, changed as given."""
+    one = replace(result.summary.accuracies[0], **accuracy)
+    return replace(result, summary=replace(result.summary, accuracies=(one,)))
+
+
+def test_the_lead_tells_bias_scatter_and_coverage_of_one_estimate(flown):
+    result, _ = flown
+    sharp = {"n": 20, "bias": 0.1, "bias_half": 0.2, "scatter": 0.05, "true_mean": 2.0}
+    lead = answer(_changed(result, **sharp, coverage=0.9))[0][1]
+    assert "shows no bias beyond chance (0.100 ± 0.20) and scatters by 0.050 from run to run" in lead
+    assert "its stated 95 % interval holds the truth in 90.0 % of 20 runs" in lead
+    off = answer(_changed(result, **sharp | {"bias_half": 0.01}, coverage=float("nan")))
+    assert "is off by 0.100 ± 0.010, 5.0 % of the true value" in off[0][1]
+    assert "states no errors to judge" in off[0][1]
+    assert not any(text.startswith(off[0][1].split(" is off")[0] + ": bias") for _, text in off[1:])
+    covered = replace(result.summary.accuracies[0], coverage=0.5, coverage_high=0.7)
+    many = replace(result, summary=replace(result.summary, accuracies=(covered, *result.summary.accuracies[1:])))
+    assert "(of the 1 estimates that have one) holds the truth in 50 % of the runs" in answer(many)[0][1]
+
+
+def test_a_campaign_that_identified_nothing_says_what_failed_and_how_often(flown, tmp_path):
+    result, _ = flown
+    cause = Cause("LimitError: #", 24, 0, "LimitError: -12.5 <= de <= 12.5 deg must hold, got $99 <b>")
+    nothing = replace(
+        result,
+        counts=Counts(0, 0, 0, 24),
+        summary=replace(
+            result.summary, columns={}, done=result.summary.done & False, figures=(), accuracies=(), causes=(cause,)
+        ),
+    )
+    said = answer(nothing)
+    assert said[0] == (
+        "lead",
+        f"nothing was identified: all 24 finished runs failed, 24 (100 % of the runs): {cause.example}",
+    )
+    assert "0 of 24 runs are done, 24 failed" in said[1][1]
+    page = write_campaign(nothing, tmp_path)[-1].read_text(encoding="utf-8")
+    assert 'id="figure-failures"' in page
+    assert "$99 &lt;b&gt;" in page
+    waiting = replace(nothing, counts=Counts(24), summary=replace(nothing.summary, causes=()))
+    assert answer(waiting)[0][1] == "nothing is known yet: none of 24 runs is finished"
+    figures = tuple(replace(f, n=0, missing=23) for f in result.summary.figures[:2])
+    lost = replace(result, summary=replace(nothing.summary, causes=(), figures=figures))
+    assert answer(lost)[0][1].startswith("nothing was identified in the 23 runs that were flown: taurus_8hz")
+    unjudged = replace(result, summary=replace(result.summary, accuracies=()))
+    assert "the smallest error of a prediction, taurus_8hz, transfer_function: " in answer(unjudged)[0][1]
+
+
+def test_a_grid_gives_a_table_of_its_points(flown, tmp_path):
+    result, _ = flown
+    spec = result.campaign.spec.model_copy(
+        update={"grid": {"air.turbulence_rms_m_s": (0.0, 0.1)}, "runs": None, "repeats": 12}
+    )
+    names = [t.name for t in campaign_tables(result)]
+    assert "grid" not in names
+    gridded = replace(result, campaign=replace(result.campaign, spec=spec))
+    (table,) = [t for t in campaign_tables(gridded) if t.name == "grid"]
+    assert len(table.rows) == 2 * len(result.summary.accuracies)
+    assert sum(row[2] for row in table.rows[:: len(result.summary.accuracies)]) == result.counts.done
+
+
+def test_progress_says_rate_failures_and_time_left():
+    console = Console(record=True, width=120, file=io.StringIO())
+    with show_progress(console) as show:
+        show(Progress(Counts(60, 20, 18, 2), 20, 10.0, 2))
+        show(Progress(Counts(50, 20, 28, 2), 30, 11.0, 2))
+        show(Progress(Counts(0, 0, 98, 2), 100, 50.0, 1))
+    lines = console.export_text().splitlines()
+    assert lines == [
+        "... 20 of 100 runs, 2 failed, 2.0 runs/s on 2 workers, 0:40 left",
+        "... 100 of 100 runs, 2 failed, 2.0 runs/s on 1 worker, 0:00 left",
+    ]
+    terminal = Console(force_terminal=True, width=120, file=io.StringIO())
+    with show_progress(terminal) as show:
+        show(Progress(Counts(0, 0, 98, 2), 100, 50.0, 1))
+    assert "100/100" in terminal.file.getvalue()

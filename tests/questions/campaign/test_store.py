@@ -1,0 +1,137 @@
+"""The store: one writer, nothing lost, nothing counted twice, and refusals in words."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from testbench.core.errors import CampaignError
+from testbench.questions.campaign.flying import Outcome
+from testbench.questions.campaign.store import FILE, LOCK, Counts, Store
+
+ROOT = Path(__file__).resolve().parents[3]
+HOLD = """
+import sys, time
+from pathlib import Path
+from testbench.questions.campaign.lock import WriterLock
+lock = WriterLock(Path(sys.argv[1]))
+print("held", flush=True)
+time.sleep(600)
+"""
+
+
+def outcome(run: int, value: float = 1.0, reason: str = "") -> Outcome:
+    results = json.dumps({"figures": {"s, e": {"x": value}}, "poles": {}})
+    return Outcome(run, run, "{}", None if reason else results, reason, 0.1)
+
+
+def test_rows_are_counted_once_and_keep_what_was_first(short, tmp_path):
+    with Store.create(tmp_path / "s", short()) as store:
+        assert store.counts() == Counts(pending=24)
+        store.exchange([outcome(0), outcome(3, reason="TrimError: no")], started=[1, 2])
+        store.exchange([outcome(0, 7.0), outcome(3)], started=[0], returned=[3])
+        assert store.counts() == Counts(20, 2, 1, 1)
+        assert [json.loads(r.results)["figures"]["s, e"]["x"] for r in store.rows() if r.results] == [1.0]
+        assert store.first_unfinished() == 1
+        assert store.unfinished(-1, 3) == [4, 5, 6]
+    with Store.resume(tmp_path / "s", short()) as store:
+        assert store.counts() == Counts(22, 0, 1, 1)
+        assert store.unfinished(-1, 3) == [1, 2, 4]
+
+
+def test_a_campaign_may_grow_but_not_shrink_below_what_is_finished(short, tmp_path):
+    with Store.create(tmp_path / "s", short()) as store:
+        store.exchange([outcome(20)])
+    with Store.resume(tmp_path / "s", short("runs = 30")) as store:
+        assert store.counts() == Counts(pending=29, done=1)
+    with pytest.raises(CampaignError, match="not shrink below what is finished, got 10 runs"):
+        Store.resume(tmp_path / "s", short("runs = 10"))
+    with Store.resume(tmp_path / "s", short("runs = 21")) as store:
+        assert store.counts().total == 21
+
+
+def test_another_campaign_version_or_no_store_is_refused(short, tmp_path):
+    with pytest.raises(CampaignError, match="must have a store, got none"):
+        Store.resume(tmp_path / "s", short())
+    with pytest.raises(CampaignError, match="must have a store, got none"):
+        Store.read(tmp_path / "s")
+    Store.create(tmp_path / "s", short()).close()
+    with pytest.raises(CampaignError, match="without a store"):
+        Store.create(tmp_path / "s", short())
+    with pytest.raises(CampaignError, match="belongs to another campaign"):
+        Store.resume(tmp_path / "s", short(old="std = 0.3", new="std = 0.4"))
+    db = sqlite3.connect(tmp_path / "s" / FILE)
+    db.execute("UPDATE meta SET value = '0.0' WHERE key = 'version jsbsim'")
+    db.commit()
+    with pytest.raises(CampaignError, match=r"was made with jsbsim 0\.0"):
+        Store.resume(tmp_path / "s", short())
+    db.execute("UPDATE meta SET value = '99' WHERE key = 'version'")
+    db.commit()
+    db.close()
+    for opened in (lambda: Store.resume(tmp_path / "s", short()), lambda: Store.read(tmp_path / "s")):
+        with pytest.raises(CampaignError, match="must be of version 1, which this testbench writes, got 99"):
+            opened()
+
+
+def test_a_file_that_is_no_store_is_refused(short, tmp_path):
+    (tmp_path / FILE).write_bytes(b"no database at all, but long enough to be read as one" * 100)
+    with pytest.raises(CampaignError, match="must be a campaign's store"):
+        Store.read(tmp_path)
+
+
+def test_a_second_writer_is_refused_until_the_first_is_gone(short, tmp_path):
+    Store.create(tmp_path, short()).close()
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    holder = subprocess.Popen(
+        [sys.executable, "-c", HOLD, str(tmp_path / LOCK)], stdout=subprocess.PIPE, text=True, env=environment
+    )
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "held\n"
+    with pytest.raises(CampaignError, match=f"one writer at a time, but process {holder.pid} on"):
+        Store.resume(tmp_path, short())
+    with Store.read(tmp_path) as store:  # reading is free
+        assert store.counts().total == 24
+    holder.send_signal(signal.SIGKILL)
+    holder.wait()
+    holder.stdout.close()
+    assert (tmp_path / LOCK).read_text()  # it was left behind, and is taken over
+    with Store.resume(tmp_path, short()) as store:
+        assert store.counts().total == 24
+
+
+def test_a_lock_of_another_machine_is_refused_until_it_is_deleted(short, tmp_path):
+    Store.create(tmp_path, short()).close()
+    (tmp_path / LOCK).write_text('{"pid": 7, "host": "elsewhere"}')
+    with pytest.raises(
+        CampaignError, match="process 7 on elsewhere has not given it back; if that process is gone, del"
+    ):
+        Store.resume(tmp_path, short())
+    (tmp_path / LOCK).unlink()
+    Store.resume(tmp_path, short()).close()
+    assert (tmp_path / LOCK).read_text() == ""
+
+
+def test_a_full_disk_stops_with_a_clear_error_and_loses_nothing(short, tmp_path):
+    with Store.create(tmp_path, short()) as store:
+        store.exchange([outcome(i) for i in range(5)])
+        # SQLite's own limit on the file gives the error that a full disk gives
+        pages = store._db.execute("PRAGMA page_count").fetchone()[0]
+        store._db.execute(f"PRAGMA max_page_count = {pages}")
+        long = [Outcome(i, i, "{}", json.dumps({"x": "y" * 100_000}), "", 0.1) for i in range(5, 10)]
+        with pytest.raises(CampaignError, match=r"disk is full; what is finished is kept. Free space, then go on"):
+            store.exchange(long)
+    with Store.resume(tmp_path, short()) as store:
+        assert store.counts() == Counts(pending=19, done=5)
+
+
+def test_a_store_whose_making_was_interrupted_is_made_anew(short, tmp_path):
+    (tmp_path / FILE).touch()
+    with Store.create(tmp_path, short()) as store:
+        assert store.counts().total == 24

@@ -1,0 +1,68 @@
+"""The report on the compatibility of recorded data: answer, tables, figure, corrected records, page."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from testbench.core.record import FlightRecord, load_record
+from testbench.estimators import data_compatibility
+from testbench.flight import Manoeuvre, fly
+from testbench.inputs.signal import InputSignal
+from testbench.questions.compatibility.page import compatibility_answer, compatibility_tables, print_compatibility
+from testbench.questions.compatibility.page import write_compatibility as write
+from testbench.questions.identify.scenario import RecordDescription
+
+CHANNELS = {"V": 0.05, "alpha": 0.002, "theta": 0.002, "q": 0.002, "ax": 0.02, "az": 0.02}
+GYRO_BIAS = 0.02
+
+
+@pytest.fixture(scope="module")
+def flights(taurus, taurus_trim):
+    n = 3000
+    u = np.zeros((n, 1))
+    for start in (200, 1000, 1800):
+        u[start : start + 100], u[start + 100 : start + 200] = 0.05, -0.05
+    rate = taurus_trim.rate_hz
+    truth = fly(taurus, taurus_trim, Manoeuvre("doublets", InputSignal(np.arange(n) / rate, u, ("de",)), 0.0), 40.0)
+    noise = np.random.default_rng(3).standard_normal((len(truth), len(CHANNELS))) * list(CHANNELS.values())
+    data = truth.columns(CHANNELS) + noise
+    data[:, list(CHANNELS).index("q")] += GYRO_BIAS
+    return {"doublets": FlightRecord(truth.t_s, tuple(CHANNELS), data, "measured")}
+
+
+@pytest.fixture(scope="module")
+def result(flights):
+    return data_compatibility.estimate(list(flights.values()), gravity_m_s2=9.7803)
+
+
+def test_the_answer_names_the_instrument(result):
+    assert "q_bias" in result.values
+    assert result.values["q_bias"] == pytest.approx(GYRO_BIAS, abs=4 * result.errors[0].standard_error + 2e-3)
+    assert compatibility_answer(result)[0].startswith("the instruments do not agree")
+    named = {row[0] for row in compatibility_tables(result)[0].rows if row[4]}
+    assert named == set(result.values)
+
+
+def test_files_and_page(result, flights, tmp_path):
+    described = RecordDescription.load("attas_short_period")
+    paths = write(result, flights, described, tmp_path)
+    assert paths[-1].name == "report.html"
+    assert {"instrument_errors.csv", "residuals.csv", "rebuilt.png", "doublets_corrected.nc"} <= {p.name for p in paths}
+    page = paths[-1].read_text(encoding="utf-8")
+    assert "The instruments do not agree" in page
+    assert 'src="http' not in page
+    corrected = load_record(tmp_path / "records" / "doublets_corrected.nc")
+    removed = flights["doublets"]["q"] - corrected["q"]
+    assert np.allclose(removed, result.values["q_bias"], atol=1e-12)
+
+
+def test_the_terminal_shows_the_errors(result, tmp_path):
+    stream = io.StringIO()
+    print_compatibility(result, Console(file=stream, width=100), tmp_path)
+    text = stream.getvalue()
+    assert "q_bias" in text
+    assert "report.html" in text

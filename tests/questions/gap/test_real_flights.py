@@ -1,0 +1,199 @@
+"""The gap workflow on real flights: turbulence, an immaterial rest, and a printed derivative that was falsified.
+
+Printed values as in real_aircraft.py. A real record is no draw from a known distribution, so that no false-alarm rate
+can be stated: what these tests assert was measured once. One record alone asks for derivatives 4 to 6 % off the printed
+ones, which fit two (MEASURED): a falsified derivative is found by how much it is off from there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from real_aircraft import (
+    ATTAS,
+    ATTAS_H,
+    ATTAS_V,
+    HFB_RHO,
+    altitude_m,
+    attas,
+    attas_record,
+    believe,
+    fine_noise,
+    hfb320,
+    hfb320_record,
+    quiet_noise,
+)
+from recorded import flight_data
+
+from testbench.flight import FlightCondition, linearise, trim
+from testbench.questions.gap.ask import find_gap
+from testbench.questions.gap.decide import off_parameters
+from testbench.questions.gap.effects import library
+from testbench.questions.gap.evidence.commanded import quiet_samples
+
+RECORDS = ("fAttasElv1", "fAttasElv2")
+# What each record says of the printed derivatives (WrongParameter.factor, Naming.measured), the slow tests check it.
+MEASURED = {
+    "fAttasElv1": {"Cm_alpha": 1.063, "Cm_q": 1.053, "Cm_de": 1.041},
+    "hfb320": {"CL_alpha": 1.032, "Cm_alpha": 1.047},
+}
+
+
+# Of the library the effect that comes nearest to explaining an ATTAS record, and the one that passes most easily for a
+# wrong derivative: fast, and as hard a test. The slow tests search the whole library.
+TEMPTING = ("curved_moment", "surface_scale")
+
+
+def fly_attas(folder, factors, name_from, effects=None):
+    """Return what the workflow finds on one ATTAS record, the other held out."""
+    data = flight_data()
+    records = {n: attas_record(data, n) for n in RECORDS}
+    noise = quiet_noise(list(records.values()))
+    believed = believe(attas(folder / "attas", factors), records[name_from], noise, ATTAS_V, ATTAS_H)
+    return find_gap(believed, {name_from: records.pop(name_from)}, records, effects=chosen(believed, effects))
+
+
+def fly_hfb320(folder, factors=None, effects=None):
+    """Return what the workflow finds on the HFB-320 record."""
+    record = hfb320_record(flight_data())
+    V = float(record["V"][: quiet_samples(record)].mean())
+    believed = believe(hfb320(folder / "hfb320", factors), record, fine_noise(record), V, altitude_m(HFB_RHO))
+    return find_gap(believed, {"3211": record}, {}, effects=chosen(believed, effects))
+
+
+def chosen(believed, effects):
+    return None if effects is None else {n: library(believed.suite)[n] for n in effects}
+
+
+def test_attas_linearises_to_the_printed_equations(tmp_path):
+    flown = linearise_at(attas(tmp_path / "attas"), FlightCondition(ATTAS_V, ATTAS_H))
+    A, B = flown  # of alpha and q
+    printed = [[ATTAS["Za"], 1.0 + ATTAS["Zq"], ATTAS["Zde"]], [ATTAS["Ma"], ATTAS["Mq"], ATTAS["Mde"]]]
+    # Printed are equations without gravity, speed and turning with the Earth; those are worth half a percent.
+    assert np.column_stack([A, B]) == pytest.approx(np.array(printed), rel=0.006)
+
+
+def test_hfb320_has_the_modes_of_the_printed_derivatives(tmp_path):
+    aircraft = hfb320(tmp_path / "hfb320")
+    model = linearise(aircraft, trim(aircraft, FlightCondition(109.2, altitude_m(HFB_RHO)))).subsystem(
+        ["u", "w", "q", "theta"]
+    )
+    poles = sorted((p for p in model.poles() if p.imag > 0.0), key=abs)
+    # Those of the printed model at this speed (scenarios/records/hfb320_longitudinal.toml); there with the recorded
+    # thrust, 11.6 kN, and here with the 7 % more that hold the height, which the phugoid feels.
+    assert [abs(p) for p in poles] == pytest.approx([0.128, 2.20], rel=0.02)
+    assert -poles[1].real / abs(poles[1]) == pytest.approx(0.522, rel=0.02)
+    assert -poles[0].real / abs(poles[0]) == pytest.approx(0.064, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "effects", [TEMPTING, pytest.param(None, marks=pytest.mark.slow)], ids=["tempting effects", "whole library"]
+)
+def test_hfb320_flew_through_turbulence_and_lacks_nothing_that_has_a_name(tmp_path, effects):
+    found = fly_hfb320(tmp_path, effects=effects)
+    assert found.air.moves
+    assert found.air.in_quiet  # heard in 1.4 s, with many times the gain that it takes
+    assert 0.3 < found.air.rms_m_s < 1.0
+    assert found.naming.names == ()
+    assert found.parameters == ()
+    assert any("the air moved" in s for s in found.sentences)
+    for name, factor in MEASURED["hfb320"].items():
+        assert found.naming.measured[name][0] == pytest.approx(factor, abs=0.002)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("printed", "coefficient", "factor", "said"),
+    [("CLa", "CL_alpha", 0.77, "wrong"), ("Cma", "Cm_alpha", 1.4, "wrong"), ("Cma", "Cm_alpha", 1.3, "off")],
+)
+def test_a_wrong_derivative_is_found_in_turbulence_too(tmp_path, printed, coefficient, factor, said):
+    """0.77 is what output error, which takes the turbulence for motion, makes of CL_alpha: 3.34 for 4.33.
+
+    At 30 % too much Cm_alpha is 1.9 times what is believed of it off, and 2 make it wrong.
+    """
+    found = fly_hfb320(tmp_path, {printed: factor})
+    assert found.air.moves
+    assert found.naming.names == ()
+    (off,) = off_parameters(found.naming)
+    assert (off.name, [p.name for p in found.parameters]) == (coefficient, [coefficient] if said == "wrong" else [])
+    assert off.factor * factor == pytest.approx(MEASURED["hfb320"][coefficient], rel=0.03)
+    assert abs(off.factor - 1.0 / factor) < 3.0 * off.error
+    assert any(f"the believed {coefficient} is {said}: " in s for s in found.sentences)
+
+
+def test_attas_lacks_nothing_that_matters(tmp_path):
+    check_immaterial(fly_attas(tmp_path, {}, "fAttasElv1", TEMPTING))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name_from", RECORDS)
+def test_attas_lacks_nothing_that_matters_of_all_that_is_known(tmp_path, name_from):
+    found = fly_attas(tmp_path, {}, name_from)
+    check_immaterial(found)
+    for name, factor in MEASURED.get(name_from, {}).items():
+        assert found.naming.measured[name][0] == pytest.approx(factor, abs=0.002)
+
+
+def test_a_printed_derivative_that_is_40_percent_off_is_found_and_measured(tmp_path):
+    check_wrong(fly_attas(tmp_path, {"Mde": 1.4}, "fAttasElv1", TEMPTING), "Cm_de", 1.4)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.7, 1.4])
+@pytest.mark.parametrize(("printed", "coefficient"), [("Ma", "Cm_alpha"), ("Mde", "Cm_de")])
+def test_any_printed_derivative_that_is_30_percent_too_small_or_40_too_large_is_found(
+    tmp_path, printed, coefficient, factor
+):
+    check_wrong(fly_attas(tmp_path, {printed: factor}, "fAttasElv1"), coefficient, factor)
+
+
+@pytest.mark.slow
+def test_pitch_damping_that_is_30_percent_too_small_is_wrong(tmp_path):
+    check_wrong(fly_attas(tmp_path, {"Mq": 0.7}, "fAttasElv1"), "Cm_q", 0.7)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("printed", "coefficient"), [("Ma", "Cm_alpha"), ("Mq", "Cm_q"), ("Mde", "Cm_de")])
+def test_a_printed_derivative_that_is_30_percent_too_large_is_off(tmp_path, printed, coefficient):
+    """1 / 1.3 is 2.3 times the 10 % that are believed of two of them off, and what the record asks for is less."""
+    found = fly_attas(tmp_path, {printed: 1.3}, "fAttasElv1")
+    assert found.naming.names == ()
+    (off,) = off_parameters(found.naming)
+    assert off.name == coefficient
+    assert off.factor * 1.3 == pytest.approx(MEASURED["fAttasElv1"][coefficient], rel=0.03)
+    assert off.sentence in found.sentences
+    assert off.sentence.startswith(f"the believed {coefficient} is off: 0.8")
+
+
+def check_wrong(found, coefficient, factor):
+    assert found.naming.names == ()
+    (wrong,) = found.parameters
+    assert wrong.name == coefficient
+    assert wrong.factor * factor == pytest.approx(MEASURED["fAttasElv1"][coefficient], rel=0.03)
+    assert abs(wrong.factor * factor - 1.0) < 4.0 * wrong.error
+    assert found.sentences[0].startswith(f"the believed {coefficient} is wrong: {wrong.factor:.3f} ± ")
+    (held_out,) = found.shrink
+    assert held_out.removed > 0.8  # the model re-tuned on one record flies the other one
+
+
+def check_immaterial(found):
+    assert found.naming.names == ()
+    assert found.parameters == ()
+    assert found.naming.outcome == "no gap" or found.immaterial
+    assert found.naming.outcome == "no gap" or any("real but immaterial" in s for s in found.sentences)
+
+
+def linearise_at(aircraft, condition):
+    """Return A (2, 2) and B (2, 1) of alpha and q for the elevator at constant airspeed, height and attitude."""
+    trimmed = trim(aircraft, condition)
+    model = linearise(aircraft, trimmed)
+    u, w, q = (model.states.index(s) for s in ("u", "w", "q"))
+    V, c, s = condition.V_m_s, np.cos(trimmed.alpha), np.sin(trimmed.alpha)
+    # alpha at constant V moves u by -V sin(alpha) and w by V cos(alpha); alphadot = (wdot cos - udot sin) / V
+    into = np.zeros((len(model.states), 2))
+    into[[u, w], 0] = -V * s, V * c
+    into[q, 1] = 1.0
+    out = np.zeros((2, len(model.states)))
+    out[0, [u, w]] = -s / V, c / V
+    out[1, q] = 1.0
+    return out @ model.A @ into, out @ model.B[:, [model.inputs.index("de")]]

@@ -1,0 +1,172 @@
+"""The report of the gap workflow: answer first, files, the amended aircraft, and the page of a plan."""
+
+from __future__ import annotations
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap.gap_flights import among, believe, measure
+from rich.console import Console
+
+import testbench.questions.gap.ask as workflow
+import testbench.questions.gap.plan as plan_module
+from testbench.aircraft import load_aircraft
+from testbench.questions.gap.case import run_flights
+from testbench.questions.gap.controls import Control, Controls
+from testbench.questions.gap.effects import EFFECTS
+from testbench.questions.gap.figures import gap_plates
+from testbench.questions.gap.page import print_gap, write_gap
+from testbench.questions.gap.plan_page import print_gap_plan, write_gap_plan
+from testbench.questions.gap.records import Flights
+from testbench.questions.gap.result import TOLERANCE
+from testbench.questions.run.scenario import Scenario
+
+FEW = {n: EFFECTS[n] for n in ("actuator_lag", "thrust_line", "alpha_scale")}
+
+
+@pytest.fixture(scope="module")
+def result():
+    believed = believe()
+    slow = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 8.0})
+    elevator, throttle = measure(slow, 21)
+    flights = Flights(
+        believed, {"elevator": elevator, "throttle": throttle}, {"again": measure(slow, 31)[0]}, ("a note",)
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(workflow, "name_effect", among(FEW))
+        return run_flights("eolo", flights, check=False)
+
+
+def test_the_answer_has_size_evidence_runner_up_place_and_shrink(result):
+    finding = result.finding
+    assert finding.naming.names == ("actuator_lag",)
+    text = " | ".join(finding.sentences)
+    for words in (
+        "lag_rad_s =",
+        "±",
+        "where noise alone reaches",
+        "runner-up",
+        "over the flight region",
+        "held-out again",
+    ):
+        assert words in text
+    shrink = finding.shrink[0]
+    assert shrink.visible
+    assert shrink.removed > 0.9
+    regions = {r.quantity: r for r in finding.regions}
+    assert {"alpha", "V", "q", "de_cmd", "thr_cmd"} == set(regions)
+    for region in regions.values():
+        assert region.samples.sum() == sum(len(r) for r in result.records.values()) - len(shrink.record)
+        assert np.nanmax(region.energy) > 1.0
+
+
+def test_page_figures_tables_and_amended_aircraft(result, tmp_path):
+    paths = write_gap(result, tmp_path)
+    names = {str(p.relative_to(tmp_path)) for p in paths}
+    for part in (
+        "report.html",
+        "figures/answer.png",
+        "figures/residual_maps.png",
+        "figures/residual_regions.png",
+        "figures/equation_errors.png",
+        "tables/ranking.csv",
+        "amended/eolo/eolo.xml",
+        "amended/eolo/aircraft.toml",
+        "amended/model.diff",
+    ):
+        assert part in names
+    page = paths[-1].read_text(encoding="utf-8")
+    assert page.index("What the amendment does to a flight") < page.index("What was believed, and what was measured")
+    assert "A note." in page
+    assert page.count('id="figure-answer"') == 1
+    assert page.index('id="answer"') < page.index('id="figure-answer"') < page.index('id="figure-residual_maps"')
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    back = load_aircraft("eolo", "flexible", tmp_path / "amended" / "eolo")
+    assert back.coefficient("Cm_q") == pytest.approx(
+        load_aircraft("eolo").coefficient("Cm_q") * result.finding.naming.best.tuning["Cm_q"]
+    )
+    console = Console(file=io.StringIO(), width=120)
+    print_gap(result, console, tmp_path)
+    assert "lag of the elevator servo" in console.file.getvalue()
+    assert "Assumed: a note" in console.file.getvalue()
+
+
+def test_models_are_told_apart_without_colour_and_the_legend_says_so(result):
+    for plate in gap_plates(result):
+        if plate.name not in ("answer", "held_out_1", "held_out_1_spectrum"):
+            continue
+        figure = plate.make(True)
+        (shown,) = figure.legends
+        legend = {h.get_label(): (h.get_color(), h.get_linestyle()) for h in shown.legend_handles}
+        believed, amended = legend["believed model"], legend["amended model"]
+        assert believed[1] != amended[1]
+        curves = {(line.get_color(), line.get_linestyle()) for axes in figure.axes for line in axes.lines}
+        assert {believed, amended} <= curves
+        assert legend.get("noise floor", believed) in curves
+
+
+def test_the_page_of_a_plan(monkeypatch, tmp_path):
+    monkeypatch.setattr(plan_module, "library", lambda suite: FEW | {"q_bias": EFFECTS["q_bias"]})
+    monkeypatch.setattr(plan_module, "family", lambda believed, planned: [])
+    plan = plan_module.plan_gap(Scenario.load("eolo_alpha"))
+    paths = write_gap_plan(plan, tmp_path)
+    page = paths[-1].read_text(encoding="utf-8")
+    for words in ("Which effects look alike", "How well each effect would show", "bias of the q sensor"):
+        assert words in page
+    assert {"isolability.png", "visible.png", "additions.csv", "visible.csv"} <= {p.name for p in paths}
+    console = Console(file=io.StringIO(), width=120)
+    print_gap_plan(plan, console, tmp_path)
+    assert "as planned" in console.file.getvalue()
+
+
+def test_a_gap_that_nobody_would_feel_is_called_immaterial(result):
+    finding = result.finding
+    assert not finding.immaterial  # a servo at a sixth of its speed is felt
+    shrink = finding.shrink[0]
+    small = replace(shrink, before=shrink.after + 1e-4)
+    light = replace(finding, shrink=(small,))
+    assert light.immaterial
+    assert any("real but immaterial" in s for s in light.sentences)
+    assert not replace(finding, shrink=()).immaterial
+
+
+def test_a_channel_without_a_tolerance_may_not_change_by_more_than_its_noise(result, monkeypatch):
+    shrink, off = result.finding.shrink[0], np.zeros(5)
+    off[result.finding.believed.outputs.index("V")] = 1.0  # m/s, of 3 kt that are allowed
+    light = replace(result.finding, shrink=(replace(shrink, before=shrink.after + off),))
+    assert light.immaterial
+    monkeypatch.delitem(TOLERANCE, "V")
+    assert not light.immaterial
+    quiet = replace(light, shrink=(replace(shrink, before=shrink.after + 0.1 * off),))
+    assert any("or where none is given by less than its noise" in s for s in quiet.sentences)
+
+
+def test_control_flights_stand_in_the_answer_and_in_a_table(result, tmp_path):
+    flights = (Control(1, "no gap", (), 4.25, 5_100.0), Control(2, "not flown", (), 0.0, 0.0))
+    beside = Controls(flights, gain=9_000.0, chi2=14_000.0)
+    page = write_gap(replace(result, finding=replace(result.finding, controls=beside)), tmp_path)[-1]
+    assert beside.sentence.startswith("one control flight of the believed model")
+    assert beside.sentence[1:] in page.read_text(encoding="utf-8")
+    rows = (tmp_path / "tables" / "controls.csv").read_text(encoding="utf-8").splitlines()
+    assert [row.split(",")[0] for row in rows[-3:]] == ["1", "2", "measured"]
+    assert "no gap, which is right" in "".join(rows)
+
+
+def test_every_diff_is_on_the_page(result, tmp_path):
+    amended = result.finding.amended.with_effect(EFFECTS["alpha_scale"], {"scale": 1.1})
+    both = replace(result, finding=replace(result.finding, amended=amended))
+    page = write_gap(both, tmp_path)[-1].read_text(encoding="utf-8")
+    for head in ("--- believed suite", "--- believed model"):
+        assert head in page
+
+
+def test_forces_that_only_some_records_have_the_channels_for_are_left_out(result):
+    first, *others = result.finding.forces
+    more = replace(
+        first, errors={**first.errors, "CX": first.errors["CZ"]}, floor={**first.floor, "CX": first.floor["CZ"]}
+    )
+    uneven = replace(result, finding=replace(result.finding, forces=(more, *others)))
+    (plate,) = [p for p in gap_plates(uneven) if p.name == "equation_errors"]
+    assert {a.get_ylabel() for a in plate.make(True).axes} <= {"ΔCZ", "ΔCm", ""}

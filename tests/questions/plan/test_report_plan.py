@@ -1,0 +1,199 @@
+"""The report of a flight plan: the Taurus campaign through the command line, its cards, pages and signals."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from commands import command
+
+from testbench.core.paths import SCENARIOS
+from testbench.evaluation.envelope import fly_envelope
+from testbench.questions.plan.ask import make_plan
+from testbench.questions.plan.card_text import beyond_limits, card_stem, card_text, levels, sequence_lines
+from testbench.questions.plan.page import plan_answer, write_cards, write_plan
+from testbench.questions.plan.scenario import PlanScenario
+from testbench.questions.plan.tables import modes_table, points_table, runs_table
+
+
+@pytest.fixture(scope="module")
+def taurus_plan():
+    return make_plan(PlanScenario.load(SCENARIOS / "plan" / "taurus_63.toml"), fly_envelope)
+
+
+@pytest.fixture(scope="module")
+def eolo_plan():
+    """Two speeds of the build-up of EOLO."""
+    base = PlanScenario.load(SCENARIOS / "plan" / "eolo_envelope.toml")
+    return make_plan(base.model_copy(update={"speeds_m_s": (18.0, 19.0)}), fly_envelope)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """What the command line makes of the Taurus campaign: (process, folder)."""
+    out = tmp_path_factory.mktemp("plan")
+    return command("plan", "taurus_63", "-o", out), out / "plan_taurus_63"
+
+
+def test_the_campaign_of_the_paper_has_63_runs(written):
+    done, folder = written
+    assert done.returncode == 0, done.stderr
+    assert "63 runs (37 longitudinal, 26 lateral)" in done.stdout
+    with (folder / "plan.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [int(r["run"]) for r in rows] == list(range(1, 64))
+    assert sum(r["plane"] == "longitudinal" for r in rows) == 37
+    content = json.loads((folder / "plan.json").read_text(encoding="utf-8"))
+    assert len(content["rows"]) == 63
+
+
+def test_every_card_is_one_page_a4_and_a_page_of_its_own(written, taurus_plan):
+    _, folder = written
+    assert len(taurus_plan.cards) == 7
+    for card in taurus_plan.cards:
+        stem = card_stem(card)
+        pdf = (folder / "cards" / f"{stem}.pdf").read_bytes()
+        assert len(re.findall(rb"/Type /Page\b", pdf)) == 1
+        box = [float(x) for x in re.search(rb"/MediaBox \[([^\]]*)\]", pdf)[1].split()]
+        np.testing.assert_allclose(box, [0.0, 0.0, 595.3, 841.9], atol=0.5)  # A4 in points
+        html = (folder / "cards" / f"{stem}.html").read_text(encoding="utf-8")
+        assert card.title[1:] in html
+        for part in ("Set-up", "Limits, and what to do when one is met", "Control sequence", "Go or no-go", "Log"):
+            assert part in html
+        assert "http://" not in html.replace("http://www.w3.org", "")
+        assert (folder / "signals" / f"{stem}.csv").stat().st_size > 100
+    assert len(re.findall(rb"/Type /Page\b", (folder / "cards.pdf").read_bytes())) == 7
+    assert not list(folder.rglob("*.lua"))  # a pilot flies
+    assert not list(folder.rglob("*.part"))
+
+
+def test_the_page_answers_and_links_to_what_is_there(written):
+    _, folder = written
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "63 runs (37 longitudinal, 26 lateral) at 2 points take" in page
+    links = re.findall(r'href="([^"#]+)"', page)
+    assert len(links) >= 7 * 3
+    for link in links:
+        assert (folder / link).is_file(), link
+
+
+def test_the_same_plan_gives_the_same_bytes(taurus_plan, tmp_path):
+    taurus_plan = replace(taurus_plan, cards=taurus_plan.cards[:1])
+    one = {p.name: p.read_bytes() for p in write_cards(taurus_plan, tmp_path / "a")}
+    two = {p.name: p.read_bytes() for p in write_cards(taurus_plan, tmp_path / "b")}
+    assert one == two
+
+
+def test_the_sequence_is_said_with_times_and_amplitudes(eolo_plan, taurus_plan):
+    (line,) = sequence_lines(eolo_plan.cards[0])
+    amplitude = 4.0 * eolo_plan.cards[0].factor
+    assert f"elevator (+: trailing edge down): 1.00 to 1.90 s: +{amplitude:.2f}\u00a0deg; 1.90 to 2.50 s: −" in line
+    assert line.endswith("2.80 to 3.10 s: −" + f"{amplitude:.2f}\u00a0deg; then trim")
+    (line,) = sequence_lines(eolo_plan.cards[1])
+    assert "multisine from 1 s, 4 to 20 Hz, 3 periods of 4 s; peak 3.00\u00a0deg" in line
+    (line,) = sequence_lines(taurus_plan.cards[1])
+    assert line.startswith("throttle (+: more power)")
+
+
+def test_levels_of_a_held_signal():
+    t = np.arange(0.0, 2.0, 0.01)
+    u = np.where((t >= 0.5) & (t < 0.9), 2.0, 0.0) - np.where((t >= 0.9) & (t < 0.95), 2.0, 0.0)
+    assert levels(t, u) == [(0.5, pytest.approx(0.9), 2.0)]  # the last one is too short to be said
+
+
+def test_a_card_says_what_decides_the_next_step(eolo_plan):
+    card, last = eolo_plan.cards[0], eolo_plan.cards[-1]
+    text = card_text(card, eolo_plan)
+    assert text.status.startswith("amplitude scaled to")
+    assert text.go.startswith("GO to 19 m/s if every measured damping")
+    torsion = next(row for row in text.modes if row[0] == "1st sym. wing torsion + boom bending")
+    mode = next(m for m in card.point.modes if m.name == "1st symmetric wing torsion and tail-boom bending")
+    assert torsion[2:] == ("0.0270", "0.0167", f"≥ {mode.go:.4f}")
+    assert mode.go == pytest.approx(0.01 + mode.zeta - mode.zeta_next)
+    assert dict(text.setup)["script"].endswith(f"SCR_USER1 = {card.number}, mode 0")
+    assert any("11 % below 20.3 m/s" in value for _, value in text.setup)
+    assert ("vibration", "dies away") in [(a, b) for a, b, _ in text.limits]
+    assert card_text(last, eolo_plan).go.startswith("last speed")
+    assert "V" in beyond_limits(card)
+    assert any("reaches beyond the limit on V" in note for note in text.notes)
+
+
+def test_scripts_and_tables_of_an_autopilot_s_plan(eolo_plan, tmp_path):
+    eolo_plan = replace(eolo_plan, cards=eolo_plan.cards[:2])
+    paths = write_plan(eolo_plan, tmp_path)
+    scripts = [p for p in paths if p.suffix == ".lua"]
+    assert [p.stem for p in scripts] == [card_stem(c) for c in eolo_plan.cards]
+    assert paths[-1].name == "report.html"
+    page = paths[-1].read_text(encoding="utf-8")
+    assert "the narrowest step is the one from 18 to 19 m/s" in page.lower()
+    table = points_table(eolo_plan)
+    assert [row[-1] for row in table.rows] == ["if measured", "last"]
+    assert len(modes_table(eolo_plan).rows) == sum(len(p.modes) for p in eolo_plan.points)
+    assert len(runs_table(eolo_plan).rows) == len(eolo_plan.runs)
+
+
+def test_a_step_that_the_prediction_forbids_is_a_no_go():
+    base = PlanScenario.load(SCENARIOS / "plan" / "eolo_envelope.toml")
+    brave = base.model_copy(
+        update={"speeds_m_s": (18.0, 19.2), "least_damping": 0.02, "manoeuvre": (base.manoeuvre[1],)}
+    )
+    plan = make_plan(brave, fly_envelope)
+    assert [row[-1] for row in points_table(plan).rows] == ["NO-GO", "last"]
+    assert any(kind == "doubt" and text.startswith("NO-GO after 18 m/s") for kind, text in plan_answer(plan))
+
+
+def test_accuracy_out_of_reach_is_said_with_the_best_and_what_stands_in_the_way():
+    base = PlanScenario.load(SCENARIOS / "plan" / "eolo_envelope.toml")
+    keen = base.manoeuvre[0].model_copy(update={"accuracy_percent": {"M_alpha": 0.5, "M_de": 5.0}, "most_repeats": 4})
+    plan = make_plan(base.model_copy(update={"speeds_m_s": (16.0, 18.0), "manoeuvre": (keen,)}), fly_envelope)
+    assert [c.repeats for c in plan.cards] == [4, 4]
+    doubts = [text for kind, text in plan_answer(plan) if kind == "doubt" and "M_alpha" in text]
+    best = plan.cards[0].reached[0]
+    assert doubts[0].startswith(f"card 1, M_alpha: {100.0 * best.reached:.2g} % reached, 0.5 % wanted; that takes")
+    assert best.needed == int(np.ceil((best.one / 0.005) ** 2))
+    assert "noise of the sensors" in doubts[0]
+    assert "limit on its amplitude (V passes" in doubts[1]  # scaled at 18 m/s
+    assert not any("M_de" in text for text in doubts)
+
+
+def test_a_plan_with_every_card_refused_is_written_and_says_so(tmp_path):
+    base = PlanScenario.load(SCENARIOS / "plan" / "taurus_63.toml")
+    tight = base.model_copy(
+        update={"limits": base.limits.model_copy(update={"alpha_deg": (-5.0, 3.0)}), "speeds_m_s": (12.0,),
+                "manoeuvre": base.manoeuvre[:1]}
+    )  # fmt: skip
+    plan = make_plan(tight, fly_envelope)
+    assert plan_answer(plan)[0] == ("lead", "nothing can be flown: every card is refused")
+    write_plan(plan, tmp_path)
+    assert "REFUSED, do not fly" in next((tmp_path / "cards").glob("*.html")).read_text(encoding="utf-8")
+
+
+def test_faults_reach_the_user_as_one_message(tmp_path):
+    text = (SCENARIOS / "plan" / "eolo_envelope.toml").read_text(encoding="utf-8")
+    file = tmp_path / "fast.toml"
+    file.write_text(text.replace("18.0, 19.0]", "18.0, 19.5, 22.0]"), encoding="utf-8")
+    done = command("plan", file, "-o", tmp_path / "out")
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("allow_above_onset") == 2
+    assert not (tmp_path / "out").exists()
+    file.write_text(text.replace('flown_by = "autopilot"', 'flown_by = "autopilott"'), encoding="utf-8")
+    done = command("check", file)
+    assert done.returncode == 2
+    assert "did you mean 'autopilot'" in done.stderr
+
+
+def test_check_list_and_the_wrong_command(tmp_path):
+    done = command("check", *sorted((SCENARIOS / "plan").glob("*.toml")))
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count("a valid flight plan") == 2
+    assert "plan/taurus_63" in command("list", "scenarios").stdout
+    done = command("run", "plan/taurus_63", "-o", tmp_path)
+    assert done.returncode == 2
+    assert "is a flight plan: use testbench plan" in done.stderr
+    done = command("plan", "taurus_36", "-o", tmp_path)
+    assert "did you mean 'taurus_63'?" in done.stderr

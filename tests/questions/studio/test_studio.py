@@ -1,0 +1,282 @@
+"""The page in a real browser: what it computes is what the testbench computes, and every control works."""
+
+import json
+import shutil
+import socket
+import urllib.error
+import urllib.request
+from dataclasses import replace
+from threading import Thread
+
+import numpy as np
+import pytest
+
+from testbench.aircraft import load_aircraft
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import LimitError, ScenarioError
+from testbench.flight import FlightCondition, linearise, trim
+from testbench.information.fisher import accuracy
+from testbench.information.modes import modes_of
+from testbench.information.targets import needed_parameters
+from testbench.inputs import build
+from testbench.questions.run.scenario import Scenario
+from testbench.questions.studio import models as studio
+from testbench.questions.studio.page import studio_page
+from testbench.questions.studio.serve import HOST, serving
+
+SPEEDS = {"taurus": (12.0, 14.0), "eolo": (16.0, 18.0)}
+BROWSER = next((b for b in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if b), None)
+
+
+@pytest.fixture(scope="module")
+def data():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(studio, "SPEEDS", SPEEDS)
+        return studio.studio_models()
+
+
+@pytest.fixture(scope="module")
+def file(data, tmp_path_factory):
+    path = tmp_path_factory.mktemp("studio") / "studio.html"
+    path.write_text(studio_page(data), encoding="utf-8")
+    return path
+
+
+@pytest.fixture(scope="module")
+def browser():
+    playwright = pytest.importorskip("playwright.sync_api", reason="the studio's page needs playwright to be tested")
+    if BROWSER is None:
+        pytest.skip("the studio's page needs Chromium to be tested")
+    with playwright.sync_playwright() as p:
+        running = p.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        yield running
+        running.close()
+
+
+@pytest.fixture
+def page(browser, file):
+    """The page at a fresh start; it must have written nothing to the console and fetched nothing."""
+    said, fetched = [], []
+    context = browser.new_context(viewport={"width": 1280, "height": 1000}, accept_downloads=True)
+    page = context.new_page()
+    page.on("console", lambda m: said.append(m.text))
+    page.on("pageerror", lambda e: said.append(str(e)))
+    page.on("request", lambda r: fetched.append(r.url))
+    page.goto(file.as_uri())
+    settle(page)
+    yield page
+    assert not said
+    assert all(url.startswith(("file:", "blob:", "data:")) for url in fetched)
+    context.close()
+
+
+def settle(page):
+    """Wait until what was changed has been drawn: two frames."""
+    page.evaluate("new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(done))))")
+
+
+def choose(page, **values):
+    """Move controls as a user does; ranges by their value."""
+    for name, value in values.items():
+        if page.locator(f"#{name}").evaluate("e => e.tagName") == "SELECT":
+            page.select_option(f"#{name}", value)
+        else:
+            page.locator(f"#{name}").evaluate(
+                "(e, v) => { e.value = v; e.dispatchEvent(new Event('input', { bubbles: true })); }", str(value)
+            )
+    settle(page)
+
+
+def shown(page):
+    return page.evaluate("window.studio")
+
+
+def test_the_page_is_whole_and_holds_no_address(data, file):
+    text = file.read_text("utf-8")
+    assert "http:" not in text
+    assert "https:" not in text
+    assert text.count("</script") == 3
+    assert set(data["aircraft"]) == {"b1", "eolo", "taurus"}
+    json.dumps(data, allow_nan=False)
+
+
+def test_an_unknown_aircraft_is_refused():
+    with pytest.raises(ScenarioError, match="did you mean 'taurus'"):
+        studio.studio_models(["taurs"])
+
+
+def test_it_answers_on_this_machine_only_and_with_one_page():
+    with serving("<p>page</p>", 0) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        assert server.server_address[0] == HOST == "127.0.0.1"
+        address = f"http://{HOST}:{server.server_port}"
+        assert urllib.request.urlopen(f"{address}/", timeout=5).read() == b"<p>page</p>"
+        with pytest.raises(urllib.error.HTTPError, match="404"):
+            urllib.request.urlopen(f"{address}/etc/passwd", timeout=5)
+        server.shutdown()
+
+
+def test_a_port_that_is_taken_is_said():
+    with socket.socket() as taken:
+        taken.bind((HOST, 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        with pytest.raises(LimitError, match=f"port {port} .*choose another with --port"), serving("", port):
+            pass
+    with pytest.raises(LimitError, match="port 70000"), serving("", 70000):
+        pass
+
+
+CHOICES = {
+    "doublet": {"family": "doublet", "step": 0.8, "amplitude": 3},
+    "2-1-1": {"family": "211", "step": 0.3},
+    "3-2-1-1": {"family": "3211", "step": 0.35, "amplitude": 1.5},
+    "1-2-3": {"family": "123", "step": 0.4},
+    "pulse": {"family": "pulse", "step": 0.5},
+    "step": {"family": "step", "duration": 6},
+    "sweep": {"family": "sweep", "low": 0.2, "high": 1.2, "period": 7},
+    "multisine": {"family": "multisine", "lines": 5, "period": 6},
+}
+SUITES = {"taurus": "taurus_8hz", "eolo": "eolo_full"}
+
+
+@pytest.mark.parametrize("name", SUITES)
+@pytest.mark.parametrize("family", CHOICES)
+def test_signal_and_errors_are_those_of_the_testbench(page, tmp_path, name, family):
+    choose(page, aircraft=name)
+    choose(page, suite=SUITES[name], **CHOICES[family])
+    found = shown(page)
+    path = tmp_path / "studio.toml"
+    path.write_text(found["scenario"], encoding="utf-8")
+    scenario = Scenario.load(path)  # no fault
+    manoeuvre, V = scenario.manoeuvre[0], scenario.condition.V_m_s
+    aircraft = load_aircraft(name)
+    trimmed = trim(aircraft, FlightCondition(V, scenario.condition.h_m))
+    linear = linearise(aircraft, trimmed)
+    modes = modes_of(linear, aircraft, "longitudinal")
+    problem = studio._problem(aircraft, trimmed, linear, modes, V, scenario.condition.h_m, SUITES[name])
+    u = build(manoeuvre.input, manoeuvre.duration_s, problem.rate_hz).u[:, 0]
+    assert np.max(np.abs(np.array(found["u"]) - u)) < 1e-9 * DEG_RAD
+    # ours is an experiment of 10 s; the page's may last longer or shorter
+    base_hz = problem.rate_hz / problem.experiment.stride
+    experiment = replace(problem.experiment, samples=round(manoeuvre.duration_s * base_hz))
+    names = experiment.structure.parameter_names
+    rigid = [names.index(p) for p in needed_parameters("longitudinal", ("de",), False, ())]
+    known = accuracy(experiment.information(u[:, None])[np.ix_(rigid, rigid)])
+    relative = {names[i]: s / abs(experiment.structure.true[i]) for i, s in zip(rigid, known.std, strict=True)}
+    page_says = {row["name"]: row["relative"] for row in found["errors"]}
+    for parameter, error in relative.items():
+        assert page_says[parameter] == pytest.approx(error, rel=1e-6)
+
+
+def test_every_slider_moves_by_keyboard_and_changes_what_is_said(page):
+    choose(page, aircraft="taurus")
+    for family, ids in (("3211", ("speed", "amplitude", "step", "duration")), ("sweep", ("low", "high", "period"))):
+        choose(page, family=family)
+        for name in ids:
+            before = page.locator(f"#{name}-is").text_content(), shown(page)
+            page.locator(f"#{name}").focus()
+            page.keyboard.press("ArrowRight")
+            settle(page)
+            assert page.locator(f"#{name}-is").text_content() != before[0]
+            assert shown(page)["errors"] != before[1]["errors"]
+    choose(page, family="multisine")
+    page.locator("#lines").focus()
+    page.keyboard.press("ArrowLeft")
+    settle(page)
+    assert page.locator("#lines-is").text_content().startswith("10,")
+
+
+def test_a_sensor_less_makes_errors_larger_and_none_is_said(page):
+    choose(page, aircraft="eolo", suite="eolo_alpha")
+    before = {r["name"]: r["relative"] for r in shown(page)["errors"]}
+    page.uncheck("#sensors input[value='alpha']")
+    settle(page)
+    after = {r["name"]: r["relative"] for r in shown(page)["errors"]}
+    assert all(after[n] >= before[n] for n in before)
+    assert after["Z_alpha"] > 1.1 * before["Z_alpha"]
+    assert '"alpha"' not in shown(page)["scenario"].split("outputs")[1]
+    for channel in ("V", "q", "theta"):
+        page.uncheck(f"#sensors input[value='{channel}']")
+    settle(page)
+    assert "nothing can be known" in page.locator("#answer").text_content()
+
+
+def test_a_mode_to_find_as_well_costs_accuracy(page):
+    choose(page, aircraft="eolo", suite="eolo_five_accelerometers")
+    before = {r["name"]: r["relative"] for r in shown(page)["errors"]}
+    page.select_option("#mode", index=1)
+    settle(page)
+    after = {r["name"]: r["relative"] for r in shown(page)["errors"]}
+    assert {"omega_1", "zeta_1"} <= after.keys() - before.keys()
+    assert all(after[n] >= before[n] * (1 - 1e-9) for n in before)
+
+
+def test_the_handle_is_dragged(page):
+    choose(page, aircraft="taurus", family="doublet", step=1.0, amplitude=2)
+    box = page.locator("#handle").bounding_box()
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 60, y + 20, steps=3)
+    page.mouse.up()
+    settle(page)
+    assert float(page.locator("#step").input_value()) > 1.5
+    assert float(page.locator("#amplitude").input_value()) < 1.8
+
+
+def test_too_large_an_amplitude_breaks_a_limit_in_words(page):
+    choose(page, aircraft="eolo", family="pulse", step=3, amplitude=25)
+    assert "breaks the limit of α" in page.locator("#answer").text_content()
+
+
+def test_an_input_is_kept_and_compared(page):
+    choose(page, aircraft="taurus", family="doublet")
+    page.click("#pin")
+    before = page.locator("#errors tbody tr").first.locator(".number").nth(1).text_content()
+    choose(page, family="3211")
+    row = page.locator("#errors tbody tr").first
+    assert row.locator(".kept").text_content() == before
+    assert row.locator(".number").nth(1).text_content() != before
+    assert page.locator("#signal .kept").count() == 1
+    page.click("#pin")
+    settle(page)
+    assert page.locator("#signal .kept").count() == 0
+
+
+def test_the_address_holds_the_state_and_nonsense_in_it_is_survived(page, file):
+    choose(page, aircraft="taurus", family="211", step=0.7, amplitude=3)
+    wanted, address = shown(page), page.url
+    page.goto("about:blank")
+    page.goto(address)
+    settle(page)
+    assert shown(page) == wanted
+    for odd in (
+        "#aircraft=b2&V=abc&step=-5&amplitude=1e9&lines=7&suite=%3Cimg%3E",
+        "#family=__proto__",
+        "#V=",
+        "#off=,,",
+    ):
+        page.goto("about:blank")
+        page.goto(file.as_uri() + odd)
+        settle(page)
+        assert shown(page)["errors"]
+        assert page.locator("img").count() == 0
+
+
+def test_the_scenario_is_downloaded(page, tmp_path):
+    with page.expect_download() as waiting:
+        page.click("#download")
+    waiting.value.save_as(tmp_path / waiting.value.suggested_filename)
+    assert Scenario.load(tmp_path / "studio.toml").aircraft == "eolo"
+    page.click("#link")
+    settle(page)
+    assert page.locator("#said").text_content()
+
+
+def test_it_fits_a_narrow_screen_and_is_labelled(page):
+    page.set_viewport_size({"width": 400, "height": 800})
+    settle(page)
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400
+    unlabelled = "[...document.querySelectorAll('input, select')].filter(e => !e.labels.length && !e.ariaLabel).length"
+    assert page.evaluate(unlabelled) == 0

@@ -1,0 +1,52 @@
+"""What a process of the blind test does: one case, from what it hides to the row that is kept of it.
+
+Not in ``__main__``: a process that is spawned finds nothing there.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from studies.blind.cases import SHORT, WITHOUT, Case
+from studies.blind.run import look_again, name_case
+
+from testbench.core.errors import TestbenchError
+from testbench.core.record import FlightRecord
+
+
+def run_case(case: Case, variant: str = "") -> dict[str, Any]:
+    """Return the row of a case: what was named, of the ``variant`` WITHOUT or SHORT, or of the case as it is."""
+    try:
+        row = name_case(case.aircraft, _records(case, variant), case.fly("held_out"), _taken_out(case, variant))
+    except TestbenchError as error:
+        row = {"outcome": "failed", "names": [], "why": str(error)}
+    return {"case": case.name + variant, **row}
+
+
+def look_at_rest(case: Case, variant: str, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what another effect would explain beside the name that a row gives; of rows made before that was asked."""
+    found = look_again(case.aircraft, _records(case, variant), row, _taken_out(case, variant))
+    return {"case": case.name + variant, **(found or {"skipped": True})}
+
+
+def _records(case: Case, variant: str) -> dict[str, FlightRecord]:
+    return case.fly("short" if variant == SHORT else "rich")
+
+
+def _taken_out(case: Case, variant: str) -> list[str]:
+    return [name for names in case.right for name in names] if variant == WITHOUT else []
+
+
+def leave_with(parent: int) -> None:
+    """End this process once that of number ``parent`` has: a worker whose pool was killed would wait for it forever."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1.0)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

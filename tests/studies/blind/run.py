@@ -1,0 +1,123 @@
+"""Name what one blind case hides: records, believed model and suite go in, the answer does not."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from studies.blind.flights import RATE_HZ, condition, suite
+
+from testbench.aircraft import load_aircraft
+from testbench.core.record import FlightRecord
+from testbench.questions.gap.ask import search
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.decide import Rest, judged, rest
+from testbench.questions.gap.effects import Effect, library
+from testbench.questions.gap.effects.base import together
+from testbench.questions.gap.evidence.air import listen
+from testbench.questions.gap.search.fit import EffectFit
+from testbench.questions.gap.search.gauss_newton import retune
+from testbench.questions.gap.search.hypothesis import Local
+from testbench.questions.gap.search.likelihood import LEAST
+from testbench.questions.gap.search.name import Naming
+
+
+def believe(aircraft: str) -> Believed:
+    """Return what is believed of an aircraft of the blind test: rigid wings, the suite, the condition."""
+    return Believed(load_aircraft(aircraft, "rigid"), suite(), condition(aircraft), RATE_HZ)
+
+
+def name_case(
+    aircraft: str,
+    records: Mapping[str, FlightRecord],
+    held_out: Mapping[str, FlightRecord],
+    without: Sequence[str] = (),
+) -> dict[str, Any]:
+    """Return what the workflow says of the records of one case, as JSON values.
+
+    Args:
+        aircraft: which one is believed to fly.
+        records: measured records, used to name.
+        held_out: measured records, used to judge.
+        without: effects to take out of the library, and with them those of which they are special cases.
+    """
+    began = time.process_time()
+    believed = believe(aircraft)
+    naming_records = list(records.values())
+    effects = _without(believed, without)
+    heard = listen(believed, naming_records)
+    in_found_air, naming, heard = search(believed, naming_records, heard, lambda stage: None, effects)
+    naming, left = judged(naming, in_found_air, naming_records, list(held_out.values()), effects)
+    return {
+        **_row(naming),
+        "rest": _rest(left),
+        "turbulence_rms_m_s": heard.rms_m_s if heard.moves else 0.0,
+        "removed": _removed(believed, naming, list(held_out.values())),
+        "seconds": time.process_time() - began,
+    }
+
+
+def look_again(
+    aircraft: str, records: Mapping[str, FlightRecord], row: Mapping[str, Any], without: Sequence[str] = ()
+) -> dict[str, Any] | None:
+    """Return what another effect would explain beside the name of a row, as :func:`name_case` says it in later rows.
+
+    None if the values of the row do not lead back to what it left: a delay that scatters has a likelihood of its own.
+    """
+    believed, flown = believe(aircraft), tuple(records.values())
+    effects, everything = _without(believed, without), library(believed.suite)
+    parts = [everything[name] for name in row["best"].split(" + ")]
+    effect = together(*parts) if parts[1:] else parts[0]
+    point = retune(Local.at(believed, believed.with_effect(effect, row["values"]), flown))
+    if abs(point.chi2 - row["chi2_left"]) > LEAST:
+        return None
+    fit = EffectFit(
+        effect, row["values"], row["errors"], point.chi2, row["gain"], 0.0, row["share"] or np.nan, point.tuning
+    )
+    return {"rest": _rest(rest(fit, believed, flown, effects)), "beyond": list(fit.beyond)}
+
+
+def _without(believed: Believed, out: Sequence[str]) -> dict[str, Effect]:
+    """Return the library less some effects and those of which they are special cases."""
+    gone = set(out)
+    return {n: e for n, e in library(believed.suite).items() if n not in gone and gone.isdisjoint(e.contains)}
+
+
+def _rest(left: Rest | None) -> dict[str, Any] | None:
+    return None if left is None else {"effect": left.effect.name, "gain": left.gain}
+
+
+def _row(naming: Naming) -> dict[str, Any]:
+    first = naming.best or next(iter(naming.ranking), None)
+    second = next((f for f in naming.ranking if f is not first), None)
+    return {
+        "outcome": naming.outcome,
+        "names": list(naming.names),
+        "best": first.effect.name if first else "",
+        "values": dict(first.values) if first else {},
+        "errors": {k: float(v) for k, v in first.errors.items()} if first else {},
+        "share": None if first is None or not np.isfinite(first.share) else first.share,
+        "gain": first.gain if first else 0.0,
+        "chi2_left": first.chi2 if first else naming.chi2_tuned,
+        "runner_up": second.effect.name if second else "",
+        "runner_up_gain": second.gain if second else 0.0,
+        "runner_up_chi2": second.chi2 if second else naming.chi2_tuned,
+        "chi2_believed": naming.chi2_believed,
+        "chi2_tuned": naming.chi2_tuned,
+        "samples": naming.samples,
+    }
+
+
+def _removed(believed: Believed, naming: Naming, records: Sequence[FlightRecord]) -> float | None:
+    """Return the share of the held-out excess over the noise that the amendment removes; None without a name.
+
+    The excess is that of the believed model as it is, parameter errors included.
+    """
+    best = naming.best
+    if best is None:
+        return None
+    amended = best.added_to(believed)
+    energy = [sum(float(np.sum(m.residuals(r) ** 2 - 1.0)) for r in records) for m in (believed, amended)]
+    return 1.0 - energy[1] / energy[0] if energy[0] > 0.0 else None

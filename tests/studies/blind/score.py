@@ -1,0 +1,243 @@
+"""Score the blind test: what each case hid against what was said, and rates with their intervals."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from studies.blind.cases import Case
+from studies.blind.truths import KINDS
+
+
+@dataclass(frozen=True)
+class Score:
+    """One case and what was said of it.
+
+    Attributes:
+        verdict: "right", "in set", "one of two", "wrong", "wrong set", "none" or "unexplained".
+        named: what was said: the names, or the outcome.
+        row: the row of the case.
+    """
+
+    case: Case
+    verdict: str
+    named: str
+    row: Mapping[str, Any]
+
+
+def judge(case: Case, row: Mapping[str, Any]) -> Score:
+    """Score one case.
+
+    Of two effects at once both must be named for "right". Where nothing is hidden, or nothing that the library holds,
+    any name is wrong, and so is a set. Where one effect has several right names, several of them together are right,
+    too: a vane of second order is a lag and a delay.
+    """
+    outcome, names = row["outcome"], list(row["names"])
+    if outcome in ("no gap", "unexplained"):
+        return Score(case, "none" if outcome == "no gap" else "unexplained", outcome, row)
+    said = " | ".join(names)
+    known = [r for r in case.right if r]
+    fits = [_fitting(name, known) for name in names]
+    if not known or not any(fits):
+        return Score(case, "wrong" if len(names) == 1 else "wrong set", said, row)
+    if len(names) > 1:
+        return Score(case, "in set" if max(fits) == len(known) else "wrong set", said, row)
+    if not set(names[0].split(" + ")) <= set().union(*known):
+        return Score(case, "wrong", said, row)
+    return Score(case, "right" if fits[0] == len(known) else "one of two", said, row)
+
+
+def _fitting(name: str, right: Sequence[Sequence[str]]) -> int:
+    """Return how many of the hidden effects the parts of a name stand for."""
+    parts, found = name.split(" + "), 0
+    for names in right:
+        match = next((p for p in parts if p in names), None)
+        if match is not None:
+            parts.remove(match)
+            found += 1
+    return found
+
+
+def wilson(k: int, n: int, z: float = 1.959964) -> tuple[float, float]:
+    """Return the Wilson interval of a proportion k / n (E. B. Wilson, J. Am. Stat. Assoc. 22, 1927), 95 % for z = 1.96.
+
+    With n = 0 nothing is known: (0, 1).
+    """
+    if n == 0:
+        return 0.0, 1.0
+    p, z2 = k / n, z * z
+    middle, half = p + z2 / (2 * n), z * math.sqrt(p * (1.0 - p) / n + z2 / (4.0 * n * n))
+    return max(0.0, (middle - half) / (1.0 + z2 / n)), min(1.0, (middle + half) / (1.0 + z2 / n))
+
+
+FEWEST = 20  # cases, below which nothing is said of a bar
+
+
+@dataclass(frozen=True)
+class Rate:
+    """A rate of the test against its bar."""
+
+    name: str
+    count: int
+    of: int
+    bar: float | None = None
+    most: bool = False
+
+    @property
+    def value(self) -> float:
+        """The rate; NaN of no cases."""
+        return self.count / self.of if self.of else float("nan")
+
+    @property
+    def met(self) -> str:
+        """Whether the observed rate keeps the bar: "yes", "no", "too few cases", or "" without a bar."""
+        if self.bar is None:
+            return ""
+        if self.of < FEWEST:
+            return "too few cases"
+        return "yes" if (self.value <= self.bar if self.most else self.value >= self.bar) else "no"
+
+
+def rates(scores: Sequence[Score], bars: bool = True) -> list[Rate]:
+    """Return the rates that the test is judged by, and others that help to read them.
+
+    Bars hold for the rich set of manoeuvres: without ``bars`` none is set, and rates of no cases are left out.
+    """
+    by: dict[str, list[Score]] = {}
+    for s in scores:
+        by.setdefault(s.case.stratum, []).append(s)
+
+    def count(stratum: str, *verdicts: str) -> int:
+        return sum(s.verdict in verdicts for s in by.get(stratum, ()))
+
+    def n(stratum: str) -> int:
+        return len(by.get(stratum, ()))
+
+    out = []
+    for stratum in ("library form", "other form", "turbulence"):
+        air = stratum == "turbulence"
+        out += [
+            Rate(f"{stratum}: right name", count(stratum, "right"), n(stratum), 0.75 if air else 0.92),
+            Rate(
+                f"{stratum}: wrong name", count(stratum, "wrong", "wrong set"), n(stratum), 0.04 if air else 0.02, True
+            ),
+            Rate(f"{stratum}: no gap", count(stratum, "none"), n(stratum)),
+            Rate(f"{stratum}: unexplained", count(stratum, "unexplained"), n(stratum)),
+        ]
+        told = count(stratum, "right", "in set", "wrong", "wrong set")
+        out.append(
+            Rate(
+                f"{stratum}: right or in the set, where something is said",
+                count(stratum, "right", "in set"),
+                told,
+                None if air else 0.97,
+            )
+        )
+    for stratum, bar in (("nothing", 0.02), ("nothing in turbulence", 0.04)):
+        out.append(Rate(f"{stratum}: false gap", n(stratum) - count(stratum, "none"), n(stratum), bar, True))
+        out.append(Rate(f"{stratum}: false name", count(stratum, "wrong", "wrong set"), n(stratum)))
+    for near in (True, False):
+        cases = [s for s in by.get("unseen", ()) if s.case.near is near]
+        wrong = sum(s.verdict in ("wrong", "wrong set") for s in cases)
+        out.append(Rate(f"unseen, {'near' if near else 'far'}: false name", wrong, len(cases)))
+    out.append(Rate("unseen: false name", count("unseen", "wrong", "wrong set"), n("unseen"), 0.04, True))
+    out += [
+        Rate("two at once: both found", count("two at once", "right"), n("two at once"), 0.85),
+        Rate(
+            "two at once: no false name",
+            n("two at once") - count("two at once", "wrong", "wrong set"),
+            n("two at once"),
+            0.95,
+        ),
+        Rate(
+            "below detectability: wrong name",
+            count("below detectability", "wrong", "wrong set"),
+            n("below detectability"),
+            0.02,
+            True,
+        ),
+        Rate("inseparable: wrong name", count("inseparable", "wrong", "wrong set"), n("inseparable"), 0.02, True),
+    ]
+    without = [s.row["without"] for s in scores if s.row.get("without") and s.row["without"]["outcome"] != "failed"]
+    out.append(
+        Rate(
+            "true effect taken out of the library: false name",
+            sum(bool(w["names"]) for w in without),
+            len(without),
+            0.04,
+            True,
+        )
+    )
+    return out if bars else [replace(r, bar=None) for r in out if r.of]
+
+
+@dataclass(frozen=True)
+class ByEffect:
+    """What was said where one effect was hidden: verdicts, and the median magnitude of the sizes' relative errors.
+
+    ``held`` is False where the library holds no such effect: there every name is wrong.
+    """
+
+    hidden: str
+    turbulent: bool
+    held: bool
+    verdicts: Counter[str]
+    size_error: float | None
+
+    @property
+    def cases(self) -> int:
+        """How many there are."""
+        return self.verdicts.total()
+
+    @property
+    def wrong(self) -> int:
+        """Wrong names and sets without the right one."""
+        return self.verdicts["wrong"] + self.verdicts["wrong set"]
+
+
+def by_effect(scores: Sequence[Score]) -> list[ByEffect]:
+    """Return one line for each kind of truth that is hidden alone, not too small to be seen, by name and air."""
+    strata = ("library form", "other form", "unseen", "turbulence")
+    alone = [s for s in scores if s.case.stratum in strata and len(s.case.kinds) == 1]
+    errors = {name: abs((x - true) / true) for name, _, true, x, _ in sizes(alone)}
+    out = []
+    for kind, turbulent in sorted({(s.case.kinds[0], s.case.turbulence_rms_m_s > 0.0) for s in alone}):
+        own = [s for s in alone if s.case.kinds[0] == kind and (s.case.turbulence_rms_m_s > 0.0) is turbulent]
+        compared = [errors[s.case.name] for s in own if s.case.name in errors]
+        median = statistics.median(compared) if compared else None
+        held = KINDS[kind].form != "unseen"
+        out.append(ByEffect(kind, turbulent, held, Counter(s.verdict for s in own), median))
+    return out
+
+
+def set_size(scores: Sequence[Score]) -> float:
+    """Return the mean number of names where any is given in still air and one library effect flies."""
+    sizes = [len(s.row["names"]) for s in scores if s.case.stratum in ("library form", "other form") and s.row["names"]]
+    return sum(sizes) / len(sizes) if sizes else float("nan")
+
+
+def removed(scores: Sequence[Score]) -> list[float]:
+    """Return the shares of the held-out excess removed where the name is right, in still air."""
+    return sorted(
+        s.row["removed"]
+        for s in scores
+        if s.verdict == "right" and s.row["removed"] is not None and s.case.turbulence_rms_m_s == 0.0
+    )
+
+
+def sizes(scores: Sequence[Score]) -> list[tuple[str, str, float, float, float]]:
+    """Return (case, kind, true size, estimate, standard error) where one effect is named rightly and sizes compare."""
+    out = []
+    for s in scores:
+        if s.verdict != "right" or len(s.case.kinds) != 1:
+            continue
+        pair = KINDS[s.case.kinds[0]].size
+        if pair is not None and pair[1] in s.row["values"]:
+            own, parameter = pair
+            true = float(s.case.sizes[0][own])
+            out.append((s.case.name, s.case.kinds[0], true, s.row["values"][parameter], s.row["errors"][parameter]))
+    return out
