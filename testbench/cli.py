@@ -73,16 +73,33 @@ class Kind(str, Enum):
 
 @app.command()
 def check(
-    scenarios: Annotated[list[Path], typer.Argument(help="Scenario files or names.", show_default=False)],
+    things: Annotated[
+        list[Path],
+        typer.Argument(help="Files or names of scenarios, aircraft folders, sensor suites.", show_default=False),
+    ],
 ) -> None:
-    """Report every fault of scenario files at once, with file, key, law and value, without flying."""
+    """Report every fault of files at once, with file, key, law and value; scenarios are not flown.
+
+    An aircraft folder or a sensor suite of your own is held against the laws that all aircraft or suites keep. Example:
+    `testbench check my_scenario.toml suites/my_suite.toml aircraft/mine`.
+    """
+    from testbench.questions.brought import laws_of
     from testbench.questions.files import check_file
 
     faults: list[str] = []
-    for scenario in scenarios:
+    for thing in things:
         try:
-            kind = check_file(scenario)
-            console().print(f"{scenario}: a valid {kind}", highlight=False)
+            brought = laws_of(thing)
+            if brought is None:
+                console().print(f"{thing}: a valid {check_file(thing)}", highlight=False)
+                continue
+            kind, laws = brought
+            for law in laws:
+                console().print(f"{'kept  ' if law.holds else 'BROKEN'} {law.words}", highlight=False)
+            broken = [f"{thing}: {law.sentence}" for law in laws if not law.holds]
+            if not broken:
+                console().print(f"{thing}: a valid {kind}, {len(laws)} laws kept", highlight=False)
+            faults.extend(broken)
         except ScenarioError as error:
             faults.extend(error.faults)
         except TestbenchError as error:
