@@ -25,7 +25,8 @@ def command(
     """
     from testbench.aircraft import load_aircraft
     from testbench.questions.aircraft.ask import survey
-    from testbench.questions.aircraft.page import export_aircraft, folder_name, print_aircraft, write_aircraft
+    from testbench.questions.aircraft.export import export_aircraft
+    from testbench.questions.aircraft.page import aircraft_page, folder_name
 
     loaded = load_aircraft(name, wings.value)
     name = Path(name).name  # of the folder, where a path is given
@@ -34,8 +35,9 @@ def command(
         say("trim and linearise over speed")
         found = survey(loaded, name)
         say("write report")
-        write_aircraft(found, folder)
+        page = aircraft_page(found)
+        page.write(folder)
         exported = export_aircraft(found, export) if export is not None else []
-    print_aircraft(found, console(), folder)
+    page.show(console(), folder)
     if exported:
         print(f"Model: {exported[0]}")
