@@ -44,6 +44,12 @@ class Flight:
     measured: Mapping[str, FlightRecord]
     trim_s: float = 0.0
 
+    @property
+    def flown(self) -> FlightRecord:
+        """The truth of a simulated flight."""
+        assert self.truth is not None, "a recorded flight has no truth"
+        return self.truth
+
 
 @dataclass(frozen=True, eq=False)
 class Case:
