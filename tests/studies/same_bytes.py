@@ -117,6 +117,14 @@ def state_of_files() -> str:
     return f"here_{total.hexdigest()[:12]}"
 
 
+def snapshot(name: str) -> Path:
+    """Return a copy of the package as it lies here, so that it may change while it is run."""
+    tree = KEPT / f"tree_{name}"
+    for folder in ("testbench", "aircraft_models", "scenarios"):
+        shutil.copytree(ROOT / folder, tree / folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
+    return tree
+
+
 def work_tree(revision: str) -> tuple[str, Path]:
     """Return the name of a revision and a folder with its files."""
     commit = subprocess.run(
@@ -154,7 +162,8 @@ def main() -> None:
     before = run_all(tree, commit, todo, asked.workers)
     if asked.before:
         return
-    after = run_all(ROOT, state_of_files(), todo, asked.workers)
+    here = state_of_files()
+    after = run_all(snapshot(here), here, todo, asked.workers)
     one = {p: h for j in todo for p, h in under(before, j).items()}
     two = {p: h for j in todo for p, h in under(after, j).items()}
     sys.exit(compare(one, two, KEPT / "differences.csv"))

@@ -12,7 +12,7 @@ from testbench.questions.options import OutOption, Wings
 
 
 def command(
-    name: Annotated[str, typer.Argument(help="Aircraft; see `testbench list aircraft`.", show_default=False)],
+    name: Annotated[str, typer.Argument(help="Packaged aircraft, or a folder of your own.", show_default=False)],
     wings: Annotated[Wings, typer.Option(help="Let the elastic modes move, or hold them.")] = Wings.flexible,
     out: OutOption = Path("results"),
     export: Annotated[
@@ -29,6 +29,7 @@ def command(
     from testbench.questions.aircraft.page import aircraft_page, folder_name
 
     loaded = load_aircraft(name, wings.value)
+    name = Path(name).name  # of the folder, where a path is given
     folder = out / folder_name(loaded, name)
     with stages() as say:
         say("trim and linearise over speed")
