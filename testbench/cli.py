@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from testbench.core.errors import ScenarioError, TestbenchError
-from testbench.page.terminal import console
+from testbench.page.terminal import console, print_rows
 from testbench.questions import QUESTIONS, Question
 from testbench.questions.options import UsageError
 
@@ -104,17 +104,10 @@ def check(
 
 def list_(kind: Annotated[Kind, typer.Argument(help="What to list.", show_default=False)]) -> None:
     """List what a scenario may name: aircraft, inputs, sensors (suites), estimators, scenarios, effects."""
-    from rich.table import Table
-
     from testbench.questions.catalogue import FAMILIES
 
-    table = Table(box=None, pad_edge=False)
-    rows = FAMILIES[kind.value]()
-    for head in rows[0]:
-        table.add_column(head, overflow="fold")
-    for row in rows[1:]:
-        table.add_row(*row)
-    console().print(table)
+    heads, *rows = FAMILIES[kind.value]()
+    print_rows(console(), heads, rows)
 
 
 app = application()
