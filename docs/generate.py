@@ -96,11 +96,7 @@ def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
 
 def scenarios_page() -> str:
     """Return every key of every kind of scenario, from the schema that checks them."""
-    from testbench.questions.campaign.scenario import CampaignSpec
-    from testbench.questions.compare.scenario import CompareScenario
-    from testbench.questions.design.scenario import DesignScenario
-    from testbench.questions.modes.scenario import ModesScenario
-    from testbench.questions.run.scenario import Scenario
+    from testbench.questions.files import WITH_FILES
 
     out = [
         "# Keys of scenario files",
@@ -109,19 +105,34 @@ def scenarios_page() -> str:
         "names. `testbench check FILE` says every fault of a file at once.",
     ]
     seen: list[type[BaseModel]] = []
-    for title, root in (
-        ("Scenarios: `testbench run`", Scenario),
-        ("Design scenarios: `testbench design`", DesignScenario),
-        ("Comparisons: `testbench compare`", CompareScenario),
-        ("Campaigns: `testbench campaign`", CampaignSpec),
-        ("Flight in turbulence: `testbench modes`", ModesScenario),
-    ):
+    for question in WITH_FILES:
         before = len(seen)
-        models(root, seen)
-        out += ["", f"## {title}"]
+        models(question.file_class, seen)
+        out += ["", f"## {question.kind.capitalize()}: `testbench {question.command}`"]
         for model in seen[before:]:
             out += ["", f"### {model.__name__}", "", _summary(model), "", "| key | value | default |", "|---|---|---|"]
             out += [_row(name, field) for name, field in model.model_fields.items()]
+    return "\n".join(out) + "\n"
+
+
+def questions_page() -> str:
+    """Return the table of questions, and the function of each with its docstring."""
+    from testbench.questions import QUESTIONS
+
+    out = [
+        "# Questions",
+        "",
+        "Each with its command, its files and its Python function.",
+        "",
+    ]
+    out += ["| command | what it does | file | packaged files |", "|---|---|---|---|"]
+    for q in QUESTIONS:
+        folder = f"`scenarios/{q.folder}`".replace("/`", "`") if q.kind else ""
+        out.append(f"| `testbench {q.command}` | {q.words} | {q.kind} | {folder} |")
+    for q in QUESTIONS:
+        module, name = q.function.split(":")
+        out += ["", f"## {q.command}", "", "```{eval-rst}", f".. automodule:: {q.package}", "   :no-members:", ""]
+        out += [f".. autofunction:: {q.package}.{module}.{name}", "```"]
     return "\n".join(out) + "\n"
 
 
@@ -201,6 +212,7 @@ def main() -> None:
     reference.mkdir(exist_ok=True)
     (reference / "commands.md").write_text(commands_page(), encoding="utf-8")
     (reference / "scenarios.md").write_text(scenarios_page(), encoding="utf-8")
+    (reference / "questions.md").write_text(questions_page(), encoding="utf-8")
     (HERE / "gallery.md").write_text(gallery_page(not given.no_pictures), encoding="utf-8")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from enum import Enum
 from importlib import import_module
 from pathlib import Path
@@ -13,15 +14,10 @@ import typer
 
 from testbench.core.errors import ScenarioError, TestbenchError
 from testbench.page.terminal import console
-from testbench.questions import QUESTIONS
+from testbench.questions import QUESTIONS, Question
 from testbench.questions.options import UsageError
 
-app = typer.Typer(
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="markdown",
-    help="""Fly an identification experiment in simulation before the aircraft does.
+_HELP = """Fly an identification experiment in simulation before the aircraft does.
 
 A JSBSim aircraft is excited by an input, a sensor suite records it, estimators identify a model, and the report says
 whether this input and these sensors would have been good enough. Turned round, with measured records, it finds what the
@@ -29,35 +25,34 @@ simulation lacks.
 
 **Start here**
 
-    testbench list scenarios
-    testbench run eolo_alpha              # simulate, identify, report in results/eolo_alpha/report.html
-    testbench check my_scenario.toml      # every fault of a file at once, without flying
-    testbench identify my_records.toml    # the same line for recorded flights
-    testbench import flight.ulg -o my_log # what a flight log holds, its manoeuvres as records
-    testbench compatibility my_records.toml # do the instruments agree with each other?
-    testbench response my_records.toml    # frequency responses with coherence and random error
-    testbench modes eolo_turbulence       # modes from the wing's accelerometers alone, no input
-    testbench gap flexible_wings          # find, name and add what the simulation lacks
-    testbench design eolo_short_period    # which input tells what is wanted, inside the limits
-    testbench compare eolo_alpha          # what each sensor buys, by simulation and by information
-    testbench plan eolo_envelope          # a campaign with flight cards to print
-    testbench campaign run taurus_scatter # a scenario many times, over distributions of anything in it
-    testbench aircraft eolo               # trims, modes over speed, derivatives of an aircraft
-    testbench studio                      # drag an input in a browser, see what it would tell
-    testbench reproduce all               # the papers' tables and figures, printed and ours
-    testbench exercise list               # teaching exercises, each student with an aircraft of their own
+{examples}
 
 Exit status: 0 done, 2 bad input, 3 the computation cannot be carried out (no trim, flight aborted, not identifiable).
-""",
-)
+"""
 _INTERRUPTED = 130
 
-for _question in QUESTIONS:  # they stand in the help in the order of the table
-    _command = import_module(f"{_question.package}.command").command
-    if isinstance(_command, typer.Typer):
-        app.add_typer(_command, name=_question.command)
-    else:
-        app.command(_question.command)(_command)
+
+def application(questions: Sequence[Question] = QUESTIONS) -> typer.Typer:
+    """Return the command line of some questions, in the order of their table, with check and list."""
+    asked = [(f"{q.command} {q.example}".strip(), q.words) for q in questions]
+    first = [("list scenarios", "what there is to start from"), *asked]
+    first.append(("check my_scenario.toml", "every fault of a file at once"))
+    out = typer.Typer(
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode="markdown",
+        help=_HELP.format(examples="\n".join(f"    testbench {example:<28} # {words}" for example, words in first)),
+    )
+    for question in questions:
+        command = import_module(f"{question.package}.command").command
+        if isinstance(command, typer.Typer):
+            out.add_typer(command, name=question.command)
+        else:
+            out.command(question.command)(command)
+    out.command()(check)
+    out.command("list")(list_)
+    return out
 
 
 class Kind(str, Enum):
@@ -71,18 +66,34 @@ class Kind(str, Enum):
     effects = "effects"
 
 
-@app.command()
 def check(
-    scenarios: Annotated[list[Path], typer.Argument(help="Scenario files or names.", show_default=False)],
+    things: Annotated[
+        list[Path],
+        typer.Argument(help="Files or names of scenarios, aircraft folders, sensor suites.", show_default=False),
+    ],
 ) -> None:
-    """Report every fault of scenario files at once, with file, key, law and value, without flying."""
+    """Report every fault of files at once, with file, key, law and value; scenarios are not flown.
+
+    An aircraft folder or a sensor suite of your own is held against the laws that all aircraft or suites keep. Example:
+    `testbench check my_scenario.toml suites/my_suite.toml aircraft/mine`.
+    """
+    from testbench.questions.brought import laws_of
     from testbench.questions.files import check_file
 
     faults: list[str] = []
-    for scenario in scenarios:
+    for thing in things:
         try:
-            kind = check_file(scenario)
-            console().print(f"{scenario}: a valid {kind}", highlight=False)
+            brought = laws_of(thing)
+            if brought is None:
+                console().print(f"{thing}: a valid {check_file(thing)}", highlight=False)
+                continue
+            kind, laws = brought
+            for law in laws:
+                console().print(f"{'kept  ' if law.holds else 'BROKEN'} {law.words}", highlight=False)
+            broken = [f"{thing}: {law.sentence}" for law in laws if not law.holds]
+            if not broken:
+                console().print(f"{thing}: a valid {kind}, {len(laws)} laws kept", highlight=False)
+            faults.extend(broken)
         except ScenarioError as error:
             faults.extend(error.faults)
         except TestbenchError as error:
@@ -91,7 +102,6 @@ def check(
         raise ScenarioError(faults)
 
 
-@app.command("list")
 def list_(kind: Annotated[Kind, typer.Argument(help="What to list.", show_default=False)]) -> None:
     """List what a scenario may name: aircraft, inputs, sensors (suites), estimators, scenarios, effects."""
     from rich.table import Table
@@ -105,6 +115,9 @@ def list_(kind: Annotated[Kind, typer.Argument(help="What to list.", show_defaul
     for row in rows[1:]:
         table.add_row(*row)
     console().print(table)
+
+
+app = application()
 
 
 def main() -> None:

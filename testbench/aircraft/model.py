@@ -15,8 +15,8 @@ from testbench.aircraft.amend import Amendment, Memory
 from testbench.aircraft.elastic import ElasticMode, ElasticModel, WingShape, add_modes
 from testbench.aircraft.outline import Outline
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, JSBSIM_LENGTH_M, LBF_N, SLUG_KG
-from testbench.core.errors import ModelError, ScenarioError, nearest
-from testbench.core.paths import AIRCRAFT_MODELS, aircraft_names
+from testbench.core.errors import ModelError, ScenarioError
+from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, aircraft_names, resolve
 from testbench.core.schema import NonNegative, Positive, Strict, parse, read_toml
 
 _AREA_M2 = {"M2": 1.0, "FT2": FT_M**2}
@@ -210,23 +210,22 @@ class _AircraftFile(Strict):
     wing_station: Annotated[tuple[_WingStation, ...], Field(strict=False)] = ()
 
 
-def load_aircraft(name: str, wings: str = "flexible", folder: Path | None = None) -> Aircraft:
-    """Read the aircraft ``name`` from its folder.
+def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None = None) -> Aircraft:
+    """Read an aircraft from its folder.
 
     Args:
-        name: folder name under aircraft_models/.
+        name: a packaged aircraft, the path of a folder with aircraft.toml, or a name in the user's ``aircraft/``.
         wings: "flexible", or "rigid" to hold the elastic modes at zero.
         folder: read this folder instead.
 
     Raises:
-        ModelError: no such aircraft, or its XML is damaged.
-        ScenarioError: aircraft.toml breaks its schema.
+        ModelError: the XML is damaged.
+        ScenarioError: no such aircraft, or aircraft.toml breaks its schema.
     """
-    if folder is None and name not in aircraft_names():
-        raise ModelError(
-            f"an aircraft must be one of {', '.join(aircraft_names())}, got '{name}'{nearest(name, aircraft_names())}"
-        )
-    folder = folder or AIRCRAFT_MODELS / name
+    if folder is None:
+        named = resolve(str(name), AIRCRAFT)
+        folder = AIRCRAFT_MODELS / named if named in aircraft_names() else Path(named)
+        name = folder.name
     path = folder / "aircraft.toml"
     described, faults = parse(_AircraftFile, read_toml(path), path)
     if described is None or faults:
@@ -262,7 +261,7 @@ def load_aircraft(name: str, wings: str = "flexible", folder: Path | None = None
                 [f"{path}, elastic.mode[{i}].shape: each list must have one entry per station, that is {len(stations)}"]
             )
     aircraft = Aircraft(
-        name=name,
+        name=str(name),
         title=described.title,
         geometry=geometry,
         mass=mass,

@@ -1,8 +1,16 @@
-"""Where the aircraft models, scenarios and sensor suites lie, in a checkout and in an installed package."""
+"""Where things lie: packaged aircraft, scenarios and suites, and what users bring themselves.
+
+What a scenario names is a packaged name, a path, or a name in the project folder of the user: ``aircraft/NAME`` and
+``suites/NAME.toml`` beside the scenario, then in the working directory.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+
+from testbench.core.errors import ScenarioError, nearest
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -39,3 +47,70 @@ def find_scenario(name: str | Path) -> Path:
     parts = path.parts[1:] if path.parts[:1] == ("scenarios",) else path.parts
     packaged = SCENARIOS.joinpath(*parts).with_suffix(".toml")
     return packaged if parts and packaged.is_file() else path
+
+
+@dataclass(frozen=True)
+class Family:
+    """A family whose members are packaged or brought by the user.
+
+    Attributes:
+        words: one member in words.
+        folder: of the user's project that holds members by name.
+        packaged: names of the packaged members.
+        inside: file that makes a folder a member; empty if members are TOML files.
+    """
+
+    words: str
+    folder: str
+    packaged: Callable[[], list[str]]
+    inside: str = ""
+
+    def at(self, path: Path) -> Path | None:
+        """Return the member that lies at a path, or None."""
+        if self.inside:
+            path = path.parent if path.name == self.inside else path
+            return path if (path / self.inside).is_file() else None
+        return path if path.suffix == ".toml" and path.is_file() else None
+
+    def named(self, place: Path, name: str) -> Path | None:
+        """Return the member called ``name`` in the project folder ``place``, or None."""
+        return self.at(place / self.folder / (name if self.inside else f"{name}.toml"))
+
+    def own(self, place: Path) -> list[str]:
+        """Return the names of the members in the project folder ``place``."""
+        found = (place / self.folder).glob(f"*/{self.inside}" if self.inside else "*.toml")
+        return sorted(p.parent.name if self.inside else p.stem for p in found)
+
+
+AIRCRAFT = Family("an aircraft", "aircraft", aircraft_names, "aircraft.toml")
+SENSOR_SUITES = Family("a sensor suite", "suites", suite_names)
+
+
+def resolve(name: str, family: Family, beside: Path | None = None) -> str:
+    """Return what ``name`` means: itself if it is packaged, else the absolute path of what the user brings.
+
+    A path is taken from ``beside``, the folder of the scenario, then from the working directory; a name that is no path
+    is looked for in the project folder of both.
+
+    Raises:
+        ScenarioError: there is nothing of that name, or both a packaged member and one of the user's own.
+    """
+    places = list(dict.fromkeys(p.resolve() for p in (beside, Path.cwd()) if p is not None))
+    named = next((found for p in places if (found := family.named(p, name))), None)
+    if name in family.packaged():
+        if named is not None:
+            raise ScenarioError(
+                [f"a name must be packaged or your own, got '{name}', which is both: write the path '{named}'"]
+            )
+        return name
+    found = next((at for p in places if (at := family.at(p / name))), None) or named
+    if found is None:
+        valid = [*family.packaged(), *(n for p in places for n in family.own(p))]
+        kind = f"a folder with {family.inside}" if family.inside else "a .toml file"
+        raise ScenarioError(
+            [
+                f"{family.words} must be a packaged name, {kind}, or a name in your folder {family.folder}/, got "
+                f"'{name}'{nearest(name, valid)}"
+            ]
+        )
+    return str(found)

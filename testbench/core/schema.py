@@ -45,15 +45,16 @@ def parse(schema: type[Model], content: Mapping[str, Any], file: Path | str | No
 
     Unknown keys do not keep the object from being built, so that a caller can go on and report deeper faults too.
     """
+    context = {"beside": Path(file).parent if file else None}  # names are told from the folder of the file
     try:
-        return schema.model_validate(content), []
+        return schema.model_validate(content, context=context), []
     except ValidationError as error:
         faults = [_fault(schema, content, item, file) for item in error.errors() if not _follows_from_another(item)]
         unknown = [item["loc"] for item in error.errors() if item["type"] == "extra_forbidden"]
     if not unknown:
         return None, faults
     try:
-        return schema.model_validate(_without(content, unknown)), faults
+        return schema.model_validate(_without(content, unknown), context=context), faults
     except ValidationError:
         return None, faults
 

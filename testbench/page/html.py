@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.core.channels import CHANNELS
+from testbench.page.words import Answer, Line, answer_lines, sentence
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -62,35 +61,24 @@ def _environment() -> Environment:
     # The one script of a page: named by its hash, so that no other runs, not even one smuggled in by a text.
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     out.globals.update(sort_script=Markup(script), sort_hash=Markup(f"sha256-{digest}"), first_screen=first_screen)
+    out.filters["sentence"] = sentence
     return out
 
 
-def first_screen(answer: Sequence[str | tuple[str, str]]) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
-    """Return the (kind, sentence) lines of an answer that stand above its figure, at least one, and those below it.
-
-    Sentences without a kind get "lead" for the first and "" for the others; each gets a capital, unless the name or
-    symbol of a channel or a name with an underscore begins it, and a full stop.
-    """
-    lines = [(("lead", "")[k > 0], s) if isinstance(s, str) else s for k, s in enumerate(answer)]
-    lines = [(kind, _sentence(text)) for kind, text in lines]
-    rows = np.cumsum([0.4 + math.ceil(len(text) / _LETTERS_PER_ROW) for _, text in lines])
+def first_screen(answer: Answer) -> tuple[list[Line], list[Line]]:
+    """Return the lines of an answer that stand above its figure, at least one, and those below it."""
+    lines = answer_lines(answer)
+    rows = np.cumsum([0.4 + math.ceil(len(line.text) / _LETTERS_PER_ROW) for line in lines])
     shown = max(1, int(np.count_nonzero(rows <= _ANSWER_ROWS)))
     if shown == len(lines) - 1 and rows[-1] <= _ANSWER_ROWS + 2.0:  # one short sentence is no continuation
         shown += 1
     return lines[:shown], lines[shown:]
 
 
-def _sentence(text: str) -> str:
-    first = text.split(" ", 1)[0].removesuffix(":")
-    name = "_" in first or (first in CHANNELS and first != "a") or not first.isascii()
-    capital = text if name else text[:1].upper() + text[1:]
-    return capital if capital.endswith((".", "?", "!")) else capital + "."
-
-
 def render(template: str, **context: Any) -> str:
     """Return the page made from ``templates/template``; text is escaped, and a name that is not given raises.
 
-    Pages extend ``base.html.j2``, which holds the style, the script that sorts tables, and the macros
-    ``show_table``, ``show_picture`` and ``show_answer``.
+    Pages of questions extend ``page.html.j2``; others ``base.html.j2``, which holds the style, the script that sorts
+    tables, and the macros ``show_table``, ``show_picture``, ``show_answer``, ``show_facts`` and ``show_section``.
     """
     return _environment().get_template(template).render(**context)

@@ -5,13 +5,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD, PERCENT
-
-if TYPE_CHECKING:
-    pass
 
 _POWERS = str.maketrans("23", "²³")
 USES = {"identification": "identification", "validation": "validation", "split": "identification and validation"}

@@ -6,13 +6,9 @@ import csv
 import io
 import json
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
 
 from testbench.page.labels import number
-
-if TYPE_CHECKING:
-    pass
 
 Value = str | float | int | bool | None
 
@@ -70,6 +66,16 @@ class Table:
     rows: tuple[tuple[Value, ...], ...]
     total: bool = False
     wide: bool = False
+
+    def only(self, *keys: str) -> Table:
+        """Return the table with these columns alone, in its own order."""
+        kept = [k for k, column in enumerate(self.columns) if column.key in keys]
+        rows = tuple(tuple(row[k] for k in kept) for row in self.rows)
+        return replace(self, columns=tuple(self.columns[k] for k in kept), rows=rows)
+
+    def without(self, *keys: str) -> Table:
+        """Return the table without these columns."""
+        return self.only(*(column.key for column in self.columns if column.key not in keys))
 
     def groups(self) -> list[tuple[str, int]]:
         """Return (group, number of columns) of the upper heading row; empty if no column belongs to a group."""

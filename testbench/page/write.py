@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +21,7 @@ PAGE = "report.html"
 
 
 def record_keeper(folder: Path | str) -> Keep:
-    """Return a function that saves each record as folder/records/NAME.nc, for ``pipeline.run(keep=...)``."""
+    """Return a function that saves each record as folder/records/NAME.nc, for ``run(keep=...)``."""
     records = Path(folder) / "records"
 
     def keep(name: str, record: FlightRecord) -> None:
@@ -81,5 +81,6 @@ def check_folder(folder: Path) -> None:
     write_file(folder / ".probe", "").unlink()
 
 
-def _json_text(content: dict[str, Any]) -> str:
+def json_text(content: Mapping[str, Any]) -> str:
+    """Return a model or another set of named values as the text of a JSON file; infinite numbers are refused."""
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"

@@ -21,7 +21,9 @@ class Question:
 
     Attributes:
         command: of the command line.
-        function: what answers it, "module:name" in its room.
+        example: what follows the command in the help.
+        words: what the example does.
+        function: what answers the question, "module:name" in its room.
         kind: what a file of it is called; empty if it takes no file of its own.
         folder: where its packaged files lie below ``scenarios/``.
         schema: class of its files, "module:name" in its room.
@@ -29,6 +31,8 @@ class Question:
     """
 
     command: str
+    example: str
+    words: str
     function: str
     kind: str = ""
     folder: str = ""
@@ -58,22 +62,91 @@ class Question:
 
 
 QUESTIONS = (
-    Question("run", "ask:run", "scenario", "", "scenario:Scenario"),
-    Question("identify", "ask:identify", "description of recorded flights", "records", "scenario:RecordDescription"),
-    Question("reproduce", "ask:reproduce"),
-    Question("import", "ask:import_log", room="importing"),
-    Question("export", "ask:export_record"),
-    Question("compatibility", "ask:compatibility"),
-    Question("response", "ask:frequency_responses"),
-    Question("modes", "ask:fly_modes", "scenario of flight in turbulence", "modes", "scenario:ModesScenario"),
-    Question("gap", "case:run_gap", "gap scenario", "gap", "scenario:GapScenario"),
-    Question("design", "ask:run_design", "design scenario", "design", "scenario:DesignScenario"),
-    Question("compare", "ask:compare", "comparison", "compare", "scenario:CompareScenario"),
-    Question("plan", "ask:make_plan", "flight plan", "plan", "scenario:PlanScenario"),
-    Question("aircraft", "ask:survey"),
-    Question("campaign", "execute:fly_campaign", "campaign", "campaign", "scenario:CampaignSpec"),
-    Question("studio", "models:studio_models"),
-    Question("exercise", "start:start"),
+    Question(
+        "run",
+        "eolo_alpha",
+        "fly, identify, report",
+        "ask:run",
+        kind="scenario",
+        schema="scenario:Scenario",
+    ),
+    Question(
+        "identify",
+        "my_records.toml",
+        "the same for recorded flights",
+        "ask:identify",
+        kind="description of recorded flights",
+        folder="records",
+        schema="scenario:RecordDescription",
+    ),
+    Question(
+        "import",
+        "flight.ulg -o my_log",
+        "what a log holds, its manoeuvres",
+        "ask:import_log",
+        room="importing",
+    ),
+    Question("export", "x.json --to mat", "a model for another program", "ask:export_record"),
+    Question("compatibility", "my_records.toml", "do the instruments agree?", "ask:compatibility"),
+    Question("response", "my_records.toml", "frequency responses", "ask:frequency_responses"),
+    Question(
+        "modes",
+        "eolo_turbulence",
+        "modes without any input",
+        "ask:fly_modes",
+        kind="scenario of flight in turbulence",
+        folder="modes",
+        schema="scenario:ModesScenario",
+    ),
+    Question(
+        "gap",
+        "flexible_wings",
+        "what the simulation lacks",
+        "case:run_gap",
+        kind="gap scenario",
+        folder="gap",
+        schema="scenario:GapScenario",
+    ),
+    Question(
+        "design",
+        "eolo_short_period",
+        "which input tells what is wanted",
+        "ask:run_design",
+        kind="design scenario",
+        folder="design",
+        schema="scenario:DesignScenario",
+    ),
+    Question(
+        "compare",
+        "eolo_alpha",
+        "what each sensor buys",
+        "ask:compare",
+        kind="comparison",
+        folder="compare",
+        schema="scenario:CompareScenario",
+    ),
+    Question(
+        "plan",
+        "eolo_envelope",
+        "flights with cards to print",
+        "ask:make_plan",
+        kind="flight plan",
+        folder="plan",
+        schema="scenario:PlanScenario",
+    ),
+    Question(
+        "campaign",
+        "run taurus_scatter",
+        "a scenario many times",
+        "execute:fly_campaign",
+        kind="campaign",
+        folder="campaign",
+        schema="scenario:CampaignSpec",
+    ),
+    Question("aircraft", "eolo", "trims, modes, derivatives", "ask:survey"),
+    Question("studio", "", "drag an input in a browser", "models:studio_models"),
+    Question("reproduce", "all", "the papers' figures and ours", "ask:reproduce"),
+    Question("exercise", "list", "exercises for students", "start:start"),
 )
 """All questions, in the order of the help."""
 BY_COMMAND = {q.command: q for q in QUESTIONS}

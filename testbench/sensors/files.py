@@ -14,7 +14,7 @@ from pydantic import Field, create_model
 
 from testbench.core.channels import channel, unit_factor
 from testbench.core.errors import ChannelError, ScenarioError, nearest
-from testbench.core.paths import SUITES, suite_names
+from testbench.core.paths import SENSOR_SUITES, SUITES, resolve, suite_names
 from testbench.core.schema import NonNegative, Positive, Strict, parse, read_toml
 from testbench.sensors.kinds import KINDS
 from testbench.sensors.sensor import Sensor
@@ -92,22 +92,16 @@ def noise_std(density: float, rate_hz: float, bandwidth_hz: float | None = None)
 
 
 def load_suite(name_or_path: str | Path) -> SensorSuite:
-    """Read a sensor suite: a packaged one by name, or any ``.toml`` file.
+    """Read a sensor suite: a packaged one by name, a ``.toml`` file, or a name in the user's folder ``suites/``.
 
     Raises:
         RecordError: the file cannot be read.
         ScenarioError: no such suite, or the file breaks laws; all of them are listed with file and key.
     """
     path = Path(name_or_path)
-    if str(name_or_path) in suite_names():
-        path = SUITES / f"{name_or_path}.toml"
-    elif path.suffix != ".toml":
-        raise ScenarioError(
-            [
-                f"a sensor suite must be a packaged one or a .toml file, got '{name_or_path}'"
-                + nearest(str(name_or_path), suite_names())
-            ]
-        )
+    if path.suffix != ".toml" or path.is_file():
+        named = resolve(str(name_or_path), SENSOR_SUITES)
+        path = SUITES / f"{named}.toml" if named in suite_names() else Path(named)
     content = read_toml(path)
     head, faults = parse(_SuiteFile, content, path)
     tables = [item for item in _listed(content.get("sensor")) if isinstance(item, Mapping)]
@@ -118,10 +112,10 @@ def load_suite(name_or_path: str | Path) -> SensorSuite:
         if sensor is not None:
             sensors.append(sensor)
     if head is not None:
-        named = [
+        sensed = [
             (str(table.get("channel", f"sensor {i}")), _number(table.get("rate_hz"))) for i, table in enumerate(tables)
         ]
-        faults.extend(f"{path}, {fault}" for fault in suite_faults(head.rate_hz, named))
+        faults.extend(f"{path}, {fault}" for fault in suite_faults(head.rate_hz, sensed))
     if faults or head is None:
         raise ScenarioError(faults)
     return SensorSuite(path.stem, head.title, head.rate_hz, tuple(sensors))

@@ -2,53 +2,52 @@
 
 from __future__ import annotations
 
-import numpy as np
+from dataclasses import replace
+
 import pytest
 
-from testbench.core.channels import CHANNELS, station_channels
 from testbench.core.paths import SUITES, suite_names
 from testbench.core.record import FlightRecord
 from testbench.sensors import KINDS, load_suite
+from testbench.sensors.contract import suite_laws, synthetic_flight
+from testbench.sensors.suite import SensorSuite
 
-SECONDS = 20.0
-NAMES = (*CHANNELS, *station_channels(11, flexible=True))
 MARKS = ("estimate", "from memory", "data sheet", "exact by construction")
-
-
-def flight(rate_hz: float) -> FlightRecord:
-    """Return a smooth truth with all channels, those of eleven wing stations too, logged at three times ``rate_hz``."""
-    t = np.arange(round(3.0 * rate_hz * SECONDS) + 1) / (3.0 * rate_hz)
-    data = np.column_stack([1.0 + 0.1 * np.sin(t * (0.5 + 0.05 * i) + i) for i in range(len(NAMES))])
-    return FlightRecord(t, NAMES, data, "truth", provenance={"aircraft": "synthetic"})
 
 
 @pytest.mark.parametrize("name", suite_names())
 def test_suite(name: str) -> None:
     suite = load_suite(name)
-    truth = flight(suite.rate_hz)
-    record = suite.measure(truth, 1)
+    broken = [law.sentence for law in suite_laws(suite) if not law.holds]
+    assert broken == []
     assert suite.name == name
-    assert suite.title
-    assert record.kind == "measured"
-    assert record.channels == suite.channels
-    assert record.dt_s == pytest.approx(1.0 / suite.rate_hz, rel=1e-9)
-    assert record.valid[0].all()
+    record = suite.measure(synthetic_flight(suite.rate_hz), 1)
     assert record.provenance["truth"] == {"aircraft": "synthetic"}
-    assert suite.measure(truth, 1).data.tobytes() == record.data.tobytes()
-    for sensor, column in zip(suite.sensors, record.data.T, strict=True):
-        exact = sensor.scale * sensor.feel({n: truth[n] for n in sensor.needs})[::3]
-        # what is wrong with a sample: noise and drift (6 standard deviations, exceeded by one of 2000 samples with
-        # probability 4e-6), bias, half a quantum, and the age of the value times the fastest slope, 0.1 rad/s times the
-        # rates of its sines, twice as much where several channels meet; up to three values are lost in a row
-        late = sensor.delay_s + abs(sensor.clock_offset_s) + 1e-6 * abs(sensor.clock_ppm) * SECONDS
-        age = sensor.lag_s + late + (4.0 if sensor.dropout else 1.0) / (sensor.rate_hz or suite.rate_hz)
-        drift = np.hypot(sensor.drift_std, sensor.bias_walk * np.sqrt(SECONDS))
-        random = 6.0 * np.hypot(sensor.noise_std, drift)
-        slope = np.abs(np.gradient(exact, 1.0 / suite.rate_hz)).max()
-        bound = random + abs(sensor.bias) + 0.5 * sensor.quantum + 1.05 * slope * age
-        assert np.abs(column - exact).max() <= bound
-        noisy = sensor.noise_std > 0.0 or sensor.bias != 0.0 or sensor.quantum > 0.0
-        assert noisy == bool(np.any(column != exact)), "a sensor with faults shows them"
+
+
+@pytest.mark.parametrize(
+    ("change", "law"),
+    [
+        ({"bias": 0.01}, "a sensor with errors shows them"),
+        ({"scale": 1.2}, "figures lie near the truth"),
+    ],
+)
+def test_a_suite_that_breaks_a_law_is_told_which(change: dict[str, float], law: str) -> None:
+    suite = load_suite("eolo_alpha")
+    exact = dict.fromkeys(
+        ("noise_std", "quantum", "bias", "dropout", "lag_s", "delay_s", "bias_walk", "drift_std"), 0.0
+    )
+    honest = replace(suite.sensors[2], scale=1.0, **exact)
+    behind = replace(suite, sensors=(*suite.sensors[:2], honest, *suite.sensors[3:]))
+
+    class Lying(SensorSuite):
+        def measure(self, truth: FlightRecord, seed: int) -> FlightRecord:
+            """Measure as if there were no such error: the record does not show what the file announces."""
+            return behind.measure(truth, seed)
+
+    sensors = (*suite.sensors[:2], replace(honest, **change), *suite.sensors[3:])
+    lying = Lying(suite.name, suite.title, suite.rate_hz, sensors)
+    assert [broken for broken in suite_laws(lying) if not broken.holds and law in broken.words]
 
 
 def test_every_kind_is_in_a_suite_or_has_no_aircraft_to_sit_on() -> None:
@@ -108,7 +107,7 @@ def test_channels_of_the_suites() -> None:
 )
 def test_common_sensors_of_the_suites_of_one_aircraft_record_the_same_bytes(base: str, other: str) -> None:
     one, two = load_suite(base), load_suite(other)
-    truth = flight(one.rate_hz)
+    truth = synthetic_flight(one.rate_hz)
     common = [n for n in one.channels if n in two.channels]
     assert {"V", "q", "theta"} <= set(common)
     a, b = one.measure(truth, 3), two.measure(truth, 3)
@@ -117,5 +116,5 @@ def test_common_sensors_of_the_suites_of_one_aircraft_record_the_same_bytes(base
 
 
 def test_gps_of_taurus_delivers_every_second_row() -> None:
-    record = load_suite("taurus_8hz").measure(flight(8.0), 0)
+    record = load_suite("taurus_8hz").measure(synthetic_flight(8.0), 0)
     assert record.valid[:, record.channels.index("u")].tolist() == [i % 2 == 0 for i in range(len(record))]

@@ -14,7 +14,7 @@ from testbench.questions.gap.effects import EFFECTS
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
-MADE = {"gallery.md", "commands.md", "scenarios.md"}
+MADE = {"gallery.md", "commands.md", "scenarios.md", "questions.md"}
 PAGES = sorted(p for p in DOCS.rglob("*.md") if p.name not in MADE and "_" not in p.parent.name[:1])
 BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"(?<!!)\[[^\]]*\]\(([^)\s]+)\)")

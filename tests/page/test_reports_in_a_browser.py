@@ -11,9 +11,10 @@ from typing import Any
 
 import pytest
 
-from testbench.page.html import Picture, render
+from testbench.page.html import Picture
+from testbench.page.page import Page
 from testbench.page.tables import Column, Table
-from testbench.questions.run.page import report_page
+from testbench.questions.run.page import run_page
 
 BROWSER = next((b for b in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if b), None)
 HOSTILE = "<script>alert(1)</script> & \"double\" 'single' </title><img src=x onerror=alert(2)>"
@@ -51,10 +52,8 @@ def browser() -> Iterator[Any]:
 
 
 def analysis(answer: list[str], tables: list[Table], pictures: list[Picture] | None = None) -> str:
-    return render(
-        "analysis.html.j2", kicker="k", title=HOSTILE, answer=answer, pictures=pictures or [], tables=tables,
-        source_name=f"{HOSTILE}.ulg", source_text=f"</pre></details>{HOSTILE}",
-    )  # fmt: skip
+    source = f"{HOSTILE}.ulg", f"</pre></details>{HOSTILE}"
+    return Page(kicker="k", title=HOSTILE, answer=answer, tables=tables, source=source).html(pictures or [])
 
 
 @pytest.fixture
@@ -140,7 +139,7 @@ def test_texts_from_scenarios_and_logs_stay_texts(show, make_result) -> None:
     hostile = replace(
         base, name=HOSTILE, title=HOSTILE, question=HOSTILE, source=source, flights=flights, cases=cases
     )  # fmt: skip
-    page = show(report_page(hostile, [PICTURE]))
+    page = show(run_page(hostile).html([PICTURE]))
     assert page.locator("h1").inner_text() == HOSTILE
     assert page.title() == HOSTILE
     assert page.locator("img[src=x]").count() == 0

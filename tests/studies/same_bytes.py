@@ -78,7 +78,7 @@ def jobs(data: Path | None) -> list[Job]:
 def run(job: Job, package: Path, folder: Path) -> str:
     """Run one job with the package that lies in ``package``; return its last words if it failed."""
     results = folder / job.name.replace(str(package), "")
-    done = results.with_suffix(".done")
+    done = results.with_name(f"{results.name}.done")  # a name may hold dots: gap_gap.alpha_vane
     if done.is_file():
         return ""
     shutil.rmtree(results, ignore_errors=True)
@@ -115,6 +115,14 @@ def state_of_files() -> str:
         if path.is_file() and path.suffix != ".pyc":
             total.update(path.relative_to(ROOT).as_posix().encode() + path.read_bytes())
     return f"here_{total.hexdigest()[:12]}"
+
+
+def snapshot(name: str) -> Path:
+    """Return a copy of the package as it lies here, so that it may change while it is run."""
+    tree = KEPT / f"tree_{name}"
+    for folder in ("testbench", "aircraft_models", "scenarios"):
+        shutil.copytree(ROOT / folder, tree / folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
+    return tree
 
 
 def work_tree(revision: str) -> tuple[str, Path]:
@@ -154,7 +162,8 @@ def main() -> None:
     before = run_all(tree, commit, todo, asked.workers)
     if asked.before:
         return
-    after = run_all(ROOT, state_of_files(), todo, asked.workers)
+    here = state_of_files()
+    after = run_all(snapshot(here), here, todo, asked.workers)
     one = {p: h for j in todo for p, h in under(before, j).items()}
     two = {p: h for j in todo for p, h in under(after, j).items()}
     sys.exit(compare(one, two, KEPT / "differences.csv"))

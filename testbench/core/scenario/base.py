@@ -3,32 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, Field, PrivateAttr, model_validator
+from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, model_validator
 
-from testbench.core.errors import ScenarioError, nearest
-from testbench.core.paths import aircraft_names, find_scenario, suite_names
+from testbench.core.errors import ScenarioError
+from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, Family, find_scenario, resolve
 from testbench.core.scenario.air import LOWEST_M, AirSpec
 from testbench.core.scenario.inputs import Input
 from testbench.core.schema import NonNegative, Positive, Strict, parse, read_toml
 
 
-def _known_aircraft(name: str) -> str:
-    if name not in aircraft_names():
-        raise ValueError(f"must name an aircraft folder, got '{name}'{nearest(name, aircraft_names())}")
-    return name
+def _resolved(family: Family) -> AfterValidator:
+    """Return the validator of a name: what it means is told from the folder of the file that it stands in."""
+
+    def validate(name: str, info: ValidationInfo) -> str:
+        try:
+            return resolve(name, family, (info.context or {}).get("beside"))
+        except ScenarioError as error:
+            raise ValueError(error.message) from None
+
+    return AfterValidator(validate)
 
 
-def _known_suite(name: str) -> str:
-    if name not in suite_names() and not Path(name).suffix == ".toml":
-        raise ValueError(f"must name a sensor suite or a .toml file, got '{name}'{nearest(name, suite_names())}")
-    return name
-
-
-AircraftName = Annotated[str, AfterValidator(_known_aircraft)]
-SuiteName = Annotated[str, AfterValidator(_known_suite)]
+AircraftName = Annotated[str, _resolved(AIRCRAFT)]
+SuiteName = Annotated[str, _resolved(SENSOR_SUITES)]
 
 
 class Asked(Strict):
@@ -39,6 +40,8 @@ class Asked(Strict):
 
     unnamed: ClassVar[str] = "scenario"
     """Name of what comes from no file."""
+    checked_by: ClassVar[str] = ""
+    """Function, "module:name", that takes it and returns every law that it breaks beyond its schema."""
 
     title: Annotated[str, Field(min_length=1)]
     question: str = ""
@@ -66,7 +69,11 @@ class Asked(Strict):
 
     def faults(self) -> list[str]:
         """Return every law that the file breaks beyond its schema, in words with file and key; nothing is flown."""
-        return []
+        if not self.checked_by:
+            return []
+        module, name = self.checked_by.split(":")  # by name: what checks a scenario knows the scenario's class
+        found: list[str] = getattr(import_module(module), name)(self)
+        return found
 
     @classmethod
     def load(cls, path: Path | str) -> Self:

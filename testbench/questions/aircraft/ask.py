@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from testbench.aircraft import Aircraft
+from testbench.aircraft import Aircraft, ElasticMode
 from testbench.core.errors import TrimError
 from testbench.evaluation.envelope import (
     _INTERVALS,
@@ -123,6 +123,15 @@ class Survey:
     tabled: tuple[float, ...]
     responses: tuple[float, ...]
     untrimmed: tuple[Untrimmed, ...]
+
+    @property
+    def shaped(self) -> dict[int, ElasticMode]:
+        """The flown elastic modes whose shape along the wing is known, by number."""
+        flown = self.envelope.aircraft.flown_modes()
+        if flown is None:
+            return {}
+        numbers = self.envelope.elastic.values()
+        return {i: flown.modes[i - 1] for i in numbers if flown.modes[i - 1].shape is not None}
 
 
 def survey(aircraft: Aircraft, name: str) -> Survey:

@@ -12,7 +12,7 @@ from testbench.questions.options import OutOption, Wings
 
 
 def command(
-    name: Annotated[str, typer.Argument(help="Aircraft; see `testbench list aircraft`.", show_default=False)],
+    name: Annotated[str, typer.Argument(help="Packaged aircraft, or a folder of your own.", show_default=False)],
     wings: Annotated[Wings, typer.Option(help="Let the elastic modes move, or hold them.")] = Wings.flexible,
     out: OutOption = Path("results"),
     export: Annotated[
@@ -25,16 +25,19 @@ def command(
     """
     from testbench.aircraft import load_aircraft
     from testbench.questions.aircraft.ask import survey
-    from testbench.questions.aircraft.page import export_aircraft, folder_name, print_aircraft, write_aircraft
+    from testbench.questions.aircraft.export import export_aircraft
+    from testbench.questions.aircraft.page import aircraft_page, folder_name
 
     loaded = load_aircraft(name, wings.value)
+    name = Path(name).name  # of the folder, where a path is given
     folder = out / folder_name(loaded, name)
     with stages() as say:
         say("trim and linearise over speed")
         found = survey(loaded, name)
         say("write report")
-        write_aircraft(found, folder)
+        page = aircraft_page(found)
+        page.write(folder)
         exported = export_aircraft(found, export) if export is not None else []
-    print_aircraft(found, console(), folder)
+    page.show(console(), folder)
     if exported:
         print(f"Model: {exported[0]}")

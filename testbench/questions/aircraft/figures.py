@@ -44,7 +44,7 @@ def aircraft_plates(survey: Survey) -> list[Plate]:
     modes, trims = _mode_plate(survey, "longitudinal"), _trim_plate(survey)
     lead, second = (modes, trims) if survey.envelope.elastic else (trims, modes)
     out = [lead, *three_view_plates(survey), second, _mode_plate(survey, "lateral-directional")]
-    if shaped_modes(survey.envelope):
+    if survey.shaped:
         out.append(_shape_plate(survey))
     if survey.responses and "de" in survey.envelope.aircraft.controls:
         out.append(_response_plate(survey))
@@ -234,18 +234,10 @@ def _mark_onsets(pair: Sequence[Axes], envelope: Envelope, lines: Sequence[_Line
 # --- mode shapes ------------------------------------------------------------------------------------------------------
 
 
-def shaped_modes(envelope: Envelope) -> dict[int, ElasticMode]:
-    """Return the flown elastic modes whose shape along the wing is known, by number."""
-    flown = envelope.aircraft.flown_modes()
-    if flown is None:
-        return {}
-    return {i: flown.modes[i - 1] for i in envelope.elastic.values() if flown.modes[i - 1].shape is not None}
-
-
 def _shape_plate(survey: Survey) -> Plate:
     flown = survey.envelope.aircraft.flown_modes()
     assert flown is not None
-    modes = shaped_modes(survey.envelope)
+    modes = survey.shaped
     y, deg_m = np.array(flown.stations_m), 1.0 / (flown.cbar_m * DEG_RAD)
     span = np.concatenate([-y[::-1], y])
     looks: list[dict[str, Any]] = [{"color": COLOURS[k], "linestyle": DASHES[k], "linewidth": 1.4} for k in (0, 1)]

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 from testbench.page.labels import number
 
 if TYPE_CHECKING:
-    from testbench.questions.campaign.page import CampaignResult
+    from testbench.questions.campaign.result import CampaignResult
     from testbench.questions.campaign.summary import Accuracy, Summary
 
 _MILLION = 1_000_000
 _LINES = 3
 
 
-def answer(result: CampaignResult) -> list[tuple[str, str]]:
+def campaign_answer(result: CampaignResult) -> list[tuple[str, str]]:
     """Return the answer as (kind, sentence), kind "lead", "finding" or "doubt"."""
     counts, summary = result.counts, result.summary
     out = [("lead", _lead(result)), ("finding", _progress(result))]

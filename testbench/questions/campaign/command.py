@@ -58,13 +58,14 @@ def campaign_resume(
 def campaign_status(campaign: CampaignArgument, out: OutOption = Path("results")) -> None:
     """Say how far a campaign is, what failed, and what a million runs like it would cost; also while it flies."""
     from testbench.questions.campaign.load import load_campaign
-    from testbench.questions.campaign.page import print_campaign, read_campaign
+    from testbench.questions.campaign.page import campaign_page
+    from testbench.questions.campaign.result import read_campaign
     from testbench.questions.campaign.store import Store
     from testbench.questions.files import find
 
     loaded = load_campaign(find(campaign, "campaign"))
     with Store.read(out / f"campaign_{loaded.spec.name}") as store:
-        print_campaign(read_campaign(loaded, store), console())
+        campaign_page(read_campaign(loaded, store)).show(console())
 
 
 @command.command("summarise")
@@ -82,7 +83,7 @@ def _fly_campaign(campaign: Path, out: Path, resume: bool, workers: int | None, 
 
     from testbench.questions.campaign.execute import fly_campaign
     from testbench.questions.campaign.load import load_campaign
-    from testbench.questions.campaign.page import show_progress
+    from testbench.questions.campaign.progress import show_progress
     from testbench.questions.files import find
 
     if workers is not None and scheduler is not None:
@@ -99,10 +100,11 @@ def _fly_campaign(campaign: Path, out: Path, resume: bool, workers: int | None, 
 
 
 def _report_campaign(campaign: Campaign, folder: Path) -> None:
-    from testbench.questions.campaign.page import print_campaign, read_campaign, write_campaign
+    from testbench.questions.campaign.page import campaign_page
+    from testbench.questions.campaign.result import read_campaign
     from testbench.questions.campaign.store import Store
 
     with Store.read(folder) as store:
-        result = read_campaign(campaign, store)
-    write_campaign(result, folder)
-    print_campaign(result, console(), folder)
+        page = campaign_page(read_campaign(campaign, store))
+    page.write(folder)
+    page.show(console(), folder)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from testbench.page.plot import COLOURS, INK, MEASURED, QUIET, Plate, grid, label, new_figure
+from testbench.questions.campaign.answer import most_biased
+from testbench.questions.campaign.result import errors
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,8 +25,6 @@ _TALL_IN, _GAP_IN = 1.75, 0.78
 
 def campaign_plates(summary: Summary) -> list[Plate]:
     """Return the figures that the runs have the data for, of at most six estimates; if of none, why runs failed."""
-    from testbench.questions.campaign.page import errors
-
     chosen = _chosen(summary)
     found = errors(summary)
     of_errors = {name: found[name][summary.done] for name in chosen}
@@ -100,8 +100,6 @@ def _chosen(summary: Summary) -> list[str]:
     """Return up to six estimates: the most biased ones, of which the answer speaks, then those whose errors the method
     states, then those found most often.
     """
-    from testbench.questions.campaign.answer import most_biased
-
     have = [a for a in summary.accuracies if a.n > 1]
     ranked = sorted(have, key=lambda a: (not np.isfinite(a.stated), a.missing))
     names = dict.fromkeys(a.name for a in (*most_biased(summary), *ranked))

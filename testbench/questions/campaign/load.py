@@ -90,18 +90,22 @@ def load_campaign(path: Path | str) -> Campaign:
     spec = CampaignSpec.load(path)
     assert spec.file is not None
     content, origin = _base(spec, spec.file)
-    content = _absolute(content, origin)
+    bare, _ = parse(Scenario, content, origin)
+    assert bare is not None
+    content = _resolved(content, bare)
     nominal = Scenario.model_validate(set_keys(content, nominal_inputs(spec)))
     return Campaign(spec, content, nominal.at(origin), spec.file.read_text(encoding="utf-8"))
 
 
-def campaign_faults(spec: CampaignSpec, file: Path) -> list[str]:
+def campaign_faults(spec: CampaignSpec) -> list[str]:
     """Return every law that a campaign breaks beyond its schema, see :func:`load_campaign`."""
+    assert spec.file is not None
+    file = spec.file
     content, origin = _base(spec, file)
     bare, faults = parse(Scenario, content, origin)
     if bare is None:
         return faults
-    content = _absolute(content, origin)
+    content = _resolved(content, bare)
     found = check(bare.at(origin))
     if not found:
         found = _check_keys(spec, content, bare, file)
@@ -119,11 +123,9 @@ def _base(spec: CampaignSpec, file: Path) -> tuple[dict[str, Any], Path]:
     return read_toml(found), found
 
 
-def _absolute(content: Mapping[str, Any], origin: Path) -> dict[str, Any]:
-    """Return the scenario with sensor suites that are files by absolute path, as processes elsewhere read them."""
-    out = dict(content)
-    out["suites"] = [str(Path(s).resolve()) if s.endswith(".toml") else s for s in out["suites"]]
-    return out
+def _resolved(content: Mapping[str, Any], bare: Scenario) -> dict[str, Any]:
+    """Return the scenario with what users brought by absolute path, as processes elsewhere read it."""
+    return {**content, "aircraft": bare.aircraft, "suites": list(bare.suites)}
 
 
 def _check_keys(spec: CampaignSpec, content: Mapping[str, Any], bare: Scenario, file: Path) -> list[str]:

@@ -94,6 +94,7 @@ class CampaignSpec(Asked):
     """
 
     unnamed: ClassVar[str] = "campaign"
+    checked_by: ClassVar[str] = "testbench.questions.campaign.load:campaign_faults"
 
     base: Annotated[str, Field(min_length=1)] | None = None
     scenario: dict[str, Any] | None = None
@@ -134,9 +135,3 @@ class CampaignSpec(Asked):
     def total(self) -> int:
         """Number of runs, unless a rule ends the campaign before."""
         return self.runs if self.runs is not None else self.cells * (self.repeats or 1)
-
-    def faults(self) -> list[str]:
-        """Return every law that the campaign and its base scenario break; see :mod:`.load`."""
-        from testbench.questions.campaign.load import campaign_faults
-
-        return campaign_faults(self, self.file) if self.file else []

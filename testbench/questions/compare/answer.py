@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from testbench.page.labels import number, symbol
+from testbench.page.words import listed, some
 
 if TYPE_CHECKING:
     from testbench.questions.compare.result import CompareResult, Gain, Quantity
@@ -80,9 +81,7 @@ def _by_simulation(result: CompareResult, suite: SensorSuite) -> str:
         text += f" ({', '.join(parts)})"
     for word, found in (("smaller", better), ("larger", worse)):
         if found:
-            named = [_named(result, g) for g in found[:_NAMED]]
-            rest = f", and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
-            text += f"; {word}: {'; '.join(named)}{rest}"
+            text += f"; {word}: {some([_named(result, g) for g in found], _NAMED)}"
     return text
 
 
@@ -264,4 +263,4 @@ def _near(result: CompareResult, manoeuvre: str, suite: str) -> bool:
 def _listed(names: Sequence[str], most: int = 4) -> str:
     if len(names) > most:
         return f"{names[0]} to {names[-1]} ({len(names)} channels)"
-    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+    return listed(names)

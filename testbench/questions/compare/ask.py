@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from testbench.aircraft import Aircraft, load_aircraft
-from testbench.core.errors import ScenarioError, TestbenchError, located
+from testbench.core.errors import TestbenchError, located
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators import estimate
 from testbench.estimators.model import IdentifiedModel
@@ -20,12 +20,12 @@ from testbench.information.targets import needed_parameters
 from testbench.line import fly_and_measure, log_rate, trim_for
 from testbench.questions.compare.best_case import best_estimate, lagged_structure
 from testbench.questions.compare.judge import errors_of, model_errors
-from testbench.questions.compare.placement import Placed, place
+from testbench.questions.compare.placement import Placed, place, templates
 from testbench.questions.compare.prediction import predict
 from testbench.questions.compare.result import CaseKey, CompareResult, Failure, Quantity
 from testbench.questions.compare.scenario import BEST_CASE, CompareScenario, Placement
 from testbench.questions.compare.seen import Known, sensors_of, unknowns, wanted_modes
-from testbench.sensors import Sensor, SensorSuite, load_suite
+from testbench.sensors import SensorSuite, load_suite
 
 Report = Callable[[str], None]
 _FAST_MODE = {"longitudinal": "short period", "lateral": "Dutch roll"}
@@ -229,23 +229,3 @@ def _place(scenario: CompareScenario, asked: Placement, known: Known, suite: Sen
     manoeuvre = next(m for m in scenario.manoeuvre if m.use == "identification")
     sensors = sensors_of(suite, scenario.identification.outputs)
     return place(aimed, asked, suite, sensors, manoeuvre, templates(asked))
-
-
-def templates(asked: Placement) -> dict[str, Sensor]:
-    """Return kind -> the sensor that every candidate is like.
-
-    Raises:
-        ScenarioError: a suite has no such sensor.
-    """
-    out = {}
-    for kind, count, name, prefix in (
-        ("accelerometer", asked.accelerometers, asked.accelerometer_suite, "az_wing_"),
-        ("strain gauge", asked.strain_gauges, asked.strain_suite, "strain_wing_"),
-    ):
-        if not count:
-            continue
-        found = [s for s in load_suite(name).sensors if s.channel.startswith(prefix)]
-        if not found:
-            raise ScenarioError([f"suite '{name}' must hold an {kind} on the wing ({prefix}1, ...), it has none"])
-        out[kind] = found[0]
-    return out

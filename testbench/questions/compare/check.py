@@ -6,7 +6,7 @@ from testbench.aircraft import Aircraft, load_aircraft
 from testbench.core.errors import TestbenchError, nearest
 from testbench.information.aircraft_structure import parameter_names
 from testbench.information.modes import RIGID_MODES, elastic_modes
-from testbench.questions.compare.ask import templates
+from testbench.questions.compare.placement import templates
 from testbench.questions.compare.scenario import CompareScenario
 from testbench.questions.compare.seen import sensors_of
 from testbench.questions.run.check import check as check_flight

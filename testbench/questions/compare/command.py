@@ -25,7 +25,7 @@ def command(
     scenario has a `[placement]`. Examples: `testbench compare eolo_alpha`, `testbench compare eolo_wing`.
     """
     from testbench.questions.compare.ask import compare
-    from testbench.questions.compare.page import print_compare, write_compare
+    from testbench.questions.compare.page import compare_page
     from testbench.questions.compare.scenario import CompareScenario
     from testbench.questions.files import find
 
@@ -34,5 +34,6 @@ def command(
     with stages() as say:
         result = compare(loaded, seed, not information, say)
         say("write report")
-        write_compare(result, folder)
-    print_compare(result, console(), folder)
+        page = compare_page(result)
+        page.write(folder)
+    page.show(console(), folder)

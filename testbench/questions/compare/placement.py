@@ -18,14 +18,20 @@ from math import comb
 import numpy as np
 
 from testbench.aircraft.airframe import WingStation, station_rows
-from testbench.core.errors import ModelError
+from testbench.core.errors import ModelError, ScenarioError
 from testbench.core.record import FloatArray
 from testbench.core.scenario.base import Manoeuvre
 from testbench.information.fisher import accuracy, cost
 from testbench.information.targets import Targets
 from testbench.questions.compare.scenario import Placement
-from testbench.questions.compare.seen import Known, experiment_of, in_percent, sensor_parts, targets_of
-from testbench.sensors import Sensor, SensorSuite
+from testbench.questions.compare.seen import (
+    Known,
+    experiment_of,
+    in_percent,
+    sensor_parts,
+    targets_of,
+)
+from testbench.sensors import Sensor, SensorSuite, load_suite
 
 Cost = Callable[[FloatArray], float]
 _TRIED = 2000  # sets that are all tried: about a second
@@ -236,4 +242,24 @@ def _groups(asked: Placement, spots: Sequence[Spot]) -> list[tuple[list[int], in
             raise ModelError(f"there must be at least {count} stations for {kind}s, got {len(members)}; lower step_m")
         if count:
             out.append((members, count))
+    return out
+
+
+def templates(asked: Placement) -> dict[str, Sensor]:
+    """Return kind -> the sensor that every candidate is like.
+
+    Raises:
+        ScenarioError: a suite has no such sensor.
+    """
+    out = {}
+    for kind, count, name, prefix in (
+        ("accelerometer", asked.accelerometers, asked.accelerometer_suite, "az_wing_"),
+        ("strain gauge", asked.strain_gauges, asked.strain_suite, "strain_wing_"),
+    ):
+        if not count:
+            continue
+        found = [s for s in load_suite(name).sensors if s.channel.startswith(prefix)]
+        if not found:
+            raise ScenarioError([f"suite '{name}' must hold an {kind} on the wing ({prefix}1, ...), it has none"])
+        out[kind] = found[0]
     return out

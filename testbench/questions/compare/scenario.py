@@ -6,16 +6,17 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from testbench.core.scenario.base import FlownInAir, Manoeuvre, Preparation, SuiteName
+from testbench.core.scenario.base import SuiteName
 from testbench.core.schema import Positive, Strict
-from testbench.estimators.settings import Estimator, estimator_name
+from testbench.estimators.settings import Estimator, Identification, estimator_name
+from testbench.questions.run.scenario import Experiment
 
 Names = Annotated[tuple[str, ...], Field(strict=False)]
 BEST_CASE = "best case"
 """Label of maximum likelihood with the linearised aircraft's own equations and the noise of its instruments."""
 
 
-class CompareIdentification(Strict):
+class CompareIdentification(Identification):
     """Inputs, outputs and estimators of every suite.
 
     ``outputs`` left empty means every channel of a suite that is not a control. ``best_case`` adds an estimator that
@@ -25,8 +26,6 @@ class CompareIdentification(Strict):
     comparison is by information alone.
     """
 
-    inputs: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
-    outputs: Names = ()
     best_case: bool = False
     estimators: Annotated[tuple[Estimator, ...], Field(strict=False)] = ()
 
@@ -83,7 +82,7 @@ class Placement(Strict):
         return self
 
 
-class CompareScenario(FlownInAir):
+class CompareScenario(Experiment):
     """One comparison. The first suite is what all others are compared with.
 
     Manoeuvres of use "identification" are alternatives, each compared by itself; those of use "validation" judge them
@@ -91,13 +90,11 @@ class CompareScenario(FlownInAir):
     """
 
     unnamed: ClassVar[str] = "comparison"
+    checked_by: ClassVar[str] = "testbench.questions.compare.check:check"
 
     seeds: Annotated[int, Field(ge=3, le=1000)] = 12
     test: Literal["wilcoxon", "t"] = "wilcoxon"
     level: Annotated[float, Field(gt=0.0, le=0.2)] = 0.05
-    manoeuvre: Annotated[tuple[Manoeuvre, ...], Field(min_length=1, strict=False)]
-    suites: Annotated[tuple[SuiteName, ...], Field(min_length=1, strict=False)]
-    preparation: Preparation = Preparation()
     identification: CompareIdentification
     targets: CompareTargets = CompareTargets()
     placement: Placement | None = None
@@ -123,9 +120,3 @@ class CompareScenario(FlownInAir):
         """The motion that the inputs move."""
         controls = {name.removesuffix("_cmd") for name in self.identification.inputs}
         return "longitudinal" if controls <= {"de", "thr"} else "lateral"
-
-    def faults(self) -> list[str]:
-        """Return every law of aircraft, inputs, sensors and targets that the scenario breaks; see :mod:`.check`."""
-        from testbench.questions.compare.check import check
-
-        return check(self)

@@ -28,7 +28,7 @@ def command(
     """
     from testbench.estimators import data_compatibility
     from testbench.logs.read import read_records
-    from testbench.questions.compatibility.page import print_compatibility, write_compatibility
+    from testbench.questions.compatibility.page import compatibility_page
     from testbench.questions.files import find
     from testbench.questions.identify.scenario import RecordDescription
 
@@ -40,5 +40,6 @@ def command(
         say("estimate the errors of the instruments")
         result = data_compatibility.estimate(list(records.values()), gravity_m_s2=gravity)
         say("write report")
-        write_compatibility(result, records, described, folder)
-    print_compatibility(result, console(), folder)
+        page = compatibility_page(result, records, described)
+        page.write(folder)
+    page.show(console(), folder)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from testbench.core.channels import channel
-from testbench.core.constants import DEG_RAD, PERCENT
-from testbench.page.labels import number
+from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
+from testbench.page.labels import number, shown_unit, symbol
 from testbench.questions.design.flown import limit_words
 
 if TYPE_CHECKING:
@@ -155,3 +155,16 @@ def _other_suites(result: DesignResult) -> list[str]:
             "wanted"
         )
     return out
+
+
+def limit_rows(result: DesignResult) -> list[str]:
+    """Return the limits that were kept, in words."""
+    out = []
+    for name, (low, high) in result.envelope.bands.items():
+        if name == "az":
+            out.append(f"load factor {-high / G0_M_S2:.3g} to {-low / G0_M_S2:.3g}")
+            continue
+        factor, unit = shown_unit(name)
+        out.append(f"{symbol(name)} {factor * low:.4g} to {factor * high:.4g} {unit}".strip())
+    out += [f"rate of {symbol(n)} up to {most / DEG_RAD:.4g} deg/s" for n, (_, most) in result.envelope.rates.items()]
+    return [text.replace("-", "−") for text in out]

@@ -15,7 +15,7 @@ def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: 
     writes scenarios ready for `testbench run` and the signals. Example: `testbench design eolo_modes`.
     """
     from testbench.questions.design.ask import run_design
-    from testbench.questions.design.page import print_design, write_design
+    from testbench.questions.design.page import design_page
     from testbench.questions.design.scenario import DesignScenario
     from testbench.questions.files import find
 
@@ -24,5 +24,6 @@ def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: 
     with stages() as say:
         result = run_design(loaded, seed, say)
         say("write report")
-        write_design(result, folder)
-    print_design(result, console(), folder)
+        page = design_page(result)
+        page.write(folder)
+    page.show(console(), folder)

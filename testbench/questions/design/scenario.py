@@ -68,6 +68,7 @@ class DesignScenario(FlownAt):
     """
 
     unnamed: ClassVar[str] = "design"
+    checked_by: ClassVar[str] = "testbench.questions.design.check:check"
 
     suites: Annotated[tuple[SuiteName, ...], Field(min_length=1, strict=False)]
     controls: Annotated[tuple[Control, ...], Field(min_length=1, strict=False)]
@@ -106,9 +107,3 @@ class DesignScenario(FlownAt):
     def shortest_s(self) -> float:
         """Shortest step that can be held, s: as given, else 1 s for a pilot and 0.1 s for an autopilot (estimates)."""
         return self.shortest_step_s or (1.0 if self.by == "pilot" else 0.1)
-
-    def faults(self) -> list[str]:
-        """Return every law of aircraft, sensors and targets that the scenario breaks; see :mod:`.check`."""
-        from testbench.questions.design.check import check
-
-        return check(self)

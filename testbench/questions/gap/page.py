@@ -26,7 +26,7 @@ def write_gap(result: GapResult, folder: Path | str) -> list[Path]:
         RecordError: the folder cannot be written to.
     """
     from testbench.page.html import render
-    from testbench.questions.compatibility.page import compatibility_tables
+    from testbench.questions.compatibility.tables import compatibility_tables
     from testbench.questions.gap.figures import gap_plates
 
     folder, check = Path(folder), result.finding.check

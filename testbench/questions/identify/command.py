@@ -27,12 +27,13 @@ def command(
     from testbench.questions.files import find
     from testbench.questions.identify.ask import identify
     from testbench.questions.identify.scenario import RecordDescription
-    from testbench.questions.run.page import print_result, write_results
+    from testbench.questions.run.page import run_page
 
     loaded = RecordDescription.load(find(description, "identify"))
     folder = out / loaded.name
     with stages() as say:
         result = identify(loaded, data, record_keeper(folder), say)
         say("write report")
-        write_results(result, folder)
-    print_result(result, console(), folder)
+        page = run_page(result)
+        page.write(folder)
+    page.show(console(), folder)

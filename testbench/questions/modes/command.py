@@ -47,7 +47,7 @@ def command(
     from testbench.page.write import record_keeper
     from testbench.questions.files import find, kinds_of
     from testbench.questions.modes.ask import fly_modes, read_modes, search_for
-    from testbench.questions.modes.page import print_modes, write_modes
+    from testbench.questions.modes.page import modes_page
     from testbench.questions.modes.scenario import ModesScenario
 
     asked = {"channels": channels, "references": references, "band_hz": band, "order": order}
@@ -68,5 +68,6 @@ def command(
             result = read_modes(source, search_for(given), data, say)
             folder = out / f"{result.name}_modes"
         say("write report")
-        write_modes(result, folder)
-    print_modes(result, console(), folder)
+        page = modes_page(result)
+        page.write(folder)
+    page.show(console(), folder)

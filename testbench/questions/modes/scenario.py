@@ -48,6 +48,7 @@ class ModesScenario(FlownInAir):
     """Flights in turbulence, whose modes are found from the outputs alone and set beside those of the aircraft."""
 
     unnamed: ClassVar[str] = "modes"
+    checked_by: ClassVar[str] = "testbench.questions.modes.check:check"
 
     wings: Literal["flexible"] = "flexible"
     air: AirSpec
@@ -63,9 +64,3 @@ class ModesScenario(FlownInAir):
         if len(set(names)) != len(names):
             raise ValueError(f"flight names must differ, got {', '.join(names)}")
         return self
-
-    def faults(self) -> list[str]:
-        """Return every law of aircraft, inputs and sensors that the scenario breaks; see :mod:`.check`."""
-        from testbench.questions.modes.check import check
-
-        return check(self)

@@ -153,6 +153,7 @@ class PlanScenario(Flown):
     """
 
     unnamed: ClassVar[str] = "plan"
+    checked_by: ClassVar[str] = "testbench.questions.plan.check:check"
 
     flown_by: Literal["pilot", "autopilot"]
     speeds_m_s: Annotated[tuple[Positive, ...], Field(min_length=1, strict=False)]
@@ -193,9 +194,3 @@ class PlanScenario(Flown):
         if faults:
             raise ValueError("; ".join(faults))
         return self
-
-    def faults(self) -> list[str]:
-        """Return every law of aircraft, suite and inputs that the plan breaks; see :mod:`.check`."""
-        from testbench.questions.plan.check import check
-
-        return check(self)

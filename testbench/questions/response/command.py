@@ -30,7 +30,7 @@ def command(
     from testbench.questions.files import find
     from testbench.questions.identify.scenario import RecordDescription
     from testbench.questions.response.ask import frequency_responses
-    from testbench.questions.response.page import print_response, write_response
+    from testbench.questions.response.page import response_page
 
     described = RecordDescription.load(find(description, "identify"))
     folder = out / f"{described.name}_response"
@@ -40,5 +40,6 @@ def command(
         say("estimate frequency responses")
         found = frequency_responses(described, records, window)
         say("write report")
-        write_response(found, described, folder)
-    print_response(found, console(), folder)
+        page = response_page(found, described)
+        page.write(folder)
+    page.show(console(), folder)

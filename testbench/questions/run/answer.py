@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
+from testbench.page.words import Line, sentence
 from testbench.questions.run.labels import case_names
 from testbench.questions.run.pole_tables import reference_tables
 
@@ -13,18 +12,7 @@ if TYPE_CHECKING:
     from testbench.questions.run.result import RunResult
 
 
-_BEFORE_UNIT = re.compile(r"(\d) (%|rad/s|Hz|dB|s\b)")
-
-
-@dataclass(frozen=True)
-class Line:
-    """One sentence and how it is shown: the lead in bold, doubts set off."""
-
-    text: str
-    kind: Literal["lead", "finding", "doubt"] = "finding"
-
-
-def answer_lines(result: RunResult, most_doubts: int = 4) -> list[Line]:
+def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
     """Return found against printed values, then the findings of the run, doubts last; verdicts if there are none.
 
     Beyond ``most_doubts`` only the number of the other doubts is given.
@@ -44,16 +32,8 @@ def answer_lines(result: RunResult, most_doubts: int = 4) -> list[Line]:
             *doubts[:most_doubts],
             f"{len(doubts) - most_doubts} more doubts stand in the report, with the models",
         ]
-    lines = [Line(_sentence(text), "lead" if i == 0 else "finding") for i, text in enumerate(found)]
-    return lines + [Line(_sentence(text), "doubt") for text in doubts]
-
-
-def _sentence(text: str) -> str:
-    """Return ``text`` with a capital (unless a name begins it), a full stop, and numbers kept beside their units."""
-    first = text.split(" ", 1)[0]
-    capital = text if "_" in first else text[:1].upper() + text[1:]
-    kept = _BEFORE_UNIT.sub("\\1\u00a0\\2", capital)
-    return kept if kept.endswith((".", "!", "?")) else kept + "."
+    lines = [Line("lead" if i == 0 else "finding", sentence(text)) for i, text in enumerate(found)]
+    return lines + [Line("doubt", sentence(text)) for text in doubts]
 
 
 def _against_printed(result: RunResult) -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from testbench.aircraft import Aircraft, load_aircraft
 from testbench.core.constants import DEG_RAD
@@ -11,14 +10,11 @@ from testbench.core.errors import Faults, LimitError
 from testbench.flight.simulate import stride
 from testbench.inputs import build
 from testbench.line import log_rate
-from testbench.questions.run.scenario import Scenario
-
-if TYPE_CHECKING:
-    from testbench.questions.compare.scenario import CompareScenario
+from testbench.questions.run.scenario import Experiment
 from testbench.sensors import SensorSuite, load_suite
 
 
-def check(scenario: Scenario | CompareScenario) -> list[str]:
+def check(scenario: Experiment) -> list[str]:
     """Return every law of aircraft, inputs and sensors that the scenario breaks, in words, without flying it."""
     faults = Faults(scenario.file)
     attempt = faults.attempt

@@ -16,7 +16,7 @@ def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: 
     from testbench.page.write import record_keeper
     from testbench.questions.files import find
     from testbench.questions.run.ask import run
-    from testbench.questions.run.page import print_result, write_results
+    from testbench.questions.run.page import run_page
     from testbench.questions.run.scenario import Scenario
 
     loaded = Scenario.load(find(scenario, "run"))
@@ -24,5 +24,6 @@ def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: 
     with stages() as say:
         result = run(loaded, seed, record_keeper(folder), say)
         say("write report")
-        write_results(result, folder)
-    print_result(result, console(), folder)
+        page = run_page(result)
+        page.write(folder)
+    page.show(console(), folder)

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from testbench.estimators.settings import estimator_name
+from testbench.page.labels import unique
 
 if TYPE_CHECKING:
     from testbench.line import Case
     from testbench.questions.run.result import RunResult
-from testbench.page.labels import unique
 
 
 def case_names(cases: Sequence[Case]) -> list[str]:

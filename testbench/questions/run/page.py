@@ -1,129 +1,66 @@
-"""The page of a run: what is written into its folder, and what a terminal shows of it."""
+"""The page of a run, and of an identification from recorded flights."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from testbench.page.html import Picture, render
-from testbench.page.labels import file_stem, number, symbol, unique
-from testbench.page.write import PAGE, _json_text, write_file, write_plates, write_tables
-from testbench.questions.run.answer import answer_lines
-from testbench.questions.run.labels import case_names, outputs_of
+from testbench.page.labels import file_stem, unique
+from testbench.page.page import COMPUTED, FLOWN, Page, source_of
+from testbench.page.write import json_text
+from testbench.questions.run.answer import run_answer
+from testbench.questions.run.figures import plates
+from testbench.questions.run.flown_tables import flown_tables
+from testbench.questions.run.labels import case_names
+from testbench.questions.run.tables import result_tables, validation_table
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from testbench.questions.run.result import RunResult
 
-_STYLES = {"lead": "bold", "finding": "", "doubt": "yellow"}
 
-
-def print_result(result: RunResult, console: Console, folder: Path | str | None = None) -> None:
-    """Print the answer, one table of validation MRSE (case by output), and where the files are.
-
-    Args:
-        result: what a run found.
-        console: where to print.
-        folder: what :func:`testbench.page.write_results` wrote to; None if nothing was written.
-    """
-    from rich.table import Table
-    from rich.text import Text
-
-    console.print(Text(result.title, style="bold underline"))
-    answer = Table.grid(padding=(0, 1))
-    for line in answer_lines(result):
-        answer.add_row("-", Text(line.text, style=_STYLES[line.kind]))
-    console.print(answer)
-    outputs = outputs_of(result.cases)
-    table = Table(
-        title="MRSE on the validation records, %", title_justify="left", title_style="", box=None, pad_edge=False
-    )
-    table.add_column("model")
-    for output in outputs:
-        table.add_column(symbol(output), justify="right")
-    table.add_column("mean", justify="right")
-    for name, case in zip(case_names(result.cases), result.cases, strict=True):
-        scores = case.evaluation.validation
-        cells = [
-            number(float(scores.mrse_percent[case.model.outputs.index(o)])) if o in case.model.outputs else "–"
-            for o in outputs
-        ]
-        table.add_row(Text(name), *cells, number(float(scores.mrse_mean)))
-    console.print()
-    console.print(table)
-    if folder is not None:
-        from testbench.page.write import PAGE
-
-        console.print()
-        console.print(Text(f"Report: {Path(folder) / PAGE}"), soft_wrap=True)
-
-
-def report_page(result: RunResult, pictures: list[Picture]) -> str:
-    """Return the report of a run as one HTML page that fetches nothing."""
-    from testbench.questions.run.answer import answer_lines
-    from testbench.questions.run.flown_tables import flown_tables
-    from testbench.questions.run.labels import case_names
-    from testbench.questions.run.tables import result_tables
-
-    return render(
-        "questions/run/page.html.j2",
-        result=result,
-        simulated=result.truth is not None,
-        answer=[(line.kind, line.text) for line in answer_lines(result)],
-        flown=flown_tables(result),
-        pictures=pictures,
+def run_page(result: RunResult) -> Page:
+    """Return the page of a run: what was flown and found, the models, and beside it the models with all digits."""
+    simulated = result.truth is not None
+    flown = flown_tables(result)
+    stems = unique([file_stem(case.label) for case in result.cases])
+    models = zip(map(file_stem, stems), result.cases, strict=True)
+    return Page(
+        kicker=f"{'Simulated identification experiment' if simulated else 'Identification from recorded flights'}: "
+        f"{result.name}",
+        title=result.title,
+        question=result.question,
+        answer=run_answer(result),
         tables=result_tables(result),
-        models=list(zip(case_names(result.cases), result.cases, strict=True)),
-        provenance=provenance(result),
-        source_name=result.source.file.name if result.source.file else "as given",
-        source_text=source_text(result),
+        more_tables=flown,
+        plates=plates(result),
+        files={f"models/{stem}.json": json_text(case.model.to_dict()) for stem, case in models},
+        template="questions/run/page.html.j2",
+        context={
+            "simulated": simulated,
+            "flown": flown,
+            "models": list(zip(case_names(result.cases), result.cases, strict=True)),
+        },
+        packages=FLOWN if simulated else COMPUTED,
+        provenance=[("seed", str(result.seed) if simulated else "none: recorded data"), *_records(result)],
+        source=source_of(result.source),
+        terminal=[validation_table(result)],
     )
-
-
-def provenance(result: RunResult) -> list[tuple[str, str]]:
-    """Return (what, value) of all that decides the figures: versions, seed, and what the records say of themselves."""
-    from importlib.metadata import version
-
-    from testbench import __version__
-
-    out = [("flight-testbench", __version__)]
-    packages = ("numpy", "scipy", *(("jsbsim",) if result.truth is not None else ()))
-    out += [(name, version(name)) for name in packages]
-    out.append(("seed", str(result.seed) if result.truth is not None else "none: recorded data"))
-    for flight in result.flights:
-        record = flight.truth if flight.truth is not None else next(iter(flight.measured.values()))
-        said = ", ".join(f"{k} {v}" for k, v in sorted(record.provenance.items()) if v not in ([], "", None))
-        out.append((f"record {flight.name}", said or "no provenance"))
-    return out
-
-
-def source_text(result: RunResult) -> str:
-    """Return the scenario or description as it stands in its file, else as JSON."""
-    if result.source.file is not None and result.source.file.is_file():
-        return result.source.file.read_text(encoding="utf-8")
-    return str(result.source.model_dump_json(indent=1))
 
 
 def write_results(result: RunResult, folder: Path | str) -> list[Path]:
-    """Write tables/*.csv and *.json, models/*.json, figures/*.png and report.html; return the paths, the page last.
-
-    Every file appears complete or not at all: it is written under another name and renamed.
+    """Write tables, models, figures and report.html of a run into a folder; return the paths, the page last.
 
     Raises:
         RecordError: the folder cannot be written to.
     """
-    from testbench.questions.run.figures import plates
-    from testbench.questions.run.flown_tables import flown_tables
-    from testbench.questions.run.page import report_page
-    from testbench.questions.run.tables import result_tables
+    return run_page(result).write(folder)
 
-    folder = Path(folder)
-    out: list[Path] = []
-    out += write_tables([*flown_tables(result), *result_tables(result)], folder)
-    for stem, case in zip(unique([file_stem(c.label) for c in result.cases]), result.cases, strict=True):
-        out.append(write_file(folder / "models" / f"{file_stem(stem)}.json", _json_text(case.model.to_dict())))
-    paths, pictures = write_plates(plates(result), folder)
-    out += paths
-    out.append(write_file(folder / PAGE, report_page(result, pictures)))
+
+def _records(result: RunResult) -> list[tuple[str, str]]:
+    """Return (record, what it says of itself) of every flight."""
+    out = []
+    for flight in result.flights:
+        record = flight.truth if flight.truth is not None else next(iter(flight.measured.values()))
+        said = ", ".join(f"{k} {v}" for k, v in sorted(record.provenance.items()) if v not in ([], "", None))
+        out.append((f"record {flight.name}", said or "no provenance"))
     return out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from pydantic import Field, model_validator
 
@@ -10,13 +10,19 @@ from testbench.core.scenario.base import FlownInAir, Manoeuvre, Preparation, Sui
 from testbench.estimators.settings import Identification
 
 
-class Scenario(FlownInAir):
-    """One experiment: aircraft, condition, manoeuvres, sensor suites, estimators."""
+class Experiment(FlownInAir):
+    """What is flown and sensed, and what is done with the records; runs and comparisons have it in common."""
 
     manoeuvre: Annotated[tuple[Manoeuvre, ...], Field(min_length=1, strict=False)]
     suites: Annotated[tuple[SuiteName, ...], Field(min_length=1, strict=False)]
     preparation: Preparation = Preparation()
     identification: Identification
+
+
+class Scenario(Experiment):
+    """One experiment: aircraft, condition, manoeuvres, sensor suites, estimators."""
+
+    checked_by: ClassVar[str] = "testbench.questions.run.check:check"
 
     @model_validator(mode="after")
     def _uses_and_names(self) -> Scenario:
@@ -29,9 +35,3 @@ class Scenario(FlownInAir):
         if len(set(names)) != len(names):
             raise ValueError(f"manoeuvre names must differ, got {', '.join(names)}")
         return self
-
-    def faults(self) -> list[str]:
-        """Return every law of aircraft, inputs and sensors that the scenario breaks; see :mod:`.check`."""
-        from testbench.questions.run.check import check
-
-        return check(self)

@@ -8,18 +8,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from testbench.page.labels import number, superscript, symbol
+from testbench.page.tables import Column, Table, Value
 from testbench.questions.run.labels import case_names, outputs_of
+from testbench.questions.run.parameter_tables import parameter_table
+from testbench.questions.run.pole_tables import mode_table, pole_table, reference_tables
 
 if TYPE_CHECKING:
     from testbench.questions.run.result import RunResult
-from testbench.page.tables import Column, Table, Value
 
 
 def result_tables(result: RunResult) -> list[Table]:
     """Return every table of what was found that ``result`` has the data for, in the order of the report."""
-    from testbench.questions.run.parameter_tables import parameter_table
-    from testbench.questions.run.pole_tables import mode_table, pole_table, reference_tables
-
     made = [
         mrse_table(result),
         fit_table(result),
@@ -77,6 +76,17 @@ def _score_table(result: RunResult, kind: str, head: str, caption: str) -> Table
         ("mean", *((None, None) if floor else ()), *(_mean_score(case, use, kind) for case, use in _sets(result)))
     )
     return Table(kind, f"{head} per output", caption, tuple(columns), tuple(rows), total=True)
+
+
+def validation_table(result: RunResult) -> Table:
+    """Return the MRSE on the validation data, one row per case and one column per output, as a terminal shows it."""
+    outputs = outputs_of(result.cases)
+    columns = (Column("model", "model"), *(Column(o, symbol(o)) for o in outputs), Column("mean", "mean"))
+    rows: list[tuple[Value, ...]] = []
+    for name, case in zip(case_names(result.cases), result.cases, strict=True):
+        scores = (_score(case, "validation", "mrse", output) for output in outputs)
+        rows.append((name, *scores, float(case.evaluation.validation.mrse_mean)))
+    return Table("validation", "MRSE on the validation records, %", "", columns, tuple(rows))
 
 
 def _noise_floor(result: RunResult) -> dict[str, tuple[float, float]]:

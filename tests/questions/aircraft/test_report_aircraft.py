@@ -15,18 +15,12 @@ from testbench.aircraft.amend import Amendment
 from testbench.core.constants import FT_M
 from testbench.core.paths import aircraft_names
 from testbench.evaluation.envelope import fly_envelope
+from testbench.questions.aircraft.answer import aircraft_answer, shapes_missing
 from testbench.questions.aircraft.ask import SpeedRange, Survey, survey
+from testbench.questions.aircraft.export import export_aircraft
 from testbench.questions.aircraft.figures import aircraft_plates
-from testbench.questions.aircraft.page import (
-    aircraft_answer,
-    aircraft_tables,
-    coefficient_table,
-    export_aircraft,
-    folder_name,
-    print_aircraft,
-    shapes_missing,
-    write_aircraft,
-)
+from testbench.questions.aircraft.page import aircraft_page, folder_name
+from testbench.questions.aircraft.tables import aircraft_tables, coefficient_table
 
 
 @pytest.fixture(scope="module")
@@ -41,13 +35,13 @@ def rigid():
 
 @pytest.fixture(scope="module")
 def rigid_page(rigid, tmp_path_factory):
-    return write_aircraft(rigid, tmp_path_factory.mktemp("rigid"))[-1].read_text(encoding="utf-8")
+    return aircraft_page(rigid).write(tmp_path_factory.mktemp("rigid"))[-1].read_text(encoding="utf-8")
 
 
 @pytest.fixture(scope="module")
 def written(flexible, tmp_path_factory):
     folder = tmp_path_factory.mktemp("out") / "aircraft_eolo"
-    return folder, write_aircraft(flexible, folder)
+    return folder, aircraft_page(flexible).write(folder)
 
 
 def test_every_file_is_there_and_the_page_comes_last(written):
@@ -165,9 +159,9 @@ def test_coefficients_of_one_number_many_numbers_and_tables_are_listed():
 def test_the_terminal_gets_the_answer_and_both_tables(rigid):
     console = Console(record=True, width=160, file=None, quiet=False, force_terminal=False)
     with console.capture() as captured:
-        print_aircraft(rigid, console, "somewhere")
+        aircraft_page(rigid).show(console, "somewhere")
     text = captured.get()
-    for word in ("trims from", "Trim over speed", "Dutch roll", "somewhere/report.html"):
+    for word in ("Trims from", "Trim over speed", "Dutch roll", "somewhere/report.html"):
         assert word in text
 
 

@@ -12,19 +12,16 @@ import pytest
 from rich.console import Console
 
 from testbench.core.paths import SCENARIOS
+from testbench.questions.campaign.answer import campaign_answer as answer
+from testbench.questions.campaign.answer import cost_sentence
 from testbench.questions.campaign.execute import Progress, fly_campaign
 from testbench.questions.campaign.load import load_campaign
-from testbench.questions.campaign.page import (
-    answer,
-    campaign_tables,
-    cost_sentence,
-    print_campaign,
-    read_campaign,
-    show_progress,
-    write_campaign,
-)
+from testbench.questions.campaign.page import campaign_page
+from testbench.questions.campaign.progress import show_progress
+from testbench.questions.campaign.result import read_campaign
 from testbench.questions.campaign.store import Counts, Store
 from testbench.questions.campaign.summary import Cause
+from testbench.questions.campaign.tables import campaign_tables
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +60,7 @@ def test_the_packaged_campaign_answers_its_question(flown):
 
 def test_files_and_page(flown):
     result, folder = flown
-    paths = write_campaign(result, folder)
+    paths = campaign_page(result).write(folder)
     assert paths[-1] == folder / "report.html"
     page = paths[-1].read_text(encoding="utf-8")
     assert page.index("The answer") < page.index("no bias beyond chance") < page.index('id="figure-estimates"')
@@ -77,17 +74,17 @@ def test_files_and_page(flown):
     assert len(rows) == 1 + len(result.summary.accuracies)
     assert json.loads((folder / "tables" / "figures.json").read_text(encoding="utf-8"))["rows"]
     first = {p: p.read_bytes() for p in paths}
-    assert {p: p.read_bytes() for p in write_campaign(result, folder)} == first
+    assert {p: p.read_bytes() for p in campaign_page(result).write(folder)} == first
 
 
 def test_the_terminal_and_the_cost(flown):
     result, folder = flown
     console = Console(record=True, width=200, file=io.StringIO())
-    print_campaign(result, console, folder)
+    campaign_page(result).show(console, folder)
     text = console.export_text()
     assert "runs are done" in text
     assert "report.html" in text
-    assert re.search(r"a run takes \d.* ms of one processor; a million like it .* processor hours", text)
+    assert re.search(r"(?i)a run takes \d.* ms of one processor; a million like it .* processor hours", text)
     assert "time histories" not in text
     kept = replace(result, records_size=24 * 500_000)
     assert "GB of store and 500 GB of time histories" in cost_sentence(kept)
@@ -133,7 +130,7 @@ def test_a_campaign_that_identified_nothing_says_what_failed_and_how_often(flown
         f"nothing was identified: all 24 finished runs failed, 24 (100 % of the runs): {cause.example}",
     )
     assert "0 of 24 runs are done, 24 failed" in said[1][1]
-    page = write_campaign(nothing, tmp_path)[-1].read_text(encoding="utf-8")
+    page = campaign_page(nothing).write(tmp_path)[-1].read_text(encoding="utf-8")
     assert 'id="figure-failures"' in page
     assert "$99 &lt;b&gt;" in page
     waiting = replace(nothing, counts=Counts(24), summary=replace(nothing.summary, causes=()))

@@ -13,9 +13,10 @@ from testbench.aircraft import load_aircraft
 from testbench.core.errors import ScenarioError
 from testbench.questions.compare.answer import compare_sentences
 from testbench.questions.compare.ask import _flight_errors, _flights, _known, compare, derived_seed
-from testbench.questions.compare.page import compare_tables, write_compare
+from testbench.questions.compare.page import compare_page
 from testbench.questions.compare.result import CaseKey, Quantity
 from testbench.questions.compare.scenario import CompareScenario
+from testbench.questions.compare.tables import compare_tables
 from testbench.sensors import KINDS, load_suite, suite_toml
 
 SENSORS = {
@@ -234,7 +235,7 @@ def test_alpha_tells_the_fast_root_of_the_short_period(packaged) -> None:
 
 
 def test_report_of_the_packaged_scenario(packaged, tmp_path: Path) -> None:
-    paths = write_compare(packaged, tmp_path)
+    paths = compare_page(packaged).write(tmp_path)
     page = paths[-1].read_text(encoding="utf-8")
     assert {p.name for p in paths} >= {"report.html", "errors.png", "gains.csv", "gains.json", "without_each.csv"}
     answer = compare_sentences(packaged)

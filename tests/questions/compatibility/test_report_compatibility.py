@@ -12,8 +12,9 @@ from testbench.core.record import FlightRecord, load_record
 from testbench.estimators import data_compatibility
 from testbench.flight import Manoeuvre, fly
 from testbench.inputs.signal import InputSignal
-from testbench.questions.compatibility.page import compatibility_answer, compatibility_tables, print_compatibility
-from testbench.questions.compatibility.page import write_compatibility as write
+from testbench.questions.compatibility.answer import compatibility_answer
+from testbench.questions.compatibility.page import compatibility_page
+from testbench.questions.compatibility.tables import compatibility_tables
 from testbench.questions.identify.scenario import RecordDescription
 
 CHANNELS = {"V": 0.05, "alpha": 0.002, "theta": 0.002, "q": 0.002, "ax": 0.02, "az": 0.02}
@@ -42,14 +43,14 @@ def result(flights):
 def test_the_answer_names_the_instrument(result):
     assert "q_bias" in result.values
     assert result.values["q_bias"] == pytest.approx(GYRO_BIAS, abs=4 * result.errors[0].standard_error + 2e-3)
-    assert compatibility_answer(result)[0].startswith("the instruments do not agree")
+    assert compatibility_answer(result)[0].text.startswith("the instruments do not agree")
     named = {row[0] for row in compatibility_tables(result)[0].rows if row[4]}
     assert named == set(result.values)
 
 
 def test_files_and_page(result, flights, tmp_path):
     described = RecordDescription.load("attas_short_period")
-    paths = write(result, flights, described, tmp_path)
+    paths = compatibility_page(result, flights, described).write(tmp_path)
     assert paths[-1].name == "report.html"
     assert {"instrument_errors.csv", "residuals.csv", "rebuilt.png", "doublets_corrected.nc"} <= {p.name for p in paths}
     page = paths[-1].read_text(encoding="utf-8")
@@ -60,9 +61,10 @@ def test_files_and_page(result, flights, tmp_path):
     assert np.allclose(removed, result.values["q_bias"], atol=1e-12)
 
 
-def test_the_terminal_shows_the_errors(result, tmp_path):
+def test_the_terminal_shows_the_errors(result, flights, tmp_path):
     stream = io.StringIO()
-    print_compatibility(result, Console(file=stream, width=100), tmp_path)
+    page = compatibility_page(result, flights, RecordDescription.load("attas_short_period"))
+    page.show(Console(file=stream, width=100), tmp_path)
     text = stream.getvalue()
     assert "q_bias" in text
     assert "report.html" in text

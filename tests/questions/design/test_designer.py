@@ -18,7 +18,7 @@ from testbench.inputs import build
 from testbench.questions.design.ask import run_design
 from testbench.questions.design.build import limits_of, outputs_of, with_positions
 from testbench.questions.design.candidates import sampled
-from testbench.questions.design.page import scenario_toml
+from testbench.questions.design.ready import scenario_toml
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.design.spectral_energy import spectral_energy
 from testbench.sensors import Sensor, load_suite

@@ -10,11 +10,13 @@ import pytest
 from rich.console import Console
 
 from testbench.core.paths import SCENARIOS
-from testbench.questions.design.answer import design_sentences, family_label
+from testbench.questions.design.answer import design_sentences, family_label, limit_rows
 from testbench.questions.design.ask import run_design
 from testbench.questions.design.figures import compared, design_plates
-from testbench.questions.design.page import design_tables, limit_rows, print_design, scenario_toml, write_design
+from testbench.questions.design.page import design_page
+from testbench.questions.design.ready import scenario_toml
 from testbench.questions.design.scenario import DesignScenario
+from testbench.questions.design.tables import design_tables
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +28,7 @@ def designed():
 @pytest.fixture(scope="module")
 def folder(designed, tmp_path_factory):
     out = tmp_path_factory.mktemp("design")
-    write_design(designed, out)
+    design_page(designed).write(out)
     return out
 
 
@@ -41,7 +43,7 @@ def test_the_first_sentence_is_the_answer(designed):
 
 
 def test_the_page_is_complete_and_fetches_nothing(folder, designed):
-    page = (folder / "report.html").read_text(encoding="utf-8")
+    page = (folder / "report.html").read_text(encoding="utf-8").replace("\u00a0", " ")
     first = page.index("The answer")
     assert first < page.index("figure-flight") < page.index("Designs, ranked") < page.index("figure-spectra")
     assert "http://" not in page.replace("http://www.w3.org", "")
@@ -110,7 +112,7 @@ def test_limits_in_words(designed):
 
 def test_terminal(designed):
     out = io.StringIO()
-    print_design(designed, Console(file=out, width=160, no_color=True), "somewhere")
+    design_page(designed).show(Console(file=out, width=160, no_color=True), "somewhere")
     text = out.getvalue()
     for part in ("designed switching", "3-2-1-1", "Report: somewhere/report.html", "testbench run somewhere/designs"):
         assert part in text

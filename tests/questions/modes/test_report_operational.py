@@ -11,9 +11,11 @@ from commands import ends
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.page.write import PAGE
+from testbench.questions.modes.answer import modes_answer
 from testbench.questions.modes.ask import find_modes, fly_modes, search_for
-from testbench.questions.modes.page import modes_answer, modes_tables, write_modes
+from testbench.questions.modes.page import modes_page
 from testbench.questions.modes.scenario import ModeSearch, ModesScenario
+from testbench.questions.modes.tables import modes_tables
 
 SYMMETRIC = (
     "1st symmetric wing bending",
@@ -51,7 +53,7 @@ def test_symmetric_modes_of_the_flight_are_those_of_the_linear_model(flown):
 
 
 def test_the_answer_says_what_it_rests_on(flown):
-    answer = modes_answer(flown[0])
+    answer = [line.text for line in modes_answer(flown[0])]
     assert answer[0].startswith("3 modes in 120 s of 10 outputs")
     assert any(line.startswith("not found, though inside the band: tail-boom torsion") for line in answer)
     assert any("Turbulence is coloured" in line and "bend at 0.0052 Hz" in line for line in answer)
@@ -66,7 +68,7 @@ def test_tables_and_files(flown, tmp_path):
     assert [row[1] for row in modes.rows] == [m.frequency_hz for m in result.found.modes]
     assert len(against.rows) == len(result.true)
     assert [row[0] for row in shapes.rows] == list(result.found.channels)
-    names = {p.name for p in write_modes(result, tmp_path)}
+    names = {p.name for p in modes_page(result).write(tmp_path)}
     assert {"stabilisation.png", "shapes.png", "modes.csv", "modes_and_model.json", "modes.json", PAGE} <= names
     found = json.loads((tmp_path / "models" / "modes.json").read_text("utf-8"))
     assert len(found["modes"]) == 3

@@ -9,7 +9,9 @@ from scipy.signal import lfilter
 from testbench.core.record import FlightRecord
 from testbench.estimators.frequency.spectra import estimate_frequency_response
 from testbench.questions.identify.scenario import RecordDescription
-from testbench.questions.response.page import response_answer, response_table, write_response
+from testbench.questions.response.answer import response_answer
+from testbench.questions.response.page import response_page
+from testbench.questions.response.tables import response_table
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +39,7 @@ def test_the_table_holds_the_response(response):
 
 
 def test_files(response, tmp_path):
-    paths = write_response(response, RecordDescription.load("attas_short_period"), tmp_path)
+    paths = response_page(response, RecordDescription.load("attas_short_period")).write(tmp_path)
     assert {"frequency_response.csv", "response_q_de.png", "response_alpha_de.png", "report.html"} <= {
         p.name for p in paths
     }

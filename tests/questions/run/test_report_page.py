@@ -18,8 +18,9 @@ from rich.console import Console
 from testbench.core.errors import RecordError
 from testbench.core.record import load_record
 from testbench.page.html import first_screen, render
+from testbench.page.page import source_of
 from testbench.page.write import record_keeper, write_file
-from testbench.questions.run.page import print_result, source_text, write_results
+from testbench.questions.run.page import run_page, write_results
 
 VOID = {"meta", "img", "source", "br", "link"}
 
@@ -99,7 +100,7 @@ def test_text_is_escaped_and_the_scenario_stands_verbatim(page: str, result) -> 
     assert "Is q &lt; 1?" in page
     shown = re.search(r"<pre>(.*?)</pre>", page, re.DOTALL)
     assert shown
-    assert html.unescape(shown[1]) == source_text(result)
+    assert html.unescape(shown[1]) == source_of(result.source)[1]
     assert "a comment that must survive" in shown[1]
 
 
@@ -126,7 +127,10 @@ def test_the_answer_stands_before_everything_else(page: str) -> None:
 
 def test_an_answer_is_split_between_what_stands_above_and_below_its_figure() -> None:
     short = ["it holds", "q: does not", ("doubt", "b_1 is doubtful!")]
-    assert first_screen(short) == ([("lead", "It holds."), ("", "q: does not."), ("doubt", "b_1 is doubtful!")], [])
+    assert first_screen(short) == (
+        [("lead", "It holds."), ("finding", "q: does not."), ("doubt", "b_1 is doubtful!")],
+        [],
+    )
     long = [f"{k} " + 40 * "word " for k in range(9)]
     above, below = first_screen(long)
     assert 1 <= len(above) < 5
@@ -177,7 +181,7 @@ def test_a_template_that_lacks_a_value_is_refused() -> None:
 @pytest.mark.parametrize("width", [60, 120])
 def test_the_terminal_shows_answer_table_and_place(result, width: int) -> None:
     out = StringIO()
-    print_result(result, Console(file=out, width=width, color_system=None), Path("results/small"))
+    run_page(result).show(Console(file=out, width=width, color_system=None), Path("results/small"))
     text = out.getvalue()
     assert "Small <world> & co" in text
     assert "doubt this." in text
@@ -187,5 +191,5 @@ def test_the_terminal_shows_answer_table_and_place(result, width: int) -> None:
 
 def test_the_terminal_names_no_place_where_nothing_was_written(result) -> None:
     out = StringIO()
-    print_result(result, Console(file=out, width=80, color_system=None))
+    run_page(result).show(Console(file=out, width=80, color_system=None))
     assert "report.html" not in out.getvalue()

@@ -13,7 +13,7 @@ import pytest
 
 from testbench.page.labels import axis_label, file_stem, number, ratio_unit, shown_unit, symbol, unique
 from testbench.page.tables import Column, Table
-from testbench.questions.run.answer import answer_lines
+from testbench.questions.run.answer import run_answer
 from testbench.questions.run.flown_tables import condition_table, flown_tables, manoeuvre_table, sensor_table
 from testbench.questions.run.labels import case_names
 from testbench.questions.run.pole_tables import mode_table, pole_table, reference_tables
@@ -220,7 +220,7 @@ def test_printed_values_stand_beside_the_nearest_pole(result) -> None:
 
 
 def test_a_recorded_flight_answers_against_the_printed_values(result) -> None:
-    lines = answer_lines(replace(result, truth=None, reference={"source": "a book", "wn_rad_s": 4.6, "zeta": 0.4}))
+    lines = run_answer(replace(result, truth=None, reference={"source": "a book", "wn_rad_s": 4.6, "zeta": 0.4}))
     assert lines[0].kind == "lead"
     assert lines[0].text.startswith(
         "Short period (printed wn 4.60\u00a0rad/s, zeta 0.400): eolo_no_alpha finds wn 4.65"
@@ -228,7 +228,7 @@ def test_a_recorded_flight_answers_against_the_printed_values(result) -> None:
 
 
 def test_doubts_come_last_and_apart(result) -> None:
-    lines = answer_lines(result)
+    lines = run_answer(result)
     assert [line.kind for line in lines].index("doubt") == len(lines) - 1
     assert "eolo_alpha, dsr_e: doubt this." in lines[-1].text
     assert "adding alpha" in lines[0].text.lower()
@@ -236,7 +236,7 @@ def test_doubts_come_last_and_apart(result) -> None:
 
 def test_many_doubts_are_counted_instead_of_listed(make_case, result) -> None:
     many = make_case("eolo_alpha", ("q",), result.flights, 0.1, advice=tuple(f"doubt {i}" for i in range(9)))
-    lines = answer_lines(replace(result, cases=(many,)), most_doubts=3)
+    lines = run_answer(replace(result, cases=(many,)), most_doubts=3)
     doubts = [line.text for line in lines if line.kind == "doubt"]
     assert len(doubts) == 4
     assert doubts[-1] == "6 more doubts stand in the report, with the models."
@@ -244,7 +244,7 @@ def test_many_doubts_are_counted_instead_of_listed(make_case, result) -> None:
 
 def test_without_findings_the_verdicts_answer(make_result) -> None:
     one = make_result(truth=None)
-    lines = answer_lines(replace(one, cases=one.cases[:1]))
+    lines = run_answer(replace(one, cases=one.cases[:1]))
     assert lines[0].text.startswith("eolo_no_alpha: identification: MRSE 25")
 
 

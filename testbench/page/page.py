@@ -1,0 +1,133 @@
+"""Page: what a question answers, for a folder and for a terminal. One way to write it, one way to show it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from testbench.page.terminal import print_answer, print_table
+from testbench.page.words import Answer, sentence
+from testbench.page.write import PAGE, write_file, write_plates, write_tables
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from testbench.core.scenario.base import Asked
+    from testbench.page.html import Picture
+    from testbench.page.plot import Plate
+    from testbench.page.tables import Table
+
+COMPUTED = ("numpy", "scipy")
+FLOWN = (*COMPUTED, "jsbsim")
+Content = str | bytes | Callable[[Path], Any]
+"""Of a file beside the page: what it holds, or what writes it to a path."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Page:
+    """What one question answers.
+
+    Attributes:
+        kicker: above the title: which question it is, and of what.
+        title: for people.
+        question: in words, as it was asked; "" if it was not.
+        answer: sentences, or (kind, sentence); the most important first. Capital and full stop are added.
+        heading: of the answer.
+        tables: on the page, and as tables/NAME.csv and .json.
+        more_tables: written, but shown only if the template does so.
+        plates: figures; the first stands with the answer.
+        files: path in the folder -> what it holds, or a function that writes it.
+        more_files: writes what is best made together into the folder, and returns the paths.
+        template: of the page; extends "page.html.j2", which shows all this and has blocks for what a question adds.
+        context: what a template of a question needs beside the page itself.
+        asked: (what, value) of the section "What was asked".
+        packages: whose versions decide the figures; see COMPUTED and FLOWN.
+        provenance: (what, value) of what else decides them, such as the seed.
+        source: name and text of the file that was asked with; None if there was none.
+        terminal: tables that a terminal shows.
+        notes: sentences that a terminal shows below the tables.
+        closing: (what, text) of the last lines on a terminal; "{}" in a text is the folder.
+    """
+
+    kicker: str
+    title: str
+    answer: Answer
+    question: str = ""
+    heading: str = "The answer"
+    tables: Sequence[Table] = ()
+    more_tables: Sequence[Table] = ()
+    plates: Sequence[Plate] = ()
+    files: Mapping[str, Content] = field(default_factory=dict)
+    more_files: Callable[[Path], Sequence[Path]] = lambda folder: ()
+    template: str = "page.html.j2"
+    context: Mapping[str, Any] = field(default_factory=dict)
+    asked: Sequence[tuple[str, str]] = ()
+    packages: Sequence[str] = FLOWN
+    provenance: Sequence[tuple[str, str]] = ()
+    source: tuple[str, str] | None = None
+    terminal: Sequence[Table] = ()
+    notes: Sequence[str] = ()
+    closing: Sequence[tuple[str, str]] = ()
+
+    def write(self, folder: Path | str) -> list[Path]:
+        """Write tables, figures, the files beside the page and report.html; return the paths, the page last.
+
+        Every file appears complete or not at all: it is written under another name and renamed.
+
+        Raises:
+            RecordError: the folder cannot be written to.
+        """
+        folder = Path(folder)
+        out = write_tables([*self.more_tables, *self.tables], folder)
+        for name, content in self.files.items():
+            if callable(content):
+                content(folder / name)
+            else:
+                write_file(folder / name, content)
+            out.append(folder / name)
+        out += self.more_files(folder)
+        paths, pictures = write_plates(self.plates, folder)
+        return [*out, *paths, write_file(folder / PAGE, self.html(pictures))]
+
+    def html(self, pictures: Sequence[Picture]) -> str:
+        """Return the page as one HTML file that fetches nothing, with the figures already drawn."""
+        from testbench.page.html import render
+
+        made_by = [*versions(self.packages), *self.provenance]
+        return render(self.template, page=self, pictures=pictures, made_by=made_by, **self.context)
+
+    def show(self, console: Console, folder: Path | str | None = None) -> None:
+        """Print title, answer, tables and notes; where the page is, if it was written to ``folder``."""
+        from rich.text import Text
+
+        console.print(Text(self.title, style="bold underline"))
+        print_answer(console, self.answer)
+        for table in self.terminal:
+            console.print()
+            print_table(console, table)
+        if self.notes:
+            console.print()
+        for note in self.notes:
+            console.print(Text(sentence(note), style="dim"))
+        if folder is not None:
+            console.print()
+            for what, text in (("Report", f"{{}}/{PAGE}"), *self.closing):
+                console.print(Text(f"{what}: {text.format(folder)}"), soft_wrap=True)
+
+
+def source_of(asked: Asked) -> tuple[str, str]:
+    """Return name and text of the file that a question was asked with; of one without a file all its values as JSON."""
+    if asked.file is not None and asked.file.is_file():
+        return asked.file.name, asked.file.read_text(encoding="utf-8")
+    return "as given", str(asked.model_dump_json(indent=1))
+
+
+def versions(packages: Sequence[str] = FLOWN) -> list[tuple[str, str]]:
+    """Return (name, version) of the testbench and of packages that decide its figures."""
+    from importlib.metadata import version
+
+    from testbench import __version__
+
+    return [("flight-testbench", __version__), *((name, version(name)) for name in packages)]

@@ -1,0 +1,56 @@
+"""Sentences as people read them: the lines of an answer, lists in words, and how many of a long list are left out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from testbench.core.channels import CHANNELS
+
+_BEFORE_UNIT = re.compile(r"(\d) (%|rad/s|Hz|dB|s\b)")
+
+
+class Line(NamedTuple):
+    """One sentence of an answer: kind "lead" stands in bold, "doubt" is set off, "finding" is neither."""
+
+    kind: str
+    text: str
+
+
+Answer = Sequence[str | tuple[str, str]]
+"""Sentences, or (kind, sentence); of sentences alone the first is the lead."""
+
+
+def answer_lines(answer: Answer) -> list[Line]:
+    """Return an answer as lines that are whole sentences; those without a kind are findings, the first the lead."""
+    lines = [(("lead", "finding")[k > 0], s) if isinstance(s, str) else s for k, s in enumerate(answer)]
+    return [Line(kind, sentence(text)) for kind, text in lines]
+
+
+def sentence(text: str) -> str:
+    """Return ``text`` with a capital, a full stop, and each number beside its unit (by a space that does not break).
+
+    The name or symbol of a channel, or a name with an underscore, stays as it is at the beginning.
+    """
+    first = text.split(" ", 1)[0].removesuffix(":")
+    name = "_" in first or (first in CHANNELS and first != "a") or not first.isascii()
+    whole = _BEFORE_UNIT.sub("\\1\u00a0\\2", text if name else text[:1].upper() + text[1:])
+    return whole if whole.endswith((".", "?", "!")) else whole + "."
+
+
+def listed(words: Sequence[str]) -> str:
+    """Return "a", "a and b" or "a, b and c"; "none" of none."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words) or "none"
+
+
+def some(items: Iterable[str], most: int = 3, between: str = "; ") -> str:
+    """Return the first ``most`` items, and how many more there are: "a; b; c; and 2 more"."""
+    items = list(items)
+    more = [f"and {len(items) - most} more"] if len(items) > most else []
+    return between.join([*items[:most], *more])
+
+
+def counted(n: int, one: str, many: str = "") -> str:
+    """Return "1 flight" or "3 flights"; ``many`` is the plural where it is not made by an s."""
+    return f"{n} {one if n == 1 else many or one + 's'}"

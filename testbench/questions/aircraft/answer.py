@@ -1,0 +1,73 @@
+"""An aircraft in sentences: speed range, onset of instability, modes at the design speed."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from testbench.evaluation.modes import frequency_and_damping
+from testbench.page.labels import number
+
+if TYPE_CHECKING:
+    from testbench.questions.aircraft.ask import Survey
+
+
+def aircraft_answer(survey: Survey) -> list[str]:
+    """Return the findings as sentences: speed range, onset of instability, modes at the design speed."""
+    envelope, found = survey.envelope, survey.range
+    ends = [u.reason for u in found.beyond]
+    out = [
+        f"trims from {found.slowest:g} to {found.fastest:g} m/s at {envelope.h_m:g} m"
+        + ("" if ends else ", all its limits allow")
+    ]
+    out += [f"beyond that: {reason}" for reason in ends]
+    if envelope.elastic:
+        onsets = [envelope.onset(name) for name in envelope.elastic]
+        unstable = sorted((o for o in onsets if o.V_m_s is not None), key=lambda o: o.V_m_s or 0.0)
+        out += [f"elastic instability, {o.sentence}" for o in unstable]
+        if not unstable:
+            out.append(f"onset of instability of an elastic mode: none up to {envelope.speeds[-1]:g} m/s")
+    out += [sentence for name in envelope.motion if (sentence := _rigid_instability(survey, name))]
+    at = envelope.poles[envelope.design]
+    said = []
+    for name in (n for n in envelope.motion if n not in envelope.elastic):
+        for pole in at[name]:
+            wn, zeta = frequency_and_damping(pole)
+            said.append(f"{name} {_motion_words(pole, wn, zeta)}")
+    out.append(f"at {envelope.speeds[envelope.design]:g} m/s: {'; '.join(said)}")
+    return out
+
+
+def _motion_words(pole: complex, wn: float, zeta: float) -> str:
+    if pole.imag > 1e-9:
+        return f"{number(wn / (2.0 * math.pi))} Hz with damping ratio {number(zeta)}"
+    if abs(pole.real) < 1e-9:
+        return "neutral"
+    return f"{'doubling' if pole.real > 0.0 else 'halving'} in {number(math.log(2.0) / abs(pole.real))} s"
+
+
+def _rigid_instability(survey: Survey, name: str) -> str:
+    """Return where a rigid mode is unstable, in words; empty if nowhere."""
+    envelope = survey.envelope
+    if name in envelope.elastic:
+        return ""
+    growth = [max(s.real for s in found[name]) for found in envelope.poles]
+    speeds = [V for V, g in zip(envelope.speeds, growth, strict=True) if g > 1e-9]
+    if not speeds:
+        return ""
+    where = "at every speed" if len(speeds) == len(growth) else (
+        f"at {speeds[0]:.3g} m/s" if len(speeds) == 1 else f"between {speeds[0]:.3g} and {speeds[-1]:.3g} m/s"
+    )  # fmt: skip
+    return f"the {name} is unstable {where}, doubling in {number(math.log(2.0) / max(growth))} s at worst"
+
+
+def shapes_missing(survey: Survey) -> str:
+    """Return which mode shapes cannot be drawn, and why, as a sentence; empty if all are drawn."""
+    envelope = survey.envelope
+    if not envelope.elastic:
+        return "No mode shapes are drawn: this aircraft has no elastic modes."
+    shaped = survey.shaped
+    if not shaped:
+        return "No mode shapes are drawn: the elastic modes of this aircraft are given without shapes along the wing."
+    without = [name for name, i in envelope.elastic.items() if i not in shaped]
+    return f"Given without a shape along the wing, hence not drawn: {'; '.join(without)}." if without else ""

@@ -1,0 +1,41 @@
+"""An aircraft as plain JSBSim XML, made for its design condition."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from testbench.page.write import write_file
+
+if TYPE_CHECKING:
+    from testbench.questions.aircraft.ask import Survey
+
+
+def export_aircraft(survey: Survey, folder: Path | str) -> list[Path]:
+    """Write NAME/NAME.xml, NAME/Engines/ and NAME/README.md: a model that stock JSBSim loads from ``folder``.
+
+    The elastic equations are made for the design condition (the trimmed speed nearest to it) and the aircraft's own
+    frame rate.
+
+    Raises:
+        RecordError: the folder cannot be written to.
+    """
+    envelope, name = survey.envelope, survey.name
+    aircraft = envelope.aircraft
+    condition = envelope.trims[envelope.design].condition
+    place = Path(folder) / name
+    rate = aircraft.rate_hz
+    note = (
+        f"# {name}\n\n{aircraft.title}. Plain JSBSim model, for the `aircraft/` folder of a JSBSim root directory.\n\n"
+    )
+    if envelope.elastic:
+        note += (
+            f"The elastic equations are made for {rate:g} frames per second: set the frame time to 1/{rate:g} s before "
+            f"the model is loaded, as any other gives wrong modes. They are exact at {condition}, and close at other "
+            "speeds.\n"
+        )
+    else:
+        note += f"The model has no elastic equations and flies at any frame rate; {rate:g} per second is its own.\n"
+    out = [write_file(place / f"{name}.xml", aircraft.model_xml(rate, condition.qbar_Pa, condition.V_m_s))]
+    out += [write_file(place / "Engines" / file, text) for file, text in aircraft.engine_files.items()]
+    return [*out, write_file(place / "README.md", note)]

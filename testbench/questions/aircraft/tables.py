@@ -1,0 +1,202 @@
+"""Tables on an aircraft: trims, modes, derivatives, coefficients."""
+
+from __future__ import annotations
+
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from testbench.core.constants import DEG_RAD, PERCENT
+from testbench.evaluation.derivatives import dimensional_derivatives
+from testbench.evaluation.modes import frequency_and_damping
+from testbench.page.labels import shown_unit, symbol
+from testbench.page.tables import Column, Table, Value
+
+if TYPE_CHECKING:
+    from testbench.aircraft import Aircraft
+    from testbench.questions.aircraft.ask import Survey
+
+
+def aircraft_tables(survey: Survey) -> list[Table]:
+    """Return the tables of the page that there is something to fill with."""
+    made = [
+        trim_table(survey),
+        untrimmed_table(survey),
+        mode_table(survey),
+        elastic_table(survey),
+        derivative_table(survey),
+        coefficient_table(survey.envelope.aircraft),
+    ]
+    return [table for table in made if table.rows]
+
+
+def trim_table(survey: Survey) -> Table:
+    """Return attitude, controls and static deflections at the tabled speeds."""
+    envelope = survey.envelope
+    channels = ["alpha", *(n for n in ("de", "thr") if n in envelope.aircraft.controls)]
+    modal = [f"eta_{envelope.elastic[n]}" for n in envelope.names("longitudinal", elastic=True)]
+    columns = [Column("V", "V", "m/s", given=True, digits=5), Column("qbar", "q̄", "Pa", decimals=0)]
+    columns += [Column(c, symbol(c), shown_unit(c)[1], decimals=2) for c in channels]
+    columns += [Column(c, symbol(c), "", "static deflection", digits=3) for c in modal]
+    rows: list[tuple[Value, ...]] = []
+    for V in survey.tabled:
+        t = envelope.trims[envelope.nearest(V)]
+        held = {"alpha": t.alpha / DEG_RAD, "de": t.controls.get("de", 0.0) / DEG_RAD}
+        held["thr"] = t.controls.get("thr", 0.0) / PERCENT
+        rows.append((V, t.state["qbar"], *(held[c] for c in channels), *(t.state[c] for c in modal)))
+    caption = f"Steady level flight at {envelope.h_m:g} m in the standard atmosphere; controls as commanded."
+    if modal:
+        caption += " Deflections in the mode's own unit (table of elastic modes), only of symmetric modes."
+    return Table("trim", "Trim over speed", caption, tuple(columns), tuple(rows))
+
+
+def untrimmed_table(survey: Survey) -> Table:
+    """Return the speeds that cannot be flown, and why."""
+    caption = (
+        "Speeds just beyond the range, and others that were asked for; the range was searched to "
+        f"{survey.range.step_m_s:g} m/s."
+    )
+    columns = (Column("V", "V", "m/s", given=True, digits=5), Column("reason", "reason"))
+    rows = tuple((u.V_m_s, u.reason) for u in survey.untrimmed)
+    return Table("untrimmed", "Speeds that cannot be trimmed", caption, columns, rows)
+
+
+_MODE_COLUMNS = (
+    Column("re", "Re s", "rad/s", digits=4),
+    Column("im", "Im s", "rad/s", digits=4),
+    Column("f", "|s|/2π", "Hz", digits=4),
+    Column("zeta", "ζ", digits=3),
+)
+
+
+def mode_table(survey: Survey) -> Table:
+    """Return all poles at the design speed, by name."""
+    envelope = survey.envelope
+    rows: list[tuple[Value, ...]] = []
+    for name, motion in envelope.motion.items():
+        for root, pole in _roots(name, envelope.poles[envelope.design][name]):
+            wn, zeta = frequency_and_damping(pole)
+            real = pole.real
+            half = math.log(2.0) / -real if real else None
+            rows.append((root, motion, real, pole.imag, wn / (2.0 * math.pi), zeta, half))
+    caption = (
+        "Poles of the linearised aircraft, longitudinal and lateral-directional motion apart, servo lags left out. T½: "
+        "time to half amplitude; negative: to double amplitude."
+    )
+    columns = (Column("mode", "mode"), Column("motion", "motion"), *_MODE_COLUMNS, Column("t_half", "T½", "s"))
+    title = f"Modes at {envelope.speeds[envelope.design]:g} m/s"
+    return Table("modes", title, caption, columns, tuple(rows))
+
+
+def _roots(mode: str, poles: Sequence[complex]) -> list[tuple[str, complex]]:
+    """Return the poles of a mode with names: its own, or those of the two real roots that it has split into."""
+    if len(poles) == 1:
+        return [(mode, poles[0])]
+    slow, fast = sorted(poles, key=abs)
+    return [(f"{mode}, slow root", slow), (f"{mode}, fast root", fast)]
+
+
+def modes_over_speed(survey: Survey) -> Table:
+    """Return the poles of all modes at all speeds, one per row."""
+    envelope = survey.envelope
+    rows: list[tuple[Value, ...]] = []
+    for V, found in zip(envelope.speeds, envelope.poles, strict=True):
+        for name, motion in envelope.motion.items():
+            for root, pole in _roots(name, found[name]):
+                wn, zeta = frequency_and_damping(pole)
+                rows.append((V, root, motion, pole.real, pole.imag, wn / (2.0 * math.pi), zeta))
+    columns = (Column("V", "V", "m/s"), Column("mode", "mode"), Column("motion", "motion"), *_MODE_COLUMNS)
+    return Table("modes_over_speed", "Modes over speed", "Each mode at each speed.", columns, tuple(rows))
+
+
+def elastic_table(survey: Survey) -> Table:
+    """Return each elastic mode in vacuo, and coupled with the air at the design speed."""
+    envelope = survey.envelope
+    flown = envelope.aircraft.flown_modes()
+    rows: list[tuple[Value, ...]] = []
+    for name, i in envelope.elastic.items():
+        mode = flown.modes[i - 1] if flown else None
+        wn, zeta = frequency_and_damping(envelope.poles[envelope.design][name][-1])
+        onset = envelope.onset(name)
+        said = onset.sentence.removeprefix(f"{name}: ")
+        if mode is not None:
+            given = (mode.f_hz, mode.zeta, mode.mass_kg_m2)
+            rows.append((f"η{i}", name, mode.symmetry, *given, wn / (2.0 * math.pi), zeta, said))
+    columns = (
+        Column("number", ""),
+        Column("mode", "mode"),
+        Column("symmetry", "symmetry"),
+        Column("f_gvt", "f", "Hz", "ground vibration", given=True),
+        Column("zeta_gvt", "ζ", "", "ground vibration", given=True),
+        Column("mass", "mass", "kg m²", "ground vibration", given=True),
+        Column("f", "f", "Hz", "coupled", decimals=2),
+        Column("zeta", "ζ", "", "coupled", digits=3),
+        Column("onset", "onset of instability"),
+    )
+    caption = (
+        "Left: as a ground vibration test finds them. Right: the same modes coupled with air and flight at "
+        f"{envelope.speeds[envelope.design]:g} m/s, and the speed at which the damping of one becomes negative."
+    )
+    return Table("elastic_modes", "Elastic modes", caption, columns, tuple(rows), wide=True)
+
+
+def derivative_table(survey: Survey) -> Table:
+    """Return the dimensional derivatives at the design speed."""
+    envelope = survey.envelope
+    found = dimensional_derivatives(envelope.models[envelope.design], envelope.trims[envelope.design])
+    flexible = any(d.static is not None for d in found)
+    columns = [Column("derivative", ""), Column("meaning", "meaning"), Column("unit", "unit")]
+    if flexible:
+        columns += [Column("held", "modes held", digits=4), Column("static", "modes following", digits=4)]
+    else:
+        columns.append(Column("value", "value", digits=4))
+    rows = tuple((d.name, d.meaning, d.unit, d.held, *((d.static,) if flexible else ())) for d in found)
+    caption = (
+        "Accelerations per unit of motion or control, by linearising about trim; angles in rad. Forces along the "
+        "stability axes of the trim, without gravity and the accelerations of the turning frame; moments about body "
+        "axes, products of inertia included."
+    )
+    if flexible:
+        caption += " Modes held: at their trimmed deflection. Modes following: in static equilibrium with the motion."
+    title = f"Dimensional derivatives at {envelope.speeds[envelope.design]:g} m/s"
+    return Table("derivatives", title, caption, tuple(columns), rows)
+
+
+def coefficient_table(aircraft: Aircraft) -> Table:
+    """Return every aerodynamic coefficient of the JSBSim model, amendments included, with value and description."""
+    tree = ET.fromstring(aircraft.xml)
+    for amendment in aircraft.amendments:
+        amendment.apply(tree)
+    rows: list[tuple[Value, ...]] = []
+    for axis in tree.findall("aerodynamics/axis"):
+        for function in axis.findall("function"):
+            name = (function.get("name") or "").removeprefix("aero/coefficient/")
+            value, made_of = _coefficient(function)
+            said = " ".join((function.findtext("description") or "").split())
+            rows.append((name, (axis.get("name") or "").lower(), value, made_of, said))
+    columns = (
+        Column("coefficient", "coefficient"),
+        Column("axis", "axis"),
+        Column("value", "value", given=True, digits=6),
+        Column("made_of", "if not one number"),
+        Column("description", "description"),
+    )
+    caption = (
+        "As they stand in the JSBSim XML, without unit, angles in rad; where a coefficient is not one number, what it "
+        "is made of. The elastic modes add theirs."
+    )
+    return Table("coefficients", "Aerodynamic coefficients", caption, columns, tuple(rows), wide=True)
+
+
+def _coefficient(function: ET.Element) -> tuple[float | None, str]:
+    """Return the number of a coefficient, or None and the numbers or tables that it is made of."""
+    product = function.find("product")
+    direct = [] if product is None else product.findall("value")
+    every = [float(e.text or "nan") for e in function.iter("value")]
+    tables = sum(1 for _ in function.iter("table"))
+    if len(direct) == len(every) == 1 and not tables:
+        return every[0], ""
+    parts = [f"numbers {', '.join(f'{v:g}' for v in every)}"] if every else []
+    parts += [f"{tables} table{'s' if tables > 1 else ''}"] if tables else []
+    return None, "; ".join(parts) or "properties only"

@@ -1,0 +1,131 @@
+"""Tables of a campaign: estimates against the truth, all figures, points of the grid, failures; and every run."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from testbench.page.tables import Column, Table, Value
+from testbench.questions.campaign.result import errors
+from testbench.questions.campaign.summary import QUANTILES
+
+if TYPE_CHECKING:
+    from testbench.questions.campaign.result import CampaignResult
+    from testbench.questions.campaign.summary import Summary
+
+
+def campaign_tables(result: CampaignResult) -> list[Table]:
+    """Return the tables that have rows: estimates against truth, all figures, points of the grid, failures."""
+    made = [
+        accuracy_table(result.summary),
+        figure_table(result.summary),
+        grid_table(result),
+        cause_table(result.summary),
+    ]
+    return [table for table in made if table.rows]
+
+
+def accuracy_table(summary: Summary) -> Table:
+    """Return bias, scatter and coverage of every estimate that has a truth."""
+    columns = (
+        Column("estimate", "estimate"),
+        Column("n", "runs"),
+        Column("missing", "not found"),
+        Column("true mean", "true, mean"),
+        Column("bias", "bias"),
+        Column("bias half width", "± (95 %)", digits=2),
+        Column("scatter", "scatter"),
+        Column("rms", "rms error"),
+        Column("stated", "stated error"),
+        Column("coverage percent", "coverage", "%", decimals=1),
+        Column("coverage low percent", "from", "%", decimals=1),
+        Column("coverage high percent", "to", "%", decimals=1),
+    )
+    rows: tuple[tuple[Value, ...], ...] = tuple(
+        (
+            *(a.name, a.n, a.missing, a.true_mean, a.bias, a.bias_half, a.scatter, a.rms, a.stated),
+            *(100.0 * a.coverage, 100.0 * a.coverage_low, 100.0 * a.coverage_high),
+        )
+        for a in summary.accuracies
+    )
+    caption = (
+        "Estimate minus truth of the same run. Bias: mean, with its 95 % confidence interval; scatter: standard "
+        "deviation. Stated error: what the estimator says of itself, root mean square; coverage: share of the runs "
+        "whose stated 95 % interval holds the truth, with the 95 % interval of that share (Wilson 1927); a dash where "
+        "the method states no errors."
+    )
+    return Table("accuracy", "Estimates against the truth", caption, columns, rows)
+
+
+def figure_table(summary: Summary) -> Table:
+    """Return mean, scatter and quantiles of every figure."""
+    columns = (
+        Column("figure", "figure"),
+        Column("n", "runs"),
+        Column("missing", "missing"),
+        Column("mean", "mean"),
+        Column("mean half width", "± (95 %)", digits=2),
+        Column("std", "scatter"),
+        *(Column(f"quantile {q:g}", f"{100 * q:g} %", group="quantiles") for q in QUANTILES),
+    )
+    rows: tuple[tuple[Value, ...], ...] = tuple(
+        (f.name, f.n, f.missing, f.mean, f.mean_half, f.std, *f.quantiles) for f in summary.figures
+    )
+    caption = "Every figure over the runs that are done; missing: it could not be found, or was infinite."
+    return Table("figures", "Every figure over the runs", caption, columns, rows)
+
+
+def grid_table(result: CampaignResult) -> Table:
+    """Return the estimates' errors at every point of the grid; without a grid a table without rows."""
+    spec, summary = result.campaign.spec, result.summary
+    keys = tuple(spec.grid)
+    columns = (
+        *(Column(key, key, given=True) for key in keys),
+        Column("estimate", "estimate"),
+        Column("n", "runs"),
+        Column("failed", "failed runs"),
+        Column("bias", "bias"),
+        Column("bias half width", "± (95 %)", digits=2),
+        Column("scatter", "scatter"),
+    )
+    rows: list[tuple[Value, ...]] = []
+    cell = summary.runs.astype(int) % spec.cells if keys else np.zeros(0, int)
+    for point in np.unique(cell):
+        here = cell == point
+        at = int(np.argmax(here))
+        values: list[Value] = [summary.inputs[key][at] for key in keys]
+        failed = int(np.count_nonzero(here & ~summary.done))
+        for name, error in errors(summary).items():
+            e = error[here & summary.done]
+            e = e[np.isfinite(e)]
+            mean = float(np.mean(e)) if e.size else math.nan
+            std = float(np.std(e, ddof=1)) if e.size > 1 else math.nan
+            half = 1.96 * std / math.sqrt(e.size) if e.size else math.nan
+            rows.append((*values, name, int(e.size), failed, mean, half, std))
+    return Table("grid", "Errors at every point of the grid", "As above, point by point.", columns, tuple(rows))
+
+
+def cause_table(summary: Summary) -> Table:
+    """Return why runs failed, the most frequent reason first."""
+    columns = (Column("runs", "runs"), Column("first", "first"), Column("reason", "reason, as the first run gives it"))
+    rows = tuple((c.count, c.first, c.example) for c in summary.causes)
+    caption = "Reasons that differ in numbers only are counted together."
+    return Table("failures", "Why runs failed", caption, columns, rows, wide=True)
+
+
+def runs_csv(summary: Summary) -> str:
+    """Return one line per finished run: number, state, what was varied, every figure with all digits."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(["run", "state", *summary.inputs, *summary.columns])
+    figures = [values.tolist() for values in summary.columns.values()]
+    inputs = list(summary.inputs.values())
+    runs, done = summary.runs.astype(int).tolist(), summary.done.tolist()
+    for i, run in enumerate(runs):
+        found = ["" if (v := column[i]) != v else v for column in figures]  # NaN differs from itself
+        writer.writerow([run, "done" if done[i] else "failed", *(column[i] for column in inputs), *found])
+    return out.getvalue()

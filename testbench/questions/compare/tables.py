@@ -1,0 +1,265 @@
+"""Tables of a comparison: what the suites cost and buy, all errors, information, placement, failures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from testbench.page.labels import number
+from testbench.page.tables import Column, Table, Value
+from testbench.questions.compare.answer import added, more_of, per_hundred, quantity_words, worth
+
+if TYPE_CHECKING:
+    from testbench.questions.compare.result import CompareResult, Gain
+
+
+def compare_tables(result: CompareResult) -> list[Table]:
+    """Return what the suites cost, what they buy, all errors, what information says, placement and failures."""
+    out = [suite_table(result), gain_table(result), error_table(result), information_table(result)]
+    out += [worth_table(result), *placement_tables(result), failure_table(result)]
+    return [t for t in out if t.rows]
+
+
+def suite_table(result: CompareResult) -> Table:
+    """Return the suites with price and mass."""
+    return Table(
+        "suites",
+        "The sensor suites",
+        "Price and mass of all sensors, with mounting and cable; a dash where one is not known. By information, and on "
+        "the geometric mean of the standard errors that every suite tells: what the added sensors divide them by, and "
+        "what they would for 100 € or 100 g at the same rate.",
+        (
+            Column("suite", "suite"),
+            Column("rate", "rate", "Hz", given=True),
+            Column("adds", "adds to the first"),
+            Column("price", "price", "€", given=True, digits=6),
+            Column("mass", "mass", "g", given=True, digits=6),
+            Column("divides", "divided by", "", "standard errors", digits=3),
+            Column("per_100_eur", "for 100 €", "", "standard errors", digits=3),
+            Column("per_100_g", "for 100 g", "", "standard errors", digits=3),
+        ),
+        tuple(_suite_row(result, k) for k in range(len(result.suites))),
+    )
+
+
+def _suite_row(result: CompareResult, k: int) -> tuple[Value, ...]:
+    s, base = result.suites[k], result.suites[0]
+    factor = worth(result, s) if k else None
+    rates = (
+        per_hundred(factor, more_of(s.price_eur, base.price_eur)),
+        per_hundred(factor, more_of(s.mass_g, base.mass_g)),
+    )
+    return (s.name, s.rate_hz, added(result, s) if k else "", s.price_eur, s.mass_g, factor, *rates)
+
+
+def gain_table(result: CompareResult) -> Table:
+    """Return every gain with its interval and probability."""
+    s = result.scenario
+    what = {"wilcoxon": "Hodges-Lehmann pseudo-median", "t": "mean"}[s.test]
+    test = {"wilcoxon": "Wilcoxon's signed rank test, exact", "t": "Student's paired t test"}[s.test]
+    return Table(
+        "gains",
+        f"What each suite buys over {result.suites[0].name}",
+        f"Size of the error with the first suite minus that with this one, in the same flight with the same noise: "
+        f"{what} and 95 % interval. p: {test}; p corrected: for all questions of this table together (Holm). A gain is "
+        f"called sure where that is at most {s.level:g}. Information: ratio of the predicted standard errors, this "
+        "suite over the first. Where a mode is missed in some repetitions, how often is compared too, in percent: "
+        "McNemar's test, exact, and a 95 % interval of Clopper and Pearson. Errors of damping ratios are absolute, "
+        "all others percent of the true value; of "
+        "predictions, of the rms.",
+        (
+            Column("suite", "suite"),
+            Column("input", "input"),
+            Column("estimator", "estimator"),
+            Column("quantity", "error of"),
+            Column("before", "with the first", "", "median size", digits=3),
+            Column("after", "with this one", "", "median size", digits=3),
+            Column("gain", "gain", "", "paired difference", digits=3),
+            Column("low", "from", "", "paired difference", digits=3),
+            Column("high", "to", "", "paired difference", digits=3),
+            Column("pairs", "pairs"),
+            Column("p", "p", digits=2),
+            Column("p_holm", "p corrected", digits=2),
+            Column("sure", "sure"),
+            Column("information", "information", digits=2),
+            Column("per_100_eur", "100 €", "", "gain per", digits=2),
+            Column("per_100_g", "100 g", "", "gain per", digits=2),
+        ),
+        tuple(_gain_row(result, g) for g in result.gains),
+        wide=True,
+    )
+
+
+def _gain_row(result: CompareResult, g: Gain) -> tuple[Value, ...]:
+    d, base = g.paired.difference, result.suites[0]
+    suite = next(s for s in result.suites if s.name == g.case.suite)
+    price, mass = more_of(suite.price_eur, base.price_eur), more_of(suite.mass_g, base.mass_g)
+    sure = None if g.p_holm is None else g.significant(result.scenario.level)
+    return (
+        g.case.suite,
+        g.case.manoeuvre,
+        g.case.estimator,
+        quantity_words(g.quantity) + (f", {g.quantity.unit}" if g.quantity.unit else ""),
+        _finite(g.before),
+        _finite(g.after),
+        d.value if d else None,
+        d.low if d else None,
+        d.high if d else None,
+        g.paired.pairs,
+        g.paired.p,
+        g.p_holm,
+        sure,
+        g.predicted,
+        100.0 * d.value / price if d and price else None,
+        100.0 * d.value / mass if d and mass else None,
+    )
+
+
+def error_table(result: CompareResult) -> Table:
+    """Return every error of every case."""
+    return Table(
+        "errors",
+        "Errors of every input, suite and estimator",
+        f"Over {result.scenario.seeds} repetitions: root mean square with 95 % interval, mean (bias), the best case's "
+        "error from the same flight without any noise, standard deviation (scatter), and the standard error that "
+        "information predicts for an estimator that knows the "
+        "aircraft's equations and its instruments; of that one, scatter over predicted with its 95 % interval, which "
+        "holds 1 where information and simulation agree. It is left empty where the model is not linear over the "
+        "predicted errors (terms of second order are more than half of them): there a linear bound says little. "
+        "Predictions are held against what the sensors would show without noise and biases.",
+        (
+            Column("input", "input"),
+            Column("suite", "suite"),
+            Column("estimator", "estimator"),
+            Column("quantity", "error of"),
+            Column("found", "found"),
+            Column("of", "of"),
+            Column("rms", "rms", "", "error"),
+            Column("low", "from", "", "error"),
+            Column("high", "to", "", "error"),
+            Column("bias", "bias", "", "error"),
+            Column("of_flight", "without noise", "", "error"),
+            Column("scatter", "scatter", "", "error"),
+            Column("predicted", "predicted scatter"),
+            Column("ratio", "ratio", "", "scatter over predicted", digits=3),
+            Column("ratio_low", "from", "", "scatter over predicted", digits=3),
+            Column("ratio_high", "to", "", "scatter over predicted", digits=3),
+        ),
+        tuple(
+            (
+                s.case.manoeuvre,
+                s.case.suite,
+                s.case.estimator,
+                quantity_words(s.quantity) + (f", {s.quantity.unit}" if s.quantity.unit else ""),
+                s.found,
+                s.of,
+                s.rms.value if s.rms else None,
+                s.rms.low if s.rms else None,
+                s.rms.high if s.rms else None,
+                s.mean.value if s.mean else None,
+                s.of_flight,
+                s.scatter,
+                _finite(s.predicted),
+                s.ratio.value if s.ratio else None,
+                s.ratio.low if s.ratio else None,
+                s.ratio.high if s.ratio else None,
+            )
+            for s in result.summaries
+        ),
+        wide=True,
+    )
+
+
+def information_table(result: CompareResult) -> Table:
+    """Return the predicted standard errors, quantities down, suites across."""
+    rows: list[tuple[Value, ...]] = []
+    for m in result.manoeuvres:
+        found = [result.predictions[m, s.name] for s in result.suites]
+        for name in dict.fromkeys(n for p in found for n in p.names):
+            rows.append((m, name + ("" if name.startswith("zeta") else ", %"), *(_finite(p.of(name)) for p in found)))
+    return Table(
+        "information",
+        "Standard errors by information, without simulation",
+        "Cramer-Rao bound of the linearised aircraft with unknown derivatives and sensor offsets, noise of measured "
+        "inputs included; percent of the true value, absolute for damping ratios. A dash: nothing can be told.",
+        (
+            Column("input", "input"),
+            Column("quantity", "standard error of"),
+            *(Column(s.name, s.name) for s in result.suites),
+        ),
+        tuple(rows),
+    )
+
+
+def worth_table(result: CompareResult) -> Table:
+    """Return by how much the standard errors grow if a single sensor is left out."""
+    rows: list[tuple[Value, ...]] = []
+    names = list(dict.fromkeys(n for p in result.predictions.values() for n in p.names))
+    for (m, suite_name), p in result.predictions.items():
+        suite = next(s for s in result.suites if s.name == suite_name)
+        for sensor in suite.sensors:
+            if sensor.channel in p.without:
+                grown = dict(zip(p.names, p.without[sensor.channel].tolist(), strict=True))
+                row = (_finite(grown.get(n)) for n in names)
+                rows.append((m, suite_name, sensor.channel, sensor.price_eur, sensor.mass_g, *row))
+    return Table(
+        "without_each",
+        "What each sensor is worth by information",
+        "Factor by which standard errors grow if this sensor alone is left out of its suite. A dash: nothing is left.",
+        (
+            Column("input", "input"),
+            Column("suite", "suite"),
+            Column("sensor", "without"),
+            Column("price", "price", "€", given=True, digits=6),
+            Column("mass", "mass", "g", given=True, digits=6),
+            *(Column(n, n, "", "standard error grows by") for n in names),
+        ),
+        tuple(rows),
+        wide=True,
+    )
+
+
+def placement_tables(result: CompareResult) -> list[Table]:
+    """Return the chosen stations in the order of their gain, and the errors before and after."""
+    p = result.placed
+    if p is None:
+        return []
+    how = (
+        f"the best of all {p.sets} sets, each of them tried"
+        if p.all_tried
+        else f"found by adding and exchanging among {number(p.sets)} sets ({p.exchanged} exchanges), such that no "
+        "exchange of one sensor betters it"
+    )
+    path = Table(
+        "placement",
+        f"Best stations along the wing, beside {p.base}",
+        f"In the order of their gain. Criterion {p.asked.criterion}: in units of {p.asked.wn_percent:g} % of a "
+        f"frequency and {p.asked.zeta:g} of a damping ratio; {how}.",
+        (Column("sensor", "sensor"), Column("criterion", "criterion with it", digits=3)),
+        (("none", _finite(p.path[0])), *((s.words, _finite(c)) for s, c in zip(p.spots, p.path[1:], strict=True))),
+    )
+    errors = Table(
+        "placement_errors",
+        "Standard errors of the modes before and after",
+        "By information, commands exactly known; percent, absolute for damping ratios.",
+        (Column("quantity", "standard error of"), Column("before", p.base), Column("after", "with the placed sensors")),
+        tuple((n, _finite(float(b)), _finite(float(a))) for n, b, a in zip(p.names, p.before, p.after, strict=True)),
+    )
+    return [path, errors]
+
+
+def failure_table(result: CompareResult) -> Table:
+    """Return identifications without a model."""
+    return Table(
+        "failures",
+        "Identifications that gave no model",
+        "They count in no error.",
+        tuple(Column(k, k) for k in ("input", "suite", "estimator", "repetition", "reason")),
+        tuple((*f.case, f.repetition + 1, f.reason) for f in result.failures),
+        wide=True,
+    )
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not np.isfinite(value) else float(value)

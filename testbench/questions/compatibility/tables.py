@@ -1,0 +1,49 @@
+"""Tables on the compatibility of recorded data: errors tested, residuals before and after, what cannot be told."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from testbench.page.labels import symbol
+from testbench.page.tables import Column, Table
+
+if TYPE_CHECKING:
+    from testbench.estimators.data_compatibility import DataCompatibility
+
+
+def compatibility_tables(result: DataCompatibility) -> list[Table]:
+    """Return the errors that were tested, what the data do not tell, and the residuals before and after."""
+    found = {e.name for e in result.errors}
+    best = {e.name: e for e in (*result.tested, *result.errors)}
+    errors = Table(
+        "instrument_errors",
+        "Errors of the instruments",
+        "An instrument reads scale times the true value of delay seconds ago, plus bias; wind is where the air moves "
+        "to. Significance: deviation from no error over its standard error. SI units and radians.",
+        (
+            Column("error", "error"),
+            Column("estimate", "estimate", digits=4),
+            Column("standard_error", "± std", digits=2),
+            Column("significance", "significance", decimals=1),
+            Column("named", "significant"),
+            Column("words", "in words"),
+        ),
+        tuple((e.name, e.estimate, e.standard_error, e.significance, n in found, e.words) for n, e in best.items()),
+        wide=True,
+    )
+    residuals = Table(
+        "residuals",
+        "Measured less rebuilt, root mean square",
+        "Before: no error allowed for. After: with the significant ones. SI units and radians.",
+        (Column("output", "output"), Column("before", "before", digits=3), Column("after", "after", digits=3)),
+        tuple((symbol(o), result.residual_before[o], result.residual_after[o]) for o in result.structure.outputs),
+    )
+    lost = Table(
+        "not_identifiable",
+        "What these data do not tell",
+        "Errors that were set aside: nothing is said about them.",
+        (Column("error", "error"), Column("reason", "reason")),
+        tuple(result.not_identifiable.items()),
+        wide=True,
+    )
+    return [table for table in (errors, residuals, lost) if table.rows]

@@ -1,0 +1,131 @@
+"""Designs ready to fly: scenarios for `testbench run`, and signals as CSV and MAT."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from testbench.core.record import FlightRecord
+from testbench.page.labels import file_stem, number
+from testbench.questions.design.answer import family_label, is_ratio
+
+if TYPE_CHECKING:
+    from testbench.page.page import Content
+    from testbench.questions.design.ask import DesignResult
+    from testbench.questions.design.problem import Design
+
+_DEFAULTS = {"start_s", "repeats", "spacing", "fade_s", "periods", "stride", "first", "powers", "bits", "seed"}
+
+
+def ready_to_fly(result: DesignResult) -> Mapping[str, Content]:
+    """Return the files of every ranked design: designs/NAME.toml, signals/NAME.csv and signals/NAME.mat."""
+    out: dict[str, Content] = {}
+    ranked = [*enumerate(result.ranking, 1), *([("shortest", result.shortest)] if result.shortest else [])]
+    for rank, entry in ranked:
+        design = entry.design
+        stem = file_stem(f"{rank}_{family_label(design.family)}".replace("shortest_shortest", "shortest"))
+        channels = tuple(f"{c}_cmd" for c in design.controls)
+        t = np.arange(len(design.u)) / result.problem.rate_hz
+        rows = t < design.duration_s - 1e-9
+        record = FlightRecord(
+            t[rows], channels, design.u[rows], "truth", provenance={"signal": "deviation from trim", "held": True}
+        )
+        out[f"designs/{stem}.toml"] = scenario_toml(result, design)
+        out[f"signals/{stem}.csv"] = record.save_csv
+        out[f"signals/{stem}.mat"] = record.save_mat
+    return out
+
+
+def scenario_toml(result: DesignResult, design: Design) -> str:
+    """Return a design as the text of a scenario: flown for identification, another input for validation."""
+    s = result.scenario
+    judge = next((r.design for r in result.ranking if r.design.family != design.family), design)
+    inputs = [c if c in result.suite.channels else f"{c}_cmd" for c in design.controls]
+    wings = [] if s.wings == "flexible" else [f'wings = "{s.wings}"']
+    rate = [] if s.simulation.rate_hz is None else [f"rate_hz = {s.simulation.rate_hz:g}"]
+    lines = [
+        f"# Designed input: {family_label(design.family)}, {design.words}. Predicted standard errors:",
+        *(f"#   {text}" for text in _error_lines(result, design)),
+        f"title = {_text(f'{s.title}: {family_label(design.family)}')}",
+        f'aircraft = "{s.aircraft}"',
+        *wings,
+        f"seed = {s.seed}",
+        f"suites = [{', '.join(_text(name) for name in s.suites[:1])}]",
+        "",
+        "[condition]",
+        f"V_m_s = {float(s.condition.V_m_s)!r}",
+        f"h_m = {float(s.condition.h_m)!r}",
+        f"gamma_deg = {float(s.condition.gamma_deg)!r}",
+        "",
+        "[simulation]",
+        *rate,
+        f"log_rate_hz = {result.problem.rate_hz!r}",
+    ]
+    for use, one in (("identification", design), ("validation", judge)):
+        start = result.problem.start_s
+        lines += [
+            "",
+            "[[manoeuvre]]",
+            f"name = {_text(family_label(one.family) + ('' if use == 'identification' else ' to judge'))}",
+            f'use = "{use}"',
+            f"duration_s = {round(one.duration_s - start, 6)!r}",
+            f"settle_s = {round(start, 6)!r}",
+        ]
+        for spec in one.specs:
+            lines += ["[[manoeuvre.input]]", *_entry(spec, start)]
+    lines += ["", "[identification]", f"inputs = [{', '.join(_text(i) for i in inputs)}]", *_estimator(result)]
+    return "\n".join(lines) + "\n"
+
+
+def _error_lines(result: DesignResult, design: Design) -> list[str]:
+    t = result.problem.targets
+    return [
+        f"{name}: {number(100 * e / abs(v))} %" if is_ratio(name) else f"{name}: {number(e)}"
+        for name, e, v in zip(t.names, design.errors, t.values, strict=True)
+    ]
+
+
+def _entry(spec: Any, start_s: float) -> list[str]:
+    out = []
+    for key, value in spec.model_dump().items():
+        if value is None or (key in _DEFAULTS and value == type(spec).model_fields[key].default):
+            continue
+        if key == "start_s":
+            value = round(max(value - start_s, 0.0), 9)
+        out.append(f"{key} = {_value(value)}")
+    return out
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, tuple):
+        return f"[{', '.join(_value(v) for v in value)}]"
+    if isinstance(value, str):
+        return _text(value)
+    return repr(value) if isinstance(value, int) else repr(float(value))
+
+
+def _text(value: str) -> str:
+    return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def _estimator(result: DesignResult) -> list[str]:
+    elastic = result.aircraft.flown_modes()
+    names = {m.name for m in elastic.modes} if elastic else set()
+    order = 4 + 2 * sum(m in names for m in result.scenario.targets.modes)
+    if any(s.rate_hz not in (None, result.suite.rate_hz) for s in result.suite.sensors):
+        return [
+            "[[identification.estimators]]",
+            'method = "transfer_function"',
+            f"poles = {order}",
+            "zeros = [1, 2, 3]",
+        ]
+    horizon = max(2 * order, round(0.5 * result.suite.rate_hz))
+    return [
+        "[[identification.estimators]]",
+        'method = "dsr_e"',
+        f"order = {order}",
+        f"past_horizon = {horizon}",
+        f"future_horizon = {horizon}",
+    ]

@@ -1,0 +1,45 @@
+"""What can be said of a description of recorded flights before the files are read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+from testbench.core.errors import nearest
+from testbench.questions.identify.scenario import RecordDescription
+
+
+def check(description: RecordDescription) -> list[str]:
+    """Return what is wrong between parts of a description that are each right."""
+    return [f"{description.file}, {fault}" for fault in _broken_laws(description)]
+
+
+def _broken_laws(description: RecordDescription) -> Iterator[str]:
+    """Yield what is wrong between the parts of a description that are each right: key, law, value."""
+    records, channels = description.record, description.channels
+    uses = [record.use for record in records]
+    if "split" not in uses and not {"identification", "validation"} <= set(uses):
+        yield "record: records must include use = 'identification' and 'validation', or one with use = 'split'"
+    for what, names in (("record", [part for record in records for part in record.parts]), ("channel", channels)):
+        for name in sorted({name for name in names if list(names).count(name) > 1}):
+            yield f"{what}: names must differ (segments are named NAME_1, NAME_2), got '{name}' more than once"
+    pieces = [(record, *piece) for record in records for piece in (record.segments or ((-float("inf"), float("inf")),))]
+    for (first, start, end), (second, other_start, other_end) in combinations(pieces, 2):
+        same = (first.file, first.variable) == (second.file, second.variable)
+        if same and start <= other_end and other_start <= end:
+            yield (
+                f"record.segments: no sample may be used twice, but '{first.name}' ({first.use}) and '{second.name}' "
+                f"({second.use}) overlap in {first.file}; give segments apart from each other"
+            )
+    for key in ("inputs", "outputs"):
+        for name in getattr(description.identification, key):
+            if name not in channels:
+                hint = nearest(name, channels)
+                yield f"identification.{key}: must be among the channels described, got '{name}'{hint}"
+    both = set(description.identification.inputs) & set(description.identification.outputs)
+    if both:
+        yield f"identification.outputs: an input cannot be an output too, got {', '.join(sorted(both))}"
+    if not description.outputs:
+        yield "identification.outputs: there must be an output, but every channel described is an input"
+    if description.preparation.bias == "trim" and description.trim_s == 0.0:
+        yield "trim_s: must be > 0 where preparation.bias = 'trim', got 0; give it, or take bias = 'mean' or 'trend'"

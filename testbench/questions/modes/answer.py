@@ -1,0 +1,64 @@
+"""Modes found without an input, in sentences: what they are, how they compare, what they rest on."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from testbench.core.words import with_error
+from testbench.estimators.operational.advice import ASSUMPTION
+from testbench.page.labels import number
+from testbench.page.words import Line, counted
+
+if TYPE_CHECKING:
+    from testbench.estimators.operational import OperationalMode
+    from testbench.evaluation.operational import ModeMatch
+    from testbench.questions.modes.ask import ModesResult
+
+
+def modes_answer(result: ModesResult) -> list[Line]:
+    """Return what was found, how it compares with the aircraft, and what it rests on, in sentences."""
+    found = result.found
+    q = found.quantile
+    pieces = [f"{_frequency(m, q)} with damping {_damping(m, q)}" for m in found.modes]
+    many, outputs = counted(len(found.modes), "mode"), len(found.channels)
+    lead = f"{many} in {found.duration_s:.0f} s of {outputs} outputs, with 95 % intervals: {'; '.join(pieces)}"
+    out = [_judged(match, q) for match in result.matches if match.true is not None and match.found is not None]
+    band = found.settings["band_hz"]
+    lost = [m.true for m in result.matches if m.found is None and m.true is not None]
+    inside = [t.name for t in lost if band[0] <= abs(t.pole) / (2.0 * np.pi) <= band[1]]
+    if inside:
+        out.append(f"not found, though inside the band: {'; '.join(inside)}")
+    foreign = [m.found for m in result.matches if m.true is None and m.found is not None]
+    out += [f"no mode of the linear model stands behind the one at {number(m.frequency_hz)} Hz" for m in foreign]
+    text = ASSUMPTION
+    if result.corners_hz:
+        corners = " and ".join(dict.fromkeys(number(f, 2) for f in result.corners_hz))
+        text += f"; the spectra of this turbulence bend at {corners} Hz"
+    doubts = [Line("doubt", advice) for advice in found.advice]
+    return [Line("lead", lead), *(Line("finding", finding) for finding in (*out, text)), *doubts]
+
+
+def _frequency(mode: OperationalMode, q: float) -> str:
+    return f"{with_error(mode.frequency_hz, q * mode.frequency_std_hz)} Hz"
+
+
+def _damping(mode: OperationalMode, q: float) -> str:
+    return with_error(mode.damping, q * mode.damping_std)
+
+
+def _judged(match: ModeMatch, q: float) -> str:
+    assert match.true is not None
+    assert match.found is not None
+    assert match.mac is not None
+    wn, zeta = abs(match.true.pole), -match.true.pole.real / abs(match.true.pole)
+    inside = [
+        abs(match.found.frequency_hz - wn / (2.0 * np.pi)) <= q * match.found.frequency_std_hz,
+        abs(match.found.damping - zeta) <= q * match.found.damping_std,
+    ]
+    words = {2: "both inside", 1: "one of them outside", 0: "both outside"}[sum(inside)]
+    return (
+        f"{match.true.name}: the linear model has {number(wn / (2.0 * np.pi))} Hz and damping {number(zeta)}, {words} "
+        f"of the intervals; MAC of the shapes {match.mac:.3f}"
+    )

@@ -1,0 +1,105 @@
+"""Tables of modes found without an input: frequencies and dampings, the linear model beside them, shapes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from testbench.page.tables import Column, Table, Value
+
+if TYPE_CHECKING:
+    from testbench.questions.modes.ask import ModesResult
+
+
+def modes_tables(result: ModesResult) -> list[Table]:
+    """Return the modes, their comparison with the linear model if there is one, and their shapes."""
+    out = [modes_table(result)]
+    if result.true:
+        out.append(_comparison_table(result))
+    return [*out, _shape_table(result)]
+
+
+def modes_table(result: ModesResult) -> Table:
+    """Return frequency and damping of every mode with their errors."""
+    columns = (
+        Column("mode", "mode"),
+        Column("frequency", "frequency", "Hz", digits=4),
+        Column("frequency_std", "its std", "Hz", digits=2),
+        Column("damping", "damping ratio", digits=3),
+        Column("damping_std", "its std", digits=2),
+        Column("orders", "orders"),
+        Column("remarks", "what is doubtful"),
+    )
+    rows = tuple(
+        (k, m.frequency_hz, m.frequency_std_hz, m.damping, m.damping_std, len(m.orders), "; ".join(m.remarks) or None)
+        for k, m in enumerate(result.found.modes, 1)
+    )
+    criteria = result.found.settings["criteria"]
+    caption = (
+        f"Standard deviations from {result.found.blocks} blocks of data; an interval of 95 % is "
+        f"{result.found.quantile:.2f} of them either way. Orders: at how many of {len(result.found.views)} "
+        f"orders the mode was stable (frequency within {100 * criteria['frequency']:g} %, damping within "
+        f"{100 * criteria['damping']:g} %, MAC at least "
+        f"{criteria['mac']:g} from order to order); fewer than {criteria['least_orders']} are not reported, nor modes "
+        f"whose errors exceed {100 * criteria['frequency_error']:g} % in frequency or "
+        f"{100 * criteria['damping_error']:g} % in damping."
+    )
+    return Table("modes", "Modes found", caption, columns, rows, wide=True)
+
+
+def _comparison_table(result: ModesResult) -> Table:
+    columns = (
+        Column("mode", "mode"),
+        Column("true_frequency", "model", "Hz", "frequency", digits=4),
+        Column("frequency", "found", "Hz", "frequency", digits=4),
+        Column("frequency_error", "error", "%", "frequency", decimals=1),
+        Column("frequency_error_std", "error / std", "", "frequency", decimals=1),
+        Column("true_damping", "model", "", "damping ratio", digits=3),
+        Column("damping", "found", "", "damping ratio", digits=3),
+        Column("damping_error_std", "error / std", "", "damping ratio", decimals=1),
+        Column("mac", "MAC", decimals=3),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for match in result.matches:
+        t, m = match.true, match.found
+        f = abs(t.pole) / (2.0 * np.pi) if t else None
+        z = -t.pole.real / abs(t.pole) if t else None
+        rows.append(
+            (
+                t.name if t else "none of the linear model",
+                f,
+                m.frequency_hz if m else None,
+                100.0 * (m.frequency_hz / f - 1.0) if m and f else None,
+                _in_std(m.frequency_hz, f, m.frequency_std_hz) if m else None,
+                z,
+                m.damping if m else None,
+                _in_std(m.damping, z, m.damping_std) if m else None,
+                match.mac,
+            )
+        )
+    caption = (
+        "Oscillatory modes of the aircraft linearised at trim beside those found. MAC: likeness of the shapes at the "
+        "sensors, outputs divided by their rms."
+    )
+    return Table("modes_and_model", "Modes found and those of the linear model", caption, columns, tuple(rows))
+
+
+def _in_std(value: float, true: float | None, std: float) -> float | None:
+    return None if true is None or std == 0.0 else (value - true) / std
+
+
+def _shape_table(result: ModesResult) -> Table:
+    modes = result.found.modes
+    columns = [Column("channel", "channel")]
+    for k in range(1, len(modes) + 1):
+        columns.append(Column(f"magnitude_{k}", "magnitude", "", f"mode {k}", digits=3))
+        columns.append(Column(f"phase_{k}", "phase", "deg", f"mode {k}", decimals=0))
+    rows: tuple[tuple[Value, ...], ...] = tuple(
+        (name, *(x for m in modes for x in (float(abs(m.shape[i])), float(np.degrees(np.angle(m.shape[i]))))))
+        for i, name in enumerate(result.found.channels)
+    )
+    caption = (
+        "SI units of the channels, over the output that moves most for its rms. Phases near 0 or 180 deg: a real shape."
+    )
+    return Table("shapes", "Mode shapes", caption, tuple(columns), rows)
