@@ -10,7 +10,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.channels import channel
-from testbench.core.constants import DEG_RAD
+from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight import TrimmedFlight
 from testbench.line import fly_and_measure
@@ -124,7 +124,7 @@ class Envelope:
 
 def _sentence(breach: Breach) -> str:
     if breach.channel == "az":
-        n, limit = -breach.value / 9.80665, -breach.limit / 9.80665
+        n, limit = -breach.value / G0_M_S2, -breach.limit / G0_M_S2
         return f"the load factor passes {limit:.3g} at t = {breach.t_s:.2f} s (extreme {n:.3g})"
     return breach.sentence
 
