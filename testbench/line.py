@@ -18,9 +18,9 @@ from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.base import Condition, FlownAt, FlownInAir, Preparation, Simulation
 from testbench.core.scenario.inputs import Input
 from testbench.estimators import estimate
+from testbench.estimators.identification import Estimator, Identification, estimator_name
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
-from testbench.estimators.settings import Estimator, Identification, estimator_name
 from testbench.evaluation import Evaluation, evaluate
 from testbench.evaluation.truth import Truth, told_of
 from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, trim

@@ -100,13 +100,13 @@ def _fault(schema: type[Strict], content: Mapping[str, Any], item: Any, file: Pa
         return f"{prefix}the key is required and missing"
     if kind in {"literal_error", "union_tag_invalid"}:
         if kind == "union_tag_invalid":
-            tag, valid = context["discriminator"].strip("'"), context["expected_tags"].replace("'", "").split(", ")
+            tag, valid = context["discriminator"].strip("'()"), context["expected_tags"].replace("'", "").split(", ")
             return f"{prefix}unknown {tag} '{context['tag']}'{nearest(context['tag'], valid)}"
         valid = context["expected"].replace("'", "").replace(" or ", ", ").split(", ")
         hint = nearest(str(got), valid) if str(got) not in valid else ""
         return f"{prefix}must be one of {', '.join(valid)}, got {got!r}{hint}"
     if kind == "union_tag_not_found":
-        return f"{prefix}the key {context['discriminator']} is required and missing"
+        return f"{prefix}the key {context['discriminator'].removesuffix('()')} is required and missing"
     message = item["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:].replace("Input should be", "must be")
     message = message.replace("input should be", "must be").replace("input should have", "must have")

@@ -1,5 +1,6 @@
 """What every estimator must do, run over every member of METHODS."""
 
+import inspect
 import pickle
 import subprocess
 import sys
@@ -13,20 +14,21 @@ from scipy.signal import cont2discrete
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ChannelError, EstimationError
 from testbench.core.record import FlightRecord
-from testbench.estimators import METHODS, estimate
+from testbench.estimators import GIVES, METHODS, NEEDS, estimate
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.parametric.structures import longitudinal
 from testbench.estimators.settings import (
     DsrE,
     EquationError,
     Equivalent,
+    ExtendedFilter,
     FilterError,
-    KalmanFilter,
     OutputError,
     PredictionError,
     Srivc,
     Subspace,
     TransferFunctions,
+    UnscentedFilter,
 )
 
 DT = 0.1
@@ -80,8 +82,8 @@ SPECS = {
     "equation_error": EquationError(method="equation_error", **BUILT),
     "output_error": OutputError(method="output_error", **BUILT),
     "filter_error": FilterError(method="filter_error", **BUILT),
-    "ekf": KalmanFilter(method="ekf", **BUILT),
-    "ukf": KalmanFilter(method="ukf", **BUILT),
+    "ekf": ExtendedFilter(method="ekf", **BUILT),
+    "ukf": UnscentedFilter(method="ukf", **BUILT),
 }
 STRUCTURED = ("equation_error", "output_error", "filter_error", "ekf", "ukf")
 SEQUENTIAL = ("ekf", "ukf")  # records one after the other, each from what those before have left
@@ -151,7 +153,7 @@ def same_poles(one, other, relative):
 
 def test_every_method_is_in_this_contract():
     assert set(SPECS) == set(METHODS)
-    assert all(text and text == text.strip() for text in METHODS.values())
+    assert all(row.words and row.words == row.words.strip() for row in METHODS.values())
 
 
 @METHOD
@@ -328,3 +330,31 @@ def test_importing_the_table_does_not_import_scipy():
     code = "import sys, testbench.estimators; print('scipy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+@METHOD
+def test_defaults_stand_in_the_settings_class_alone(method):
+    row = METHODS[method]
+    function = row.load()
+    own = inspect.signature(inspect.unwrap(function, stop=lambda f: not hasattr(f, "__wrapped__"))).parameters
+    fields = row.settings.model_fields
+    given = [n for n, p in own.items() if n in fields and p.default is not inspect.Parameter.empty]
+    assert given == []
+    shown = inspect.signature(function).parameters
+    apart = [n for n, p in shown.items() if n in fields and p.default is not p.empty]
+    assert all(n in apart for n, f in fields.items() if n in shown and not f.is_required())
+    assert [shown[n].default for n in apart] == [fields[n].get_default(call_default_factory=True) for n in apart]
+    assert set(row.needs) <= set(NEEDS)
+    assert set(row.gives) <= set(GIVES)
+
+
+def test_from_python_a_method_is_named_with_its_settings_as_keywords():
+    records = flights("dsr_e", 300, 200)
+    model = estimate("dsr_e", records, INPUTS, OUTPUTS, **HORIZONS)
+    assert model.to_dict() == found_from("dsr_e", 300, 200).to_dict()
+    with pytest.raises(EstimationError, match="unknown key 'past_horizn'; did you mean 'past_horizon'"):
+        estimate("dsr_e", records, INPUTS, OUTPUTS, past_horizn=8, future_horizon=6)
+    with pytest.raises(EstimationError, match="past_horizon: the key is required and missing"):
+        estimate("dsr_e", records, INPUTS, OUTPUTS, future_horizon=6)
+    with pytest.raises(EstimationError, match="did you mean 'dsr_e'"):
+        estimate("dsr_ee", records, INPUTS, OUTPUTS, **HORIZONS)

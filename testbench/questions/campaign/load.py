@@ -16,7 +16,7 @@ from testbench.aircraft import Aircraft, load_aircraft
 from testbench.core.errors import ScenarioError, TestbenchError, nearest
 from testbench.core.paths import find_scenario
 from testbench.core.schema import parse, read_toml
-from testbench.estimators.settings import estimator_name
+from testbench.estimators.identification import estimator_name
 from testbench.questions.campaign.draws import nominal_inputs
 from testbench.questions.campaign.scenario import CampaignSpec
 from testbench.questions.campaign.targets import change_aircraft, change_suites, check_target, is_scenario_key, set_keys

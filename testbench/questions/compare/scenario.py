@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from testbench.core.scenario.base import FlownInAir, Manoeuvre, Preparation, SuiteName
 from testbench.core.schema import Positive, Strict
-from testbench.estimators.settings import Estimator, estimator_name
+from testbench.estimators.identification import Estimator, estimator_name
 
 Names = Annotated[tuple[str, ...], Field(strict=False)]
 BEST_CASE = "best case"
