@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.bring import short
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import located
 from testbench.core.record import FlightAborted, FlightRecord
@@ -174,7 +175,7 @@ def identify_and_judge(
         sensed = fit[0].channels
         outputs = tuple(n for n in (identification.outputs or sensed) if n in sensed and n not in identification.inputs)
         for k, spec in enumerate(identification.estimators):
-            say(f"identify {suite} with {spec.method}")
+            say(f"identify {suite} with {short(spec.method)}")
             with located(where, f"identification.estimators[{k}]"):
                 model = estimate(spec, fit, identification.inputs, outputs, judge)
                 scores = evaluate(model, fit, judge, noise_std=noise.get(suite), **told_of(truth, model, fit))

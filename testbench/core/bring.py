@@ -27,6 +27,11 @@ def is_brought(name: object) -> bool:
     return isinstance(name, str) and MARK in name
 
 
+def short(name: str) -> str:
+    """Return ``FILE.py:NAME`` without its folders; other names as they are."""
+    return name.rpartition("/")[2] if is_brought(name) else name
+
+
 def places(beside: Path | str | None, folder: str) -> tuple[Path, ...]:
     """Return the folders in which a name is looked for, in this order.
 
@@ -167,6 +172,11 @@ def sha256(path: Path) -> str:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:
         raise ScenarioError([f"a readable file must lie at '{path}', got: {error.strerror}"]) from error
+
+
+def whose(path: Path, attribute: str) -> dict[str, str]:
+    """Return what a result says of code that is brought: file, name and SHA-256, as JSON values."""
+    return {"file": str(path), "name": attribute, "sha256": sha256(path)}
 
 
 def load(path: Path, attribute: str) -> Any:

@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from testbench.core.bring import is_brought
+from testbench.core.bring import whose as whose_code
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord
 from testbench.core.schema import parse
+from testbench.estimators import own
+from testbench.estimators.brought import place
+from testbench.estimators.own import OwnMethod
 from testbench.estimators.settings import (
     DsrE,
     EquationError,
@@ -170,9 +175,10 @@ def estimate(
     validation: Sequence[FlightRecord] = (),
     **settings: Any,
 ) -> IdentifiedModel:
-    """Identify a model by a method of :data:`METHODS`.
+    """Identify a model by a method of :data:`METHODS`, or by one's own.
 
-    For example ``estimate("dsr_e", records, ["de_cmd"], ["q"], past_horizon=20, future_horizon=20)``.
+    For example ``estimate("dsr_e", records, ["de_cmd"], ["q"], past_horizon=20, future_horizon=20)``, or
+    ``estimate("my_method.py:estimate", records, ["de_cmd"], ["q"])``.
 
     Args:
         method: a name, with its settings as keywords; or an entry ``identification.estimators`` of a scenario.
@@ -190,12 +196,16 @@ def estimate(
     entry = settings_of(method, settings)
     if not outputs:
         raise EstimationError("an estimate needs at least one output channel, got none; name outputs or add sensors")
+    if isinstance(entry, OwnMethod):
+        return own.run(entry, records, inputs, outputs, validation)
     row = _row(entry.method)
     if isinstance(entry, Structured):
         from testbench.estimators.parametric.start import started
 
         structure = started(entry, records, inputs, outputs)
-        return row.load()(records, structure, settings=entry)
+        model = row.load()(records, structure, settings=entry)
+        whose = {"structure": whose_code(*place(entry.structure))} if is_brought(entry.structure) else {}
+        return replace(model, provenance=whose) if whose else model
     judged = {"validation": validation} if "validation" in row.needs else {}
     return row.load()(records, inputs, outputs, settings=entry, **judged)
 
@@ -206,6 +216,10 @@ def settings_of(method: str | Settings, given: dict[str, Any]) -> Settings:
     Raises:
         EstimationError: the method is not in :data:`METHODS`, or a setting breaks a law; all faults are listed.
     """
+    if isinstance(method, str) and is_brought(method):
+        return own.of_python(method, given)
+    if isinstance(method, OwnMethod):
+        return method
     if isinstance(method, str):
         entry, faults = parse(_row(method).settings, {"method": method, **given}, None)
     else:

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from testbench.core.bring import short
 from testbench.core.schema import NonNegative, Positive, Strict
 from testbench.estimators.structured import Structured
 
@@ -22,6 +23,11 @@ class Settings(Strict):
 
     method: str
     label: str | None = None
+
+    @property
+    def shown(self) -> str:
+        """The label in tables, or the method if there is none; of a method that is brought, file and function."""
+        return self.label or short(self.method)
 
 
 class DsrE(Settings):

@@ -13,9 +13,11 @@ from typing import Any
 
 from testbench import __version__
 from testbench.aircraft import Aircraft, load_aircraft
+from testbench.core.bring import find, is_brought, sha256
 from testbench.core.errors import ScenarioError, TestbenchError, nearest
 from testbench.core.paths import find_scenario
 from testbench.core.schema import parse, read_toml
+from testbench.estimators.brought import FOLDER
 from testbench.estimators.identification import estimator_name
 from testbench.questions.campaign.draws import nominal_inputs
 from testbench.questions.campaign.scenario import CampaignSpec
@@ -25,6 +27,8 @@ from testbench.questions.run.scenario import Scenario
 from testbench.sensors import SensorSuite, load_suite
 
 _MOST_CELLS_CHECKED = 200
+_BROUGHT = ("method", "structure")
+"""Keys of an estimator that may name a file of the user's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +72,15 @@ class Campaign:
             repr(aircraft.elastic),
             sorted(aircraft.engine_files.items()),
             suites,
+            *self._brought(),
         ]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+    def _brought(self) -> list[str]:
+        """Return the SHA-256 of every estimator and structure of the user's own."""
+        entries = self.content["identification"]["estimators"]
+        names = [entry[key] for entry in entries for key in _BROUGHT if is_brought(entry.get(key))]
+        return [sha256(find(name, None, FOLDER)[0]) for name in names]
 
 
 def versions() -> dict[str, str]:
@@ -120,9 +131,15 @@ def _base(spec: CampaignSpec, file: Path) -> tuple[dict[str, Any], Path]:
 
 
 def _absolute(content: Mapping[str, Any], origin: Path) -> dict[str, Any]:
-    """Return the scenario with sensor suites that are files by absolute path, as processes elsewhere read them."""
+    """Return the scenario with all files that it names by absolute path, as processes elsewhere read them."""
     out = dict(content)
     out["suites"] = [str(Path(s).resolve()) if s.endswith(".toml") else s for s in out["suites"]]
+    entries = [dict(entry) for entry in out["identification"]["estimators"]]
+    for entry in entries:
+        for key in _BROUGHT:
+            if is_brought(entry.get(key)):
+                entry[key] = ":".join(map(str, find(entry[key], origin, FOLDER)))
+    out["identification"] = {**out["identification"], "estimators": entries}
     return out
 
 

@@ -122,7 +122,7 @@ def write_results(result: RunResult, folder: Path | str) -> list[Path]:
     out: list[Path] = []
     out += write_tables([*flown_tables(result), *result_tables(result)], folder)
     for stem, case in zip(unique([file_stem(c.label) for c in result.cases]), result.cases, strict=True):
-        out.append(write_file(folder / "models" / f"{file_stem(stem)}.json", _json_text(case.model.to_dict())))
+        out.append(write_file(folder / "models" / f"{file_stem(stem)}.json", _json_text(case.model.written())))
     paths, pictures = write_plates(plates(result), folder)
     out += paths
     out.append(write_file(folder / PAGE, report_page(result, pictures)))
