@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from testbench.core.bring import is_brought, short
 from testbench.core.errors import ScenarioError, TestbenchError
 from testbench.page.terminal import console
 from testbench.questions import QUESTIONS
@@ -75,12 +76,18 @@ class Kind(str, Enum):
 def check(
     scenarios: Annotated[list[Path], typer.Argument(help="Scenario files or names.", show_default=False)],
 ) -> None:
-    """Report every fault of scenario files at once, with file, key, law and value, without flying."""
+    """Report every fault of scenario files at once, with file, key, law and value, without flying.
+
+    Of an own estimator or structure, FILE.py:NAME, try every law that it must keep.
+    """
     from testbench.questions.files import check_file
 
     faults: list[str] = []
     for scenario in scenarios:
         try:
+            if is_brought(str(scenario)):
+                faults += _try_laws(str(scenario))
+                continue
             kind = check_file(scenario)
             console().print(f"{scenario}: a valid {kind}", highlight=False)
         except ScenarioError as error:
@@ -89,6 +96,17 @@ def check(
             faults.append(str(error))
     if faults:
         raise ScenarioError(faults)
+
+
+def _try_laws(name: str) -> list[str]:
+    """Print each law that what is brought must keep, and whether it does; return those that are broken."""
+    from testbench.estimators.contract import tried
+
+    broken = []
+    for law, failed in tried(name):
+        print(f"{'FAILED' if failed else 'passed'}  {law}" + (f": {failed}" if failed else ""), flush=True)
+        broken += [f"{short(name)}, {law}: {failed}"] if failed else []
+    return broken
 
 
 @app.command("list")
