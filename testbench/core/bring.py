@@ -141,8 +141,8 @@ def declared(path: Path) -> Declared:
                 names.update(found)
                 if isinstance(target, ast.Name):
                     values[target.id] = node.value
-        elif not isinstance(node, (ast.Expr, ast.Pass)):
-            whole = False  # a loop or a call with globals() may define what the text does not show
+        elif isinstance(node, (ast.For, ast.While, ast.Match, ast.AsyncFunctionDef)):
+            whole = False  # it may define what is not looked at here
     names.update(functions, classes)
     return Declared(path, frozenset(names), functions, classes, values, whole)
 
