@@ -14,8 +14,9 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Input
 from testbench.estimators import estimate
+from testbench.estimators.identification import Estimator
 from testbench.estimators.model import IdentifiedModel
-from testbench.estimators.settings import DsrE, Estimator, Subspace
+from testbench.estimators.settings import DsrE, Subspace
 from testbench.estimators.state_space import StateSpaceModel
 from testbench.evaluation.metrics import mrse_percent
 from testbench.evaluation.truth import Truth, true_model

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from testbench.aircraft import Aircraft, load_aircraft
 from testbench.core.errors import located
-from testbench.estimators.settings import Identification
+from testbench.estimators.identification import Identification
 from testbench.evaluation.truth import Truth, excited, true_model
 from testbench.flight import TrimmedFlight
 from testbench.flight.air import air_of
