@@ -31,7 +31,7 @@ from testbench.questions.gap.plan import separate
 from testbench.questions.gap.result import GapFinding, Shrink
 from testbench.questions.gap.search.fit import FALSE_ALARM
 from testbench.questions.gap.search.gauss_newton import retune
-from testbench.questions.gap.search.hypothesis import Local
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.likelihood import WEAK, noise_limit
 from testbench.questions.gap.search.name import ENOUGH_ALONE, Naming, name_effect
 from testbench.questions.gap.search.parallel import Ahead
@@ -106,7 +106,7 @@ def find_gap(
     if naming.best is not None:
         amended = naming.best.added_to(believed)
     else:
-        amended = believed.with_tuning(naming.tuning) if parameters else believed
+        amended = believed.with_nuisances(naming.nuisances) if parameters else believed
     say("locate the residual")
     maps = tuple(_map(believed, name, record) for name, record in records.items())
     left, taken = zip(*((believed.residuals(r), believed.taken(r)) for r in naming_records), strict=True)
@@ -165,7 +165,7 @@ def search(
     if naming.noise_left and not air.moves:
         return flown_in, naming, air
     say("listen to the air again")
-    tuned = believed.with_tuning(naming.tuning)
+    tuned = believed.with_nuisances(naming.nuisances)
     near = next((f for f in naming.ranking if f.significant and f.flown and f.gain > WEAK), None)
     if air.moves and near is not None and near.share < ENOUGH_ALONE:
         hidden = _hidden_by_air(believed, tuned, near.added_to(believed), records, air, say, effects)
@@ -227,7 +227,7 @@ def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: Ai
 
 def _retuned(believed: Believed, flown_in: Believed, records: Sequence[FlightRecord]) -> Believed:
     """Return the believed model with the coefficients that suit the records best in the air of ``flown_in``."""
-    return believed.with_tuning(retune(Local.at(flown_in, flown_in, tuple(records))).tuning)
+    return believed.with_nuisances(retune(Hypothesis.at(flown_in, flown_in, tuple(records))).by_name)
 
 
 def _left(amended: Believed, records: Sequence[FlightRecord]) -> Structure | None:

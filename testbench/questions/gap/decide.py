@@ -10,10 +10,10 @@ import numpy as np
 from testbench.core.errors import LimitError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.words import with_error
-from testbench.questions.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed, nuisances
+from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed, priors_of
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.search.fit import EffectFit
-from testbench.questions.gap.search.hypothesis import Local
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.likelihood import FORM, LEAST
 from testbench.questions.gap.search.name import Naming
 from testbench.questions.gap.search.screening import SMALL, screen_all
@@ -61,7 +61,7 @@ def off_parameters(naming: Naming) -> tuple[WrongParameter, ...]:
     """
     if naming.best is not None:
         return ()
-    priors = {**NUISANCES, **LATERAL_NUISANCES}
+    priors = {**PRIORS, **LATERAL_PRIORS}
     found = (WrongParameter(n, factor, error, priors[n]) for n, (factor, error) in naming.measured.items())
     return tuple(p for p in found if p.error < p.prior and abs(p.factor - 1.0) > SURE * p.error and p.deviations > OFF)
 
@@ -76,7 +76,7 @@ def wrong_parameters(
     wrong = tuple(p for p in off_parameters(naming) if p.deviations > FAR)
     if not wrong or not held_out:
         return wrong
-    re_tuned = _sum_of_squares(believed.with_tuning(naming.tuning), held_out)
+    re_tuned = _sum_of_squares(believed.with_nuisances(naming.nuisances), held_out)
     return wrong if re_tuned < _sum_of_squares(believed, held_out) else ()
 
 
@@ -90,7 +90,7 @@ def confirmed(naming: Naming, believed: Believed, held_out: Sequence[FlightRecor
     fits = [next(f for f in naming.ranking if f.effect.name == name) for name in naming.names]
     if not fits or not held_out:
         return naming
-    without = min(_sum_of_squares(m, held_out) for m in (believed, believed.with_tuning(naming.tuning)))
+    without = min(_sum_of_squares(m, held_out) for m in (believed, believed.with_nuisances(naming.nuisances)))
     if not np.isfinite(without):
         return naming  # nothing to compare with: without the effect nothing flies there
     worse = {
@@ -166,9 +166,9 @@ def rest(
     """
     if best.scatter_s or best.effect.met is not None or believed.whiten is not None:
         return None
-    priors = nuisances(records)
-    factors = np.array([best.tuning[n] for n in priors])
-    point = Local.at(believed, believed.with_effect(best.effect, best.values), tuple(records), factors, priors)
+    priors = priors_of(records)
+    nuisances = np.array([best.nuisances[n] for n in priors])
+    point = Hypothesis.at(believed, believed.with_effect(best.effect, best.values), tuple(records), nuisances, priors)
     parts = {e.name for e in best.effect.singles}
     forms = parts.union(*(e.contains for e in best.effect.singles))
     others = [e for n, e in effects.items() if n not in forms and parts.isdisjoint(e.contains) and e.met is None]

@@ -157,7 +157,7 @@ def gap_tables(result: GapResult) -> list[Table]:
                 "Factors on the believed coefficients"
                 + ("; far from 1 means that the effect is not the whole story." if best else "."),
                 (Column("coefficient", "coefficient"), Column("factor", "factor", decimals=3)),
-                tuple((best.tuning if best else naming.tuning).items()),
+                tuple((best.nuisances if best else naming.nuisances).items()),
             )
         )
         for k, shrink in enumerate(result.finding.shrink, 1):

@@ -9,7 +9,7 @@ import numpy as np
 
 from testbench.core.constants import DEG_RAD, G0_M_S2, KT_M_S
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.questions.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
+from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed
 from testbench.questions.gap.controls import Controls
 from testbench.questions.gap.decide import FAR, Rest, WrongParameter, off_parameters
 from testbench.questions.gap.evidence.air import AirFound
@@ -195,8 +195,8 @@ class GapFinding:
                 f"re-tuned beside it. It could be mistaken for {best.effect.mistaken_for}. What separates them: "
                 f"{best.effect.separated_by}"
             )
-        priors = {**NUISANCES, **LATERAL_NUISANCES}
-        far = [f"{n} {f:.3g}" for n, f in best.tuning.items() if abs(f - 1.0) > 2.0 * priors[n]]
+        priors = {**PRIORS, **LATERAL_PRIORS}
+        far = [f"{n} {f:.3g}" for n, f in best.nuisances.items() if abs(f - 1.0) > 2.0 * priors[n]]
         if far:
             out.append(
                 f"re-tuned beside it by more than twice what is believed of them: {', '.join(far)} times the believed "

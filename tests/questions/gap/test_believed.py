@@ -23,10 +23,10 @@ def throttled():
 def test_a_hypothesis_of_little_drag_flies_with_the_throttle_at_its_stop(throttled):
     believed = believe("eolo")
     believed.check_commands(throttled)
-    slippery = believed.with_tuning({"CD": 0.4})
+    slippery = believed.with_nuisances({"CD": 0.4})
     with pytest.raises(LimitError, match="0 <= thr <= 100 %"):
         slippery.check_commands(throttled)
-    left = [float(np.sum(believed.with_tuning({"CD": f}).residuals(throttled) ** 2)) for f in (1.0, 0.7, 0.4)]
+    left = [float(np.sum(believed.with_nuisances({"CD": f}).residuals(throttled) ** 2)) for f in (1.0, 0.7, 0.4)]
     assert left[0] < left[1] < left[2] < np.inf  # the way back is downhill
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from testbench.questions.gap.believed import NUISANCES
+from testbench.questions.gap.believed import PRIORS
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.search.fit import FALSE_ALARM, EffectFit
@@ -29,7 +29,7 @@ def slow():
         gain=9_000.0,
         threshold=17.0,
         share=0.999,
-        tuning=dict.fromkeys(NUISANCES, 1.0),
+        nuisances=dict.fromkeys(PRIORS, 1.0),
     )
     return SimpleNamespace(best=best)
 

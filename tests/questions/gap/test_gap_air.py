@@ -20,7 +20,7 @@ from testbench.questions.gap.evidence.air import AirFound, in_air, listen, liste
 from testbench.questions.gap.evidence.gust_filter import GustFilter
 from testbench.questions.gap.evidence.gust_model import GustModel
 from testbench.questions.gap.search.gauss_newton import retune
-from testbench.questions.gap.search.hypothesis import Local
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.likelihood import WEAK
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.screening import screen
@@ -161,7 +161,7 @@ def test_curved_effects_do_not_stand_out_of_turbulence_alone(believed):
             (in_air(believed, found), along),
             (replace(believed, whiten=lambda record, r, by=by_length: by[len(record)](r)), about),
         ):
-            tuned = retune(Local.at(point, point, records))
+            tuned = retune(Hypothesis.at(point, point, records))
             for name in gains:
                 gains[name] += screen(tuned, EFFECTS[name]).promise
     assert max(along.values()) < 23.5, along

@@ -12,7 +12,7 @@ from studies.blind.truths import KINDS
 
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.search.fit import fit
-from testbench.questions.gap.search.hypothesis import Local
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.likelihood import STRAINED
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.screening import screen
@@ -128,7 +128,7 @@ def test_a_parameter_that_came_to_its_bound_leaves_it_again():
     plan = replace(KINDS["damper that filters"].plan({"gain_s": 0.128}, "eolo"), factors=factors)
     records = tuple(fly_truth("eolo", plan, "rich", 11).values())
     believed = believe("eolo")
-    start = screen(Local.at(believed, believed, records), EFFECTS["filtered_pitch_damper"])
+    start = screen(Hypothesis.at(believed, believed, records), EFFECTS["filtered_pitch_damper"])
     found = fit(start, np.inf, 0.0, 1)
     assert found.values["gain_s"] == pytest.approx(0.128, abs=4.0 * found.errors["gain_s"])  # false alarm 6e-5
     assert found.values["lag_s"] == pytest.approx(0.08 + 0.015, abs=0.02)  # stepped another way, 1.5 frames apart
@@ -161,7 +161,7 @@ def test_a_second_effect_that_only_relieves_a_strained_coefficient_is_found():
 
 def test_a_rival_that_promises_less_than_half_is_given_up_before_its_first_flight():
     records = tuple(fly_truth("taurus", SLOW, "short", 11).values())
-    base = Local.at(believe("taurus"), believe("taurus"), records)
+    base = Hypothesis.at(believe("taurus"), believe("taurus"), records)
     vane, gain = screen(base, EFFECTS["alpha_scale"]), 2.0 * base.chi2  # a half of which is all there is
     given_up = fit(vane, base.chi2, gain, 1, patience=1, at_first_share=0.5)
     assert not given_up.flown
@@ -174,12 +174,12 @@ def test_of_a_pair_each_part_is_tried_in_its_special_case():
     plan = KINDS["high thrust"].plan({"z_m": -0.04}, "taurus").with_(SLOW)
     records = tuple(fly_truth("taurus", plan, "short", 11).values())
     believed = believe("taurus")
-    base = Local.at(believed, believed, records)
+    base = Hypothesis.at(believed, believed, records)
     line, second, first = (EFFECTS[n] for n in ("thrust_line", "second_order_actuator", "actuator_lag"))
     search = _Joint(
         base, base.chi2, [screen(base, e) for e in (line, second, first)], base.exact.size, 3, np.inf, print
     )
-    joint = search._fit((line, second), np.array([-0.04, 40.0, 1.8]), base.factors, np.inf)
+    joint = search._fit((line, second), np.array([-0.04, 40.0, 1.8]), base.nuisances, np.inf)
     (simpler,) = search.simpler(joint)
     assert simpler.effect.name == "thrust_line + actuator_lag"
     assert simpler.chi2 < joint.chi2 + 10.0  # 9.2 is what two parameters gain from noise once in a hundred cases
@@ -203,7 +203,7 @@ def test_an_elevator_too_weak_to_be_trimmed_with_a_smaller_coefficient_is_found(
     naming = named(plan, ("surface_scale", "theta_delay"), flown="rich")
     assert naming.names == ("surface_scale",), naming.sentence
     best = naming.best
-    assert best.values["scale"] * best.tuning["Cm_de"] == pytest.approx(0.52, rel=0.05)
+    assert best.values["scale"] * best.nuisances["Cm_de"] == pytest.approx(0.52, rel=0.05)
 
 
 TAURUS_OFF = {"CL_alpha": 1.028, "CD": 0.885, "Cm_alpha": 0.868, "Cm_q": 1.3, "Cm_de": 1.145}
@@ -213,7 +213,7 @@ def test_far_from_rest_both_signs_of_an_effect_are_flown():
     """At half an elevator's speed dependence the linear difference points the wrong way."""
     plan = replace(KINDS["effectiveness with speed"].plan({"k": -1.018}, "taurus"), factors=TAURUS_OFF)
     believed = believe("taurus")
-    base = Local.at(believed, believed, tuple(fly_truth("taurus", plan, "rich", 11).values()))
+    base = Hypothesis.at(believed, believed, tuple(fly_truth("taurus", plan, "rich", 11).values()))
     one, both = (screen(base, EFFECTS["speed_effectiveness"], far=far) for far in (False, True))
     assert [float(np.sign(s[0])) for s in one.starts] == [1.0]
     assert [float(np.sign(s[0])) for s in both.starts] == [-1.0, 1.0]

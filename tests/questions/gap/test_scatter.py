@@ -11,7 +11,7 @@ from studies.blind.truths import KINDS
 
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.search.fit import fit
-from testbench.questions.gap.search.hypothesis import Local
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.scatter import _Spread, scattered
 from testbench.questions.gap.search.screening import screen
@@ -67,7 +67,7 @@ def test_what_is_the_same_for_all_commands_is_not_taken_for_scatter(kinds):
     for kind, sizes in kinds.items():
         plan = plan.with_(KINDS[kind].plan(sizes, "taurus"))
     records = tuple(fly_truth("taurus", plan, "short", 11).values())
-    base = Local.at(believed, believed, records)
+    base = Hypothesis.at(believed, believed, records)
     found = fit(screen(base, EFFECTS["transport_delay"]), base.chi2, 0.0, 1)
     assert found.gain > 1000.0
     assert scattered(base, [found], base.chi2) is None

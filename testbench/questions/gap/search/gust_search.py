@@ -33,7 +33,7 @@ from testbench.questions.gap.evidence.gusts import manoeuvre_of, record_key
 from testbench.questions.gap.search.fit import FALSE_ALARM
 
 if TYPE_CHECKING:
-    from testbench.questions.gap.search.hypothesis import Local
+    from testbench.questions.gap.search.hypothesis import Hypothesis
     from testbench.questions.gap.search.name import Naming
 
 DURATIONS_S = (0.3, 0.45, 0.65, 0.9, 1.3, 1.8, 2.6, 3.7)
@@ -93,7 +93,7 @@ class GustSearch:
     sizes: tuple[int, ...]
 
     @classmethod
-    def at(cls, point: Local) -> GustSearch:
+    def at(cls, point: Hypothesis) -> GustSearch:
         """Make the filters of the model of ``point`` in still air."""
         records, p = point.records, len(point.believed.outputs)
         axes: tuple[Axis, ...] = ("north", "down")
@@ -150,9 +150,9 @@ class GustSearch:
         return out
 
 
-def _responses(point: Local, record: FlightRecord, places: Sequence[tuple[Axis, float]]) -> FloatArray:
+def _responses(point: Hypothesis, record: FlightRecord, places: Sequence[tuple[Axis, float]]) -> FloatArray:
     """Return what a gust of 1 m/s from the first sample on changes in the readings (places, n, p), in noise units."""
-    model, out = replace(point.model.with_tuning(point.tuning), gusts=()), []
+    model, out = replace(point.model.with_nuisances(point.by_name), gusts=()), []
     calm, key = model.predict_linear(record), record_key(record)
     for axis, duration in places:
         met = replace(model, gusts=(MetGust(key, "", Gust(axis, 1.0, 0.0, duration)),))
@@ -160,7 +160,7 @@ def _responses(point: Local, record: FlightRecord, places: Sequence[tuple[Axis, 
     return np.array(out)
 
 
-def sought(point: Local, effect: Effect) -> Effect:
+def sought(point: Hypothesis, effect: Effect) -> Effect:
     """Return ``effect`` where screening finds it: a gust in the record, along the axis and at the time that it explains
     most of the residual of ``point`` with; every other effect as it is.
 

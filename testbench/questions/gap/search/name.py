@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from testbench.core.record import FlightRecord
-from testbench.questions.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
+from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed
 from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.search.fit import (
     FALSE_ALARM,
@@ -23,7 +23,7 @@ from testbench.questions.gap.search.fit import (
 )
 from testbench.questions.gap.search.gauss_newton import MAX_ROUNDS, retune, within_priors
 from testbench.questions.gap.search.gust_search import doubted, sought
-from testbench.questions.gap.search.hypothesis import Local
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.likelihood import (
     LEAST,
     STRAINED,
@@ -67,11 +67,11 @@ class Naming:
         ranking: all effects, best first.
         chi2_believed: weighted sum of squares of the believed model, nothing re-tuned.
         chi2_tuned: the same after re-tuning the nuisances within their priors.
-        tuning: nuisance -> factor of that re-tuning.
+        nuisances: nuisance -> value of that re-tuning.
         samples: number of samples in those sums.
         sentence: the outcome in words.
         rejected: effect that was not fitted -> why.
-        measured: nuisance -> (factor, standard error) of the re-tuning without any effect, the prior left out.
+        measured: nuisance -> (value, standard error) of the re-tuning without any effect, the prior left out.
     """
 
     outcome: str
@@ -79,7 +79,7 @@ class Naming:
     ranking: tuple[EffectFit, ...]
     chi2_believed: float
     chi2_tuned: float
-    tuning: Mapping[str, float]
+    nuisances: Mapping[str, float]
     samples: int
     sentence: str
     rejected: Mapping[str, str] = field(default_factory=dict)
@@ -128,7 +128,7 @@ def name_effect(
     say("re-tune the believed model")
     for record in records:
         believed.check_commands(record)
-    start = Local.at(believed, believed, tuple(records))
+    start = Hypothesis.at(believed, believed, tuple(records))
     tuned = retune(start)
     say("screen the library")
     choice = tuple(sought(tuned, e) for e in (library(believed.suite) if effects is None else effects).values())
@@ -155,14 +155,14 @@ def name_effect(
     ranking = _ranked(polished(base, _ranked(fits, samples), tuned.chi2), samples)
     outcome, names, sentence = _decide(ranking, tuned.chi2, samples, floor)
     chi2_believed = float(start.exact @ start.exact)
-    factors, measured = tuned.tuning, tuned.measured()
-    said = Naming(outcome, names, ranking, chi2_believed, tuned.chi2, factors, samples, sentence, rejected, measured)
+    nuisances, measured = tuned.by_name, tuned.measured()
+    said = Naming(outcome, names, ranking, chi2_believed, tuned.chi2, nuisances, samples, sentence, rejected, measured)
     return doubted(said, believed, records)
 
 
 def _fit_promising(
-    tuned: Local,
-    start: Local | None,
+    tuned: Hypothesis,
+    start: Hypothesis | None,
     screened: Sequence[Screened],
     tested: int,
     rejected: dict[str, str],
@@ -250,7 +250,7 @@ def _asked(one: Screened, patience: int, fits: Mapping[str, EffectFit], noise: f
 
 
 def _refit_special_cases(
-    base: Local,
+    base: Hypothesis,
     chi2_tuned: float,
     screened: Sequence[Screened],
     tested: int,
@@ -271,7 +271,7 @@ def _refit_special_cases(
         if not one.seen or one.effect is best.effect or not best.effect.generalises(one.effect):
             continue
         if name not in fits or fits[name].chi2 - best.chi2 > TOLD_APART:
-            near = near or base.moved(base.model, base.factors_of(best.tuning)) or base
+            near = near or base.moved(base.model, base.vector(best.nuisances)) or base
             say(f"fit {one.effect.title}, a special case of {best.effect.title}")
             found = fit(flown_best(near, screen(near, one.effect)), chi2_tuned, 0.0, tested, MAX_ROUNDS, near=True)
             if found is not None and (name not in fits or found.chi2 < fits[name].chi2):
@@ -385,8 +385,8 @@ def _of_one_kind(a: Effect, b: Effect) -> bool:
 
 def _stretched(fit: EffectFit) -> str:
     """Return the coefficients that a fit asks most of, in words."""
-    priors = {**NUISANCES, **LATERAL_NUISANCES}
-    off = sorted(((abs(f - 1.0) / priors[n], n, f) for n, f in fit.tuning.items()), reverse=True)
+    priors = {**PRIORS, **LATERAL_PRIORS}
+    off = sorted(((abs(f - 1.0) / priors[n], n, f) for n, f in fit.nuisances.items()), reverse=True)
     told = [o for o in off if o[0] > 0.5 * off[0][0]][:3]
     return ", ".join(f"{n} {f:.3g} times the believed value ({z:.1f} standard deviations)" for z, n, f in told)
 

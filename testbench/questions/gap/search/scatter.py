@@ -14,7 +14,7 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import AT_REST, SHORTENED
-from testbench.questions.gap.search.hypothesis import Changes, Local
+from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.likelihood import TOLD_APART, noise_floor
 from testbench.questions.gap.search.polish import slopes
 
@@ -28,7 +28,7 @@ _ROUNDS = 8
 _LEFT = 0.02  # a delay that leaves what noise exceeds with this probability is asked whether it scatters
 
 
-def scattered(base: Local, fits: Sequence[EffectFit], chi2_tuned: float) -> EffectFit | None:
+def scattered(base: Hypothesis, fits: Sequence[EffectFit], chi2_tuned: float) -> EffectFit | None:
     """Return the fit of a delay with the scatter that its remainder asks for; None if noise is not what that leaves.
 
     Only a delay that alone explains most of the excess, but leaves more than noise, is asked for it.
@@ -60,7 +60,7 @@ def scattered(base: Local, fits: Sequence[EffectFit], chi2_tuned: float) -> Effe
 class _Scattered:
     """A point flown with a delay x (1,), and the likeliest scatter s of its residuals."""
 
-    point: Local
+    point: Hypothesis
     x: FloatArray
     s: float
     spread: _Spread
@@ -80,7 +80,7 @@ class _Scattered:
         """Return normal matrix and gradient of half of ``left`` over the delay and the coefficients."""
         J = np.hstack([slope, tangents])
         price = np.concatenate([np.zeros(slope.shape[1]), 1.0 / self.point.prior_std**2])
-        off = np.concatenate([np.zeros(slope.shape[1]), self.point.factors - 1.0])
+        off = np.concatenate([np.zeros(slope.shape[1]), self.point.nuisances - 1.0])
         weighed = self.spread.weigh(J, self.s)
         return J.T @ weighed + np.diag(price), weighed.T @ self.point.exact + price * off
 
@@ -94,28 +94,28 @@ class _Scattered:
         return np.sqrt(np.diag(np.linalg.inv(normal))[:1])
 
 
-def _at_rest(base: Local, fit: EffectFit) -> _Scattered | None:
+def _at_rest(base: Hypothesis, fit: EffectFit) -> _Scattered | None:
     """Descend from a delay without scatter by Gauss-Newton steps; None if nothing flies there, or the delay is none."""
-    changes, (delay,) = Changes(base, fit.effect), fit.effect.parameters
+    signature, (delay,) = Signature(base, fit.effect), fit.effect.parameters
     errors = np.array(list(fit.errors.values()))
 
-    def at(x: FloatArray, factors: FloatArray, spread: _Spread | None) -> _Scattered | None:
-        point = base.moved(changes.model(x), factors)
+    def at(x: FloatArray, nuisances: FloatArray, spread: _Spread | None) -> _Scattered | None:
+        point = base.moved(signature.model(x), nuisances)
         if point is None or x[0] <= delay.low:
             return None
-        spread = spread or _Spread([_responses(point.model.with_tuning(point.tuning), r) for r in base.records])
+        spread = spread or _Spread([_responses(point.model.with_nuisances(point.by_name), r) for r in base.records])
         return _Scattered(point, x, spread.likeliest(point.exact, _MOST * float(x[0])), spread)
 
-    here = at(np.array(list(fit.values.values())), base.factors_of(fit.tuning), None)
+    here = at(np.array(list(fit.values.values())), base.vector(fit.nuisances), None)
     for _ in range(_ROUNDS if here is not None else 0):
         assert here is not None
         near = here.point.afresh(True)
         here = replace(here, point=near)
-        normal, gradient = here.normal(slopes(changes, near, here.x, errors), near.tangents)
+        normal, gradient = here.normal(slopes(signature, near, here.x, errors), near.tangents)
         step = -np.linalg.solve(normal, gradient)
         for share in SHORTENED:
             x = np.clip(here.x + share * step[:1], delay.low, delay.high)
-            there = at(x, near.towards(near.factors + share * step[1:]), here.spread)
+            there = at(x, near.towards(near.nuisances + share * step[1:]), here.spread)
             if there is not None and there.cost < here.cost:
                 break
         else:

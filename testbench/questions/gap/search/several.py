@@ -14,7 +14,7 @@ from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.search.fit import EffectFit, summarise
 from testbench.questions.gap.search.gauss_newton import MAX_ROUNDS, descend
-from testbench.questions.gap.search.hypothesis import Changes, Local
+from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.likelihood import FORM, STRAINED, TOLD_APART, WEAK, leaves_noise, noise_limit, score
 from testbench.questions.gap.search.parallel import Ahead, spread
 from testbench.questions.gap.search.screening import SMALL, Screened, flown_best, promising, screen, screen_all
@@ -35,7 +35,7 @@ PATIENCE_FAR = 6  # and if coefficients are strained, or what came to rest alone
 
 
 def several_at_once(
-    base: Local,
+    base: Hypothesis,
     chi2_tuned: float,
     screened: Sequence[Screened],
     ranking: Sequence[EffectFit],
@@ -85,7 +85,7 @@ def several_at_once(
 class _Joint:
     """The search for several effects at once, all descents from one base."""
 
-    base: Local
+    base: Hypothesis
     chi2_tuned: float
     screened: Sequence[Screened]
     samples: int
@@ -108,21 +108,21 @@ class _Joint:
         found: list[EffectFit] = []
         self.say(f"seek another effect beside {first.title}")
         # What explains as much as re-tuned coefficients far from what is believed may promise nothing where they are.
-        bases = [self._tuning(known)] + ([np.ones(len(self.base.priors))] if self._doubtful(rival) else [])
-        for tuning in bases:
-            self._beside_at(tuning, known, first, rival, found)
+        bases = [self._nuisances(known)] + ([np.ones(len(self.base.priors))] if self._doubtful(rival) else [])
+        for nuisances in bases:
+            self._beside_at(nuisances, known, first, rival, found)
         return found
 
     def _beside_at(
-        self, tuning: FloatArray, known: EffectFit, first: Effect, rival: EffectFit, found: list[EffectFit]
+        self, nuisances: FloatArray, known: EffectFit, first: Effect, rival: EffectFit, found: list[EffectFit]
     ) -> None:
-        """Begin from coefficients ``tuning`` (k,); adds to ``found``."""
+        """Begin from ``nuisances`` (k,); adds to ``found``."""
         values = self._values(known, first)
-        point = self._point(first, values, tuning)
+        point = self._point(first, values, nuisances)
         if point is None:
             return
         taken = {p.name for p in first.singles + rival.effect.singles}
-        doubtful, believed = self._doubtful(rival), bool(np.all(tuning == 1.0))
+        doubtful, believed = self._doubtful(rival), bool(np.all(nuisances == 1.0))
         free = [s.effect for s in self.screened if s.seen and s.effect.name not in taken]
         others = screen_all([(point, e) for e in free], far=believed)
         if doubtful:  # beside strained coefficients an effect may do little but relieve them
@@ -146,7 +146,7 @@ class _Joint:
             lowest = min([rival.chi2 - least[other.effect.name], *others_found])
             begin = np.concatenate([values, other.starts[0]])
             effects = (*first.singles, other.effect)
-            return (other.effect.name, lowest), partial(self._fit, effects, begin, tuning, lowest, patience)
+            return (other.effect.name, lowest), partial(self._fit, effects, begin, nuisances, lowest, patience)
 
         def known_already(other: Screened) -> bool:
             """Return whether this, or a special case of it, was found to leave noise."""
@@ -187,7 +187,7 @@ class _Joint:
             if pair.chi2 <= self.noise and together(*effects).generalises(pair.effect):
                 continue
             begin = np.concatenate([self._values(rival, rival.effect), self._values(pair, second)])
-            task = partial(self._fit, effects, begin, self._tuning(pair), pair.chi2 + TOLD_APART, PATIENCE_FAR)
+            task = partial(self._fit, effects, begin, self._nuisances(pair), pair.chi2 + TOLD_APART, PATIENCE_FAR)
             begun.append((rival, task))
         found = zip((rival for rival, _ in begun), spread([task for _, task in begun]), strict=True)
         return [
@@ -204,15 +204,15 @@ class _Joint:
         found = []
         for part in joint.effect.parts:
             rest, values = self._rest(joint, part)
-            tuning = self._tuning(joint)
+            nuisances = self._nuisances(joint)
             special = [s.effect for s in self.screened if s.seen and part.generalises(s.effect)]
-            point = self._point(_one(rest), values, tuning) if special else None
+            point = self._point(_one(rest), values, nuisances) if special else None
             if point is None:
                 continue
             for screened in (flown_best(point, screen(point, e)) for e in special):
                 if screened.seen:
                     begin = np.concatenate([values, screened.starts[0]])
-                    found.append(self._fit((*rest, screened.effect), begin, tuning, self.noise, MAX_ROUNDS))
+                    found.append(self._fit((*rest, screened.effect), begin, nuisances, self.noise, MAX_ROUNDS))
         return [f for f in found if f is not None and f.chi2 <= self.noise]
 
     def _form(self, single: EffectFit, other: Effect) -> float:
@@ -241,19 +241,19 @@ class _Joint:
     def without(self, joint: EffectFit, part: Effect, hopeless: float) -> EffectFit | None:
         """Return the fit of ``joint`` without one of its parts, from the values that the others have in it."""
         rest, values = self._rest(joint, part)
-        return self._fit(rest, values, self._tuning(joint), hopeless)
+        return self._fit(rest, values, self._nuisances(joint), hopeless)
 
     def _rest(self, joint: EffectFit, part: Effect) -> tuple[tuple[Effect, ...], FloatArray]:
         """Return the other parts of a joint fit, and the values (p,) that they have in it."""
         rest = tuple(p for p in joint.effect.parts if p is not part)
         return rest, np.concatenate([self._values(joint, p) for p in rest])
 
-    def _point(self, effect: Effect, values: FloatArray, tuning: FloatArray) -> Local | None:
+    def _point(self, effect: Effect, values: FloatArray, nuisances: FloatArray) -> Hypothesis | None:
         """Return the point with an effect at values (p,) and coefficients (k,); None if it cannot fly."""
-        return self.base.moved(Changes(self.base, effect).model(values), tuning)
+        return self.base.moved(Signature(self.base, effect).model(values), nuisances)
 
-    def _tuning(self, fit: EffectFit) -> FloatArray:
-        return self.base.factors_of(fit.tuning)
+    def _nuisances(self, fit: EffectFit) -> FloatArray:
+        return self.base.vector(fit.nuisances)
 
     @staticmethod
     def _values(fit: EffectFit, effect: Effect) -> FloatArray:
@@ -265,14 +265,14 @@ class _Joint:
         self,
         effects: tuple[Effect, ...],
         begin: FloatArray,
-        tuning: FloatArray,
+        nuisances: FloatArray,
         hopeless: float,
         patience: int = PATIENCE,
     ) -> EffectFit | None:
         """Descend from values (p,) and coefficients (k,) at which one of the effects, or more, came to rest before."""
         effect = _one(effects)
-        near = self.base.moved(self.base.model, tuning) or self.base
-        descent = descend(Changes(near, effect), begin, hopeless, patience, near=True)
+        near = self.base.moved(self.base.model, nuisances) or self.base
+        descent = descend(Signature(near, effect), begin, hopeless, patience, near=True)
         if descent is None or not descent.flown:
             return None
         return summarise(effect, descent, self.chi2_tuned, self.tested ** len(effects), self.base)

@@ -125,7 +125,7 @@ def test_two_processes_name_what_one_does_with_the_same_numbers():
     with processes(2):
         both = name_effect(believe("taurus"), records, effects=effects)
     assert (both.outcome, both.names, both.rejected) == (alone.outcome, alone.names, alone.rejected)
-    assert both.tuning == alone.tuning
+    assert both.nuisances == alone.nuisances
     assert [(f.effect.name, f.values, f.chi2) for f in both.ranking] == [
         (f.effect.name, f.values, f.chi2) for f in alone.ranking
     ]
