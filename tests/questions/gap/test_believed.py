@@ -6,18 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from studies.blind.flights import Plan, fly_truth
+from studies.blind.flights import fly_truth
 from studies.blind.run import believe
 
 from testbench.core.errors import LimitError
 from testbench.core.record import FlightAborted
+from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.search.name import name_effect
 
 
 @pytest.fixture(scope="module")
 def throttled():
     """A record whose throttle moves to a few per cent of idle."""
-    return fly_truth("eolo", Plan(), "rich", 3)["throttle"]
+    return fly_truth("eolo", Truth(), "rich", 3)["throttle"]
 
 
 def test_a_hypothesis_of_little_drag_flies_with_the_throttle_at_its_stop(throttled):

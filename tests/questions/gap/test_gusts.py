@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
-from studies.blind.flights import Plan, fly_truth
+from studies.blind.flights import fly_truth
 from studies.blind.run import believe
-from studies.blind.truths import KINDS
 
 from testbench.core.errors import ModelError
 from testbench.core.record import FlightRecord
@@ -22,6 +21,8 @@ from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.base import MetGust
 from testbench.questions.gap.evidence.gusts import manoeuvre_of, record_key
 from testbench.questions.gap.export import air_text
+from testbench.questions.gap.hidden.entries import TRUTHS
+from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.gust_search import GustSearch, sought
 from testbench.questions.gap.search.hypothesis import Hypothesis
@@ -51,17 +52,17 @@ def believed() -> Believed:
 
 @pytest.fixture(scope="module")
 def flights() -> dict[str, FlightRecord]:
-    return fly_truth("taurus", Plan(gust=TRUE, factors=FACTORS), "short", 5)
+    return fly_truth("taurus", Truth(gust=TRUE, factors=FACTORS), "short", 5)
 
 
 @pytest.fixture(scope="module")
 def calm() -> dict[str, FlightRecord]:
-    return fly_truth("taurus", Plan(factors=FACTORS), "short", 5)
+    return fly_truth("taurus", Truth(factors=FACTORS), "short", 5)
 
 
 @pytest.fixture(scope="module")
 def held_out() -> dict[str, FlightRecord]:
-    return fly_truth("taurus", Plan(factors=FACTORS), "held_out", 6)
+    return fly_truth("taurus", Truth(factors=FACTORS), "held_out", 6)
 
 
 @pytest.fixture(scope="module")
@@ -109,8 +110,8 @@ def test_a_manoeuvre_is_called_by_its_provenance_or_its_number():
 
 @pytest.mark.parametrize("axis", ["down", "north"])
 def test_a_gust_is_recovered_from_data_without_noise_that_it_made(believed, axis):
-    record = fly_truth("taurus", Plan(), "short", 7)["doublets of two sizes"]
-    other = fly_truth("taurus", Plan(), "short", 7)["3211"]
+    record = fly_truth("taurus", Truth(), "short", 7)["doublets of two sizes"]
+    other = fly_truth("taurus", Truth(), "short", 7)["3211"]
     true = Gust(axis, 1.7, 6.53, 0.83)
     exact = []
     for r, model in ((other, believed), (record, meeting(believed, record, true))):
@@ -205,7 +206,7 @@ def test_calm_flights_are_no_gap(believed, calm):
     [("slow servo", {"lag_rad_s": 12.0}), ("frozen attitude", {"length_s": 0.8})],
 )
 def test_what_recurs_in_several_manoeuvres_or_in_one_channel_is_no_gust(believed, kind, sizes):
-    records = list(fly_truth("taurus", KINDS[kind].plan(sizes, "taurus"), "short", 8).values())
+    records = list(fly_truth("taurus", TRUTHS[kind](sizes, "taurus"), "short", 8).values())
     naming = name_effect(believed, records, effects={"gust": GUST})
     assert naming.outcome == "unexplained", naming.sentence
 
@@ -219,7 +220,7 @@ def test_what_recurs_in_several_manoeuvres_or_in_one_channel_is_no_gust(believed
     ],
 )
 def test_beside_a_command_a_gust_must_prove_its_form(believed, gust, outcome):
-    records = list(fly_truth("taurus", Plan(gust=gust), "short", 8).values())
+    records = list(fly_truth("taurus", Truth(gust=gust), "short", 8).values())
     naming = name_effect(believed, records, effects={"gust": GUST})
     assert naming.outcome == outcome, naming.sentence
     assert ("a command is out at that time" in naming.sentence) is (outcome == "unexplained")

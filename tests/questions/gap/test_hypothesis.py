@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from studies.blind.flights import Plan, fly_truth
+from studies.blind.flights import fly_truth
 from studies.blind.run import believe
 
 from testbench.core.errors import TrimError
+from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.search.hypothesis import Hypothesis
 
 
@@ -25,7 +26,7 @@ def least_factor_with_trim(believed, low=0.4, high=1.0):
 
 def test_where_one_side_has_no_trim_the_tangent_is_taken_to_the_other():
     believed = believe("taurus")
-    records = tuple(fly_truth("taurus", Plan(), "short", 11).values())[:1]
+    records = tuple(fly_truth("taurus", Truth(), "short", 11).values())[:1]
     least = least_factor_with_trim(believed)
     names = list(Hypothesis.at(believed, believed, records).priors)
     k = names.index("Cm_de")

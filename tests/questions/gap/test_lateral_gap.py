@@ -29,7 +29,7 @@ from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.evidence.check import check_data
 from testbench.questions.gap.evidence.commanded import moves_laterally
 from testbench.questions.gap.evidence.locate import locate_regions
-from testbench.questions.gap.hidden import Hidden, Nothing, SensorError, YawFeedback, measure_hidden
+from testbench.questions.gap.hidden.kinds import Hidden, Nothing, SensorError, YawFeedback, measure_hidden
 from testbench.questions.gap.plan import Grams, as_record, family
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.result import TOLERANCE

@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 from studies.blind.flights import fly_truth
 from studies.blind.run import believe
-from studies.blind.truths import KINDS
 
 from testbench.core.scratch import Scratch
 from testbench.flight.executive import Executive
 from testbench.questions.gap.effects import EFFECTS
+from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.parallel import Ahead, processes, spread
 
@@ -118,7 +118,7 @@ def test_a_process_flies_on_when_the_one_that_it_came_from_removes_its_models():
 
 
 def test_two_processes_name_what_one_does_with_the_same_numbers():
-    plan = KINDS["slow servo"].plan({"lag_rad_s": 12.0}, "taurus")
+    plan = TRUTHS["slow servo"]({"lag_rad_s": 12.0}, "taurus")
     records = list(fly_truth("taurus", plan, "short", 3).values())
     effects = {n: EFFECTS[n] for n in ("actuator_lag", "transport_delay", "q_lag", "mass_error")}
     alone = name_effect(believe("taurus"), records, effects=effects)

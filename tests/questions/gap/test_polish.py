@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from studies.blind.flights import fly_truth
 from studies.blind.run import believe
-from studies.blind.truths import KINDS
 
 from testbench.questions.gap.effects import EFFECTS
+from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.polish import polished
@@ -20,7 +20,7 @@ from testbench.questions.gap.search.screening import screen
 @pytest.fixture(scope="module")
 def damped():
     """A base in flights of an aircraft with a pitch damper, and the fits of the damper and of a filtered one."""
-    plan = KINDS["rate feedback"].plan({"gain_s": 0.11}, "eolo")
+    plan = TRUTHS["rate feedback"]({"gain_s": 0.11}, "eolo")
     believed = believe("eolo")
     base = Hypothesis.at(believed, believed, tuple(fly_truth("eolo", plan, "short", 11).values()))
     return base, [fit(screen(base, EFFECTS[n]), base.chi2, 0.0, 2) for n in ("pitch_damper", "filtered_pitch_damper")]

@@ -24,7 +24,7 @@ from testbench.questions.gap.case import run_flights, run_gap
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.evidence.locate import locate, structure
-from testbench.questions.gap.hidden import Nothing, measure_hidden
+from testbench.questions.gap.hidden.kinds import Nothing, measure_hidden
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.gap.search.fit import EffectFit
