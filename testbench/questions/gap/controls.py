@@ -25,9 +25,9 @@ from testbench.core.errors import LimitError, RecordError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.flight.air import Air, turbulence_rms
 from testbench.questions.gap.believed import Believed, priors_of
+from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.evidence.air import AirFound, listen
 from testbench.questions.gap.evidence.gusts import record_key
-from testbench.questions.gap.search.name import Naming
 from testbench.questions.gap.search.parallel import Ahead
 
 Search = Callable[[Sequence[FlightRecord], AirFound], Naming]

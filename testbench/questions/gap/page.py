@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from testbench.page.labels import file_stem, symbol
 from testbench.page.tables import Column, Table
 from testbench.page.write import PAGE, write_file, write_plates, write_tables
+from testbench.questions.gap.criteria import FALSE_ALARM
 from testbench.questions.gap.evidence.forces import follows
 from testbench.questions.gap.export import air_text, aircraft_files
-from testbench.questions.gap.search.fit import FALSE_ALARM
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -27,16 +27,17 @@ from testbench.core.scenario.inputs import Doublet, Input, Pulse, StandardMultis
 from testbench.flight import FlightCondition
 from testbench.inputs import build
 from testbench.questions.gap.believed import Believed, priors_of
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.evidence.commanded import commands, quiet_samples
 from testbench.questions.gap.evidence.compared import not_compared
-from testbench.questions.gap.search.fit import FALSE_ALARM, EffectFit
+from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import load_suite
 
 # The threshold that tells two effects apart, 2 ln(1 / FALSE_ALARM), passed with a probability of 0.9.
-NEEDED = float((np.sqrt(2.0 * np.log(1.0 / FALSE_ALARM)) + 1.2816) ** 2)
+NEEDED = float((np.sqrt(2.0 * np.log(1.0 / CRITERIA.false_alarm)) + 1.2816) ** 2)
 ALIKE = 0.9  # from this share on, two effects are told apart by the details of their form alone
 _MOST_STARTS = 4
 _UNSEEN = 1e-6

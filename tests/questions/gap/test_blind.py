@@ -21,12 +21,12 @@ from studies.blind.run import believe, look_again
 from studies.blind.score import judge, rates, wilson
 from studies.blind.truths import KINDS, parameter_errors
 
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.hidden import servos
 from testbench.questions.gap.hidden.aircraft import SERVO_LAG
 from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.hidden.truth import Truth
-from testbench.questions.gap.search.likelihood import WEAK
 
 TESTS = Path(__file__).resolve().parents[2]
 
@@ -191,7 +191,7 @@ def test_a_hidden_servo_that_changes_nothing_shows_nothing(aircraft):
     own = servos.after_lag(SERVO_LAG[aircraft], lambda u, dt_s: u)
     flown = [fly_truth(aircraft, p, "rich", 5) for p in (Truth(), Truth(elevator=own, whole_servo=True))]
     plain, again = (sum(float(np.sum(believed.residuals(r) ** 2)) for r in f.values()) for f in flown)
-    assert abs(again - plain) < WEAK
+    assert abs(again - plain) < CRITERIA.weak
 
 
 def test_a_run_resumes_and_a_changed_seal_is_refused(tmp_path, monkeypatch):

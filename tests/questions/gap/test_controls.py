@@ -17,13 +17,13 @@ from testbench.core.record import FlightRecord
 from testbench.questions.gap.ask import find_gap
 from testbench.questions.gap.believed import PRIORS, Believed
 from testbench.questions.gap.controls import Control, Controls, fly_control, fly_controls, without_false_alarms
+from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen
 from testbench.questions.gap.evidence.air import measure as measure_air
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.name import Naming
 
 STILL = AirFound(False, 0.0, 547.0, 0.0, 9.55, 4.0)
 

@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from gap_flights import ELEVATOR, believe, measure
 
-from testbench.questions.gap.decide import confirmed, judged, largest_errors, off_parameters, rest, wrong_parameters
+from testbench.questions.gap.decide import Naming, confirmed, judged, rest
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence.air import AirFound
+from testbench.questions.gap.evidence.locate import largest_errors
+from testbench.questions.gap.parameters import off_parameters, wrong_parameters
 from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.name import Naming
 
 OFF = {"Cm_alpha": 1.35, "Cm_q": 0.9}
 STILL = AirFound(False, 0.0, 100.0, 0.0, 9.55, 2.0)

@@ -1,6 +1,6 @@
 """Turbulence is told from a gap, and residuals are white in it.
 
-Turbulence is heard in still air with probability 1e-3 per case (air.FALSE_ALARM); seeds are fixed.
+Turbulence is heard in still air with probability 1e-3 per case (air.CRITERIA.false_alarm); seeds are fixed.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from scipy.linalg import solve_discrete_are
 
 from testbench.flight.air import scale_lengths
 from testbench.questions.gap.ask import in_measured_air
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence import air
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again
@@ -21,7 +22,6 @@ from testbench.questions.gap.evidence.gust_filter import GustFilter
 from testbench.questions.gap.evidence.gust_model import GustModel
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.likelihood import WEAK
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.screening import screen
 
@@ -201,7 +201,7 @@ def test_an_effect_in_its_air_is_likelier_than_strong_turbulence_only_where_it_i
     slow = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 5.0})
     records, strong = measure(slow, 40, RMS) if hidden else turbulent[0], replace(turbulent[1], rms_m_s=0.9)
     alone, beside = (air.misfit(m, records, air.measure(m, records, strong)) for m in (believed, slow))
-    assert (alone - beside > WEAK) == hidden
+    assert (alone - beside > CRITERIA.weak) == hidden
 
 
 def test_the_likeliest_air_misfits_least(believed, turbulent):

@@ -24,6 +24,7 @@ from testbench.flight import FlightCondition
 from testbench.questions.gap.ask import find_gap, in_measured_air
 from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed, priors_of
 from testbench.questions.gap.case import run_gap
+from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.evidence.check import check_data
@@ -36,7 +37,7 @@ from testbench.questions.gap.result import TOLERANCE
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.name import Naming, name_effect
+from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.screening import screen
 from testbench.sensors import load_suite
 

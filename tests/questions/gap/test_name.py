@@ -9,12 +9,12 @@ import pytest
 from studies.blind.flights import fly_truth
 from studies.blind.run import believe
 
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.likelihood import STRAINED
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.screening import screen
 from testbench.questions.gap.search.several import _Joint
@@ -97,7 +97,7 @@ def test_what_fits_only_beside_coefficients_far_from_what_is_believed_is_not_nam
     best = naming.ranking[0]
     assert best.effect.name == "thrust_scale"
     assert best.chi2 < 1.05 * naming.samples
-    assert best.within < STRAINED
+    assert best.within < CRITERIA.strained
     assert (naming.outcome, naming.names) == ("unexplained", ())
     assert "farther off than is believed" in naming.sentence
     assert "CL_alpha 0.7" in naming.sentence

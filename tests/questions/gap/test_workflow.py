@@ -21,6 +21,7 @@ from testbench.page.write import record_keeper
 from testbench.questions.gap.ask import find_gap
 from testbench.questions.gap.believed import PRIORS, Believed
 from testbench.questions.gap.case import run_flights, run_gap
+from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.evidence.locate import locate, structure
@@ -29,7 +30,6 @@ from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.name import Naming
 from testbench.sensors import load_suite
 
 CASES = {

@@ -13,15 +13,14 @@ from testbench.aircraft import load_aircraft
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.ask import search
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.decide import Rest, judged, rest
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.decide import Naming, Rest, judged, rest
 from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
-from testbench.questions.gap.search.likelihood import LEAST
-from testbench.questions.gap.search.name import Naming
 
 
 def believe(aircraft: str) -> Believed:
@@ -71,7 +70,7 @@ def look_again(
     parts = [everything[name] for name in row["best"].split(" + ")]
     effect = together(*parts) if parts[1:] else parts[0]
     point = retune(Hypothesis.at(believed, believed.with_effect(effect, row["values"]), flown))
-    if abs(point.chi2 - row["chi2_left"]) > LEAST:
+    if abs(point.chi2 - row["chi2_left"]) > CRITERIA.least:
         return None
     fit = EffectFit(
         effect, row["values"], row["errors"], point.chi2, row["gain"], 0.0, row["share"] or np.nan, point.by_name

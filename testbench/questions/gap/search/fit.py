@@ -11,12 +11,12 @@ from scipy.stats import chi2
 from testbench.core.record import FloatArray
 from testbench.core.words import with_error
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.search.gauss_newton import Descent, descend, within_priors
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import Screened
 
-FALSE_ALARM = 1e-3  # probability of naming any effect where there is none, all effects of the library together
 HOPELESS = 0.7  # a fit that gains less than this share of the best one's gain is not followed to its end,
 HOPELESS_BESIDE_NOISE = 0.9  # or less than this share where the best one leaves noise only
 HOPELESS_AT_FIRST = 0.5  # which must promise this share before its first flight, from its best start
@@ -92,8 +92,9 @@ class EffectFit:
             p.name
             for p in self.effect.parameters
             if p.none is not None
-            and abs(self.values[p.name] - p.none) > 1e-3 * (p.high - p.low)
-            and min(self.values[p.name] - p.low, p.high - self.values[p.name]) < 1e-3 * (p.high - p.low)
+            and abs(self.values[p.name] - p.none) > CRITERIA.end_of_range * (p.high - p.low)
+            and min(self.values[p.name] - p.low, p.high - self.values[p.name])
+            < CRITERIA.end_of_range * (p.high - p.low)
         )
 
     @property
@@ -158,7 +159,7 @@ def summarise(effect: Effect, best: Descent, chi2_tuned: float, tested: int, bas
         errors=dict(zip(names, errors.tolist(), strict=True)),
         chi2=best.chi2,
         gain=max(chi2_tuned - best.chi2, 0.0),
-        threshold=float(chi2.isf(FALSE_ALARM / (tested * effect.looks), len(names))),
+        threshold=float(chi2.isf(CRITERIA.false_alarm / (tested * effect.looks), len(names))),
         share=share_of_excess(chi2_tuned, best.chi2, samples),
         nuisances=best.nuisances,
         flown=best.flown,
@@ -173,6 +174,6 @@ def share_of_excess(chi2_tuned: float, left: float, samples: int) -> float:
     NaN if it exceeds the noise by no more than four standard deviations of the noise's chi-square.
     """
     excess = chi2_tuned - samples
-    if not excess > 4.0 * np.sqrt(2.0 * samples):
+    if not excess > CRITERIA.visible * np.sqrt(2.0 * samples):
         return float("nan")
     return float(np.clip((chi2_tuned - left) / excess, 0.0, 1.0))

@@ -10,14 +10,15 @@ from scipy.linalg import block_diag
 from scipy.optimize import lsq_linear
 
 from testbench.core.record import FloatArray
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.decide import score
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import AT_REST, SHORTENED
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
-from testbench.questions.gap.search.likelihood import TOLD_APART, WEAK, score
 from testbench.questions.gap.search.parallel import spread
 
-_CLOSE = 2.0 * TOLD_APART  # fits that trail the best one by no more are polished: linear tangents cost less than half
-_SEEN = 0.5 * WEAK  # gain below which no polish makes a name of a fit
+_CLOSE = 2.0 * CRITERIA.told_apart  # fits that trail the best one by no more are polished: tangents cost less than half
+_SEEN = 0.5 * CRITERIA.weak  # gain below which no polish makes a name of a fit
 _ROUNDS = 3
 _STEP = 0.1  # of differences, in standard errors
 _WIDEST, _NARROWEST = 1e-2, 1e-6  # of them, of a parameter's range

@@ -12,20 +12,17 @@ from scipy.stats import chi2
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.decide import noise_floor
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import AT_REST, SHORTENED
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
-from testbench.questions.gap.search.likelihood import TOLD_APART, noise_floor
 from testbench.questions.gap.search.polish import slopes
 
 _SCATTERS = ("transport_delay",)  # effects whose delay may be another one for every command
-_MOST = 0.4  # of the delay that its scatter may be: commands would overtake each other, or another effect is the truth
-_LEADS = 0.7  # share of the excess that the mean delay alone explains at least
-_FORM = 0.01  # share of what both gain that they may leave: lateness is linear only within a sample
 _COMMAND = "de_cmd"
 _SMALL = 1e-2  # share of the largest change of a command: what changes by less, noise of a measured one, is none
 _ROUNDS = 8
-_LEFT = 0.02  # a delay that leaves what noise exceeds with this probability is asked whether it scatters
 
 
 def scattered(base: Hypothesis, fits: Sequence[EffectFit], chi2_tuned: float) -> EffectFit | None:
@@ -43,14 +40,18 @@ def scattered(base: Hypothesis, fits: Sequence[EffectFit], chi2_tuned: float) ->
         fits: of all effects.
         chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
     """
-    noise, samples = chi2.isf(_LEFT, noise_floor(base.believed, base.samples)), base.samples
-    fit = next((f for f in fits if f.effect.name in _SCATTERS and f.settled and f.share > _LEADS), None)
+    noise, samples = chi2.isf(CRITERIA.scatter_left, noise_floor(base.believed, base.samples)), base.samples
+    fit = next((f for f in fits if f.effect.name in _SCATTERS and f.settled and f.share > CRITERIA.scatter_leads), None)
     if fit is None or fit.chi2 <= noise:
         return None
     found = _at_rest(base, fit)
-    if found is None or found.s > 0.99 * _MOST * found.x[0] or fit.chi2 - found.cost < TOLD_APART:
+    if (
+        found is None
+        or found.s > 0.99 * CRITERIA.scatter_most * found.x[0]
+        or fit.chi2 - found.cost < CRITERIA.told_apart
+    ):
         return None  # the link is late by something else, or what is left does not scatter with the commands
-    if found.left - samples > max(noise - samples, _FORM * (chi2_tuned - found.cost)):
+    if found.left - samples > max(noise - samples, CRITERIA.scatter_form * (chi2_tuned - found.cost)):
         return None
     errors = dict(zip(fit.values, found.error.tolist(), strict=True))
     return replace(fit.brought_to(found.x, found.point, found.cost, chi2_tuned), errors=errors, scatter_s=found.s)
@@ -104,7 +105,7 @@ def _at_rest(base: Hypothesis, fit: EffectFit) -> _Scattered | None:
         if point is None or x[0] <= delay.low:
             return None
         spread = spread or _Spread([_responses(point.model.with_nuisances(point.by_name), r) for r in base.records])
-        return _Scattered(point, x, spread.likeliest(point.exact, _MOST * float(x[0])), spread)
+        return _Scattered(point, x, spread.likeliest(point.exact, CRITERIA.scatter_most * float(x[0])), spread)
 
     here = at(np.array(list(fit.values.values())), base.vector(fit.nuisances), None)
     for _ in range(_ROUNDS if here is not None else 0):

@@ -10,20 +10,17 @@ import numpy as np
 from scipy.stats import chi2
 
 from testbench.core.record import FloatArray
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.decide import does_without, leads, leaves_noise, noise_limit, worth_of_form
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.search.fit import EffectFit, summarise
 from testbench.questions.gap.search.gauss_newton import MAX_ROUNDS, descend
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
-from testbench.questions.gap.search.likelihood import FORM, STRAINED, TOLD_APART, WEAK, leaves_noise, noise_limit, score
 from testbench.questions.gap.search.parallel import Ahead, spread
 from testbench.questions.gap.search.screening import SMALL, Screened, flown_best, promising, screen, screen_all
 
-LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least,
-SECOND = 0.35  # and the second this share of what the first leaves above the noise
-OF_FORM = 0.05  # no form is right to this share of what the effect gains where a second one acts in the same place
-OF_WHOLE = 0.02  # nor where the first one alone leaves noise: what more a second one finds there is form, too
-RARE = 1e-4  # probability of the least that noise is thought to leave
+LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least
 PROMISED = 0.5  # and worth a fit from this share of what it must gain, as tangents tell relief badly
 COMPANY = 5  # so many second effects are fitted
 # A fit that leaves more than noise beside coefficients that lie so far off with no more than this probability may have
@@ -54,7 +51,7 @@ def several_at_once(
     lead = next((f for f in ranking if f.significant and f.flown), None)
     if lead is None or (lead.chi2 > noise and lead.share < LEADS):
         return []
-    if leaves_noise(lead, noise) and OF_WHOLE * lead.gain > lead.chi2 - chi2.ppf(RARE, samples):
+    if leaves_noise(lead, noise) and CRITERIA.form_of_whole * lead.gain > lead.chi2 - chi2.ppf(CRITERIA.rare, samples):
         return []  # all that it leaves above the least that noise is would be its form
     found = search.beside(lead, lead.effect, lead)
     best = min(found, key=lambda f: f.chi2, default=None)
@@ -77,7 +74,7 @@ def several_at_once(
             # Of three, all but one may have been company on the way of that one to where it rests.
             whole = [f for f in less if f.effect.parts and leaves_noise(f, noise)]
             whole = sorted(whole, key=lambda f: f.chi2)[:1]
-        found = [f for f in found if not any(search.does_without(f, less) for less in (*ranking, *found))]
+        found = [f for f in found if not any(does_without(f, less, samples, noise) for less in (*ranking, *found))]
     return found
 
 
@@ -129,8 +126,10 @@ class _Joint:
             linear, flown = point.afresh(False), point.afresh(True)
             small = screen_all([(flown if e.flown else linear, e) for e in free], SMALL)
             others = [max(pair, key=lambda s: s.promise) for pair in zip(others, small, strict=True)]
-        excess = 0.0 if rival.chi2 <= self.noise else SECOND * (rival.chi2 - self.samples)
-        least = {s.effect.name: max(excess, self._form(rival, s.effect), TOLD_APART) for s in others}
+        excess = 0.0 if rival.chi2 <= self.noise else CRITERIA.second * (rival.chi2 - self.samples)
+        least = {
+            s.effect.name: max(excess, worth_of_form(rival, s.effect, self.noise), CRITERIA.told_apart) for s in others
+        }
         re_tuned = float(np.sum(point.tuned(point.exact)[0] ** 2))
         share = PROMISED if doubtful else 1.0
         worth = [s for s in others if s.promise > share * least[s.effect.name] + re_tuned - rival.chi2]
@@ -142,7 +141,7 @@ class _Joint:
 
         def task(other: Screened) -> tuple[tuple[str, float], Callable[[], EffectFit | None]]:
             """Return what a fit of one more effect depends on, of all that was found before it, and the fit."""
-            others_found = (f.chi2 + TOLD_APART for f in found if f.within >= STRAINED)
+            others_found = (f.chi2 + CRITERIA.told_apart for f in found if f.within >= CRITERIA.strained)
             lowest = min([rival.chi2 - least[other.effect.name], *others_found])
             begin = np.concatenate([values, other.starts[0]])
             effects = (*first.singles, other.effect)
@@ -166,12 +165,12 @@ class _Joint:
                 both = ahead.take(*task(other))
                 left -= 1
                 more = least[other.effect.name]
-                if both is not None and both.gain - rival.gain > more and self._ahead(both, rival):
+                if both is not None and both.gain - rival.gain > more and leads(both, rival, self.samples, self.noise):
                     found.append(both)
 
     def _doubtful(self, rival: EffectFit) -> bool:
         """Return whether re-tuned coefficients may do in ``rival`` what an effect does."""
-        return rival.within < (DOUBTFUL if rival.chi2 > self.noise else STRAINED)
+        return rival.within < (DOUBTFUL if rival.chi2 > self.noise else CRITERIA.strained)
 
     def swapped(self, pair: EffectFit, lead: EffectFit, ranking: Sequence[EffectFit]) -> list[EffectFit]:
         """Return fits of the second effect of ``pair`` beside those that alone come nearest to its first, ``lead``."""
@@ -187,13 +186,17 @@ class _Joint:
             if pair.chi2 <= self.noise and together(*effects).generalises(pair.effect):
                 continue
             begin = np.concatenate([self._values(rival, rival.effect), self._values(pair, second)])
-            task = partial(self._fit, effects, begin, self._nuisances(pair), pair.chi2 + TOLD_APART, PATIENCE_FAR)
+            task = partial(
+                self._fit, effects, begin, self._nuisances(pair), pair.chi2 + CRITERIA.told_apart, PATIENCE_FAR
+            )
             begun.append((rival, task))
         found = zip((rival for rival, _ in begun), spread([task for _, task in begun]), strict=True)
         return [
             both
             for rival, both in found
-            if both is not None and both.gain - rival.gain > self._form(rival, second) and self._ahead(both, lead)
+            if both is not None
+            and both.gain - rival.gain > worth_of_form(rival, second, self.noise)
+            and leads(both, lead, self.samples, self.noise)
         ]
 
     def simpler(self, joint: EffectFit) -> list[EffectFit]:
@@ -214,29 +217,6 @@ class _Joint:
                     begin = np.concatenate([values, screened.starts[0]])
                     found.append(self._fit((*rest, screened.effect), begin, nuisances, self.noise, MAX_ROUNDS))
         return [f for f in found if f is not None and f.chi2 <= self.noise]
-
-    def _form(self, single: EffectFit, other: Effect) -> float:
-        """Return the gain beside ``single`` that ``other`` may owe to the form of its effects."""
-        if any(p.place == other.place for p in single.effect.singles):
-            return OF_FORM * single.gain
-        if single.within < STRAINED:
-            return 0.0
-        return (OF_WHOLE if single.chi2 <= self.noise else FORM) * single.gain
-
-    def _ahead(self, both: EffectFit, single: EffectFit) -> bool:
-        """Return whether ``both`` lead ``single`` clearly; beside one that leaves noise, by as much as a name takes."""
-        lead = score(both, self.samples) - score(single, self.samples)
-        return lead > (WEAK if leaves_noise(single, self.noise) else TOLD_APART)
-
-    def does_without(self, joint: EffectFit, less: EffectFit) -> bool:
-        """Return whether ``less`` is ``joint`` without one of its parts and loses no more by that than form would."""
-        kept = {e.name for e in less.effect.singles}
-        missing = [e for e in joint.effect.singles if e.name not in kept]
-        if len(missing) != 1 or len(kept) != len(joint.effect.singles) - 1:
-            return False
-        if not (less.flown and less.settled) or less.within < STRAINED:
-            return False
-        return joint.gain - less.gain <= self._form(less, missing[0]) or not self._ahead(joint, less)
 
     def without(self, joint: EffectFit, part: Effect, hopeless: float) -> EffectFit | None:
         """Return the fit of ``joint`` without one of its parts, from the values that the others have in it."""
