@@ -1,4 +1,4 @@
-"""The elastic modes of an aircraft as they ring in a vacuum: what several tests hold JSBSim and linear models against."""
+"""The elastic modes of an aircraft as they ring in a vacuum: several tests hold JSBSim and linear models against it."""
 
 from __future__ import annotations
 

@@ -57,12 +57,8 @@ def printed_numbers() -> Iterator[Printed]:
         yield Printed("EOLO", "Table 1", printed.shown(value))
     for pair in printed.EOLO_TABLE_2.values():
         yield from (Printed("EOLO", "Table 2", printed.shown(v)) for v in pair)
-    for value in (
-        *printed.TAURUS_TABLE_1_IN.values(),
-        printed.TAURUS_ASPECT_RATIO,
-        printed.ELEVATOR_DEG,
-        printed.RUDDER_DEG,
-    ):
+    shapes = (printed.TAURUS_ASPECT_RATIO, printed.ELEVATOR_DEG, printed.RUDDER_DEG)
+    for value in (*printed.TAURUS_TABLE_1_IN.values(), *shapes):
         yield Printed("Taurus", "Table I", printed.shown(value))
     for count in (printed.RUNS, printed.LONGITUDINAL, printed.LATERAL, *printed.SHARE_PERCENT):
         yield Printed("Taurus", "sections V and VII", str(count))
