@@ -13,7 +13,7 @@ from typing import Annotated, Any
 import typer
 
 from testbench.core.errors import ScenarioError, TestbenchError
-from testbench.page.terminal import console
+from testbench.page.terminal import console, print_rows
 from testbench.questions import QUESTIONS, Question
 from testbench.questions.options import UsageError
 
@@ -69,13 +69,16 @@ class Kind(str, Enum):
 def check(
     things: Annotated[
         list[Path],
-        typer.Argument(help="Files or names of scenarios, aircraft folders, sensor suites.", show_default=False),
+        typer.Argument(
+            help="Files or names of scenarios, aircraft folders, sensor suites, FILE.py:NAME.", show_default=False
+        ),
     ],
 ) -> None:
     """Report every fault of files at once, with file, key, law and value; scenarios are not flown.
 
-    An aircraft folder or a sensor suite of your own is held against the laws that all aircraft or suites keep. Example:
-    `testbench check my_scenario.toml suites/my_suite.toml aircraft/mine`.
+    What you bring yourself, an aircraft folder, a sensor suite, an estimator, a structure or an effect, is held against
+    the laws that all of its kind keep. Examples: `testbench check my_scenario.toml`,
+    `testbench check aircraft/mine suites/my_suite.toml my_method.py:estimate`.
     """
     from testbench.questions.brought import laws_of
     from testbench.questions.files import check_file
@@ -104,17 +107,10 @@ def check(
 
 def list_(kind: Annotated[Kind, typer.Argument(help="What to list.", show_default=False)]) -> None:
     """List what a scenario may name: aircraft, inputs, sensors (suites), estimators, scenarios, effects."""
-    from rich.table import Table
-
     from testbench.questions.catalogue import FAMILIES
 
-    table = Table(box=None, pad_edge=False)
-    rows = FAMILIES[kind.value]()
-    for head in rows[0]:
-        table.add_column(head, overflow="fold")
-    for row in rows[1:]:
-        table.add_row(*row)
-    console().print(table)
+    heads, *rows = FAMILIES[kind.value]()
+    print_rows(console(), heads, rows)
 
 
 app = application()

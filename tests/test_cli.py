@@ -222,7 +222,7 @@ def test_usage_errors_are_usage_errors():
 def test_an_aircraft_is_surveyed_reported_and_exported(tmp_path):
     done = command("aircraft", "taurus", "--out", tmp_path / "out", "--export", tmp_path / "root")
     assert done.returncode == 0, done.stderr
-    for word in ("trims from", "short period", "Dutch roll", "report.html", "taurus.xml"):
+    for word in ("Trims from", "short period", "Dutch roll", "report.html", "taurus.xml"):
         assert word in done.stdout
     assert (tmp_path / "out" / "aircraft_taurus" / "report.html").stat().st_size > 10_000
     assert (tmp_path / "root" / "taurus" / "taurus.xml").is_file()

@@ -37,11 +37,13 @@ class Picture:
 def picture(plate: Plate, wide_svg: str | None = None) -> Picture:
     """Return ``plate`` as a picture; ``wide_svg`` is its wide form if it has been drawn already."""
     wide = wide_svg if wide_svg is not None else plate.draw(png=False).svg
-    return Picture(plate.name, plate.title, plate.caption, _uri(wide), _uri(plate.draw(wide=False, png=False).svg))
+    narrow = plate.draw(wide=False, png=False).svg
+    return Picture(plate.name, plate.title, plate.caption, data_uri(wide.encode()), data_uri(narrow.encode()))
 
 
-def _uri(svg: str) -> str:
-    return "data:image/svg+xml;base64," + base64.b64encode(svg.encode()).decode()
+def data_uri(image: bytes, kind: str = "svg+xml") -> str:
+    """Return an image as an address that holds it."""
+    return f"data:image/{kind};base64,{base64.b64encode(image).decode()}"
 
 
 @lru_cache(maxsize=1)

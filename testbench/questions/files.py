@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from difflib import get_close_matches
 from pathlib import Path
 
 from testbench.core.errors import RecordError, ScenarioError, nearest
@@ -12,6 +14,7 @@ from testbench.questions import BY_COMMAND, QUESTIONS, Question
 
 WITH_FILES = tuple(q for q in QUESTIONS if q.kind)
 """The questions that are asked in a file."""
+_NEAR = 0.8  # likeness of a misspelt key, as difflib counts it
 
 
 def find(path: Path, command: str) -> Path:
@@ -40,10 +43,11 @@ def _none(path: Path, packaged: list[str]) -> str:
 
 
 def kinds_of(file: Path) -> list[Question]:
-    """Return the questions whose files have most of the file's keys, the first of the table first.
+    """Return the questions that a file may be of, the first of the table first; mostly it is one.
 
-    A file of a question has only keys of that question, but for those that are misspelt; a key of another question
-    counts against it as much as a key of its own counts for it.
+    A file is of the question that knows most of its keys; a misspelt key counts half where it is near one of the
+    question's. Of two that know as many, it is the one of which fewer required keys are missing. A scenario to run may
+    be a comparison, too: both take the same keys where none is given that only a comparison has.
 
     Raises:
         RecordError, ScenarioError: the file cannot be read, is not TOML or is empty.
@@ -53,9 +57,17 @@ def kinds_of(file: Path) -> list[Question]:
         raise ScenarioError(
             [f"{file} must say what is asked, but it is empty; `testbench list scenarios` has examples"]
         )
-    known = {q.command: len(q.keys & content.keys()) for q in WITH_FILES}
-    most = max(known.values())
-    return [q for q in WITH_FILES if known[q.command] == most]
+    scores = {q.command: _score(q, content.keys()) for q in WITH_FILES}
+    best = max(scores.values())
+    return [q for q in WITH_FILES if scores[q.command] == best]
+
+
+def _score(question: Question, given: Collection[str]) -> tuple[float, int]:
+    """Return how many of the given keys a question knows, and how many of its required ones are missing, negative."""
+    known = float(len(question.keys & set(given)))
+    known += 0.5 * sum(bool(get_close_matches(key, question.keys, 1, _NEAR)) for key in set(given) - question.keys)
+    required = {name for name, field in question.file_class.model_fields.items() if field.is_required()}
+    return known, -len(required - set(given))
 
 
 def load(path: Path | str) -> Asked:

@@ -48,7 +48,7 @@ def test_the_guides_question_has_a_command_a_kind_of_file_and_an_answer(authorit
     assert "my_speeds.toml: a valid scenario of control authority" in checked.output
     done = run.invoke(authority, ["authority", "my_speeds.toml"])
     assert done.exit_code == 0, done.output
-    assert re.search(r"Least is left at 10 m/s: \d+ % of full elevator\.", done.output)
+    assert re.search(r"Least is left at 10 m/s: \d+\s% of full elevator\.", done.output)
     assert Path("results/authority_my_speeds/tables/authority.csv").is_file()
     assert Path("results/authority_my_speeds/report.html").is_file()
 

@@ -180,7 +180,7 @@ def _flight(
     try:
         commands = (f"{name}_cmd" for name in design.controls)
         names = tuple(dict.fromkeys([*limits.bands, *design.controls, *commands, *_SHOWN]))
-        flight = fly_and_measure(
+        record = fly_and_measure(
             aircraft,
             trimmed,
             design.family,
@@ -188,14 +188,12 @@ def _flight(
             design.duration_s,
             log_rate_hz=log_rate,
             channels=names,
-        )
+        ).flown
     except FlightAborted as error:
         if error.record is None:
             raise
         text = f"the flight leaves the aircraft's limits at t = {error.time_s:.2f} s: {error.reason}"
         return error.record, [text], Tightest("", 1.0 / _ABORTED, error.time_s)
-    record = flight.truth
-    assert record is not None
     return record, limits.broken(record), limits.tightest(record)
 
 

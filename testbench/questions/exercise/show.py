@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from testbench.core.errors import TestbenchError
+from testbench.page.terminal import print_rows
 from testbench.questions.exercise.exercise import Number
 from testbench.questions.exercise.names import NAMES, load_exercise
 
@@ -21,18 +22,12 @@ _MARKS = {"right": ("right", "green"), "near": ("near", "yellow"), "wrong": ("wr
 
 def print_list(console: Console) -> None:
     """Print all exercises with level and time."""
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False)
-    table.add_column("exercise", no_wrap=True)
-    table.add_column("level", justify="right")
-    table.add_column("time", justify="right", no_wrap=True)
-    table.add_column("what it is about", overflow="fold")
+    rows = []
     for name in NAMES:
         exercise = load_exercise(name)
         notebook = " (with a notebook)" if exercise.notebook else ""
-        table.add_row(name, str(exercise.level), f"{exercise.minutes} min", exercise.title + notebook)
-    console.print(table)
+        rows.append((name, str(exercise.level), f"{exercise.minutes}\u00a0min", exercise.title + notebook))
+    print_rows(console, ("exercise", "level", "time", "what it is about"), rows, (False, True, True, False))
     console.print("\nStart one: testbench exercise start NAME --student YOUR_NAME", highlight=False)
 
 
@@ -52,36 +47,30 @@ def print_started(started: Started, console: Console) -> None:
 
 def print_class(results: Mapping[Path, Result | TestbenchError], console: Console) -> None:
     """Print one line per folder: student, exercise, how many answers are right and which are not, or the error."""
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=None, pad_edge=False)
-    for head in ("student", "exercise", "right", "not right"):
-        table.add_column(head, overflow="fold")
+    rows: list[tuple[str | Text, ...]] = []
     for folder, result in results.items():
         if isinstance(result, TestbenchError):
-            table.add_row(Text(folder.name), "", Text("–", style="red"), Text(str(result)))
+            rows.append((folder.name, "", Text("–", style="red"), str(result)))
             continue
         wrong = ", ".join(v.question.key for v in result.verdicts if v.outcome != "right")
-        table.add_row(Text(result.student), result.name, f"{result.right} of {len(result.verdicts)}", wrong)
-    console.print(table)
+        rows.append((result.student, result.name, f"{result.right} of {len(result.verdicts)}", wrong))
+    print_rows(console, ("student", "exercise", "right", "not right"), rows)
 
 
 def print_result(result: Result, console: Console, folder: Path) -> None:
     """Print the verdicts as a table, and how many answers are right."""
-    from rich.table import Table
     from rich.text import Text
 
     console.print(Text(f"{result.title}: answers of {result.student}", style="bold"))
-    table = Table(box=None, pad_edge=False)
-    for head, justify in (("answer", "left"), ("given", "right"), ("unit", "left"), ("", "left"), ("why", "left")):
-        table.add_column(head, justify=justify, overflow="fold", no_wrap=head == "answer")  # type: ignore[arg-type]
+    rows: list[tuple[str | Text, ...]] = []
     for v in result.verdicts:
         word, style = _MARKS[v.outcome]
         given = f"{v.given:g}" if isinstance(v.given, float) else (v.given or "")
         unit = v.question.unit if isinstance(v.question, Number) else ""
-        table.add_row(v.question.key, Text(given), Text(unit), Text(word, style=style), Text(v.words))
-    console.print(table)
+        rows.append((v.question.key, given, unit, Text(word, style=style), v.words))
+    print_rows(console, ("answer", "given", "unit", "", "why"), rows, (False, True, False, False, False))
     missing = sum(v.outcome == "missing" for v in result.verdicts)
     rest = f", {missing} not answered yet" if missing else ""
     console.print(Text(f"{result.right} of {len(result.verdicts)} right{rest}. File: {folder / 'answers.toml'}"))

@@ -69,7 +69,7 @@ def command(
     from testbench.core.paths import aircraft_names
     from testbench.page.write import check_folder, record_keeper
     from testbench.questions.gap.case import run_flights, run_gap
-    from testbench.questions.gap.page import print_gap, write_gap
+    from testbench.questions.gap.page import gap_page
     from testbench.questions.gap.records import load_flights
     from testbench.questions.gap.search.parallel import cores, processes
 
@@ -90,13 +90,14 @@ def command(
             keep = record_keeper(folder)
             result = run_gap(file, seed, keep, say, check=True, controls=controls, control_file=folder / CONTROLS)
         say("write report")
-        write_gap(result, folder)
-    print_gap(result, console(), folder)
+        page = gap_page(result)
+        page.write(folder)
+    page.show(console(), folder)
 
 
 def _plan_gap(file: Path, out: Path) -> None:
+    from testbench.questions.gap.page import gap_plan_page
     from testbench.questions.gap.plan import plan_gap
-    from testbench.questions.gap.plan_page import print_gap_plan, write_gap_plan
     from testbench.questions.run.scenario import Scenario
 
     loaded = Scenario.load(file)
@@ -104,5 +105,6 @@ def _plan_gap(file: Path, out: Path) -> None:
     with stages() as say:
         planned = plan_gap(loaded, say)
         say("write report")
-        write_gap_plan(planned, folder)
-    print_gap_plan(planned, console(), folder)
+        page = gap_plan_page(planned)
+        page.write(folder)
+    page.show(console(), folder)

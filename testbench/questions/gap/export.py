@@ -1,4 +1,4 @@
-"""What was amended as files: an aircraft folder of the testbench with a model that stock JSBSim loads, or the air."""
+"""What was amended as files: a suite, an aircraft folder with a model that stock JSBSim loads, or the air."""
 
 from __future__ import annotations
 
@@ -7,16 +7,65 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import replace
+from difflib import unified_diff
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from testbench.aircraft import Aircraft, ElasticMode
 from testbench.core.paths import AIRCRAFT_MODELS
 from testbench.flight import FlightCondition
+from testbench.page.labels import file_stem
+from testbench.page.write import write_file
 from testbench.questions.gap.effects.base import MetGust
+from testbench.sensors import suite_toml
+
+if TYPE_CHECKING:
+    from testbench.questions.gap.case import GapResult
 
 AIRFRAME = "airframe.xml"  # of a folder whose modes are in aircraft.toml: the same model without their equations
 _HEADER = re.compile(r"^\s*\[\[?([^\]]+)\]\]?", re.MULTILINE)
+
+
+def write_amended(result: GapResult, folder: Path) -> list[Path]:
+    """Write what :func:`amended_files` returns into a folder; return the paths."""
+    return [write_file(folder / name, text) for name, text in amended_files(result).items()]
+
+
+def amended_files(result: GapResult) -> dict[str, str]:
+    """Return path -> text of what was named and re-tuned: the sensor suite, and the aircraft's folder.
+
+    Of a gust it is the air of the manoeuvre that met it, and no aircraft. Each comes with a diff, and only if it
+    changed; nothing is returned if nothing was named and no parameter is wrong.
+    """
+    old, new = result.finding.believed, result.finding.amended
+    if not result.finding.changed:
+        return {}
+    out: dict[str, str] = {}
+    suites = [suite_toml(b.suite) for b in (old, new)]
+    if suites[0] != suites[1]:
+        out[f"{file_stem(new.suite.name)}.toml"] = suites[1]
+        out["suite.diff"] = _diff(suites[0], suites[1], "believed suite", "amended suite")
+    air = {f"air_{file_stem(g.manoeuvre)}.toml": air_text(g) for g in new.gusts if g not in old.gusts}
+    if air:
+        out |= air
+        out["air.diff"] = _diff("", "\n".join(air.values()), "believed air (still)", "amended air")
+    best = result.finding.naming.best
+    if best is not None and best.effect.met is not None:
+        return out
+    name = result.aircraft
+    models = [aircraft_files(b.aircraft, name, b.rate_hz, b.condition) for b in (old, new)]
+    if models[0] == models[1]:
+        return out
+    out |= {f"{name}/{path}": text for path, text in models[1].items()}
+    before, after = (m[f"{name}.xml"] for m in models)
+    out["model.diff"] = _diff(before, after, "believed model", "amended model", context=2)
+    return out
+
+
+def _diff(before: str, after: str, old: str, new: str, context: int = 3) -> str:
+    return "\n".join(unified_diff(before.splitlines(), after.splitlines(), old, new, lineterm="", n=context)) + "\n"
 
 
 def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: FlightCondition) -> dict[str, str]:

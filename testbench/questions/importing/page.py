@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
 from testbench.page.labels import number
+from testbench.page.terminal import print_answer, print_rows
+from testbench.page.words import some
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -65,37 +67,25 @@ def _manoeuvre_row(m: Manoeuvre) -> tuple[str, ...]:
 
 def print_import(imported: Imported, console: Console, paths: Sequence[Path] = ()) -> None:
     """Print what the log holds, and the files written, if any."""
-    from rich.table import Table as Grid
     from rich.text import Text
 
-    def show(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-        grid = Grid(box=None, pad_edge=False)
-        for head in heads:
-            grid.add_column(head, overflow="fold")
-        for row in rows:
-            grid.add_row(*map(Text, row))  # Text: what a log says is not markup
-        console.print(grid)
-        console.print()
-
-    for sentence in import_answer(imported):
-        console.print(Text(f"- {sentence}."), soft_wrap=True)
-    console.print()
+    print_answer(console, import_answer(imported))
     rows = channel_rows(imported)
-    show(("channel", "range", "rate", "gaps", "from", "conversion"), [row[:6] for row in rows])
     assumed: dict[str, list[str]] = {}
     for row in rows:
         if row[6]:
             assumed.setdefault(row[6], []).append(row[0])
-    if assumed:
-        show(("channels", "assumed, because the log does not say it"), [(", ".join(n), t) for t, n in assumed.items()])
-    if imported.search.manoeuvres:
-        show(("controls move", "from, to", "cut"), manoeuvre_rows(imported))
-    for sentence in imported.search.said:
-        console.print(Text(f"- {sentence}."), soft_wrap=True)
-    unread = sorted(imported.log.unread.items(), key=lambda item: -item[1])
-    if unread:
-        more = f" and {len(unread) - _MOST_UNREAD} more" if len(unread) > _MOST_UNREAD else ""
-        names = ", ".join(f"{name} ({count})" for name, count in unread[:_MOST_UNREAD])
-        console.print(Text(f"- Also in the log, not used: {names}{more}."), soft_wrap=True)
+    for heads, texts in (
+        (("channel", "range", "rate", "gaps", "from", "conversion"), [row[:6] for row in rows]),
+        (("channels", "assumed, because the log does not say it"), [(", ".join(n), t) for t, n in assumed.items()]),
+        (("controls move", "from, to", "cut"), manoeuvre_rows(imported)),
+    ):
+        if texts:
+            console.print()
+            print_rows(console, heads, texts)
+    unread = [f"{name} ({count})" for name, count in sorted(imported.log.unread.items(), key=lambda item: -item[1])]
+    also = [f"also in the log, not used: {some(unread, _MOST_UNREAD, ', ')}"] if unread else []
+    console.print()
+    print_answer(console, [("finding", text) for text in (*imported.search.said, *also)])
     for path in paths:
         console.print(Text(f"Written: {path}"), soft_wrap=True)

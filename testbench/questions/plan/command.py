@@ -16,7 +16,7 @@ def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: 
     from testbench.evaluation.envelope import fly_envelope
     from testbench.questions.files import find
     from testbench.questions.plan.ask import make_plan
-    from testbench.questions.plan.page import print_plan, write_plan
+    from testbench.questions.plan.page import plan_page
     from testbench.questions.plan.scenario import PlanScenario
 
     loaded = PlanScenario.load(find(scenario, "plan"))
@@ -25,5 +25,6 @@ def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: 
     with stages() as say:
         result = make_plan(loaded, fly_envelope, say)
         say("write cards and report")
-        write_plan(result, folder)
-    print_plan(result, console(), folder)
+        page = plan_page(result)
+        page.write(folder)
+    page.show(console(), folder)

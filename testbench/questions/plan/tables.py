@@ -8,7 +8,7 @@ from testbench.page.tables import Column, Table, Value
 from testbench.questions.plan.card_text import card_stem
 
 if TYPE_CHECKING:
-    from testbench.questions.plan.result import Plan
+    from testbench.questions.plan.result import ModeAt, Plan, Point
 
 
 def plan_tables(plan: Plan) -> list[Table]:
@@ -105,8 +105,7 @@ def points_table(plan: Plan) -> Table:
     least = plan.scenario.least_damping
     rows: list[tuple[Value, ...]] = []
     for p in plan.points:
-        elastic = [m for m in p.modes if m.elastic]
-        worst = min(elastic, key=lambda m: m.zeta if m.zeta_next is None else min(m.zeta, m.zeta_next), default=None)
+        worst = _least_damped(p)
         later = None if worst is None else worst.zeta_next
         go = "last" if p.next_V_m_s is None else "if measured" if worst is None or (later or 0.0) >= least else "NO-GO"
         rows.append(
@@ -128,6 +127,42 @@ def points_table(plan: Plan) -> Table:
         f"{least:g}. Else the next point is flown if the damping measured here allows it, by the cards."
     )
     return Table("points", "Test points", caption, columns, tuple(rows), wide=True)
+
+
+def _least_damped(point: Point) -> ModeAt | None:
+    """Return the elastic mode with the least damping, here or predicted at the next point."""
+    elastic = [m for m in point.modes if m.elastic]
+    return min(elastic, key=lambda m: m.zeta if m.zeta_next is None else min(m.zeta, m.zeta_next), default=None)
+
+
+def short_cards(plan: Plan) -> Table:
+    """Return one row per card as a terminal shows it: where, what became of it, runs, flights, least damping."""
+    columns = (
+        Column("card", "card"),
+        Column("manoeuvre", "manoeuvre"),
+        Column("V", "V", "m/s", given=True),
+        Column("h", "h", "m", given=True),
+        Column("margin", "below onset", "%", decimals=0),
+        Column("status", "status"),
+        Column("repeats", "runs"),
+        Column("flights", "flight"),
+        Column("least", "least elastic ζ", decimals=3),
+        Column("least_next", "next", decimals=3),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for card in plan.cards:
+        point, worst = card.point, _least_damped(card.point)
+        status = f"scaled to {100.0 * card.factor:.0f} %" if card.status == "scaled" else card.status
+        flights = ", ".join(str(n) for n in sorted({r.flight for r in plan.runs if r.card is card}))
+        margin = None if point.margin is None else 100.0 * point.margin
+        least = (worst.zeta, worst.zeta_next) if worst else (None, None)
+        rows.append(
+            (
+                *(card.number, card.spec.name, point.V_m_s, point.h_m, margin, status, card.repeats),
+                *(flights or None, *least),
+            )
+        )
+    return Table("cards", "", "", columns, tuple(rows))
 
 
 def cards_table(plan: Plan) -> Table:

@@ -8,17 +8,19 @@ from dataclasses import replace
 import numpy as np
 
 from testbench.core.record import FlightRecord
+from testbench.estimators.identification import Estimator
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepare
-from testbench.estimators.settings import Estimator, PredictionError
+from testbench.estimators.settings import PredictionError
 from testbench.page.labels import shown_unit, symbol
 from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table, Value
+from testbench.page.words import listed
 from testbench.questions.reproduce.bench import attempt, bench, dsr_e, scores, subspace
 from testbench.questions.reproduce.figures import Line, Panel, plate
 from testbench.questions.reproduce.printed import B1_FUTURE, B1_PAST, TABLE_4
 from testbench.questions.reproduce.section import Comparison, Say, Section
-from testbench.questions.reproduce.verdict import Why, claim_row, joined, judge_number, number_row, taken_over
+from testbench.questions.reproduce.verdict import Why, claim_row, judge_number, number_row, taken_over
 from testbench.sensors import load_suite
 
 OUTPUTS = {"without": ("q", "V", "theta"), "with": ("q", "V", "alpha", "theta")}
@@ -111,7 +113,7 @@ def findings(near: Table4, full: Table4, study: Study, best: Methods, period_s: 
     first = next(iter(study))
     short, long = study[first][0], study[first][-1]
     from_s = {name: enough(line) for name, line in study.items()}
-    needs = joined([f"{name}: {'never here' if s is None else f'{s:g} s'}" for name, s in from_s.items()])
+    needs = listed([f"{name}: {'never here' if s is None else f'{s:g} s'}" for name, s in from_s.items()])
     winner = min(best, key=lambda n: best[n]["without"]["common"])
     won, same = best[winner], best[winner]["without"]["common"] <= 1.1 * best[winner]["with"]["common"]
     return (

@@ -20,11 +20,13 @@ def command(
     Writes tables, figures and one page, index.html, into `reproduction`, or `reproduction_NAME` for one aircraft alone.
     Example: `testbench reproduce taurus`.
     """
+    from testbench.page.write import check_folder
     from testbench.questions.reproduce.ask import chosen, reproduce
-    from testbench.questions.reproduce.page import open_folder, print_reproduction, write_reproduction
+    from testbench.questions.reproduce.page import print_reproduction, write_reproduction
 
     chosen(what)
-    folder = open_folder(out / ("reproduction" if what == "all" else f"reproduction_{what}"))
+    folder = out / ("reproduction" if what == "all" else f"reproduction_{what}")
+    check_folder(folder)  # what takes minutes to compute shall not fail when it is written
     with stages() as say:
         chapters = reproduce(what, say)
         say("write page")

@@ -9,18 +9,19 @@ import numpy as np
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
+from testbench.estimators.identification import Estimator
 from testbench.estimators.prepare import prepare
-from testbench.estimators.settings import Estimator
 from testbench.evaluation.envelope import fly_envelope
 from testbench.evaluation.poles import match_poles
 from testbench.page.labels import number, symbol
 from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table, Value
+from testbench.page.words import listed
 from testbench.questions.reproduce.bench import Bench, attempt, bench, dsr_e, lost_poles
 from testbench.questions.reproduce.figures import Line, Panel, plate
 from testbench.questions.reproduce.printed import EOLO_FUTURE, EOLO_PAST
 from testbench.questions.reproduce.section import Comparison, Say, Section
-from testbench.questions.reproduce.verdict import Why, claim_row, joined
+from testbench.questions.reproduce.verdict import Why, claim_row
 from testbench.sensors import load_suite
 
 SEEDS = 8
@@ -180,7 +181,7 @@ def findings(motions: Sequence[Motion], found: Outcomes) -> tuple[str, ...]:
         if found[m.name, label, vane].median(FAST) <= 1.5 * best
     ]
     out.append(
-        f"The fast root of the short period is found to {best:.0f} % at best: {joined(where)}"
+        f"The fast root of the short period is found to {best:.0f} % at best: {listed(where)}"
         + (
             ". That is the horizon's doing and not the vane's"
             if all(long in w for w in where) and len(where) == 2

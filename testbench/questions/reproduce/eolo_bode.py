@@ -14,10 +14,11 @@ from testbench.evaluation.modes import frequency_and_damping
 from testbench.page.labels import ratio_unit, symbol
 from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table, Value
+from testbench.page.words import listed
 from testbench.questions.reproduce.figures import Line, Panel, plate
 from testbench.questions.reproduce.printed import BAND_RAD_S, HEIGHT_M, RATE_HZ, SPEEDS_M_S, VIBRATION_M_S, A, B, C, D
 from testbench.questions.reproduce.section import Comparison, Say, Section
-from testbench.questions.reproduce.verdict import Why, claim_row, joined
+from testbench.questions.reproduce.verdict import Why, claim_row
 from testbench.questions.run.ask import run
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario
@@ -88,15 +89,15 @@ def findings(
     return (
         f"From {band} the model that the paper prints lies nearest to our linearised aircraft at {best:g} m/s "
         f"({_three(printed[best])} rms), our own identified model at {_FLOWN_M_S:g} m/s to {_three(ours)}"
-        + (f"; within {NEAR_DB:g} dB of the printed one are {joined(close)}" if close else "")
+        + (f"; within {NEAR_DB:g} dB of the printed one are {listed(close)}" if close else "")
         + (
-            f". {joined(wide)} of the printed model is still {floor[0]:.1f} m/s per rad at {BAND[1]:g} rad/s, where "
+            f". {listed(wide)} of the printed model is still {floor[0]:.1f} m/s per rad at {BAND[1]:g} rad/s, where "
             f"the aircraft's is {floor[1]:.2f}: noise taken for motion"
             if wide == [symbol("V")]
             else ""
         ),
-        f"At {joined([f'{V:g}' for V in shaking])} m/s the simulated aircraft has an unstable mode of the wing "
-        f"({joined(sorted({n for V in shaking for n in unstable[V]}))}): Bode plots can be drawn there, but "
+        f"At {listed([f'{V:g}' for V in shaking])} m/s the simulated aircraft has an unstable mode of the wing "
+        f"({listed(sorted({n for V in shaking for n in unstable[V]}))}): Bode plots can be drawn there, but "
         "nobody could fly them"
         if shaking
         else "The simulated aircraft has no unstable elastic mode at the five speeds",
@@ -132,7 +133,7 @@ def comparisons(
         claim_row(
             "vibration from about 20 m/s on", "section 3.2", f"at velocities of about {VIBRATION_M_S:g} m/s",
             f"an unstable mode from {shaking[0]:g} m/s on, none at {max(safe):g} m/s" if between else
-            f"unstable at {joined([f'{V:g}' for V in shaking])} m/s",
+            f"unstable at {listed([f'{V:g}' for V in shaking])} m/s",
             between,
             Why("The elastic model was derived to begin to vibrate there: an assumption, no prediction.", "",
                 "The simulated wings flutter elsewhere."),

@@ -10,10 +10,11 @@ from testbench.inputs.signal import band_share, energy_spectrum, frequency_below
 from testbench.page.labels import number
 from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table
+from testbench.page.words import listed
 from testbench.questions.reproduce.figures import Line, Panel, plate
 from testbench.questions.reproduce.printed import BAND_RAD_S, EOLO_PAST, IDENTIFICATION
 from testbench.questions.reproduce.section import Comparison, Say, Section
-from testbench.questions.reproduce.verdict import Why, claim_row, joined
+from testbench.questions.reproduce.verdict import Why, claim_row
 from testbench.questions.run.ask import run
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario
@@ -73,9 +74,9 @@ def findings(
         f"{columns} columns, so that accelerometers "
         + ("could not show what they are worth" if asked > columns else "could show what they are worth")
         + ". With J = 40 they change the mean MRSE of q, V and θ on the identification half "
-        + joined(changes)
+        + listed(changes)
         + (
-            f": a wing's acceleration is its lift and replaces the missing α at {joined(helps)}, a short future"
+            f": a wing's acceleration is its lift and replaces the missing α at {listed(helps)}, a short future"
             if helps and len(helps) < len(changes)
             else ": more than a tenth better everywhere"
             if helps

@@ -10,17 +10,19 @@ import numpy as np
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
+from testbench.estimators.identification import Estimator
 from testbench.estimators.prepare import prepare
-from testbench.estimators.settings import Estimator, OutputError, PredictionError
+from testbench.estimators.settings import OutputError, PredictionError
 from testbench.evaluation.poles import match_poles
 from testbench.page.labels import number
 from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table
+from testbench.page.words import listed
 from testbench.questions.reproduce.bench import Bench, bench, dsr_e, lost_poles, subspace
 from testbench.questions.reproduce.figures import Line, Panel, plate
 from testbench.questions.reproduce.printed import EOLO_FUTURE, EOLO_PAST, STATED_Z3
 from testbench.questions.reproduce.section import Comparison, Say, Section
-from testbench.questions.reproduce.verdict import Why, claim_row, joined, span
+from testbench.questions.reproduce.verdict import Why, claim_row, span
 from testbench.sensors import SensorSuite, load_suite
 
 OUTPUTS = ("q", "V", "theta")
@@ -223,18 +225,18 @@ def findings(
         f"of the observability matrix stands at {short.fourth:.2f} of the noise floor"
         + (": below it, its pole is drawn by chance" if below else ""),
         f"Without noise {'none is' if silent.lost == 0.0 else 'one is still'} lost. What removes it: "
-        + (joined(removes) if removes else "nothing of what was tried"),
+        + (listed(removes) if removes else "nothing of what was tried"),
         f"At L = 4 the methods lose it in {span(at_4, '%', 0)} of runs, at L = 40 in {span(at_40, '%', 0)}"
-        + (f" ({joined(still)} still do)" if still else "")
+        + (f" ({listed(still)} still do)" if still else "")
         + (": the horizon more than the algorithm" if min(at_4) > max(at_40) else ": horizon and algorithm both count")
         + (
             ". A model with the rigid body's equations cannot have such a pole"
-            + (f"; without more data it says so instead: not identifiable, {joined(refused)}" if refused else "")
+            + (f"; without more data it says so instead: not identifiable, {listed(refused)}" if refused else "")
             if not physical
             else ""
         ),
         f"Not to lose a pole is not yet to find the right one, {number(true)} 1/s. To within {100 * RIGHT:.0f} % "
-        "(median) it comes out of this half window with " + (joined(right) if right else "none of these settings"),
+        "(median) it comes out of this half window with " + (listed(right) if right else "none of these settings"),
     )
 
 

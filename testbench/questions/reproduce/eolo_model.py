@@ -13,6 +13,7 @@ from testbench.line import Case
 from testbench.page.labels import number, shown_unit, symbol
 from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table, Value
+from testbench.page.words import listed
 from testbench.questions.reproduce.bench import from_rest, scores
 from testbench.questions.reproduce.figures import Line, Panel, plate
 from testbench.questions.reproduce.printed import (
@@ -30,7 +31,7 @@ from testbench.questions.reproduce.printed import (
     A,
 )
 from testbench.questions.reproduce.section import Comparison, Say, Section
-from testbench.questions.reproduce.verdict import SAME, Why, claim_row, joined, number_row, taken_over
+from testbench.questions.reproduce.verdict import SAME, Why, claim_row, number_row, taken_over
 from testbench.questions.run.ask import run
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario
@@ -79,8 +80,8 @@ def _settings(result: RunResult) -> tuple[Comparison, ...]:
         taken_over(
             "orders and horizons",
             "caption of Table 3",
-            f"n = {joined([str(n) for n in ORDERS])}, J = {EOLO_PAST}, L = {EOLO_FUTURE}",
-            f"n = {joined([str(s['order']) for s in used])}, J = {used[0]['past_horizon']}, "
+            f"n = {listed([str(n) for n in ORDERS])}, J = {EOLO_PAST}, L = {EOLO_FUTURE}",
+            f"n = {listed([str(s['order']) for s in used])}, J = {used[0]['past_horizon']}, "
             f"L = {used[0]['future_horizon']}",
         ),
     )

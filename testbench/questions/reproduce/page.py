@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import base64
 import io
-import os
 from collections.abc import Sequence
 from dataclasses import replace
-from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from testbench.core.errors import RecordError
-from testbench.page.html import Picture, render
+from testbench.page.html import Picture, data_uri, render
 from testbench.page.labels import file_stem
+from testbench.page.page import versions
 from testbench.page.plot import Plate
 from testbench.page.tables import Table
+from testbench.page.terminal import print_answer
 from testbench.page.write import write_file
 from testbench.questions.reproduce.section import Chapter, Comparison, check_table, comparison_table
 from testbench.questions.reproduce.verdict import LAWS, tally
@@ -37,24 +35,6 @@ GROUPS = {
 """Verdict -> heading of its list on the first screen."""
 _SHORT = 14  # letters of a number on the first screen
 _COLOURS = 48  # of a figure's palette: lines and text need few, and files become a third of the size
-
-
-def open_folder(folder: Path | str) -> Path:
-    """Return ``folder``, made if need be: what takes minutes to compute shall not fail when it is written.
-
-    Raises:
-        RecordError: the folder cannot be made or written to.
-    """
-    folder = Path(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RecordError(
-            f"results go into a folder, which '{folder}' cannot be ({error.strerror}); give another with -o"
-        ) from error
-    if not os.access(folder, os.W_OK):
-        raise RecordError(f"results go into a folder that can be written to, got '{folder}'; give another with -o")
-    return folder
 
 
 def write_reproduction(chapters: Sequence[Chapter], folder: Path | str) -> list[Path]:
@@ -84,7 +64,7 @@ def write_reproduction(chapters: Sequence[Chapter], folder: Path | str) -> list[
         answers=answers(chapters),
         laws=LAWS,
         preface=PREFACE,
-        versions=", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "jsbsim")),
+        versions=", ".join(f"{name} {version}" for name, version in versions()),
     )
     out.append(write_file(folder / PAGE, page))
     return out
@@ -134,15 +114,11 @@ def answers(chapters: Sequence[Chapter]) -> list[tuple[str, str]]:
 
 def print_reproduction(chapters: Sequence[Chapter], console: Console, folder: Path | str) -> None:
     """Print the answer, how many comparisons came out how, and where the page is."""
-    from rich.table import Table as RichTable
     from rich.text import Text
 
     for chapter in chapters:
         console.print(Text(chapter.title, style="bold underline"))
-        lines = RichTable.grid(padding=(0, 1))
-        for section in chapter.sections:
-            lines.add_row("-", Text(f"{section.findings[0]}."))
-        console.print(lines)
+        print_answer(console, [("finding", section.findings[0]) for section in chapter.sections])
         console.print(Text(f"Printed and ours: {tally(chapter.comparisons)}"))
         console.print()
     console.print(Text(f"Page: {Path(folder) / PAGE}"), soft_wrap=True)
@@ -157,11 +133,7 @@ def _write_table(table: Table, folder: Path) -> Path:
 def _picture(plate: Plate, wide: bytes) -> Picture:
     narrow = plate.draw(wide=False)
     smallest = min((_palette(narrow.png), "png"), (narrow.svg.encode(), "svg+xml"), key=lambda form: len(form[0]))
-    return Picture(plate.name, plate.title, plate.caption, _uri(wide, "png"), _uri(*smallest))
-
-
-def _uri(content: bytes, kind: str) -> str:
-    return f"data:image/{kind};base64," + base64.b64encode(content).decode()
+    return Picture(plate.name, plate.title, plate.caption, data_uri(wide, "png"), data_uri(*smallest))
 
 
 def _palette(png: bytes) -> bytes:

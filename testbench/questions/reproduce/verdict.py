@@ -111,11 +111,6 @@ def plural(verdict: str, n: int) -> str:
     return verdict if n == 1 else many.get(verdict, verdict)
 
 
-def joined(words: list[str]) -> str:
-    """Return "a", "a and b" or "a, b and c"."""
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else "none"
-
-
 def span(values: list[float], unit: str = "", decimals: int | None = None) -> str:
     """Return "3 to 5 %", or one value where both ends read the same."""
     texts = [number(v) if decimals is None else f"{v:.{decimals}f}" for v in (min(values), max(values))]

@@ -181,7 +181,7 @@ def test_manoeuvres_held_out_and_the_aircraft_are_untouched(finding, held_out):
 
 def test_the_air_is_written_as_a_scenario_reads_it(finding, tmp_path):
     from testbench.questions.gap.case import GapResult
-    from testbench.questions.gap.page import write_amended
+    from testbench.questions.gap.export import write_amended
 
     result = GapResult("case", "title", "", "taurus", {}, finding)
     paths = write_amended(result, tmp_path)

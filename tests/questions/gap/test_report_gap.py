@@ -17,8 +17,7 @@ from testbench.questions.gap.case import run_flights
 from testbench.questions.gap.controls import Control, Controls
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.figures import gap_plates
-from testbench.questions.gap.page import print_gap, write_gap
-from testbench.questions.gap.plan_page import print_gap_plan, write_gap_plan
+from testbench.questions.gap.page import gap_page, gap_plan_page
 from testbench.questions.gap.records import Flights
 from testbench.questions.gap.result import TOLERANCE
 from testbench.questions.run.scenario import Scenario
@@ -63,7 +62,7 @@ def test_the_answer_has_size_evidence_runner_up_place_and_shrink(result):
 
 
 def test_page_figures_tables_and_amended_aircraft(result, tmp_path):
-    paths = write_gap(result, tmp_path)
+    paths = gap_page(result).write(tmp_path)
     names = {str(p.relative_to(tmp_path)) for p in paths}
     for part in (
         "report.html",
@@ -88,7 +87,7 @@ def test_page_figures_tables_and_amended_aircraft(result, tmp_path):
         load_aircraft("eolo").coefficient("Cm_q") * result.finding.naming.best.tuning["Cm_q"]
     )
     console = Console(file=io.StringIO(), width=120)
-    print_gap(result, console, tmp_path)
+    gap_page(result).show(console, tmp_path)
     assert "lag of the elevator servo" in console.file.getvalue()
     assert "Assumed: a note" in console.file.getvalue()
 
@@ -111,13 +110,13 @@ def test_the_page_of_a_plan(monkeypatch, tmp_path):
     monkeypatch.setattr(plan_module, "library", lambda suite: FEW | {"q_bias": EFFECTS["q_bias"]})
     monkeypatch.setattr(plan_module, "family", lambda believed, planned: [])
     plan = plan_module.plan_gap(Scenario.load("eolo_alpha"))
-    paths = write_gap_plan(plan, tmp_path)
+    paths = gap_plan_page(plan).write(tmp_path)
     page = paths[-1].read_text(encoding="utf-8")
     for words in ("Which effects look alike", "How well each effect would show", "bias of the q sensor"):
         assert words in page
     assert {"isolability.png", "visible.png", "additions.csv", "visible.csv"} <= {p.name for p in paths}
     console = Console(file=io.StringIO(), width=120)
-    print_gap_plan(plan, console, tmp_path)
+    gap_plan_page(plan).show(console, tmp_path)
     assert "as planned" in console.file.getvalue()
 
 
@@ -146,7 +145,7 @@ def test_a_channel_without_a_tolerance_may_not_change_by_more_than_its_noise(res
 def test_control_flights_stand_in_the_answer_and_in_a_table(result, tmp_path):
     flights = (Control(1, "no gap", (), 4.25, 5_100.0), Control(2, "not flown", (), 0.0, 0.0))
     beside = Controls(flights, gain=9_000.0, chi2=14_000.0)
-    page = write_gap(replace(result, finding=replace(result.finding, controls=beside)), tmp_path)[-1]
+    page = gap_page(replace(result, finding=replace(result.finding, controls=beside))).write(tmp_path)[-1]
     assert beside.sentence.startswith("one control flight of the believed model")
     assert beside.sentence[1:] in page.read_text(encoding="utf-8")
     rows = (tmp_path / "tables" / "controls.csv").read_text(encoding="utf-8").splitlines()
@@ -157,7 +156,7 @@ def test_control_flights_stand_in_the_answer_and_in_a_table(result, tmp_path):
 def test_every_diff_is_on_the_page(result, tmp_path):
     amended = result.finding.amended.with_effect(EFFECTS["alpha_scale"], {"scale": 1.1})
     both = replace(result, finding=replace(result.finding, amended=amended))
-    page = write_gap(both, tmp_path)[-1].read_text(encoding="utf-8")
+    page = gap_page(both).write(tmp_path)[-1].read_text(encoding="utf-8")
     for head in ("--- believed suite", "--- believed model"):
         assert head in page
 

@@ -251,7 +251,7 @@ def test_the_amended_model_flies_in_stock_jsbsim_and_the_amended_suite_is_read_b
     """What is written needs nothing of this project: JSBSim loads, trims and flies it from the folder alone."""
     import jsbsim
 
-    from testbench.questions.gap.page import write_amended
+    from testbench.questions.gap.export import write_amended
     from testbench.sensors import load_suite
 
     _, result, _ = vane

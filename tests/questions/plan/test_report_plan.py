@@ -13,9 +13,11 @@ from commands import command
 
 from testbench.core.paths import SCENARIOS
 from testbench.evaluation.envelope import fly_envelope
+from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import make_plan
 from testbench.questions.plan.card_text import beyond_limits, card_stem, card_text, levels, sequence_lines
-from testbench.questions.plan.page import plan_answer, write_cards, write_plan
+from testbench.questions.plan.cards import write_cards
+from testbench.questions.plan.page import plan_page
 from testbench.questions.plan.scenario import PlanScenario
 from testbench.questions.plan.tables import modes_table, points_table, runs_table
 
@@ -124,7 +126,7 @@ def test_a_card_says_what_decides_the_next_step(eolo_plan):
 
 def test_scripts_and_tables_of_an_autopilot_s_plan(eolo_plan, tmp_path):
     eolo_plan = replace(eolo_plan, cards=eolo_plan.cards[:2])
-    paths = write_plan(eolo_plan, tmp_path)
+    paths = plan_page(eolo_plan).write(tmp_path)
     scripts = [p for p in paths if p.suffix == ".lua"]
     assert [p.stem for p in scripts] == [card_stem(c) for c in eolo_plan.cards]
     assert paths[-1].name == "report.html"
@@ -168,7 +170,7 @@ def test_a_plan_with_every_card_refused_is_written_and_says_so(tmp_path):
     )  # fmt: skip
     plan = make_plan(tight, fly_envelope)
     assert plan_answer(plan)[0] == ("lead", "nothing can be flown: every card is refused")
-    write_plan(plan, tmp_path)
+    plan_page(plan).write(tmp_path)
     assert "REFUSED, do not fly" in next((tmp_path / "cards").glob("*.html")).read_text(encoding="utf-8")
 
 

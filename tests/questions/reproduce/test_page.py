@@ -17,10 +17,11 @@ import numpy as np
 import pytest
 
 from testbench.core.errors import RecordError, ScenarioError
-from testbench.questions.reproduce import paper_checks, printed
+from testbench.page.write import check_folder
+from testbench.questions.reproduce import paper_checks
 from testbench.questions.reproduce.ask import CHAPTERS, reproduce
 from testbench.questions.reproduce.figures import Line, Panel, plate
-from testbench.questions.reproduce.page import PAGE, groups, open_folder, summary, write_reproduction
+from testbench.questions.reproduce.page import PAGE, groups, summary, write_reproduction
 from testbench.questions.reproduce.printed import polynomial
 from testbench.questions.reproduce.section import VERDICTS, Chapter, Section
 from testbench.questions.reproduce.verdict import Why, claim_row, number_row
@@ -175,9 +176,10 @@ def test_an_unknown_chapter_is_refused_with_the_nearest_name():
 
 def test_a_folder_that_cannot_be_written_to_is_refused_before_the_work(tmp_path):
     (tmp_path / "file").write_text("no folder")
-    with pytest.raises(RecordError, match=r"results go into a folder.*file.*give another with -o"):
-        open_folder(tmp_path / "file" / "reproduction")
-    assert open_folder(tmp_path / "new" / "reproduction").is_dir()
+    with pytest.raises(RecordError, match=r"results must go to a folder.*file.*give another folder"):
+        check_folder(tmp_path / "file" / "reproduction")
+    check_folder(tmp_path / "new" / "reproduction")
+    assert list((tmp_path / "new" / "reproduction").iterdir()) == []
 
 
 def test_the_command_refuses_an_unknown_chapter_in_one_line(tmp_path):

@@ -1,0 +1,111 @@
+"""A flight plan in sentences: flights and time, the onset, the narrowest step, cards refused, accuracy."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from testbench.page.words import counted, some
+from testbench.questions.plan.card_text import beyond_limits
+
+if TYPE_CHECKING:
+    from testbench.questions.plan.result import Card, Plan
+
+
+def plan_answer(plan: Plan) -> list[tuple[str, str]]:
+    """Return (kind, sentence) of what matters: flights and time, onset, predicted damping, cards and accuracy."""
+    out: list[tuple[str, str]] = []
+    planes = [sum(r.card.spec.plane == p for r in plan.runs) for p in ("longitudinal", "lateral")]
+    if plan.runs:
+        minutes = sum(f.time_s for f in plan.flights) / 60.0
+        legs = len(plan.flights)
+        on = counted(legs, "battery", "batteries") if plan.scenario.energy.kind == "battery" else counted(legs, "tank")
+        head = (
+            f"{len(plan.runs)} runs ({planes[0]} longitudinal, {planes[1]} lateral) at {len(plan.points)} points take "
+            f"{counted(legs, 'flight')} on {on} and {minutes:.0f} min in the air"
+        )
+        fullest = max(plan.flights, key=lambda f: f.share)
+        out.append(("lead", head))
+        used = f"uses {100.0 * fullest.share:.0f} % of the usable energy"
+        out.append(("finding", f"the fullest flight, no. {fullest.number}, {used}"))
+    else:
+        out.append(("lead", "nothing can be flown: every card is refused"))
+    out += _onset_lines(plan)
+    for status, verb in (("refused", "are refused"), ("scaled", "are scaled down")):
+        found = [c for c in plan.cards if c.status == status]
+        if found:
+            named = some(f"{c.number} ({c.title}: {c.met[0]})" for c in found)
+            kind = "doubt" if status == "refused" else "finding"
+            out.append((kind, f"{len(found)} of {len(plan.cards)} cards {verb}: {named}"))
+    beyond = [str(c.number) for c in plan.cards if c.status != "refused" and beyond_limits(c)]
+    if beyond:
+        out.append(
+            ("doubt", f"the 95 % band of the expected response reaches beyond a limit on card {', '.join(beyond)}")
+        )
+    out += _accuracy_lines(plan)
+    return out
+
+
+def _onset_lines(plan: Plan) -> list[tuple[str, str]]:
+    out: list[tuple[str, str]] = []
+    fastest = plan.points[-1] if plan.points else None
+    if fastest is None:
+        return out
+    if fastest.margin is None or fastest.onset is None:
+        out.append(("finding", "no onset of an elastic instability is predicted in the range"))
+        return out
+    side = "below" if fastest.margin >= 0.0 else "ABOVE"
+    out.append(
+        (
+            "finding" if fastest.margin >= 0.0 else "doubt",
+            f"{fastest.onset.sentence}; the fastest point, {fastest.V_m_s:g} m/s, lies "
+            f"{abs(100.0 * fastest.margin):.0f} % {side} it",
+        )
+    )
+    least = plan.scenario.least_damping
+    steps = [
+        (m.zeta - m.go, p, m) for p in plan.points for m in p.modes if m.go is not None and p.next_V_m_s is not None
+    ]
+    if steps:
+        _, p, m = min(steps, key=lambda step: step[0])
+        out.append(
+            (
+                "finding",
+                f"the narrowest step is the one from {p.V_m_s:g} to {p.next_V_m_s:g} m/s: it is a go if {m.name} shows "
+                f"a damping ratio of at least {m.go:.3g} at {p.V_m_s:g} m/s ({m.zeta:.3g} predicted)",
+            )
+        )
+    low = [
+        (p, m) for p in plan.points for m in p.modes if m.elastic and m.zeta_next is not None and m.zeta_next < least
+    ]
+    for p, m in low[:2]:
+        out.append(
+            (
+                "doubt",
+                f"NO-GO after {p.label}: damping of {m.name} is predicted to be {m.zeta_next:.3g} at the next point",
+            )
+        )
+    return out
+
+
+def _accuracy_lines(plan: Plan) -> list[tuple[str, str]]:
+    """Return whether the wanted accuracy is reached."""
+    cards = [c for c in plan.cards if c.reached and c.status != "refused"]
+    if not cards:
+        return []
+    short = [(c, r) for c in cards for r in c.reached if not r.reached <= r.wanted * (1.0 + 1e-9)]
+    if not short:
+        return [("finding", f"the wanted accuracy is reached on all {len(cards)} cards that ask for one")]
+    return [("doubt", f"card {c.number}, {r.sentence}; {_in_the_way(c)}") for c, r in short[:6]] + (
+        [("doubt", f"{len(short) - 6} more accuracies are not reached; see the table of cards")]
+        if len(short) > 6
+        else []
+    )
+
+
+def _in_the_way(card: Card) -> str:
+    """Return what keeps a card from telling more, in words."""
+    if card.status == "scaled":
+        return f"what stands in the way is the limit on its amplitude ({card.met[0]})"
+    return (
+        f"what stands in the way is the noise of the sensors at this amplitude and duration, {card.spec.duration_s:g} s"
+    )

@@ -1,0 +1,52 @@
+"""The files of every card: the card itself as HTML and PDF, its signal, and the script of an autopilot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from testbench.page.html import picture, render
+from testbench.page.write import write_file
+from testbench.questions.plan.card_figures import card_plate, draw_pages, pdf_bytes
+from testbench.questions.plan.card_text import card_stem, card_text
+from testbench.questions.plan.injection import injected_signal, lua_script, signal_csv
+from testbench.questions.plan.injection.lua import injectable
+
+if TYPE_CHECKING:
+    from testbench.questions.plan.result import Plan
+
+_HAND_PERIOD_MS = 20
+
+
+def write_cards(plan: Plan, folder: Path) -> list[Path]:
+    """Write cards/NAME.html and NAME.pdf, one page A4 each, and cards.pdf with all of them; return the paths."""
+    out = []
+    pages = draw_pages(plan.cards, plan)
+    for card, page in pages:
+        stem = card_stem(card)
+        html = render(
+            "questions/plan/card.html.j2",
+            card=card,
+            count=len(plan.cards),
+            title=plan.scenario.title,
+            text=card_text(card, plan),
+            picture=picture(card_plate(card)),
+        )
+        out.append(write_file(folder / "cards" / f"{stem}.html", html))
+        out.append(write_file(folder / "cards" / f"{stem}.pdf", pdf_bytes([page])))
+    out.append(write_file(folder / "cards.pdf", pdf_bytes([page for _, page in pages])))
+    return out
+
+
+def signals(plan: Plan) -> dict[str, str]:
+    """Return signals/NAME.csv of every card and, where an autopilot flies it, injection/NAME.lua, as path -> text."""
+    scenario = plan.scenario
+    by_autopilot = scenario.flown_by == "autopilot"
+    period = scenario.autopilot.period_ms if by_autopilot else _HAND_PERIOD_MS
+    out = {}
+    for card in plan.cards:
+        stem = card_stem(card)
+        out[f"signals/{stem}.csv"] = signal_csv(injected_signal(card, period), plan.aircraft)
+        if by_autopilot and injectable(card):
+            out[f"injection/{stem}.lua"] = lua_script(card, plan.aircraft, scenario.autopilot)
+    return out
