@@ -18,7 +18,7 @@ import pytest
 
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.page.write import check_folder
-from testbench.questions.reproduce import paper_checks
+from testbench.questions.reproduce import paper_checks, printed
 from testbench.questions.reproduce.ask import CHAPTERS, reproduce
 from testbench.questions.reproduce.figures import Line, Panel, plate
 from testbench.questions.reproduce.page import PAGE, groups, summary, write_reproduction
