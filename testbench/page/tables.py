@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from testbench.page.labels import number
 
 Value = str | float | int | bool | None
+MISSING = "–"
+"""Of a value that is not there, as the page shows it."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +34,7 @@ class Column:
     def text(self, value: Value) -> str:
         """Return ``value`` as the page shows it; what is missing becomes a dash."""
         if _missing(value):
-            return "–"
+            return MISSING
         if isinstance(value, bool):
             return "yes" if value else "no"
         if isinstance(value, float):

@@ -56,7 +56,11 @@ def print_answer(console: Console, answer: Answer) -> None:
 
 
 def print_table(console: Console, table: Table) -> None:
-    """Print a table with its title; numbers stand to the right, and units with the heads."""
+    """Print a table with its title: numbers to the right, units beside the heads, no column without any value."""
+    from testbench.page.tables import MISSING
+
+    values = zip(table.columns, zip(*table.rows, strict=True), strict=False)
+    table = table.only(*(c.key for c, found in values if any(c.text(v) != MISSING for v in found)))
     heads = [", ".join(filter(None, (c.head, c.unit))) for c in table.columns]
     rows = [[text for text, _ in row] for row in table.cells()]
     print_rows(console, heads, rows, table.numeric(), table.title)

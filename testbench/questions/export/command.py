@@ -36,7 +36,8 @@ def command(
     `testbench export results/eolo_alpha/models/x.json --to jsbsim`.
     """
     if file.suffix.lower() == ".json":
-        from testbench.questions.export.ask import SUFFIXES, export_model, load_matrices
+        from testbench.questions.export.ask import SUFFIXES, export_model
+        from testbench.questions.export.matrices import load_matrices
 
         path = out or file.with_name(file.stem + SUFFIXES[to.value])
         print(f"Written: {export_model(load_matrices(file), to.value, path)}")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from testbench.core.channels import channel
 from testbench.core.errors import RecordError
-from testbench.questions.export.ask import Matrices
+from testbench.questions.export.matrices import Matrices
 
 _WORST = 1e10  # condition of the eigenvectors: above it modes cannot be told apart
 _REAL = 1e-9  # of the size of a pole: an imaginary part below it is rounding
