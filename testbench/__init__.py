@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     from testbench.estimators import METHODS, estimate
     from testbench.evaluation import evaluate
     from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, trim
+    from testbench.inputs import InputSignal
     from testbench.line import fly_and_measure
     from testbench.logs.read import read_records
+    from testbench.questions.aircraft.ask import survey
     from testbench.questions.campaign.execute import fly_campaign
     from testbench.questions.campaign.load import load_campaign
     from testbench.questions.compare.ask import compare
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
     from testbench.questions.gap.ask import find_gap
     from testbench.questions.gap.case import run_gap
     from testbench.questions.identify.ask import identify, load_description
+    from testbench.questions.modes.ask import fly_modes
+    from testbench.questions.plan.ask import make_plan
     from testbench.questions.run.ask import load_scenario, run
     from testbench.questions.run.page import write_results
     from testbench.sensors import load_suite
@@ -39,6 +43,10 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOME = {
+    "survey": "testbench.questions.aircraft.ask",
+    "make_plan": "testbench.questions.plan.ask",
+    "fly_modes": "testbench.questions.modes.ask",
+    "InputSignal": "testbench.inputs",
     "METHODS": "testbench.estimators",
     "FlightCondition": "testbench.flight",
     "FlightRecord": "testbench.core.record",
@@ -71,6 +79,7 @@ __all__ = [
     "METHODS",
     "FlightCondition",
     "FlightRecord",
+    "InputSignal",
     "Manoeuvre",
     "compare",
     "estimate",
@@ -79,6 +88,7 @@ __all__ = [
     "fly",
     "fly_and_measure",
     "fly_campaign",
+    "fly_modes",
     "identify",
     "linearise",
     "load",
@@ -88,10 +98,12 @@ __all__ = [
     "load_record",
     "load_scenario",
     "load_suite",
+    "make_plan",
     "read_records",
     "run",
     "run_design",
     "run_gap",
+    "survey",
     "trim",
     "write_results",
 ]

@@ -128,6 +128,19 @@ def fly_and_measure(
     Raises:
         LimitError: a rate, a command or the air breaks its law.
         FlightAborted: the flight left the aircraft's limits; the error carries the record.
+
+    Example:
+        >>> import testbench as tb
+        >>> scenario = tb.load_scenario("taurus_doublet")
+        >>> aircraft = tb.load_aircraft("taurus")
+        >>> trimmed = tb.trim(aircraft, tb.FlightCondition(12.0, 100.0))
+        >>> spec = scenario.manoeuvre[0]
+        >>> suite = tb.load_suite("taurus_8hz")
+        >>> flight = tb.fly_and_measure(
+        ...     aircraft, trimmed, spec.name, spec.input, spec.duration_s, log_rate_hz=40.0, suites=[suite], seed=1
+        ... )
+        >>> flight.measured["taurus_8hz"].channels
+        ('theta', 'q', 'u', 'h', 'de_cmd')
     """
     signal = inputs if isinstance(inputs, InputSignal) else build(inputs, duration_s, trimmed.rate_hz)
     try:

@@ -221,6 +221,11 @@ def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None
     Raises:
         ModelError: the XML is damaged.
         ScenarioError: no such aircraft, or aircraft.toml breaks its schema.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.load_aircraft("taurus").geometry.b_m
+        1.27
     """
     if folder is None:
         named = resolve(str(name), AIRCRAFT)

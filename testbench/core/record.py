@@ -72,6 +72,12 @@ class FlightRecord:
         RecordError: shapes disagree, times do not increase, a value is not finite, kind or outcome is none of the
             above, an aborted record gives no reason, or the provenance is not JSON.
         ChannelError: a channel is not in the table.
+
+    Example:
+        >>> import testbench as tb
+        >>> record = tb.FlightRecord([0.0, 0.1, 0.2], ("q",), [[0.0], [0.1], [0.0]], "measured")
+        >>> record["q"].tolist()
+        [0.0, 0.1, 0.0]
     """
 
     t_s: FloatArray
@@ -335,6 +341,11 @@ def load_record(path: Path | str) -> FlightRecord:
 
     Raises:
         RecordError: the file is missing, damaged or not a record of the testbench; the message names the file.
+
+    Example:
+        >>> import testbench as tb
+        >>> record = tb.load_record("results/eolo_alpha/records/doublet_eolo_alpha.nc")  # doctest: +SKIP
+        >>> record.channels, record.dt_s  # doctest: +SKIP
     """
     # h5py directly, because xarray's reader leaves tracebacks on stderr when the file is cut short
     import h5py  # type: ignore[import-untyped]

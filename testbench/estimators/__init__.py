@@ -85,85 +85,102 @@ class Method:
 _FAMILY: tuple[Any, ...] = (Subspace, "subspace.family:estimate", ("inputs held",), ("poles", "errors (bootstrap)"))
 _PARAMETERS = ("derivatives", "poles", "errors")
 
-METHODS = {
-    "dsr_e": Method(
-        "subspace identification DSR_E: one state-space model from all inputs to all outputs",
-        DsrE,
-        "subspace.dsr_e:estimate",
-        ("inputs held",),
-    ),
-    "moesp": Method("subspace identification PO-MOESP: orthogonal projection on past inputs and outputs", *_FAMILY),
-    "n4sid": Method("subspace identification N4SID: oblique projection on past inputs and outputs", *_FAMILY),
-    "cva": Method("subspace identification CVA: canonical correlations of past and future", *_FAMILY),
-    "dsr": Method("subspace identification DSR: Di Ruscio's deterministic and stochastic realisation", *_FAMILY),
-    "ssarx": Method("subspace identification SSARX: a long ARX predictor first; consistent in closed loop", *_FAMILY),
-    "pbsid_opt": Method(
-        "subspace identification PBSID-opt: states from a long ARX predictor; consistent in closed loop", *_FAMILY
-    ),
-    "prediction_error": Method(
-        "discrete state-space model by prediction errors, started from a subspace estimate",
-        PredictionError,
-        "prediction_error:estimate",
-        ("inputs held",),
-        ("poles", "errors"),
-    ),
-    "transfer_function": Method(
-        "least squares (ARX): one transfer function per output, from one input",
-        TransferFunctions,
-        "transfer_function:estimate",
-        ("inputs held", "one input", "validation"),
-        ("transfer functions", "poles", "errors"),
-    ),
-    "srivc": Method(
-        "continuous-time transfer functions by refined instrumental variables",
-        Srivc,
-        "srivc:estimate",
-        ("validation",),
-        ("transfer functions", "poles", "errors"),
-    ),
-    "equivalent": Method(
-        "low-order equivalent model with delay, fitted to the frequency response",
-        Equivalent,
-        "frequency.equivalent:estimate",
-        (),
-        ("transfer functions", "poles", "errors"),
-    ),
-    "equation_error": Method(
-        "a model structure by least squares on its state equations",
-        EquationError,
-        "parametric.equation_error:estimate",
-        ("structure", "all states"),
-        _PARAMETERS,
-    ),
-    "output_error": Method(
-        "a model structure by maximum likelihood for measurement noise",
-        OutputError,
-        "parametric.output_error:estimate",
-        ("structure",),
-        _PARAMETERS,
-    ),
-    "filter_error": Method(
-        "a model structure by maximum likelihood for process and measurement noise (turbulence)",
-        FilterError,
-        "parametric.filter_error:estimate",
-        ("structure",),
-        _PARAMETERS,
-    ),
-    "ekf": Method(
-        "a model structure by an extended Kalman filter with its parameters as states",
-        ExtendedFilter,
-        "parametric.kalman.ekf:estimate",
-        ("structure",),
-        _PARAMETERS,
-    ),
-    "ukf": Method(
-        "a model structure by an unscented Kalman filter with its parameters as states",
-        UnscentedFilter,
-        "parametric.kalman.ukf:estimate",
-        ("structure",),
-        _PARAMETERS,
-    ),
-}
+
+class Methods(dict[str, Method]):
+    """Method name in a scenario -> what it is, its settings, its function, what it needs and gives.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.METHODS["output_error"].words
+        'a model structure by maximum likelihood for measurement noise'
+        >>> tb.METHODS["output_error"].gives
+        ('derivatives', 'poles', 'errors')
+    """
+
+
+METHODS = Methods(
+    {
+        "dsr_e": Method(
+            "subspace identification DSR_E: one state-space model from all inputs to all outputs",
+            DsrE,
+            "subspace.dsr_e:estimate",
+            ("inputs held",),
+        ),
+        "moesp": Method("subspace identification PO-MOESP: orthogonal projection on past inputs and outputs", *_FAMILY),
+        "n4sid": Method("subspace identification N4SID: oblique projection on past inputs and outputs", *_FAMILY),
+        "cva": Method("subspace identification CVA: canonical correlations of past and future", *_FAMILY),
+        "dsr": Method("subspace identification DSR: Di Ruscio's deterministic and stochastic realisation", *_FAMILY),
+        "ssarx": Method(
+            "subspace identification SSARX: a long ARX predictor first; consistent in closed loop", *_FAMILY
+        ),
+        "pbsid_opt": Method(
+            "subspace identification PBSID-opt: states from a long ARX predictor; consistent in closed loop", *_FAMILY
+        ),
+        "prediction_error": Method(
+            "discrete state-space model by prediction errors, started from a subspace estimate",
+            PredictionError,
+            "prediction_error:estimate",
+            ("inputs held",),
+            ("poles", "errors"),
+        ),
+        "transfer_function": Method(
+            "least squares (ARX): one transfer function per output, from one input",
+            TransferFunctions,
+            "transfer_function:estimate",
+            ("inputs held", "one input", "validation"),
+            ("transfer functions", "poles", "errors"),
+        ),
+        "srivc": Method(
+            "continuous-time transfer functions by refined instrumental variables",
+            Srivc,
+            "srivc:estimate",
+            ("validation",),
+            ("transfer functions", "poles", "errors"),
+        ),
+        "equivalent": Method(
+            "low-order equivalent model with delay, fitted to the frequency response",
+            Equivalent,
+            "frequency.equivalent:estimate",
+            (),
+            ("transfer functions", "poles", "errors"),
+        ),
+        "equation_error": Method(
+            "a model structure by least squares on its state equations",
+            EquationError,
+            "parametric.equation_error:estimate",
+            ("structure", "all states"),
+            _PARAMETERS,
+        ),
+        "output_error": Method(
+            "a model structure by maximum likelihood for measurement noise",
+            OutputError,
+            "parametric.output_error:estimate",
+            ("structure",),
+            _PARAMETERS,
+        ),
+        "filter_error": Method(
+            "a model structure by maximum likelihood for process and measurement noise (turbulence)",
+            FilterError,
+            "parametric.filter_error:estimate",
+            ("structure",),
+            _PARAMETERS,
+        ),
+        "ekf": Method(
+            "a model structure by an extended Kalman filter with its parameters as states",
+            ExtendedFilter,
+            "parametric.kalman.ekf:estimate",
+            ("structure",),
+            _PARAMETERS,
+        ),
+        "ukf": Method(
+            "a model structure by an unscented Kalman filter with its parameters as states",
+            UnscentedFilter,
+            "parametric.kalman.ukf:estimate",
+            ("structure",),
+            _PARAMETERS,
+        ),
+    }
+)
 """Method name in a scenario -> what it is, its settings, its function, what it needs and gives."""
 
 

@@ -128,6 +128,11 @@ def evaluate(
         EstimationError: no identification record, or ``true_response`` without ``omega`` or of a wrong shape.
         ChannelError: a record lacks a channel of the model.
         RecordError: a record's sample time is not the model's.
+
+    Example:
+        >>> import testbench as tb
+        >>> scores = tb.evaluate(model, [record], [held_out])  # doctest: +SKIP
+        >>> scores.validation.mrse_percent  # doctest: +SKIP
     """
     if not identification_records:
         raise EstimationError("an evaluation needs the records that the model was identified from, got none")

@@ -12,7 +12,13 @@ _LAPSE_K_M, _T0_K, _RHO0_KG_M3 = 0.0065, 288.15, 1.225  # ISO 2533:1975 standard
 
 @dataclass(frozen=True)
 class FlightCondition:
-    """Steady straight flight: true airspeed (m/s), altitude above sea level (m), flight-path angle (rad)."""
+    """Steady straight flight: true airspeed (m/s), altitude above sea level (m), flight-path angle (rad).
+
+    Example:
+        >>> import testbench as tb
+        >>> str(tb.FlightCondition(V_m_s=16.0, h_m=547.0))
+        '16 m/s, 547 m'
+    """
 
     V_m_s: float
     h_m: float

@@ -109,6 +109,13 @@ def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
     them. Inputs: the deflections de, da, dr and thr, and the commands de_cmd, da_cmd, dr_cmd, which pass through the
     servo lags first (three further states, which what is fed back to a command passes through, too). Outputs: every
     channel of the simulator, and those of the wing stations.
+
+    Example:
+        >>> import testbench as tb
+        >>> taurus = tb.load_aircraft("taurus")
+        >>> linear = tb.linearise(taurus, tb.trim(taurus, tb.FlightCondition(12.0, 100.0)))
+        >>> linear.A.shape[0] == len(linear.states)
+        True
     """
     point = _Point.of(aircraft, trimmed)
     at = {n: trimmed.state[n] for n in point.states} | dict(trimmed.controls)

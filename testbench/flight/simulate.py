@@ -28,7 +28,14 @@ _JSBSIM = version("jsbsim")  # asked once: the answer takes as long as a flight 
 
 @dataclass(frozen=True)
 class Manoeuvre:
-    """Inputs flown from trim: ``settle_s`` of undisturbed flight, then the signal's clock starts."""
+    """Inputs flown from trim: ``settle_s`` of undisturbed flight, then the signal's clock starts.
+
+    Example:
+        >>> import testbench as tb
+        >>> signal = tb.InputSignal([0.0, 0.01], [[0.0], [0.02]], ("de",))
+        >>> tb.Manoeuvre("step", signal, settle_s=1.0).duration_s
+        1.02
+    """
 
     name: str
     signal: InputSignal
@@ -106,6 +113,16 @@ def fly(
     Raises:
         LimitError: a rate, a command or the air breaks its law.
         FlightAborted: the flight left the aircraft's limits or ceased to be finite; the error carries the record.
+
+    Example:
+        >>> import numpy as np
+        >>> import testbench as tb
+        >>> taurus = tb.load_aircraft("taurus")
+        >>> trimmed = tb.trim(taurus, tb.FlightCondition(12.0, 100.0))
+        >>> t = np.arange(round(5.0 * trimmed.rate_hz)) / trimmed.rate_hz
+        >>> signal = tb.InputSignal(t, np.deg2rad(2.0) * (t < 1.0)[:, None], ("de",))
+        >>> tb.fly(taurus, trimmed, tb.Manoeuvre("pulse", signal), log_rate_hz=50.0).kind
+        'truth'
     """
     rate = trimmed.rate_hz
     if abs(manoeuvre.signal.dt_s * rate - 1.0) > 1e-6:

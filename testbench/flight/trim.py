@@ -46,6 +46,12 @@ def trim(
 
     Raises:
         TrimError: there is no equilibrium within the limits of the controls and the flight envelope.
+
+    Example:
+        >>> import testbench as tb
+        >>> trimmed = tb.trim(tb.load_aircraft("taurus"), tb.FlightCondition(V_m_s=12.0, h_m=100.0))
+        >>> round(trimmed.alpha, 3) > 0.0
+        True
     """
     rate = rate_hz or aircraft.rate_hz
     fdm = Executive(aircraft, rate, condition)

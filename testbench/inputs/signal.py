@@ -32,6 +32,11 @@ class InputSignal:
     Raises:
         ChannelError: a channel is not a control.
         LimitError: shapes disagree, times are not uniform from 0, a channel comes twice or a value is not finite.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.InputSignal([0.0, 0.01], [[0.0], [0.02]], ("de",)).dt_s
+        0.01
     """
 
     t_s: FloatArray

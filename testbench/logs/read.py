@@ -33,6 +33,11 @@ def read_records(description: Recorded, data_folder: Path | str | None = None) -
     Raises:
         RecordError: a file or the folder is missing or damaged, a column does not exist, its unit is not the one that
             the file states, a sample used is not a number, or the time jumps. The message names file, column and line.
+
+    Example:
+        >>> import testbench as tb
+        >>> for name, use, record in tb.read_records(tb.load_description("attas_full"), data):  # doctest: +SKIP
+        ...     print(name, use, record.channels)
     """
     folder = find_data_folder(description, data_folder)
     absent = [record.file for record in description.record if not (folder / record.file).is_file()]

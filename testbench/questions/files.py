@@ -76,6 +76,11 @@ def load(path: Path | str) -> Asked:
     Raises:
         ScenarioError: every fault of the file.
         RecordError: it cannot be read.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.load("compare/eolo_alpha").seeds
+        12
     """
     return _checked(Path(path))[1]
 

@@ -97,6 +97,11 @@ def load_suite(name_or_path: str | Path) -> SensorSuite:
     Raises:
         RecordError: the file cannot be read.
         ScenarioError: no such suite, or the file breaks laws; all of them are listed with file and key.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.load_suite("eolo_alpha").channels
+        ('V', 'alpha', 'q', 'theta', 'de')
     """
     path = Path(name_or_path)
     if path.suffix != ".toml" or path.is_file():

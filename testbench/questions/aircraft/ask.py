@@ -139,6 +139,12 @@ def survey(aircraft: Aircraft, name: str) -> Survey:
 
     Raises:
         TrimError: no speed within its limits can be trimmed.
+
+    Example:
+        >>> import testbench as tb
+        >>> found = tb.survey(tb.load_aircraft("taurus"), "taurus")
+        >>> sorted(found.envelope.aircraft.controls)
+        ['da', 'de', 'dr', 'thr']
     """
     found = speed_range(aircraft)
     tabled = found.tabled()

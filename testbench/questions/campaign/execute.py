@@ -101,6 +101,11 @@ def fly_campaign(
     Raises:
         CampaignError: the store cannot be written or the workers are gone; ``resume`` goes on.
         TestbenchError: what makes every run impossible.
+
+    Example:
+        >>> import testbench as tb
+        >>> campaign = tb.load_campaign("campaign/taurus_scatter")
+        >>> tb.fly_campaign(campaign, Path("results/campaign_taurus_scatter"), workers=2)  # doctest: +SKIP
     """
     require_dask()
     with ExitStack() as stack:

@@ -97,6 +97,11 @@ def load_campaign(path: Path | str) -> Campaign:
     Raises:
         ScenarioError: lists every fault with file, key, law, value and the nearest valid name.
         RecordError: the file or the base scenario cannot be read.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.load_campaign("campaign/taurus_scatter").base.aircraft
+        'taurus'
     """
     spec = CampaignSpec.load(path)
     assert spec.file is not None

@@ -54,6 +54,12 @@ def compare(
 
     Raises:
         TestbenchError: with the file and key that it comes from.
+
+    Example:
+        >>> import testbench as tb
+        >>> result = tb.compare(tb.load("compare/eolo_beta"), simulate=False)
+        >>> result.errors  # nothing was flown
+        {}
     """
     say = progress or (lambda text: None)
     where, seed = scenario.file, scenario.seed if seed is None else seed

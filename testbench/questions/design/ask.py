@@ -114,6 +114,11 @@ def run_design(scenario: DesignScenario, seed: int | None = None, progress: Repo
     Raises:
         TestbenchError: with the file and key that it comes from; above the onset of vibration, or where no signal
             tells anything of some target.
+
+    Example:
+        >>> import testbench as tb
+        >>> result = tb.run_design(tb.load("design/taurus_short_period"))  # doctest: +SKIP
+        >>> result.best.design.family  # doctest: +SKIP
     """
     say = progress or (lambda text: None)
     where = scenario.file

@@ -76,6 +76,11 @@ def find_gap(
     Raises:
         RecordError: a record is not measured, or lacks a channel of the believed suite; or that file cannot be used.
         FlightAborted, LimitError, TrimError: the believed aircraft cannot fly these commands.
+
+    Example:
+        >>> import testbench as tb
+        >>> finding = tb.find_gap(believed, {"doublet": record}, {"sweep": held_out})  # doctest: +SKIP
+        >>> finding.sentences  # doctest: +SKIP
     """
     say, as_believed = progress or (lambda text: None), believed
     for name, record in {**records, **held_out}.items():

@@ -70,6 +70,11 @@ def run_gap(
 
     Raises:
         TestbenchError: with the file and key that it comes from.
+
+    Example:
+        >>> import testbench as tb
+        >>> result = tb.run_gap(tb.load("gap/flexible_wings"))  # doctest: +SKIP
+        >>> result.finding.sentences[0]  # doctest: +SKIP
     """
     if not isinstance(scenario, GapScenario):
         scenario = GapScenario.load(scenario)

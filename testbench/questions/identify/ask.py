@@ -26,6 +26,10 @@ def identify(
 
     Raises:
         TestbenchError: with the file and key of the description that it comes from.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.identify(tb.load_description("attas_short_period"), data_folder).findings  # doctest: +SKIP
     """
     keep, say = keep or (lambda name, record: None), progress or (lambda text: None)
     say("read records")
@@ -51,5 +55,11 @@ def identify(
 
 
 def load_description(path: Path | str) -> RecordDescription:
-    """Read a description of recorded flights; see :meth:`RecordDescription.load`."""
+    """Read a description of recorded flights; see :meth:`RecordDescription.load`.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.load_description("attas_short_period").identification.inputs
+        ('de',)
+    """
     return RecordDescription.load(path)

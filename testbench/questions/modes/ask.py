@@ -171,6 +171,11 @@ def fly_modes(
 
     Raises:
         TestbenchError: with the file and key of the scenario that it comes from.
+
+    Example:
+        >>> import testbench as tb
+        >>> result = tb.fly_modes(tb.load("modes/eolo_turbulence"))  # doctest: +SKIP
+        >>> result.found  # doctest: +SKIP
     """
     say = progress or (lambda text: None)
     seed, where = scenario.seed if seed is None else seed, scenario.file

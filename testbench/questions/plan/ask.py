@@ -6,12 +6,12 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from testbench.aircraft import Aircraft, load_aircraft
 from testbench.core.errors import LimitError, ScenarioError, located
+from testbench.evaluation.envelope import Envelope, Onset, fly_envelope
 from testbench.questions.plan.repeats import plane_modes, reach
 from testbench.questions.plan.resources import level_power_W, schedule
 from testbench.questions.plan.response import bands_of, expected_band, fly_within, limits_of, scaled
@@ -19,17 +19,16 @@ from testbench.questions.plan.result import Card, Limit, ModeAt, Plan, Point, Re
 from testbench.questions.plan.scenario import PlannedManoeuvre, PlanScenario
 from testbench.sensors import SensorSuite, load_suite
 
-if TYPE_CHECKING:
-    from testbench.evaluation.envelope import Envelope, Onset
-
-Survey = Callable[[Aircraft, Sequence[float], float], "Envelope"]
+Survey = Callable[[Aircraft, Sequence[float], float], Envelope]
 """What finds trims and modes over speed: :func:`testbench.evaluation.envelope.fly_envelope`."""
 
 _BEYOND = 1.6  # the onset is looked for up to this multiple of the fastest planned speed
 _BEYOND_SPEEDS = 12
 
 
-def make_plan(scenario: PlanScenario, survey: Survey, progress: Callable[[str], None] | None = None) -> Plan:
+def make_plan(
+    scenario: PlanScenario, survey: Survey = fly_envelope, progress: Callable[[str], None] | None = None
+) -> Plan:
     """Return the plan of a scenario: the build-up, every card flown in the simulator, runs, times and flights.
 
     Args:
@@ -40,6 +39,11 @@ def make_plan(scenario: PlanScenario, survey: Survey, progress: Callable[[str], 
     Raises:
         ScenarioError: every point that cannot be trimmed or lies above the onset less the margin, and what else can
             only be known by computing.
+
+    Example:
+        >>> import testbench as tb
+        >>> plan = tb.make_plan(tb.load("plan/taurus_63"))  # doctest: +SKIP
+        >>> len(plan.cards)  # doctest: +SKIP
     """
     say = progress or (lambda text: None)
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)

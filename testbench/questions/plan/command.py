@@ -13,7 +13,6 @@ def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: 
 
     Every card is flown in the simulator first. Example: `testbench plan eolo_envelope`: 11 to 19 m/s towards flutter.
     """
-    from testbench.evaluation.envelope import fly_envelope
     from testbench.questions.files import find
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.plan.page import plan_page
@@ -23,7 +22,7 @@ def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: 
     loaded = loaded if seed is None else loaded.model_copy(update={"seed": seed})
     folder = out / f"plan_{loaded.name}"
     with stages() as say:
-        result = make_plan(loaded, fly_envelope, say)
+        result = make_plan(loaded, progress=say)
         say("write cards and report")
         page = plan_page(result)
         page.write(folder)

@@ -54,6 +54,12 @@ def run(
 
     Raises:
         TestbenchError: with the file and key of the scenario that it comes from.
+
+    Example:
+        >>> import testbench as tb
+        >>> result = tb.run(tb.load_scenario("taurus_doublet"))
+        >>> sorted(result.table.columns)
+        ['data', 'estimator', 'fit_percent', 'mrse_percent', 'output', 'suite']
     """
     seed, say = scenario.seed if seed is None else seed, progress or (lambda text: None)
     ready = prepared or _ready(scenario, seed, say)
@@ -73,7 +79,13 @@ def run(
 
 
 def load_scenario(path: Path | str) -> Scenario:
-    """Read a scenario and check it against its aircraft and suites, without flying; see :meth:`Scenario.load`."""
+    """Read a scenario and check it against its aircraft and suites, without flying; see :meth:`Scenario.load`.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.load_scenario("eolo_alpha").suites
+        ('eolo_no_alpha', 'eolo_alpha')
+    """
     return Scenario.load(path)
 
 

@@ -52,6 +52,10 @@ def write_results(result: RunResult, folder: Path | str) -> list[Path]:
 
     Raises:
         RecordError: the folder cannot be written to.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.write_results(tb.run(tb.load_scenario("eolo_alpha")), "results/eolo_alpha")  # doctest: +SKIP
     """
     return run_page(result).write(folder)
 
