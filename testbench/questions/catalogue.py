@@ -40,10 +40,13 @@ def sensors() -> Rows:
 
 def estimators() -> Rows:
     """Return the methods of estimation, what each needs and gives."""
-    from testbench.estimators import METHODS
+    from testbench.estimators import METHODS, Method
 
-    rows = ((name, m.words, ", ".join(m.needs), ", ".join(m.gives)) for name, m in METHODS.items())
-    return [("method", "what it is", "needs", "gives"), *rows]
+    def words(method: Method) -> str:
+        needs = f"; needs: {', '.join(method.needs)}" if method.needs else ""
+        return f"{method.words}{needs}; gives: {', '.join(method.gives)}"
+
+    return [("method", "what it is, what it needs, what it gives"), *((n, words(m)) for n, m in METHODS.items())]
 
 
 def scenarios() -> Rows:

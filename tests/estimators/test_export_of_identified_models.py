@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import json
 import sys
-import xml.etree.ElementTree as ET
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from estimators.fragments import flown, state_at
 from scipy.io import loadmat
 
 import testbench.cli as cli
 from testbench.core.channels import channel
-from testbench.core.errors import EstimationError
-from testbench.estimators.export import MassProperties, jsbsim_aerodynamics, save_jsbsim, save_json, save_mat
 from testbench.page.write import record_keeper
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription
@@ -205,39 +201,3 @@ def test_a_model_without_a_form_in_jsbsim_is_one_line(identified, export):
     assert "must have a counterpart in continuous time" in said[0]
     assert "export it to control or mat instead" in said[0]
     assert export("transfer_function", "mat").is_file()
-
-
-def test_its_aerodynamics_fly_in_jsbsim(identified, tmp_path):
-    """Force and moment of the written fragment are m a and I domega/dt of the identified equations, and the trim's."""
-    model, m = identified.cases["output_error"], identified.aircraft.mass
-    mass = MassProperties(mass=m.mass_kg, Ixx=m.Ixx, Iyy=m.Iyy, Izz=m.Izz, Ixz=m.Ixz)
-    trim = model.structure.trim
-    path = save_jsbsim(model, tmp_path / "aero.xml", mass, trim_controls={"de": 0.01})
-    assert ET.fromstring(path.read_text(encoding="utf-8")).tag == "aerodynamics"
-    moved = {"V": 0.02 * trim.V, "alpha": 0.01, "q": 0.05, "de": 0.02}
-    at = state_at(trim.V + moved["V"], trim.alpha + moved["alpha"], trim.theta, q=moved["q"], elevator=0.01 + 0.02)
-    force, moment = flown(tmp_path, path.read_text(encoding="utf-8"), at, mass)
-    X, Z, M = (sum(model.values.get(f"{s}_{v}", 0.0) * dv for v, dv in moved.items()) for s in "XZM")
-    turn = np.array([[np.cos(trim.alpha), -np.sin(trim.alpha)], [np.sin(trim.alpha), np.cos(trim.alpha)]])
-    weight = m.mass_kg * trim.g * np.array([np.sin(trim.theta), -np.cos(trim.theta)])
-    np.testing.assert_allclose(force[[0, 2]], weight + m.mass_kg * turn @ [X, Z], rtol=1e-4, atol=1e-6 * m.mass_kg)
-    assert moment[1] == pytest.approx(m.Iyy * M, rel=1e-4)
-
-
-def test_json_and_mat_of_the_library_keep_parameters_and_errors(identified, tmp_path):
-    model = identified.cases["output_error"]
-    found = json.loads(save_json(model, tmp_path / "m.json").read_text(encoding="utf-8"))
-    written = json.loads((identified.models / "recorded_output_error.json").read_text(encoding="utf-8"))
-    assert found == written
-    mat = loadmat(save_mat(model, tmp_path / "m.mat"), squeeze_me=True)["model"]
-    stated = mat["parameters"].item()["M_alpha"].item()
-    assert stated["value"].item() == found["parameters"]["M_alpha"]["value"]
-    assert stated["standard_error"].item() == found["parameters"]["M_alpha"]["standard_error"] > 0.0
-
-
-def test_a_structure_without_forces_is_refused_by_name(identified):
-    with pytest.raises(EstimationError, match="got 'short_period': its states do not say what forces act") as error:
-        jsbsim_aerodynamics(identified.cases["equation_error"], MassProperties(mass=1.0, Iyy=1.0))
-    assert "estimate one of those" in str(error.value)
-    with pytest.raises(EstimationError, match="got 'transfer_function'"):
-        jsbsim_aerodynamics(identified.cases["transfer_function"], MassProperties(mass=1.0))

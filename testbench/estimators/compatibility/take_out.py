@@ -14,7 +14,7 @@ from testbench.estimators.parametric.kinematics import ACCELEROMETERS, Kinematic
 from testbench.estimators.parametric.response import respond
 
 if TYPE_CHECKING:
-    from testbench.estimators.data_compatibility import DataCompatibility
+    from testbench.estimators.compatibility.result import DataCompatibility
 
 
 def correct(record: FlightRecord, result: DataCompatibility) -> FlightRecord:

@@ -1,4 +1,4 @@
-"""What is doubtful about an estimate of the family, and what to do about it."""
+"""What is doubtful about a subspace estimate, and what to do about it."""
 
 from __future__ import annotations
 
@@ -7,12 +7,90 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.estimators.subspace import dsr_e_advice
-
 if TYPE_CHECKING:
-    from testbench.estimators.subspace.family import Settings
+    from testbench.estimators.subspace.outcome import Settings
 
+_EXCITED = 1e-6  # weaker directions of the past inputs, relative to the strongest, count as not excited
+_WEAK = 5.0  # states below this many noise floors are found, but their poles are not to be trusted
+_MOVED = 0.1  # relative change of a pole under another horizon that is worth a warning
+_RESTLESS = 2.0  # free-run over one-step errors beyond which something is missing in the model
+_POOR = 50.0  # free-run error in percent of the output beyond which a model does not predict
 _FEEDBACK = 0.02  # share of the innovations explained by later inputs from which on a loop is suspected
+
+
+def doubts(found: Mapping[str, Any], outputs: Sequence[str], J: int, L: int) -> tuple[str, ...]:
+    """Return one sentence per doubt that the diagnostics ``found`` of an estimate with horizons J and L give rise to.
+
+    The thresholds are judgement, set on simulated short periods and phugoids with measurement noise, 10 to 100 Hz:
+    there every estimate with a pole off by more than 10 % broke at least one. They err on the side of warning.
+    """
+    out = []
+    n, values = found["order"], found["singular_values"]
+    noisy = bool(np.any(found["innovations_std"] > 0.0))
+    other = found["other_future_horizon"]
+    if found["unknowns"] > found["columns"] / 2:
+        out.append(
+            f"step 1 nearly interpolates: {found['unknowns']} unknowns per output from {found['columns']} columns; "
+            "shorten past_horizon, give more data or decimate"
+        )
+    if found["input_excitation"] < _EXCITED:
+        out.append(
+            f"the inputs do not excite past_horizon = {J} samples (weakest over strongest direction "
+            f"{found['input_excitation']:.1e}): the response is determined only where the input has energy; "
+            "decimate, shorten past_horizon or excite a wider band"
+        )
+    if noisy and values[n - 1] < _WEAK:
+        out.append(
+            f"state {n} stands only {values[n - 1]:.2g} times above the noise floor: poles are unreliable; "
+            "lengthen future_horizon, decimate, add a sensor or lower the order"
+        )
+    if noisy and n < values.size and values[n] > max(_WEAK, 0.1 * values[n - 1]):
+        out.append(
+            f"order {n} discards a state that stands {values[n]:.2g} times above the noise floor "
+            "(turbulence, sensor dynamics, nonlinearity or a structural mode): try a higher order"
+        )
+    if found["pole_shift_past"] is not None and found["pole_shift_past"] > _MOVED:
+        out.append(
+            f"with past_horizon = {J // 2} a pole moves by {100 * found['pole_shift_past']:.0f} %: "
+            f"past_horizon = {J} is too short, or the data do not hold that pole; lengthen it or give more data"
+        )
+    if found["pole_shift_future"] is not None and found["pole_shift_future"] > _MOVED:
+        out.append(
+            f"with future_horizon = {other} a pole moves by {100 * found['pole_shift_future']:.0f} %: "
+            f"future_horizon = {L} is too short to tell the states apart, or the data do not hold that pole; "
+            "lengthen it or decimate"
+        )
+    if found["poles_without_continuous_counterpart"].size:
+        z = ", ".join(f"{z.real:.3g}" for z in found["poles_without_continuous_counterpart"])
+        out.append(
+            f"discrete poles at {z} have no continuous counterpart: they model noise, not the aircraft; "
+            f"lengthen future_horizon = {L}, lower the order or decimate"
+        )
+    restless = [
+        f"{name} {ratio:.1f}"
+        for name, ratio in zip(outputs, found["free_run_over_innovations"], strict=True)
+        if ratio > _RESTLESS
+    ]
+    if restless:
+        out.append(
+            f"the free run errs more than the innovations, by factors of {', '.join(restless)}: turbulence, drift, "
+            "nonlinearity, noise coloured by a low-pass filter, or a missing state; "
+            "compare a higher order and a longer future_horizon"
+        )
+    poor = [
+        f"{name} {error:.0f} %"
+        for name, error in zip(outputs, found["output_error_percent"], strict=True)
+        if error > _POOR
+    ]
+    if poor:
+        out.append(
+            f"the model leaves much of the records it was fitted to unexplained in free run ({', '.join(poor)}): "
+            "do not use it to predict"
+        )
+    if found["moved_poles"].size:
+        z = ", ".join(f"{abs(z):.4g}" for z in found["moved_poles"])
+        out.append(f"poles of modulus {z} were moved inside the unit circle (stable = true): their damping is made up")
+    return tuple(out)
 
 
 def advice_in_words(found: Mapping[str, Any], outputs: Sequence[str], given: Settings) -> tuple[str, ...]:
@@ -21,7 +99,7 @@ def advice_in_words(found: Mapping[str, Any], outputs: Sequence[str], given: Set
     The threshold of feedback is judgement: simulated pitch dampers with turbulence give 0.05 and more, open loops with
     noise on the outputs less than 0.01 beyond chance.
     """
-    out = list(dsr_e_advice.advice_in_words(found, outputs, given.past_horizon, given.future_horizon))
+    out = list(doubts(found, outputs, given.past_horizon, given.future_horizon))
     robust = given.method in ("ssarx", "pbsid_opt")
     if found["feedback"] > _FEEDBACK and not (robust and given.closed_loop):
         out.append(

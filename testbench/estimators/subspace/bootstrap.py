@@ -8,7 +8,7 @@ The inputs stay as they are, so that inputs which react to the outputs are not c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from testbench.estimators.subspace.data import LEAD, Stretch
 from testbench.estimators.subspace.tail import pair
 
 if TYPE_CHECKING:
-    from testbench.estimators.subspace.family import Outcome, Settings
+    from testbench.estimators.subspace.outcome import Outcome, Settings
 
 _POINTS = 50  # of the frequency grid
 
@@ -31,6 +31,7 @@ def spread(
     out: Outcome,
     stretches: Sequence[Stretch],
     again: Settings,
+    identify: Callable[..., Outcome],
     sizes: tuple[FloatArray, FloatArray],
     replicas: int,
 ) -> dict[str, Any]:
@@ -41,14 +42,13 @@ def spread(
         out: the same in units of the stretches.
         stretches: the scaled records.
         again: settings of a replica: order and stride fixed.
+        identify: makes a model of scaled stretches, settings and a sample time.
         sizes: root mean squares of inputs (m,) and outputs (p,) that scaled the records.
         replicas: number of replicas, at least 2.
 
     Raises:
         EstimationError: fewer than two replicas succeed.
     """
-    from testbench.estimators.subspace.family import identify
-
     rng = np.random.default_rng(np.random.SeedSequence(again.seed))
     block = again.past_horizon + again.future_horizon
     lead = LEAD[again.offset]

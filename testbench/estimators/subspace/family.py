@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 
@@ -38,40 +38,13 @@ from testbench.estimators.subspace.data import (
     scale,
 )
 from testbench.estimators.subspace.factor import Factor, factorise, shortened
+from testbench.estimators.subspace.outcome import Outcome, Settings
 from testbench.estimators.subspace.predictors import PREDICTORS
 from testbench.estimators.subspace.projections import PROJECTIONS, Realisation
-from testbench.estimators.subspace.tail import gain, lost_poles, pole_distance, reflect, to_rate
+from testbench.estimators.subspace.tail import gain, lost_poles, other_horizon, pole_shifts, reflect, to_rate
 
 _PERSISTENT = 1e-3  # input Hankel matrices with weaker directions than this are decimated, if their band allows it
 _SILENT = 1e-8  # directions of the inputs below this share of the strongest do not count as excitation
-_LONG = 20  # future horizons from here on are checked against their half, shorter ones against their double
-
-
-class Settings(NamedTuple):
-    """What :func:`estimate` was asked for, as JSON values by name."""
-
-    method: str
-    past_horizon: int
-    future_horizon: int
-    order: int | None
-    direct_feedthrough: bool
-    offset: Offset
-    decimate: int | Literal["auto"]
-    stable: bool
-    closed_loop: bool
-    bootstrap: int
-    seed: int
-
-
-class Outcome(NamedTuple):
-    """Matrices in units of the stretches, at the records' rate, and what was seen on the way."""
-
-    A: FloatArray
-    B: FloatArray
-    C: FloatArray
-    D: FloatArray
-    K: FloatArray
-    found: dict[str, Any]
 
 
 @with_settings(Subspace)
@@ -181,7 +154,7 @@ def estimate(
         from testbench.estimators.subspace.bootstrap import spread
 
         again = given._replace(order=model.order, bootstrap=0, decimate=found["decimate"])
-        found.update(spread(model, out, stretches, again, (size_u, size_y), bootstrap))
+        found.update(spread(model, out, stretches, again, identify, (size_u, size_y), bootstrap))
         advice = (*advice, *approximate("bootstrap", "the bootstrap's"))
     return replace(model, diagnostics=found, status="warning" if advice else "good", advice=advice)
 
@@ -295,19 +268,22 @@ def _check_excitation(f: Factor, n: int, L: int) -> None:
 def _pole_shifts(
     stretches: Sequence[Stretch], f: Factor, real: Realisation, given: Settings, direct: bool
 ) -> dict[str, Any]:
-    """Return how far, relatively, the poles move with half the past horizon and with another future horizon."""
+    """Return how far the poles move with other horizons; see :func:`.tail.pole_shifts`."""
     n, J, L = real.A.shape[0], f.J, given.future_horizon
-    other = 2 * L if L < _LONG else L // 2
-    shifts: dict[str, Any] = {"other_future_horizon": other, "pole_shift_past": None, "pole_shift_future": None}
+    other = other_horizon(L)
+
+    def past() -> FloatArray:
+        return _realise(shortened(f, J // 2, direct), given, L, n, direct).A
+
+    def future() -> FloatArray:
+        return _realise(f if other < L else _factor(stretches, given, other, direct), given, other, n, direct).A
+
     if f.exact:
-        return shifts
-    if J // 2 >= 1 and n <= (J // 2) * (f.m + f.p):
-        shifts["pole_shift_past"] = pole_distance(real.A, _realise(shortened(f, J // 2, direct), given, L, n, direct).A)
+        return pole_shifts(real.A, other, None, None)
     windows = sum(window_starts(s.good, _length(given, other)).size - LEAD[given.offset] for s in stretches)
-    if n <= f.p * (other - 1) and windows >= 1.2 * _length(given, other) * (f.m + f.p):
-        g = f if other < L else _factor(stretches, given, other, direct)
-        shifts["pole_shift_future"] = pole_distance(real.A, _realise(g, given, other, n, direct).A)
-    return shifts
+    halved = J // 2 >= 1 and n <= (J // 2) * (f.m + f.p)
+    wide = n <= f.p * (other - 1) and windows >= 1.2 * _length(given, other) * (f.m + f.p)
+    return pole_shifts(real.A, other, past if halved else None, future if wide else None)
 
 
 def _free_run_errors(out: Outcome, stretches: Sequence[Stretch], lead: int) -> tuple[FloatArray, FloatArray]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from scipy.linalg import fractional_matrix_power
 from scipy.optimize import linear_sum_assignment
@@ -11,6 +14,7 @@ from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray, continuous_poles
 from testbench.estimators.subspace.factor import Factor
 
+_LONG = 20  # future horizons from here on are checked against their half, shorter ones against their double
 _DEFECTIVE = 1e10  # condition of the eigenvectors beyond which a pole cannot be moved alone
 
 
@@ -63,6 +67,32 @@ def pole_distance(A: FloatArray, other: FloatArray) -> float:
     """Return the largest distance of the poles ln z of two models, each relative to the first's, paired."""
     s, t = (np.log(np.linalg.eigvals(M).astype(complex) + 1e-300) for M in (A, other))
     return float(np.max(np.abs(s - pair(s, t)) / np.maximum(np.abs(s), 1e-12)))
+
+
+def other_horizon(L: int) -> int:
+    """Return the future horizon that L is checked against: its double, or of a long one its half, which costs less."""
+    return 2 * L if L < _LONG else L // 2
+
+
+def pole_shifts(
+    A: FloatArray, other: int, past: Callable[[], FloatArray] | None, future: Callable[[], FloatArray] | None
+) -> dict[str, Any]:
+    """Return how far, relatively, the poles move with half the past horizon and with another future horizon.
+
+    A past horizon too short to forget the initial state biases the poles, and half of it biases them more; a future
+    horizon too short to tell the states apart is seen by doubling it.
+
+    Args:
+        A: (n, n) state matrix of the estimate.
+        other: the other future horizon.
+        past: makes A with half the past horizon; None where that is not possible, or without noise.
+        future: makes A with the other future horizon; None likewise.
+    """
+    return {
+        "other_future_horizon": other,
+        "pole_shift_past": None if past is None else pole_distance(A, past()),
+        "pole_shift_future": None if future is None else pole_distance(A, future()),
+    }
 
 
 def to_rate(A: FloatArray, stride: int) -> tuple[FloatArray, ComplexArray]:
