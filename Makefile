@@ -5,10 +5,25 @@ BIN = $(VENV)/bin
 # One thread per process: the matrices here are small, and two processes with two threads each stand in each other's way.
 export OPENBLAS_NUM_THREADS ?= 1
 
-.PHONY: demo test test-slow benchmarks blind-test docs campaign-cost design-study estimator-study reproduction clean
+# One look at every part of the house that is quick to see; which tests these are is said here and nowhere else.
+QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.py tests/flight/test_linearise.py \
+  tests/contracts/test_input_contract.py tests/contracts/test_suite_contract.py tests/estimators/regression/test_regression_coefficients.py \
+  tests/evaluation tests/information tests/page/test_minor_ticks.py tests/questions/importing \
+  tests/questions/campaign/test_draws.py tests/questions/run/test_scenario.py tests/test_house_rules.py \
+  tests/test_packaging.py
+
+.PHONY: demo quick lint test test-slow benchmarks blind-test docs campaign-cost design-study estimator-study reproduction clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
+
+quick: $(VENV)/installed-dev
+	$(BIN)/python -m pytest -m "not slow" -k "not test_lint" -n 2 --dist worksteal $(QUICK)
+
+lint: $(VENV)/installed-dev
+	$(BIN)/python -m ruff check .
+	$(BIN)/python -m ruff format --check .
+	$(BIN)/python -m mypy
 
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -m "not slow" -n 2 --dist worksteal
@@ -57,7 +72,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	touch $@
 
 $(VENV)/installed-dev: $(VENV)/installed
-	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,envs,logs,parquet,teaching]" lupa mypy playwright pytest pytest-xdist ruff
+	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,envs,logs,parquet,teaching]" hatchling lupa mypy playwright pytest pytest-xdist ruff
 	touch $@
 
 $(VENV)/installed-rl: $(VENV)/installed-dev

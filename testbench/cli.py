@@ -69,13 +69,16 @@ class Kind(str, Enum):
 def check(
     things: Annotated[
         list[Path],
-        typer.Argument(help="Files or names of scenarios, aircraft folders, sensor suites.", show_default=False),
+        typer.Argument(
+            help="Files or names of scenarios, aircraft folders, sensor suites, FILE.py:NAME.", show_default=False
+        ),
     ],
 ) -> None:
     """Report every fault of files at once, with file, key, law and value; scenarios are not flown.
 
-    An aircraft folder or a sensor suite of your own is held against the laws that all aircraft or suites keep. Example:
-    `testbench check my_scenario.toml suites/my_suite.toml aircraft/mine`.
+    What you bring yourself, an aircraft folder, a sensor suite, an estimator, a structure or an effect, is held against
+    the laws that all of its kind keep. Examples: `testbench check my_scenario.toml`,
+    `testbench check aircraft/mine suites/my_suite.toml my_method.py:estimate`.
     """
     from testbench.questions.brought import laws_of
     from testbench.questions.files import check_file

@@ -12,15 +12,16 @@ from pathlib import Path
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.bring import short
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import located
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.base import Condition, FlownAt, FlownInAir, Preparation, Simulation
 from testbench.core.scenario.inputs import Input
 from testbench.estimators import estimate
+from testbench.estimators.identification import Estimator, Identification, estimator_name
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
-from testbench.estimators.settings import Estimator, Identification, estimator_name
 from testbench.evaluation import Evaluation, evaluate
 from testbench.evaluation.truth import Truth, told_of
 from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, trim
@@ -43,6 +44,12 @@ class Flight:
     truth: FlightRecord | None
     measured: Mapping[str, FlightRecord]
     trim_s: float = 0.0
+
+    @property
+    def flown(self) -> FlightRecord:
+        """The truth of a simulated flight."""
+        assert self.truth is not None, "a recorded flight has no truth"
+        return self.truth
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +181,7 @@ def identify_and_judge(
         sensed = fit[0].channels
         outputs = tuple(n for n in (identification.outputs or sensed) if n in sensed and n not in identification.inputs)
         for k, spec in enumerate(identification.estimators):
-            say(f"identify {suite} with {spec.method}")
+            say(f"identify {suite} with {short(spec.method)}")
             with located(where, f"identification.estimators[{k}]"):
                 model = estimate(spec, fit, identification.inputs, outputs, judge)
                 scores = evaluate(model, fit, judge, noise_std=noise.get(suite), **told_of(truth, model, fit))

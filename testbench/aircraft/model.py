@@ -14,14 +14,13 @@ from testbench.aircraft.airframe import WingStation
 from testbench.aircraft.amend import Amendment, Memory
 from testbench.aircraft.elastic import ElasticMode, ElasticModel, WingShape, add_modes
 from testbench.aircraft.outline import Outline
-from testbench.core.constants import DEG_RAD, FT_M, LBF_N, SLUG_KG
+from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, JSBSIM_LENGTH_M, LBF_N, SLUG_KG
 from testbench.core.errors import ModelError, ScenarioError
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, aircraft_names, resolve
 from testbench.core.schema import NonNegative, Positive, Strict, parse, read_toml
 
-_LENGTH_M = {"M": 1.0, "FT": FT_M, "IN": FT_M / 12.0}
 _AREA_M2 = {"M2": 1.0, "FT2": FT_M**2}
-_MASS_KG = {"KG": 1.0, "LBS": LBF_N / 9.80665, "SLUG": SLUG_KG}
+_MASS_KG = {"KG": 1.0, "LBS": LBF_N / G0_M_S2, "SLUG": SLUG_KG}
 _INERTIA = {"KG*M2": 1.0, "SLUG*FT2": SLUG_KG * FT_M**2}
 
 
@@ -239,8 +238,8 @@ def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None
         raise ModelError(f"'{xml_path}' must be a JSBSim model, but it cannot be read: {error}") from error
     geometry = Geometry(
         _quantity(tree, "metrics/wingarea", _AREA_M2, xml_path),
-        _quantity(tree, "metrics/wingspan", _LENGTH_M, xml_path),
-        _quantity(tree, "metrics/chord", _LENGTH_M, xml_path),
+        _quantity(tree, "metrics/wingspan", JSBSIM_LENGTH_M, xml_path),
+        _quantity(tree, "metrics/chord", JSBSIM_LENGTH_M, xml_path),
     )
     mass = MassProperties(
         _quantity(tree, "mass_balance/emptywt", _MASS_KG, xml_path),

@@ -13,7 +13,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from testbench.core.constants import DEG_RAD, FT_M, KT_M_S, LBF_N, PERCENT, PSF_PA, RPM_RAD_S
+from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, KT_M_S, LBF_N, PERCENT, PSF_PA, RPM_RAD_S
 from testbench.core.errors import ChannelError, nearest
 
 
@@ -100,7 +100,7 @@ UNITS: dict[str, dict[str, float]] = {
     "rad/s2": {"rad/s2": 1.0, "deg/s2": DEG_RAD},
     "m": {"m": 1.0, "ft": FT_M, "km": 1000.0},
     "m/s": {"m/s": 1.0, "ft/s": FT_M, "kt": KT_M_S, "km/h": 1.0 / 3.6},
-    "m/s2": {"m/s2": 1.0, "ft/s2": FT_M, "g": 9.80665},
+    "m/s2": {"m/s2": 1.0, "ft/s2": FT_M, "g": G0_M_S2},
     "N": {"N": 1.0, "lbf": LBF_N, "kN": 1000.0},
     "Pa": {"Pa": 1.0, "hPa": 100.0, "psf": PSF_PA},
     "1": {"1": 1.0, "%": PERCENT},

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from testbench.core.channels import channel, require
 from testbench.core.errors import RecordError, TestbenchError, located
+from testbench.core.files import mat_bytes, write_file
 
 FORMAT = "testbench-record-1"
 Kind = Literal["truth", "measured"]
@@ -298,21 +299,10 @@ class FlightRecord:
             RecordError: the file cannot be written.
         """
 
-        def write(part: Path) -> None:
-            """Write the MAT file ``part``."""
-            from io import BytesIO
-
-            from scipy.io import savemat
-
-            columns = dict(zip(self.channels, self._with_gaps().T, strict=True))
-            units = {"t": "s"} | {name: channel(name).unit for name in self.channels}
-            content = {"t": self.t_s, **columns, "units": units, "testbench": json.dumps(self._attributes())}
-            buffer = BytesIO()
-            savemat(buffer, content, oned_as="column")
-            text = f"MATLAB 5.0 MAT-file, written by flight-testbench, {FORMAT}"  # without the time of day: same bytes
-            part.write_bytes(text.ljust(116).encode() + buffer.getvalue()[116:])
-
-        return _write(Path(path), write)
+        columns = dict(zip(self.channels, self._with_gaps().T, strict=True))
+        units = {"t": "s"} | {name: channel(name).unit for name in self.channels}
+        content = {"t": self.t_s, **columns, "units": units, "testbench": json.dumps(self._attributes())}
+        return _write(Path(path), mat_bytes(content, FORMAT, oned_as="column"))
 
     def save_parquet(self, path: Path | str) -> Path:
         """Write time ``t`` and channels as Parquet, unit in each field's metadata (``unit``), and return the path.
@@ -336,18 +326,8 @@ class FlightRecord:
         return np.where(self.valid, self.data, np.nan)
 
 
-def _write(path: Path, write: Callable[[Path], object]) -> Path:
-    part = path.with_name(path.name + ".part")  # so that a killed process never leaves half a record
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.touch()  # a folder that cannot be written to shows here, before a library trips over it
-        write(part)
-        part.replace(path)
-    except OSError as error:
-        raise RecordError(
-            f"a record must be written to a folder that can be written to, got '{path}': {error}"
-        ) from error
-    return path
+def _write(path: Path, content: bytes | Callable[[Path], object]) -> Path:
+    return write_file(path, content, "a record must be written to a folder that can be written to")
 
 
 def load_record(path: Path | str) -> FlightRecord:

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, Tag, ValidationError
 
 from testbench.core.errors import RecordError, ScenarioError, nearest
 
@@ -45,16 +45,16 @@ def parse(schema: type[Model], content: Mapping[str, Any], file: Path | str | No
 
     Unknown keys do not keep the object from being built, so that a caller can go on and report deeper faults too.
     """
-    context = {"beside": Path(file).parent if file else None}  # names are told from the folder of the file
+    beside = {"file": file}  # what a file names by a path is looked for beside it: core/paths.py, core/bring.py
     try:
-        return schema.model_validate(content, context=context), []
+        return schema.model_validate(content, context=beside), []
     except ValidationError as error:
         faults = [_fault(schema, content, item, file) for item in error.errors() if not _follows_from_another(item)]
         unknown = [item["loc"] for item in error.errors() if item["type"] == "extra_forbidden"]
     if not unknown:
         return None, faults
     try:
-        return schema.model_validate(_without(content, unknown), context=context), faults
+        return schema.model_validate(_without(content, unknown), context=beside), faults
     except ValidationError:
         return None, faults
 
@@ -101,13 +101,13 @@ def _fault(schema: type[Strict], content: Mapping[str, Any], item: Any, file: Pa
         return f"{prefix}the key is required and missing"
     if kind in {"literal_error", "union_tag_invalid"}:
         if kind == "union_tag_invalid":
-            tag, valid = context["discriminator"].strip("'"), context["expected_tags"].replace("'", "").split(", ")
+            tag, valid = context["discriminator"].strip("'()"), context["expected_tags"].replace("'", "").split(", ")
             return f"{prefix}unknown {tag} '{context['tag']}'{nearest(context['tag'], valid)}"
         valid = context["expected"].replace("'", "").replace(" or ", ", ").split(", ")
         hint = nearest(str(got), valid) if str(got) not in valid else ""
         return f"{prefix}must be one of {', '.join(valid)}, got {got!r}{hint}"
     if kind == "union_tag_not_found":
-        return f"{prefix}the key {context['discriminator']} is required and missing"
+        return f"{prefix}the key {context['discriminator'].removesuffix('()')} is required and missing"
     message = item["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:].replace("Input should be", "must be")
     message = message.replace("input should be", "must be").replace("input should have", "must have")
@@ -116,7 +116,7 @@ def _fault(schema: type[Strict], content: Mapping[str, Any], item: Any, file: Pa
 
 def _variants(model: Any) -> dict[str, Any]:
     """Return tag -> class of a discriminated union (possibly inside Annotated or tuple), else nothing."""
-    found: dict[str, Any] = {}
+    found: dict[str, Any] = dict(_tagged(model))
     for part in _members(model):
         if isinstance(part, type) and issubclass(part, Strict):
             for name in ("signal", "method", "kind"):
@@ -124,6 +124,22 @@ def _variants(model: Any) -> dict[str, Any]:
                     for tag in get_args(part.model_fields[name].annotation):
                         found[str(tag)] = part
     return found
+
+
+def _tagged(model: Any) -> Iterable[tuple[str, Any]]:
+    """Yield tag and class of the members of a union that carry one."""
+    origin = get_origin(model)
+    if origin is Annotated:
+        inner, *marks = get_args(model)
+        tags = [mark.tag for mark in marks if isinstance(mark, Tag)]
+        yield from ((tag, inner) for tag in tags)
+        if not tags:
+            yield from _tagged(inner)
+    elif origin in (Union, UnionType):
+        for part in get_args(model):
+            yield from _tagged(part)
+    elif origin in (tuple, dict):
+        yield from _tagged(get_args(model)[0 if origin is tuple else 1])
 
 
 def _members(model: Any) -> Iterable[Any]:

@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from testbench.core.errors import LimitError, RecordError, TestbenchError
+from testbench.core.errors import LimitError, TestbenchError
+from testbench.core.files import write_file
 from testbench.core.record import FloatArray
 from testbench.envs.train import agent_actions
 from testbench.information.fisher import cost
@@ -261,13 +262,7 @@ def _print(settings: Mapping[str, Any], given: argparse.Namespace) -> None:
     rows = baselines(env, given.seed, given.flights, given.agent, settings)
     print(as_text(rows))
     if given.out is not None:
-        try:
-            given.out.parent.mkdir(parents=True, exist_ok=True)
-            given.out.write_text(as_csv(rows), encoding="utf-8")
-        except OSError as error:
-            raise RecordError(
-                f"a table must be written to a folder that can be written to, got '{given.out}': {error}"
-            ) from error
+        write_file(given.out, as_csv(rows), "a table must be written to a folder that can be written to")
         print(f"Written: {given.out}")
 
 

@@ -1,191 +1,236 @@
-"""Estimators: measured records in, identified model out; one file per method, all named in :data:`METHODS`."""
+"""Estimators: measured records in, identified model out; one file per method, one row per method in :data:`METHODS`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from testbench.core.bring import is_brought
+from testbench.core.bring import whose as whose_code
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord
+from testbench.core.schema import parse
+from testbench.estimators import own
+from testbench.estimators.brought import place
+from testbench.estimators.own import OwnMethod
 from testbench.estimators.settings import (
     DsrE,
     EquationError,
     Equivalent,
-    Estimator,
+    ExtendedFilter,
     FilterError,
-    KalmanFilter,
     OutputError,
     PredictionError,
+    Settings,
     Srivc,
     Subspace,
     TransferFunctions,
+    UnscentedFilter,
 )
+from testbench.estimators.structured import Structured
 
 if TYPE_CHECKING:
     from testbench.estimators.model import IdentifiedModel
 
-__all__ = ["METHODS", "estimate"]
+__all__ = ["METHODS", "Method", "estimate"]
+
+NEEDS = {
+    "inputs held": "the model is discrete: its inputs are held between samples",
+    "one input": "a single input channel",
+    "all states": "every state of the structure is a channel of the records",
+    "structure": "equations with named parameters",
+    "validation": "records kept back, by which it chooses among the candidates of its structure",
+}
+"""What a method may need, in words. All need one sample time; samples that were not taken do not count."""
+
+GIVES = {
+    "poles": "continuous-time poles, and the frequency response",
+    "transfer functions": "numerators and denominators, one per output",
+    "derivatives": "values of the structure's parameters",
+    "errors": "standard errors of what it gives",
+    "errors (bootstrap)": "standard errors of poles and frequency response, if replicas are asked for",
+}
+"""What a method may give, in words."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method of estimation.
+
+    Attributes:
+        words: what it is.
+        settings: class of its settings: the entry in a scenario, the limits and the defaults.
+        function: "module:name" below ``testbench.estimators``, imported when it is first called. It takes the
+            settings' fields as keywords (see :func:`~.call.with_settings`) after ``(records, inputs, outputs)``, or
+            after ``(records, structure)`` if the settings name a structure.
+        needs: of :data:`NEEDS`.
+        gives: of :data:`GIVES`.
+    """
+
+    words: str
+    settings: type[Settings]
+    function: str
+    needs: tuple[str, ...] = ()
+    gives: tuple[str, ...] = ("poles",)
+
+    def load(self) -> Callable[..., IdentifiedModel]:
+        """Return the function, imported."""
+        module, _, name = self.function.partition(":")
+        function: Callable[..., IdentifiedModel] = getattr(import_module(f"testbench.estimators.{module}"), name)
+        return function
+
+
+_FAMILY: tuple[Any, ...] = (Subspace, "subspace.family:estimate", ("inputs held",), ("poles", "errors (bootstrap)"))
+_PARAMETERS = ("derivatives", "poles", "errors")
 
 METHODS = {
-    "dsr_e": "subspace identification DSR_e: one state-space model from all inputs to all outputs",
-    "moesp": "subspace identification PO-MOESP: orthogonal projection on past inputs and outputs",
-    "n4sid": "subspace identification N4SID: oblique projection on past inputs and outputs",
-    "cva": "subspace identification CVA: canonical correlations of past and future",
-    "dsr": "subspace identification DSR: Di Ruscio's deterministic and stochastic realisation",
-    "ssarx": "subspace identification SSARX: a long ARX predictor first; consistent in closed loop",
-    "pbsid_opt": "subspace identification PBSID-opt: states from a long ARX predictor; consistent in closed loop",
-    "prediction_error": "discrete state-space model by prediction errors, started from a subspace estimate",
-    "transfer_function": "least squares (ARX): one transfer function per output, from one input",
-    "srivc": "continuous-time transfer functions by refined instrumental variables",
-    "equivalent": "low-order equivalent model with delay, fitted to the frequency response",
-    "equation_error": "a model structure by least squares on its state equations",
-    "output_error": "a model structure by maximum likelihood for measurement noise",
-    "filter_error": "a model structure by maximum likelihood for process and measurement noise (turbulence)",
-    "ekf": "a model structure by an extended Kalman filter with its parameters as states",
-    "ukf": "a model structure by an unscented Kalman filter with its parameters as states",
+    "dsr_e": Method(
+        "subspace identification DSR_E: one state-space model from all inputs to all outputs",
+        DsrE,
+        "subspace.dsr_e:estimate",
+        ("inputs held",),
+    ),
+    "moesp": Method("subspace identification PO-MOESP: orthogonal projection on past inputs and outputs", *_FAMILY),
+    "n4sid": Method("subspace identification N4SID: oblique projection on past inputs and outputs", *_FAMILY),
+    "cva": Method("subspace identification CVA: canonical correlations of past and future", *_FAMILY),
+    "dsr": Method("subspace identification DSR: Di Ruscio's deterministic and stochastic realisation", *_FAMILY),
+    "ssarx": Method("subspace identification SSARX: a long ARX predictor first; consistent in closed loop", *_FAMILY),
+    "pbsid_opt": Method(
+        "subspace identification PBSID-opt: states from a long ARX predictor; consistent in closed loop", *_FAMILY
+    ),
+    "prediction_error": Method(
+        "discrete state-space model by prediction errors, started from a subspace estimate",
+        PredictionError,
+        "prediction_error:estimate",
+        ("inputs held",),
+        ("poles", "errors"),
+    ),
+    "transfer_function": Method(
+        "least squares (ARX): one transfer function per output, from one input",
+        TransferFunctions,
+        "transfer_function:estimate",
+        ("inputs held", "one input", "validation"),
+        ("transfer functions", "poles", "errors"),
+    ),
+    "srivc": Method(
+        "continuous-time transfer functions by refined instrumental variables",
+        Srivc,
+        "srivc:estimate",
+        ("validation",),
+        ("transfer functions", "poles", "errors"),
+    ),
+    "equivalent": Method(
+        "low-order equivalent model with delay, fitted to the frequency response",
+        Equivalent,
+        "frequency.equivalent:estimate",
+        (),
+        ("transfer functions", "poles", "errors"),
+    ),
+    "equation_error": Method(
+        "a model structure by least squares on its state equations",
+        EquationError,
+        "parametric.equation_error:estimate",
+        ("structure", "all states"),
+        _PARAMETERS,
+    ),
+    "output_error": Method(
+        "a model structure by maximum likelihood for measurement noise",
+        OutputError,
+        "parametric.output_error:estimate",
+        ("structure",),
+        _PARAMETERS,
+    ),
+    "filter_error": Method(
+        "a model structure by maximum likelihood for process and measurement noise (turbulence)",
+        FilterError,
+        "parametric.filter_error:estimate",
+        ("structure",),
+        _PARAMETERS,
+    ),
+    "ekf": Method(
+        "a model structure by an extended Kalman filter with its parameters as states",
+        ExtendedFilter,
+        "parametric.kalman.ekf:estimate",
+        ("structure",),
+        _PARAMETERS,
+    ),
+    "ukf": Method(
+        "a model structure by an unscented Kalman filter with its parameters as states",
+        UnscentedFilter,
+        "parametric.kalman.ukf:estimate",
+        ("structure",),
+        _PARAMETERS,
+    ),
 }
-"""Method name in a scenario -> what it is."""
-
-Runner = Callable[
-    [Any, Sequence[FlightRecord], Sequence[str], Sequence[str], Sequence[FlightRecord]], "IdentifiedModel"
-]
+"""Method name in a scenario -> what it is, its settings, its function, what it needs and gives."""
 
 
 def estimate(
-    spec: Estimator,
+    method: str | Settings,
     records: Sequence[FlightRecord],
     inputs: Sequence[str],
     outputs: Sequence[str],
     validation: Sequence[FlightRecord] = (),
+    **settings: Any,
 ) -> IdentifiedModel:
-    """Run the estimator that a scenario names.
+    """Identify a model by a method of :data:`METHODS`, or by one's own.
+
+    For example ``estimate("dsr_e", records, ["de_cmd"], ["q"], past_horizon=20, future_horizon=20)``, or
+    ``estimate("my_method.py:estimate", records, ["de_cmd"], ["q"])``.
 
     Args:
-        spec: entry ``identification.estimators`` of a scenario.
+        method: a name, with its settings as keywords; or an entry ``identification.estimators`` of a scenario.
         records: measured records to identify from, as deviations from trim (see ``prepare``).
         inputs: (m,) input channels.
         outputs: (p,) output channels.
         validation: measured records that a method may choose its structure by.
+        settings: of the method; they are its settings class's fields, with its defaults.
 
     Raises:
-        EstimationError: the data cannot support the estimate, or the method is not in :data:`METHODS`.
+        EstimationError: the data cannot support the estimate, the method is not in :data:`METHODS`, or a setting
+            breaks a law of its class.
         ChannelError: a record lacks a channel.
     """
+    entry = settings_of(method, settings)
     if not outputs:
         raise EstimationError("an estimate needs at least one output channel, got none; name outputs or add sensors")
-    run = _RUNNERS.get(type(spec))
-    if run is None:
-        method = str(getattr(spec, "method", spec))
-        raise EstimationError(f"the method must be one of the table, got '{method}'{nearest(method, METHODS)}")
-    return run(spec, records, inputs, outputs, validation)
+    if isinstance(entry, OwnMethod):
+        return own.run(entry, records, inputs, outputs, validation)
+    row = _row(entry.method)
+    if isinstance(entry, Structured):
+        from testbench.estimators.parametric.start import started
+
+        structure = started(entry, records, inputs, outputs)
+        model = row.load()(records, structure, settings=entry)
+        whose = {"structure": whose_code(*place(entry.structure))} if is_brought(entry.structure) else {}
+        return replace(model, provenance=whose) if whose else model
+    judged = {"validation": validation} if "validation" in row.needs else {}
+    return row.load()(records, inputs, outputs, settings=entry, **judged)
 
 
-def _settings(spec: Any, *left_out: str) -> dict[str, Any]:
-    """Return the fields of an entry that are arguments of its method."""
-    return {name: getattr(spec, name) for name in type(spec).model_fields if name not in {"label", *left_out}}
+def settings_of(method: str | Settings, given: dict[str, Any]) -> Settings:
+    """Return the settings of a method, from its name and keywords, checked as an entry of a scenario is.
 
-
-def _dsr_e(spec: DsrE, records: Any, inputs: Any, outputs: Any, _: Any) -> IdentifiedModel:
-    from testbench.estimators.subspace import dsr_e
-
-    return dsr_e.estimate(records, inputs, outputs, **_settings(spec, "method"))
-
-
-def _subspace(spec: Subspace, records: Any, inputs: Any, outputs: Any, _: Any) -> IdentifiedModel:
-    from testbench.estimators.subspace import family
-
-    return family.estimate(records, inputs, outputs, **_settings(spec))
-
-
-def _transfer_function(
-    spec: TransferFunctions, records: Any, inputs: Any, outputs: Any, validation: Any
-) -> IdentifiedModel:
-    from testbench.estimators import transfer_function
-
-    return transfer_function.estimate(records, inputs, outputs, validation=validation, **_settings(spec, "method"))
-
-
-def _srivc(spec: Srivc, records: Any, inputs: Any, outputs: Any, validation: Any) -> IdentifiedModel:
-    from testbench.estimators import srivc
-
-    return srivc.estimate(records, inputs, outputs, validation=validation, **_settings(spec, "method"))
-
-
-def _equivalent(spec: Equivalent, records: Any, inputs: Any, outputs: Any, _: Any) -> IdentifiedModel:
-    import numpy as np
-
-    from testbench.estimators.frequency.equivalent import fit_equivalent
-    from testbench.estimators.frequency.spectra import estimate_frequency_response
-
-    response = estimate_frequency_response(records, inputs, outputs, window_s=spec.window_s)
-    band = None if spec.band_hz is None else (2.0 * np.pi * spec.band_hz[0], 2.0 * np.pi * spec.band_hz[1])
-    return fit_equivalent(response, band_rad_s=band, **_settings(spec, "method", "window_s", "band_hz"))
-
-
-def _prediction_error(spec: PredictionError, records: Any, inputs: Any, outputs: Any, _: Any) -> IdentifiedModel:
-    from testbench.estimators import prediction_error
-    from testbench.estimators.subspace import dsr_e, family
-
-    first: dict[str, Any] = {
-        "past_horizon": spec.past_horizon,
-        "future_horizon": spec.future_horizon,
-        "order": spec.order,
-        "direct_feedthrough": spec.direct_feedthrough,
-        "stable": True,
-    }
-    if spec.start == "dsr_e":
-        start = dsr_e.estimate(records, inputs, outputs, **first)
+    Raises:
+        EstimationError: the method is not in :data:`METHODS`, or a setting breaks a law; all faults are listed.
+    """
+    if isinstance(method, str) and is_brought(method):
+        return own.of_python(method, given)
+    if isinstance(method, OwnMethod):
+        return method
+    if isinstance(method, str):
+        entry, faults = parse(_row(method).settings, {"method": method, **given}, None)
     else:
-        start = family.estimate(records, inputs, outputs, method=spec.start, **first)
-    return prediction_error.estimate(
-        records,
-        start,
-        disturbances=spec.disturbances,
-        direct_feedthrough=spec.direct_feedthrough,
-        offsets=spec.offsets,
-        max_iterations=spec.max_iterations,
-    )
+        _row(str(getattr(method, "method", method)))
+        entry, faults = (parse(type(method), {**dict(method), **given}, None)) if given else (method, [])
+    if entry is None or faults:
+        raise EstimationError(f"settings of {method}: " + "; ".join(faults))
+    return entry
 
 
-def _structured(
-    spec: EquationError | OutputError | FilterError | KalmanFilter, records: Any, inputs: Any, outputs: Any, _: Any
-) -> IdentifiedModel:
-    from testbench.estimators.parametric import equation_error, filter_error, output_error
-    from testbench.estimators.parametric.kalman import ekf, ukf
-    from testbench.estimators.parametric.structures.build import build
-    from testbench.estimators.structured import Structured
-
-    structure = build(spec, inputs, outputs, records)
-    methods: dict[str, Any] = {
-        "equation_error": equation_error.estimate,
-        "output_error": output_error.estimate,
-        "filter_error": filter_error.estimate,
-        "ekf": ekf.estimate,
-        "ukf": ukf.estimate,
-    }
-    settings = _settings(spec, "method", *Structured.model_fields)
-    settings |= {"delays_s": dict(spec.delays_s), "held": spec.held}
-    if spec.method != "equation_error" and all(s in r for s in structure.states for r in records):
-        try:
-            first = equation_error.estimate(records, structure, delays_s=dict(spec.delays_s), held=spec.held)
-        except EstimationError:
-            pass  # the structure's own start must do; what the data do not decide, the method itself says
-        else:
-            found = {name: value for name, value in first.values.items() if name not in spec.start}
-            structure = structure.with_parameters(found)
-    model: IdentifiedModel = methods[spec.method](records, structure, **settings)
-    return model
-
-
-_RUNNERS: dict[type, Runner] = {
-    DsrE: _dsr_e,
-    Subspace: _subspace,
-    TransferFunctions: _transfer_function,
-    Srivc: _srivc,
-    Equivalent: _equivalent,
-    PredictionError: _prediction_error,
-    EquationError: _structured,
-    OutputError: _structured,
-    FilterError: _structured,
-    KalmanFilter: _structured,
-}
+def _row(method: str) -> Method:
+    if method not in METHODS:
+        raise EstimationError(f"the method must be one of the table, got '{method}'{nearest(method, METHODS)}")
+    return METHODS[method]

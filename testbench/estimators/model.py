@@ -30,6 +30,7 @@ class IdentifiedModel(ABC):
         diagnostics: what the estimator saw on the way (singular values, condition numbers), arrays or JSON values.
         status: "good", or "warning" with ``advice``.
         advice: sentences that say what is doubtful and what to do about it.
+        provenance: whose code made it, as JSON values: file and SHA-256 of what was brought; empty if nothing was.
 
     ``continuous`` is True for models of continuous time: their frequency response is that of the aircraft; the response
     of a discrete model holds the hold of sampled inputs, too.
@@ -44,6 +45,7 @@ class IdentifiedModel(ABC):
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
     status: Status = "good"
     advice: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @abstractmethod
     def simulate(self, record: FlightRecord) -> FloatArray:
@@ -71,6 +73,10 @@ class IdentifiedModel(ABC):
     @abstractmethod
     def to_dict(self) -> dict[str, Any]:
         """Return the model as JSON values: names, sample time, matrices or polynomials, status and advice."""
+
+    def written(self) -> dict[str, Any]:
+        """Return :meth:`to_dict`, and whose code made the model if it was brought, which an own class may leave out."""
+        return self.to_dict() | ({"provenance": dict(self.provenance)} if self.provenance else {})
 
     @abstractmethod
     def to_control(self) -> Any:

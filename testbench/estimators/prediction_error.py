@@ -21,6 +21,7 @@ import numpy as np
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.call import with_settings
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records, continuous_poles
 from testbench.estimators.parametric.accuracy import whiteness
@@ -28,8 +29,10 @@ from testbench.estimators.parametric.gauss_newton import Minimum, Problem, minim
 from testbench.estimators.parametric.kalman.gain import steady_covariance
 from testbench.estimators.predictor import Layout, Matrices, errors, orbit
 from testbench.estimators.residuals import coloured_information, corrected_covariance
+from testbench.estimators.settings import PredictionError
 from testbench.estimators.state_accuracy import pole_accuracy
 from testbench.estimators.state_space import Series, StateSpaceModel, check_sample_time
+from testbench.estimators.subspace import dsr_e, family
 
 _SETTLED = 1e-3  # relative change of the innovations' covariance between two rounds that ends them
 _ROUNDS = 40
@@ -61,14 +64,70 @@ class _Found(NamedTuple):
     settled: bool
 
 
+@with_settings(PredictionError)
 def estimate(
+    records: Sequence[FlightRecord],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    *,
+    start: str,
+    order: int,
+    past_horizon: int,
+    future_horizon: int,
+    disturbances: bool,
+    direct_feedthrough: bool,
+    offsets: bool,
+    max_iterations: int,
+) -> StateSpaceModel:
+    """Identify by a subspace method, then refine by prediction errors; see :func:`refine`.
+
+    Args:
+        records: measured records of deviations from trim with one sample time; of different lengths if need be.
+        inputs: (m,) channels that drive the model.
+        outputs: (p,) channels that it predicts.
+        start: subspace method of the start.
+        order: number of states.
+        past_horizon: of the start, samples.
+        future_horizon: of the start, samples.
+        disturbances: estimate K; without, K = 0 and the free run is fitted (output error).
+        direct_feedthrough: estimate D.
+        offsets: a constant of its own for every output and record; the model does not hold them.
+        max_iterations: Gauss-Newton steps per round.
+
+    Raises:
+        EstimationError: as of the subspace method, or of :func:`refine`.
+        ChannelError: a record lacks a channel.
+    """
+    first: dict[str, Any] = {
+        "past_horizon": past_horizon,
+        "future_horizon": future_horizon,
+        "order": order,
+        "direct_feedthrough": direct_feedthrough,
+        "stable": True,
+    }
+    if start == "dsr_e":
+        model = dsr_e.estimate(records, inputs, outputs, **first)
+    else:
+        model = family.estimate(records, inputs, outputs, method=start, **first)
+    return refine(
+        records,
+        model,
+        disturbances=disturbances,
+        direct_feedthrough=direct_feedthrough,
+        offsets=offsets,
+        max_iterations=max_iterations,
+    )
+
+
+@with_settings(PredictionError)
+def refine(
     records: Sequence[FlightRecord],
     start: StateSpaceModel,
     *,
-    disturbances: bool = True,
+    disturbances: bool,
     direct_feedthrough: bool | None = None,
-    offsets: bool = False,
-    max_iterations: int = 20,
+    offsets: bool,
+    max_iterations: int,
 ) -> StateSpaceModel:
     """Refine a state-space model by prediction errors.
 

@@ -1,11 +1,15 @@
-"""The estimators of a scenario: one class per method."""
+"""The settings of the methods, one class each: an entry ``identification.estimators`` of a scenario, and the defaults.
+
+They are read wherever a scenario is read, and import nothing that takes time.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
+from testbench.core.bring import short
 from testbench.core.schema import NonNegative, Positive, Strict
 from testbench.estimators.structured import Structured
 
@@ -14,18 +18,26 @@ Horizon = Annotated[int, Field(ge=2)]
 Names = Annotated[tuple[str, ...], Field(strict=False)]
 
 
-class _Method(Strict):
+class Settings(Strict):
+    """What all methods share: their name in :data:`testbench.estimators.METHODS`, and a label in tables."""
+
+    method: str
     label: str | None = None
 
+    @property
+    def shown(self) -> str:
+        """The label in tables, or the method if there is none; of a method that is brought, file and function."""
+        return self.label or short(self.method)
 
-class DsrE(_Method):
+
+class DsrE(Settings):
     """Subspace identification DSR_e; order chosen from the singular values if not given.
 
     ``variant`` "original" projects the future inputs out, as Di Ruscio does; "eolo" takes the oblique projection as the
     EOLO paper writes it, which band-limited inputs break.
     """
 
-    method: Literal["dsr_e"]
+    method: Literal["dsr_e"] = "dsr_e"
     order: Count | None = None
     past_horizon: Count
     future_horizon: Horizon
@@ -37,7 +49,7 @@ class DsrE(_Method):
     closed_loop: bool = False
 
 
-class Subspace(_Method):
+class Subspace(Settings):
     """Any other subspace method; horizons count samples of the rate that A is identified at."""
 
     method: Literal["moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt"]
@@ -53,10 +65,10 @@ class Subspace(_Method):
     seed: Annotated[int, Field(ge=0)] = 0
 
 
-class TransferFunctions(_Method):
+class TransferFunctions(Settings):
     """One least-squares transfer function per output; the number of zeros is chosen on the validation part."""
 
-    method: Literal["transfer_function"]
+    method: Literal["transfer_function"] = "transfer_function"
     poles: Count
     zeros: Annotated[tuple[int, ...], Field(min_length=1, strict=False)]
     delay_samples: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1, strict=False)] = (0,)
@@ -70,13 +82,13 @@ class TransferFunctions(_Method):
         return self
 
 
-class Srivc(_Method):
+class Srivc(Settings):
     """Continuous-time transfer functions by refined instrumental variables; orders and delay chosen on held-out data.
 
     ``hold`` says how inputs run between samples; if not given, commands are held and deflections run linearly.
     """
 
-    method: Literal["srivc"]
+    method: Literal["srivc"] = "srivc"
     poles: Annotated[tuple[Count, ...], Field(min_length=1, strict=False)]
     zeros: Annotated[tuple[Annotated[int, Field(ge=0)], ...], Field(min_length=1, strict=False)]
     delay_samples: Annotated[tuple[NonNegative, ...], Field(min_length=1, strict=False)] = (0.0,)
@@ -91,13 +103,13 @@ class Srivc(_Method):
         return self
 
 
-class Equivalent(_Method):
+class Equivalent(Settings):
     """A low-order equivalent model with delay, fitted to the frequency response from windows of these lengths.
 
     ``hold`` says how inputs run between samples; if not given, commands are held and deflections run linearly.
     """
 
-    method: Literal["equivalent"]
+    method: Literal["equivalent"] = "equivalent"
     window_s: Annotated[tuple[Positive, ...], Field(min_length=1, strict=False)]
     poles: Count
     zeros: Annotated[int, Field(ge=0)]
@@ -116,10 +128,10 @@ class Equivalent(_Method):
         return self
 
 
-class PredictionError(_Method):
+class PredictionError(Settings):
     """A discrete state-space model by prediction errors, started from a subspace estimate."""
 
-    method: Literal["prediction_error"]
+    method: Literal["prediction_error"] = "prediction_error"
     start: Literal["dsr_e", "moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt"] = "cva"
     order: Count
     past_horizon: Count
@@ -130,14 +142,14 @@ class PredictionError(_Method):
     max_iterations: Count = 20
 
 
-class EquationError(_Method, Structured):
+class EquationError(Settings, Structured):
     """Least squares on the state equations of a structure; all its states measured."""
 
-    method: Literal["equation_error"]
+    method: Literal["equation_error"] = "equation_error"
     cutoff_hz: Positive | None = None
 
 
-class _Simulated(_Method, Structured):
+class _Simulated(Settings, Structured):
     """What methods share that compare simulated with measured outputs.
 
     They start from equation error where all states are measured, but for the parameters that ``start`` names.
@@ -148,12 +160,13 @@ class _Simulated(_Method, Structured):
     output_trends: Names = ()
     input_biases: Names = ()
     max_iterations: Count = 50
+    substeps: Count = 1
 
 
 class OutputError(_Simulated):
     """Maximum likelihood for measurement noise only."""
 
-    method: Literal["output_error"]
+    method: Literal["output_error"] = "output_error"
     noise: Literal["diagonal", "full"] = "diagonal"
     starts: Count = 1
     seed: Annotated[int, Field(ge=0)] = 0
@@ -165,47 +178,28 @@ class FilterError(_Simulated):
     ``process_noise`` names the states whose process noise is estimated; all if not given.
     """
 
-    method: Literal["filter_error"]
+    method: Literal["filter_error"] = "filter_error"
     process_noise: Names | None = None
     fixed_process_noise: dict[str, NonNegative] = {}
 
 
-class KalmanFilter(_Method, Structured):
-    """Parameters as states of an extended or unscented Kalman filter; noise in SI units."""
+class ExtendedFilter(Settings, Structured):
+    """Parameters as states of an extended Kalman filter; noise in SI units."""
 
-    method: Literal["ekf", "ukf"]
+    method: Literal["ekf"] = "ekf"
     measurement_noise: dict[str, Positive] = {}
     process_noise: dict[str, NonNegative] = {}
     parameter_drift: dict[str, NonNegative] = {}
     initial_std: dict[str, Positive] = {}
+    substeps: Count = 1
+    smooth: bool = False
+    passes: Count = 3
 
 
-Estimator = Annotated[
-    DsrE
-    | Subspace
-    | TransferFunctions
-    | Srivc
-    | Equivalent
-    | PredictionError
-    | EquationError
-    | OutputError
-    | FilterError
-    | KalmanFilter,
-    Field(discriminator="method"),
-]
+class UnscentedFilter(ExtendedFilter):
+    """Parameters as states of an unscented Kalman filter, its sigma points spread by alpha, beta and kappa."""
 
-
-def estimator_name(spec: Any) -> str:
-    """Return the label of an estimator in tables, or its method if it has none."""
-    return str(spec.label or spec.method)
-
-
-class Identification(Strict):
-    """Which measured channels are inputs and outputs, and which estimators run on them.
-
-    ``outputs`` left empty means every channel of the suite that is not a control.
-    """
-
-    inputs: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
-    outputs: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    estimators: Annotated[tuple[Estimator, ...], Field(min_length=1, strict=False)]
+    method: Literal["ukf"] = "ukf"  # type: ignore[assignment]
+    alpha: Annotated[float, Field(gt=0.0, le=1.0)] = 0.1
+    beta: float = 2.0
+    kappa: float = 0.0

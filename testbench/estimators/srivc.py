@@ -15,9 +15,11 @@ import numpy as np
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.call import with_settings
 from testbench.estimators.continuous import ContinuousTransferModel
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records
+from testbench.estimators.settings import Srivc
 from testbench.estimators.srivc_iteration import WHITE, Fit, Series, Setup, errors_of, iterate, runs_of, solve
 from testbench.estimators.state_variable import holds
 from testbench.estimators.transfer_advice import excited_band, question_poles
@@ -27,6 +29,7 @@ _SILENT = 1e-6  # output error below this share of an output is rounding: no dou
 _TIE = 1.01  # structures within 1 % of the best error on the judges count as equal: the smallest is kept
 
 
+@with_settings(Srivc)
 def estimate(
     records: Sequence[FlightRecord],
     inputs: Sequence[str],
@@ -34,10 +37,10 @@ def estimate(
     *,
     poles: int | Sequence[int],
     zeros: int | Sequence[int],
-    delay_samples: Sequence[float] = (0.0,),
-    refine_delay: bool = False,
-    hold: Mapping[str, str] | str | None = None,
-    offset: bool = False,
+    delay_samples: Sequence[float],
+    refine_delay: bool,
+    hold: Mapping[str, str] | str | None,
+    offset: bool,
     validation: Sequence[FlightRecord] = (),
 ) -> ContinuousTransferModel:
     """Fit y(t) = sum_j B_j(s)/A(s) u_j(t - tau_j) + e(t) for each output by itself, directly in continuous time.

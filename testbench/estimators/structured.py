@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
+from testbench.core.bring import is_brought
+from testbench.core.errors import nearest
 from testbench.core.schema import NonNegative, Positive, Strict
+from testbench.estimators import brought
 
 Names = Annotated[tuple[str, ...], Field(strict=False)]
 Pair = Annotated[tuple[float, float], Field(strict=False)]
@@ -25,22 +28,36 @@ class AirframeConstants(Strict):
     thrust_moment_rad_s2_per_N: float = 0.0
 
 
+STRUCTURE_NAMES = (
+    "short_period",
+    "longitudinal",
+    "flexible",
+    "lateral_directional",
+    "roll_yaw_rates",
+    "aerodynamic_longitudinal",
+)
+"""Packaged structures; any other is brought, as ``FILE.py:NAME``."""
+
+
+def _known_structure(name: str, info: ValidationInfo) -> str:
+    if is_brought(name):
+        return brought.structure(name, info)
+    if name not in STRUCTURE_NAMES:
+        raise ValueError(f"must be one of {', '.join(STRUCTURE_NAMES)}, got '{name}'{nearest(name, STRUCTURE_NAMES)}")
+    return name
+
+
 class Structured(Strict):
     """A structure by name, its settings and its parameters.
+
+    ``structure`` is packaged, or the user's own: "my_structure.py:make".
 
     ``outputs`` are those of the scenario that the structure has, unless they are named here. Trim values (``V_m_s``,
     ``alpha_deg``, ``theta_deg``) are those that were removed from the records as trim, unless they are given. ``free``
     names the only parameters that are estimated; ``fixed`` holds some of them.
     """
 
-    structure: Literal[
-        "short_period",
-        "longitudinal",
-        "flexible",
-        "lateral_directional",
-        "roll_yaw_rates",
-        "aerodynamic_longitudinal",
-    ]
+    structure: Annotated[str, AfterValidator(_known_structure)]
     outputs: Names = ()
     start: dict[str, float] = {}
     fixed: Names = ()

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.call import with_settings
 from testbench.estimators.discrete_transfer import TransferFunctionModel, discrete_poles, simulate_one
 from testbench.estimators.hankel import triangle, window_starts, windows
 from testbench.estimators.model import ComplexArray, check_records, continuous_poles
 from testbench.estimators.residuals import ljung_box
+from testbench.estimators.settings import TransferFunctions
 from testbench.estimators.transfer_advice import question_poles, spectral_peak
 
 __all__ = ["TransferFunctionModel", "estimate"]
@@ -42,6 +44,7 @@ class _Fit(NamedTuple):
     taken: float  # share of the output's samples that were really taken, where interpolated ones had to serve; else 1
 
 
+@with_settings(TransferFunctions)
 def estimate(
     records: Sequence[FlightRecord],
     inputs: Sequence[str],
@@ -49,7 +52,7 @@ def estimate(
     *,
     poles: int | Sequence[int],
     zeros: Sequence[int],
-    delay_samples: Sequence[int] = (0,),
+    delay_samples: Sequence[int],
     validation: Sequence[FlightRecord] = (),
 ) -> TransferFunctionModel:
     """Fit one transfer function per output by linear least squares on the equation error (ARX) and choose its zeros.

@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from testbench.core.files import write_file
 from testbench.page.terminal import print_answer, print_table
 from testbench.page.words import Answer, sentence
-from testbench.page.write import PAGE, write_file, write_plates, write_tables
+from testbench.page.write import PAGE, write_plates, write_tables
 
 if TYPE_CHECKING:
     from rich.console import Console

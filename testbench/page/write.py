@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from testbench.core.errors import RecordError
+from testbench.core.files import write_file
 from testbench.page.labels import file_stem
 
 if TYPE_CHECKING:
@@ -51,25 +51,6 @@ def write_plates(plates: Iterable[Plate], folder: Path) -> tuple[list[Path], lis
         paths.append(write_file(folder / "figures" / f"{file_stem(plate.name)}.png", drawing.png))
         pictures.append(picture(plate, drawing.svg))
     return paths, pictures
-
-
-def write_file(path: Path, content: str | bytes) -> Path:
-    """Write ``content`` (text as UTF-8) under another name, rename it to ``path`` and return ``path``.
-
-    Raises:
-        RecordError: the folder cannot be written to.
-    """
-    part = path.with_name(path.name + ".part")  # so that a killed process never leaves half a file
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
-        part.replace(path)
-    except OSError as error:
-        raise RecordError(
-            f"results must go to a folder that can be written to, got '{path}': {error.strerror or error}; give "
-            "another folder or free space"
-        ) from error
-    return path
 
 
 def check_folder(folder: Path) -> None:

@@ -1,9 +1,10 @@
-"""What users bring themselves, held against the contract of its family: aircraft folders and sensor suites."""
+"""What users bring themselves, held against the contract of its family: aircraft, suites, estimators, structures."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from testbench.core.bring import is_brought
 from testbench.core.contract import Law
 from testbench.core.paths import AIRCRAFT
 from testbench.core.schema import read_toml
@@ -13,11 +14,15 @@ def laws_of(what: Path) -> tuple[str, list[Law]] | None:
     """Return what kind of thing a path is, and every law of its family with what it makes of it.
 
     Returns:
-        None if it is neither an aircraft folder nor a sensor suite.
+        None if it is no aircraft folder, no sensor suite and no name in a Python file.
 
     Raises:
         TestbenchError: it cannot be read.
     """
+    if is_brought(str(what)):
+        from testbench.estimators.contract import tried
+
+        return "estimator", [Law(words, not failed, failed) for words, failed in tried(str(what))]
     folder = AIRCRAFT.at(what)
     if folder is not None:
         from testbench.aircraft import load_aircraft

@@ -39,10 +39,11 @@ def sensors() -> Rows:
 
 
 def estimators() -> Rows:
-    """Return the methods of estimation."""
+    """Return the methods of estimation, what each needs and gives."""
     from testbench.estimators import METHODS
 
-    return [("method", "what it is"), *((n, text) for n, text in METHODS.items())]
+    rows = ((name, m.words, ", ".join(m.needs), ", ".join(m.gives)) for name, m in METHODS.items())
+    return [("method", "what it is", "needs", "gives"), *rows]
 
 
 def scenarios() -> Rows:

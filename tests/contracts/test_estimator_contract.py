@@ -1,5 +1,6 @@
 """What every estimator must do, run over every member of METHODS."""
 
+import inspect
 import pickle
 import subprocess
 import sys
@@ -8,59 +9,27 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.signal import cont2discrete
 
-from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ChannelError, EstimationError
 from testbench.core.record import FlightRecord
-from testbench.estimators import METHODS, estimate
+from testbench.estimators import GIVES, METHODS, NEEDS, estimate
+from testbench.estimators.contract import BUILT, DT, INPUTS, LAWS, OUTPUTS, Trial, flight, off, true_response
 from testbench.estimators.model import IdentifiedModel
-from testbench.estimators.parametric.structures import longitudinal
 from testbench.estimators.settings import (
     DsrE,
     EquationError,
     Equivalent,
+    ExtendedFilter,
     FilterError,
-    KalmanFilter,
     OutputError,
     PredictionError,
     Srivc,
     Subspace,
     TransferFunctions,
+    UnscentedFilter,
 )
 
-DT = 0.1
-INPUTS = ("de",)
-OUTPUTS = ("theta", "q", "alpha", "V")
-V0, ALPHA0 = 10.0, 0.06
-# A light, slow aircraft: short period of 3.5 rad/s, phugoid of 1.2 rad/s and damped, so that short records show both.
-DERIVATIVES = {
-    "X_V": -1.6,
-    "X_alpha": 3.0,
-    "X_de": -0.5,
-    "Z_V": -2.0,
-    "Z_alpha": -20.0,
-    "Z_q": -0.5,
-    "Z_de": -1.5,
-    "M_V": 0.02,
-    "M_alpha": -9.0,
-    "M_q": -1.8,
-    "M_de": -8.0,
-}
-STRUCTURE = longitudinal(V0, ALPHA0, ALPHA0, outputs=OUTPUTS, start=DERIVATIVES)
-MATRICES = STRUCTURE.matrices(STRUCTURE.values)
-A_S, B_S, C = MATRICES.A, MATRICES.B, MATRICES.C
-A, B = cont2discrete((A_S, B_S, np.eye(4), np.zeros((4, 1))), DT)[:2]
-POLES = np.linalg.eigvals(A_S)
-
 HORIZONS = {"past_horizon": 8, "future_horizon": 6, "order": 4}
-BUILT = {
-    "structure": "longitudinal",
-    "V_m_s": V0,
-    "alpha_deg": ALPHA0 / DEG_RAD,
-    "theta_deg": ALPHA0 / DEG_RAD,
-    "held": ("de",),
-}
 SPECS = {
     "dsr_e": DsrE(method="dsr_e", **HORIZONS),
     **{name: Subspace(method=name, **HORIZONS) for name in ("moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt")},
@@ -80,8 +49,8 @@ SPECS = {
     "equation_error": EquationError(method="equation_error", **BUILT),
     "output_error": OutputError(method="output_error", **BUILT),
     "filter_error": FilterError(method="filter_error", **BUILT),
-    "ekf": KalmanFilter(method="ekf", **BUILT),
-    "ukf": KalmanFilter(method="ukf", **BUILT),
+    "ekf": ExtendedFilter(method="ekf", **BUILT),
+    "ukf": UnscentedFilter(method="ukf", **BUILT),
 }
 STRUCTURED = ("equation_error", "output_error", "filter_error", "ekf", "ukf")
 SEQUENTIAL = ("ekf", "ukf")  # records one after the other, each from what those before have left
@@ -97,19 +66,9 @@ EXACT = {
     "equivalent": 0.1,  # fits windowed spectra: what each window leaks at its ends falls only with its length
 }
 LONGER = {"equivalent": 5}  # windows need records of several of their length
+# Laws whose tests here ask for more than what is brought must do.
+STRICTER = ("exact_data_are_recovered", "samples_that_were_not_taken_do_not_count", "several_records_are_taken")
 METHOD = pytest.mark.parametrize("method", list(METHODS))
-
-
-def flight(seed, n=300, noise=0.0, longer=1):
-    rng = np.random.default_rng(seed)
-    n = longer * n
-    u = 0.05 * np.repeat(rng.standard_normal((n // 3 + 1, 1)), 3, axis=0)[:n]
-    x, y = 0.1 * rng.standard_normal(4), np.empty((n, 4))
-    for k in range(n):
-        y[k] = C @ x
-        x = A @ x + B @ u[k]
-    y = y + noise * y.std(axis=0) * rng.standard_normal(y.shape)
-    return FlightRecord(np.arange(n) * DT, (*INPUTS, *OUTPUTS), np.hstack([u, y]), "measured")
 
 
 def flights(method, *lengths, noise=0.0):
@@ -127,23 +86,6 @@ def found_from(method, *lengths, noise=0.0):
     return run(method, flights(method, *lengths, noise=noise))
 
 
-def response(omega, continuous):
-    """The aircraft's, or with the hold of its sampled input, which discrete models hold."""
-    s, (F, G) = (1j * omega, (A_S, B_S)) if continuous else (np.exp(1j * omega * DT), (A, B))
-    return C @ np.linalg.solve(s[:, None, None] * np.eye(4) - F, G.astype(complex))
-
-
-def sort(s):
-    s = np.asarray(s, complex)
-    return s[np.lexsort((np.round(s.imag, 7), np.round(s.real, 7)))]
-
-
-def off(poles, true=POLES):
-    """Return the largest distance of paired poles over the largest of them."""
-    a, b = sort(poles), sort(true)
-    return np.inf if a.shape != b.shape else float(np.abs(a - b).max() / np.abs(b).max())
-
-
 def same_poles(one, other, relative):
     assert one.keys() == other.keys()
     assert all(off(one[name], other[name]) <= relative for name in one)
@@ -151,7 +93,7 @@ def same_poles(one, other, relative):
 
 def test_every_method_is_in_this_contract():
     assert set(SPECS) == set(METHODS)
-    assert all(text and text == text.strip() for text in METHODS.values())
+    assert all(row.words and row.words == row.words.strip() for row in METHODS.values())
 
 
 @METHOD
@@ -163,7 +105,7 @@ def test_exact_data_are_recovered(method):
     bound = EXACT[method]
     assert all(off(poles) < bound for poles in model.poles().values())
     omega = np.geomspace(0.6 if method == "equivalent" else 0.05, 0.95 * np.pi / DT, 40)
-    found, expected = model.frequency_response(omega), response(omega, model.continuous)
+    found, expected = model.frequency_response(omega), true_response(omega, model.continuous)
     assert found.shape == (40, 4, 1)
     assert np.all(np.abs(found - expected) < bound * np.abs(expected).max(axis=(0, 2))[:, None])
     unseen = flight(3)
@@ -287,6 +229,15 @@ def test_status_goes_with_advice(method, noise):
 
 
 @METHOD
+@pytest.mark.parametrize("law", [law for law in LAWS if law.__name__ not in STRICTER], ids=lambda law: law.__name__)
+def test_the_laws_of_what_is_brought_hold_for_what_is_packaged(method, law):
+    entry = SPECS[method]
+    settings = {name: getattr(entry, name) for name in entry.model_fields_set - {"method"}}
+    trial = Trial(method, settings, EXACT[method], longer=LONGER.get(method, 1))
+    assert law(trial) is None
+
+
+@METHOD
 def test_truth_is_refused(method):
     with pytest.raises(EstimationError, match="measured records only, got one of kind 'truth'"):
         run(method, [flight(1), replace(flight(2), kind="truth")])
@@ -328,3 +279,31 @@ def test_importing_the_table_does_not_import_scipy():
     code = "import sys, testbench.estimators; print('scipy' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
+
+
+@METHOD
+def test_defaults_stand_in_the_settings_class_alone(method):
+    row = METHODS[method]
+    function = row.load()
+    own = inspect.signature(inspect.unwrap(function, stop=lambda f: not hasattr(f, "__wrapped__"))).parameters
+    fields = row.settings.model_fields
+    given = [n for n, p in own.items() if n in fields and p.default is not inspect.Parameter.empty]
+    assert given == []
+    shown = inspect.signature(function).parameters
+    apart = [n for n, p in shown.items() if n in fields and p.default is not p.empty]
+    assert all(n in apart for n, f in fields.items() if n in shown and not f.is_required())
+    assert [shown[n].default for n in apart] == [fields[n].get_default(call_default_factory=True) for n in apart]
+    assert set(row.needs) <= set(NEEDS)
+    assert set(row.gives) <= set(GIVES)
+
+
+def test_from_python_a_method_is_named_with_its_settings_as_keywords():
+    records = flights("dsr_e", 300, 200)
+    model = estimate("dsr_e", records, INPUTS, OUTPUTS, **HORIZONS)
+    assert model.to_dict() == found_from("dsr_e", 300, 200).to_dict()
+    with pytest.raises(EstimationError, match="unknown key 'past_horizn'; did you mean 'past_horizon'"):
+        estimate("dsr_e", records, INPUTS, OUTPUTS, past_horizn=8, future_horizon=6)
+    with pytest.raises(EstimationError, match="past_horizon: the key is required and missing"):
+        estimate("dsr_e", records, INPUTS, OUTPUTS, future_horizon=6)
+    with pytest.raises(EstimationError, match="did you mean 'dsr_e'"):
+        estimate("dsr_ee", records, INPUTS, OUTPUTS, **HORIZONS)

@@ -57,7 +57,7 @@ def continuous(m):
 
 def test_exact_data_are_recovered():
     records = [flight(1, 300, noise=0.0, x0=(0.01, -0.02)), flight(2, 200, noise=0.0)]
-    found = prediction_error.estimate(records, model(spoil=0.02))
+    found = prediction_error.refine(records, model(spoil=0.02))
     truth = model()
     np.testing.assert_allclose(continuous(found), continuous(truth), rtol=1e-8)
     np.testing.assert_allclose(found.frequency_response(OMEGA), truth.frequency_response(OMEGA), rtol=1e-8)
@@ -65,7 +65,7 @@ def test_exact_data_are_recovered():
 
 
 def test_exact_data_and_an_exact_start_leave_k_alone():
-    found = prediction_error.estimate([flight(1, 300, noise=0.0)], model())
+    found = prediction_error.refine([flight(1, 300, noise=0.0)], model())
     assert "free of noise" in found.diagnostics["disturbances"]
     assert not found.K.any()
     np.testing.assert_allclose(continuous(found), continuous(model()), rtol=1e-9)
@@ -120,7 +120,7 @@ def test_a_change_of_basis_moves_nothing_in_the_chart():
 def test_it_improves_its_start_in_and_out_of_sample():
     records, other = [flight(6), flight(7, 400)], flight(8)
     start = model(spoil=0.05, seed=1)
-    found = prediction_error.estimate(records, start)
+    found = prediction_error.refine(records, start)
     assert found.diagnostics["converged"]
     assert np.all(found.diagnostics["prediction_error_percent"] < found.diagnostics["prediction_error_percent_start"])
     before, after = (np.std(prediction_error.predict(m, other)[1], axis=0) for m in (start, found))
@@ -131,7 +131,7 @@ def test_it_improves_its_start_in_and_out_of_sample():
 
 
 def test_poles_and_response_reach_the_truth_and_the_bound_over_seeds():
-    runs = [prediction_error.estimate([flight(100 + i, 500)], model()) for i in range(24)]
+    runs = [prediction_error.refine([flight(100 + i, 500)], model()) for i in range(24)]
     truth = model()
     wn, zeta = (np.array([getattr(r.diagnostics["pole_accuracy"][0], n) for r in runs]) for n in ("wn_rad_s", "zeta"))
     claimed = [np.array([getattr(r.diagnostics["pole_accuracy"][0], n) for r in runs]) for n in ("wn_std", "zeta_std")]
@@ -151,7 +151,7 @@ def test_poles_and_response_reach_the_truth_and_the_bound_over_seeds():
 def test_errors_are_those_of_the_bound_computed_otherwise():
     """Information matrix of a minimal parametrisation by differences: C = I fixes the basis, all else is free."""
     record = flight(9, 400)
-    found = prediction_error.estimate([record], model())
+    found = prediction_error.refine([record], model())
     T = found.C  # states become the outputs
     A0, B0, K0 = T @ found.A @ np.linalg.inv(T), T @ found.B, T @ found.K
     u, y = record.columns(INPUTS), record.columns(OUTPUTS)
@@ -181,10 +181,10 @@ def test_another_basis_of_the_start_and_other_units_change_nothing_that_is_repor
     record = flight(10)
     T = np.array([[30.0, 2.0], [-1.0, 0.01]])
     inverse = np.linalg.inv(T)
-    found = prediction_error.estimate([record], model(spoil=0.02))
+    found = prediction_error.refine([record], model(spoil=0.02))
     start = model(spoil=0.02)
     turned = replace(start, A=T @ start.A @ inverse, B=T @ start.B, C=start.C @ inverse, K=T @ start.K)
-    again = prediction_error.estimate([record], turned)
+    again = prediction_error.refine([record], turned)
     # both end within a thousandth of a standard error of the minimum
     tolerance = 0.01 * frequency_response_std(found, OMEGA).max()
     np.testing.assert_allclose(again.frequency_response(OMEGA), found.frequency_response(OMEGA), atol=tolerance)
@@ -192,7 +192,7 @@ def test_another_basis_of_the_start_and_other_units_change_nothing_that_is_repor
     scale = np.array([1e3, 1e-3])
     other = replace(record, data=record.data * np.array([1.0, *scale]))
     start_scaled = replace(start, C=scale[:, None] * start.C, D=scale[:, None] * start.D, K=start.K / scale)
-    scaled = prediction_error.estimate([other], start_scaled)
+    scaled = prediction_error.refine([other], start_scaled)
     np.testing.assert_allclose(
         scaled.frequency_response(OMEGA) / scale[None, :, None], found.frequency_response(OMEGA), rtol=1e-6
     )
@@ -203,7 +203,7 @@ def test_another_basis_of_the_start_and_other_units_change_nothing_that_is_repor
 
 def test_gaps_several_records_and_offsets():
     records = [flight(11, 500, offset=np.array([0.01, -0.02]), missing=0.25), flight(12, 300, offset=0.005)]
-    found = prediction_error.estimate(records, model(spoil=0.02), offsets=True)
+    found = prediction_error.refine(records, model(spoil=0.02), offsets=True)
     pole = found.diagnostics["pole_accuracy"][0]
     truth = continuous(model())[1]
     # 4 standard errors: 6e-5 false alarms each
@@ -216,10 +216,10 @@ def test_gaps_several_records_and_offsets():
 
 def test_output_error_fits_the_free_run_and_says_that_residuals_are_coloured():
     record = flight(13, 800, K=np.array([[0.9, 0.0], [0.0, 0.9]]))
-    free_run = prediction_error.estimate([record], model(gain=np.zeros((2, 2))), disturbances=False)
+    free_run = prediction_error.refine([record], model(gain=np.zeros((2, 2))), disturbances=False)
     assert not free_run.K.any()
     y = record.columns(OUTPUTS)
-    both = prediction_error.estimate([record], model())
+    both = prediction_error.refine([record], model())
     error = [np.linalg.slogdet(np.cov((y - m.simulate(record)).T))[1] for m in (free_run, both)]
     assert error[0] <= error[1] + 1e-6
     assert free_run.status == "warning"
@@ -239,7 +239,7 @@ def test_an_unstable_plant_is_held_by_its_predictor():
         x = a @ x + b @ u + K @ e
     record = FlightRecord(DT * np.arange(500), (*INPUTS, *OUTPUTS), data, "measured")
     start = model((a, b, C, D), gain=np.zeros((2, 2)), spoil=0.01)
-    found = prediction_error.estimate([record], start)
+    found = prediction_error.refine([record], start)
     unstable = np.log(np.abs(np.linalg.eigvals(a)).max()) / DT
     pole = max(found.diagnostics["pole_accuracy"], key=lambda p: p.pole.real)
     assert unstable > 0.0
@@ -251,16 +251,16 @@ def test_too_high_an_order_is_said():
     big = {"A": np.diag([0.3, 0.0, 0.0]), "B": np.zeros((3, 1)), "C": np.zeros((2, 3)), "K": np.zeros((3, 2))}
     big["A"][1:, 1:], big["B"][1:], big["C"][:, 1:] = A, B, C
     big["B"][0], big["C"][0, 0] = 1e-3, 1e-3
-    found = prediction_error.estimate([flight(15, noise=1e-7, K=0 * K)], model(**big), disturbances=False)
+    found = prediction_error.refine([flight(15, noise=1e-7, K=0 * K)], model(**big), disturbances=False)
     accuracy = [p for p in found.diagnostics["pole_accuracy"] if abs(p.pole.imag) < 1e-9]
     assert found.status == "warning" or any(p.real_std > 0.5 * abs(p.pole.real) for p in accuracy)
 
 
 def test_what_cannot_be_is_refused():
     with pytest.raises(EstimationError, match="unknowns"):
-        prediction_error.estimate([flight(16, 90).decimate(15)], replace(model(), dt_s=0.6))
+        prediction_error.refine([flight(16, 90).decimate(15)], replace(model(), dt_s=0.6))
     with pytest.raises(RecordError, match="sample time"):
-        prediction_error.estimate([flight(16)], replace(model(), dt_s=0.1))
+        prediction_error.refine([flight(16)], replace(model(), dt_s=0.1))
     with pytest.raises(EstimationError, match="covariance"):
         pole_accuracy(model())
 
@@ -268,7 +268,7 @@ def test_what_cannot_be_is_refused():
 def test_a_subspace_estimate_is_improved():
     records = [flight(17, 500), flight(18, 400)]
     start = dsr_e.estimate(records, INPUTS, OUTPUTS, past_horizon=10, future_horizon=8, order=2)
-    found = prediction_error.estimate(records, start)
+    found = prediction_error.refine(records, start)
     assert found.diagnostics["converged"]
     logdet = []
     for m in (start, found):
@@ -298,7 +298,7 @@ def test_attas_short_period_from_a_subspace_start():
         for t in tables
     ]
     start = dsr_e.estimate(records, INPUTS, OUTPUTS, past_horizon=10, future_horizon=10, order=2)
-    found = prediction_error.estimate(records, start, offsets=True)
+    found = prediction_error.refine(records, start, offsets=True)
     assert found.diagnostics["converged"]
     assert np.all(found.diagnostics["prediction_error_percent"] < found.diagnostics["prediction_error_percent_start"])
     pole = found.diagnostics["pole_accuracy"][0]

@@ -16,7 +16,7 @@ from testbench.estimators.frequency.spectra import estimate_frequency_response
 from testbench.estimators.parametric import equation_error, filter_error, output_error
 from testbench.estimators.parametric.kalman import ekf, ukf
 from testbench.estimators.parametric.structures import longitudinal
-from testbench.estimators.prediction_error import estimate as prediction_error
+from testbench.estimators.prediction_error import refine as prediction_error
 from testbench.estimators.subspace import dsr_e, family
 
 HORIZONS = {"past_horizon": 15, "future_horizon": 15, "order": 4}

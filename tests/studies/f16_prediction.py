@@ -30,12 +30,13 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 from testbench.core.record import FlightRecord  # noqa: E402
 from testbench.estimators.state_space import StateSpaceModel  # noqa: E402
 from testbench.estimators.subspace import dsr_e, family  # noqa: E402
+from testbench.estimators.subspace.family import PREDICTORS, PROJECTIONS  # noqa: E402
 
 # The channel table knows no shaker: its force stands under "thrust" (N), the accelerations under ax, ay, az.
 CHANNELS = ("thrust", "ax", "ay", "az")
 STRIDE, PERIOD, ORDER, HORIZON = 10, 8192, 16, 30
 ROWS = (20, 30, 40, 50)
-METHODS = ("dsr_e", *family.FAMILY)
+METHODS = ("dsr_e", *PROJECTIONS, *PREDICTORS)
 OCTAVE = """
 pkg load control
 z = csvread ("{folder}/data.csv");

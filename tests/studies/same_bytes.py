@@ -78,7 +78,7 @@ def jobs(data: Path | None) -> list[Job]:
 def run(job: Job, package: Path, folder: Path) -> str:
     """Run one job with the package that lies in ``package``; return its last words if it failed."""
     results = folder / job.name.replace(str(package), "")
-    done = results.with_suffix(".done")
+    done = results.with_name(f"{results.name}.done")  # a name may hold dots: gap_gap.alpha_vane
     if done.is_file():
         return ""
     shutil.rmtree(results, ignore_errors=True)

@@ -37,10 +37,11 @@ from rich.progress import track  # noqa: E402
 from testbench.core.errors import EstimationError  # noqa: E402
 from testbench.estimators.model import continuous_poles  # noqa: E402
 from testbench.estimators.subspace import dsr_e, family  # noqa: E402
+from testbench.estimators.subspace.family import PREDICTORS, PROJECTIONS  # noqa: E402
 
 WN, ZETA = 3.0, 0.617
 RATES_HZ, BLOCKS, SEEDS = (50.0, 10.0), (10, 20), 3
-OURS = (*family.FAMILY, "dsr_e", "dsr_e eolo")
+OURS = (*PROJECTIONS, *PREDICTORS, "dsr_e", "dsr_e eolo")
 SIPPY = ("N4SID", "MOESP", "CVA", "PARSIM-K", "PARSIM-S", "PARSIM-P")
 COLUMNS = (
     "method",

@@ -21,7 +21,8 @@ def _resolved(family: Family) -> AfterValidator:
 
     def validate(name: str, info: ValidationInfo) -> str:
         try:
-            return resolve(name, family, (info.context or {}).get("beside"))
+            file = (info.context or {}).get("file")
+            return resolve(name, family, Path(file).parent if file else None)
         except ScenarioError as error:
             raise ValueError(error.message) from None
 

@@ -7,14 +7,15 @@ Transactions on Automatic Control 8(1), 1963 (starts). Numbers of the first two 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from testbench.core.errors import EstimationError, nearest
-from testbench.core.record import FloatArray
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.call import with_settings
 from testbench.estimators.continuous import ContinuousTransferModel
 from testbench.estimators.coverage import approximate
 from testbench.estimators.frequency.misfit import (
@@ -30,6 +31,8 @@ from testbench.estimators.frequency.misfit import (
     unpack,
 )
 from testbench.estimators.frequency.response import FrequencyResponse
+from testbench.estimators.frequency.spectra import estimate_frequency_response
+from testbench.estimators.settings import Equivalent
 from testbench.estimators.state_variable import holds
 
 _POOR = 100.0  # mean cost above which a low-order equivalent is not acceptable (Tischler and Remple, section 11.2)
@@ -37,16 +40,64 @@ _DELAYS = 13  # starts of each delay, up to a whole turn at the highest frequenc
 _EXACT = 1e-9  # random errors below this are rounding
 
 
+@with_settings(Equivalent)
+def estimate(
+    records: Sequence[FlightRecord],
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    *,
+    window_s: Sequence[float],
+    band_hz: tuple[float, float] | None,
+    poles: int,
+    zeros: int | Mapping[str, int],
+    delay: bool,
+    common: bool,
+    weighting: Weighting,
+    hold: Mapping[str, str] | str | None,
+) -> ContinuousTransferModel:
+    """Fit a low-order equivalent to the frequency response of the records.
+
+    Args:
+        records: measured records with one sample time; deviations from trim (see ``prepare``).
+        inputs: (m,) input channels.
+        outputs: (p,) output channels.
+        window_s: lengths of the windows of the frequency response, s.
+        band_hz: frequencies used, Hz; all if None.
+        poles: see :func:`fit_equivalent`, as for the rest.
+        zeros: number of zeros.
+        delay: fit delays.
+        common: one denominator for all outputs.
+        weighting: of the misfit.
+        hold: how the inputs run between their samples.
+
+    Raises:
+        EstimationError: as of the frequency response or of :func:`fit_equivalent`.
+        ChannelError: a record lacks a channel.
+    """
+    response = estimate_frequency_response(records, inputs, outputs, window_s=window_s)
+    return fit_equivalent(
+        response,
+        poles=poles,
+        zeros=zeros,
+        delay=delay,
+        common=common,
+        weighting=weighting,
+        band_rad_s=None if band_hz is None else (2.0 * np.pi * band_hz[0], 2.0 * np.pi * band_hz[1]),
+        hold=hold,
+    )
+
+
+@with_settings(Equivalent)
 def fit_equivalent(
     response: FrequencyResponse,
     *,
     poles: int,
     zeros: int | Mapping[str, int],
-    delay: bool = True,
-    common: bool = True,
-    weighting: Weighting = "loes",
+    delay: bool,
+    common: bool,
+    weighting: Weighting,
     band_rad_s: tuple[float, float] | None = None,
-    hold: Mapping[str, str] | str | None = None,
+    hold: Mapping[str, str] | str | None,
 ) -> ContinuousTransferModel:
     """Fit H_ij(jw) = B_ij(jw)/A(jw) exp(-jw tau_ij) to a frequency response.
 

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.call import with_settings
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
@@ -33,6 +34,7 @@ from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import delayed
 from testbench.estimators.parametric.structure import STEP, ModelStructure
 from testbench.estimators.regression.smoothing import SineSeries, bridge
+from testbench.estimators.settings import EquationError
 
 _STEPS = 20
 _QUIET = 1e-2  # noise of a state below this share of its motion does not bias anything worth mentioning
@@ -42,13 +44,14 @@ _BIASED = (
 )
 
 
+@with_settings(EquationError)
 def estimate(
     records: Sequence[FlightRecord],
     structure: ModelStructure,
     *,
-    delays_s: Mapping[str, float] | None = None,
-    held: Sequence[str] | None = None,
-    cutoff_hz: float | None = None,
+    delays_s: Mapping[str, float] | None,
+    held: Sequence[str] | None,
+    cutoff_hz: float | None,
 ) -> ParametricModel:
     """Estimate the free parameters of a structure whose states are all channels of the records.
 

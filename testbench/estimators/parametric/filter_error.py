@@ -31,6 +31,7 @@ import numpy as np
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.call import with_settings
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
@@ -43,6 +44,7 @@ from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import delayed
 from testbench.estimators.parametric.structure import ModelStructure
+from testbench.estimators.settings import FilterError
 from testbench.estimators.state_space import check_sample_time
 
 _SETTLED = 3e-3  # relative change of the innovations' variances between two rounds that ends them
@@ -66,20 +68,21 @@ class _Found(NamedTuple):
     settled: bool
 
 
+@with_settings(FilterError)
 def estimate(
     records: Sequence[FlightRecord],
     structure: ModelStructure,
     *,
-    process_noise: Sequence[str] | None = None,
-    fixed_process_noise: Mapping[str, float] | None = None,
-    initial_states: Initial = "free",
-    output_biases: Sequence[str] = (),
-    output_trends: Sequence[str] = (),
-    input_biases: Sequence[str] = (),
-    delays_s: Mapping[str, float] | None = None,
-    held: Sequence[str] | None = None,
-    max_iterations: int = 50,
-    substeps: int = 1,
+    process_noise: Sequence[str] | None,
+    fixed_process_noise: Mapping[str, float] | None,
+    initial_states: Initial,
+    output_biases: Sequence[str],
+    output_trends: Sequence[str],
+    input_biases: Sequence[str],
+    delays_s: Mapping[str, float] | None,
+    held: Sequence[str] | None,
+    max_iterations: int,
+    substeps: int,
 ) -> ParametricModel:
     """Estimate the free parameters of a structure, and the noise, from records flown in turbulence.
 

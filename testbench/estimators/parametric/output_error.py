@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.call import with_settings
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
@@ -29,6 +30,7 @@ from testbench.estimators.parametric.gauss_newton import Minimum, minimise
 from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.structure import ModelStructure
+from testbench.estimators.settings import OutputError
 
 _SETTLED = 1e-3  # relative change of the noise covariance between two rounds that ends them
 _EXACT = 1e-11  # residuals below this share of every output's size are rounding
@@ -36,21 +38,22 @@ _ROUNDS = 50
 _SPREAD = 0.5  # of the start values in a multi-start, relative
 
 
+@with_settings(OutputError)
 def estimate(
     records: Sequence[FlightRecord],
     structure: ModelStructure,
     *,
-    initial_states: Initial = "free",
-    output_biases: Sequence[str] = (),
-    output_trends: Sequence[str] = (),
-    input_biases: Sequence[str] = (),
-    delays_s: Mapping[str, float] | None = None,
-    held: Sequence[str] | None = None,
-    noise: Literal["diagonal", "full"] = "diagonal",
-    starts: int = 1,
-    seed: int = 0,
-    max_iterations: int = 50,
-    substeps: int = 1,
+    initial_states: Initial,
+    output_biases: Sequence[str],
+    output_trends: Sequence[str],
+    input_biases: Sequence[str],
+    delays_s: Mapping[str, float] | None,
+    held: Sequence[str] | None,
+    noise: Literal["diagonal", "full"],
+    starts: int,
+    seed: int,
+    max_iterations: int,
+    substeps: int,
 ) -> ParametricModel:
     """Estimate the free parameters of a structure from one or several records.
 

@@ -38,8 +38,10 @@ import numpy as np
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.call import with_settings
 from testbench.estimators.hankel import BlockHankel, window_starts
 from testbench.estimators.model import check_records, continuous_poles
+from testbench.estimators.settings import DsrE
 from testbench.estimators.state_space import StateSpaceModel
 from testbench.estimators.subspace.data import (
     LEAD,
@@ -68,6 +70,7 @@ Variant = Literal["original", "eolo"]
 _LONG = 20  # future horizons from here on are checked against their half, shorter ones against their double
 
 
+@with_settings(DsrE)
 def estimate(
     records: Sequence[FlightRecord],
     inputs: Sequence[str],
@@ -75,13 +78,13 @@ def estimate(
     *,
     past_horizon: int,
     future_horizon: int,
-    order: int | None = None,
-    direct_feedthrough: bool = False,
-    variant: Variant = "original",
-    offset: Offset = "none",
-    decimate: int | Literal["auto"] = 1,
-    stable: bool = False,
-    closed_loop: bool = False,
+    order: int | None,
+    direct_feedthrough: bool,
+    variant: Variant,
+    offset: Offset,
+    decimate: int | Literal["auto"],
+    stable: bool,
+    closed_loop: bool,
 ) -> StateSpaceModel:
     """Identify an innovations model by DSR_e (module docstring) from one or several records of deviations from trim.
 

@@ -20,9 +20,11 @@ import numpy as np
 
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.call import with_settings
 from testbench.estimators.coverage import approximate
 from testbench.estimators.hankel import window_starts
 from testbench.estimators.model import check_records, continuous_poles
+from testbench.estimators.settings import Subspace
 from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs, free_run
 from testbench.estimators.subspace.advice import advice_in_words
 from testbench.estimators.subspace.data import (
@@ -39,16 +41,6 @@ from testbench.estimators.subspace.factor import Factor, factorise, shortened
 from testbench.estimators.subspace.predictors import PREDICTORS
 from testbench.estimators.subspace.projections import PROJECTIONS, Realisation
 from testbench.estimators.subspace.tail import gain, lost_poles, pole_distance, reflect, to_rate
-
-FAMILY = {
-    "moesp": "subspace identification PO-MOESP: orthogonal projection on past inputs and outputs",
-    "n4sid": "subspace identification N4SID: oblique projection on past inputs and outputs",
-    "cva": "subspace identification CVA: canonical correlations of past and future",
-    "dsr": "subspace identification DSR: MOESP's projection, A from two of them one sample apart",
-    "ssarx": "subspace identification SSARX: a long ARX predictor first; consistent in closed loop",
-    "pbsid_opt": "subspace identification PBSID-opt: states from a long ARX predictor; consistent in closed loop",
-}
-"""Method name -> what it is."""
 
 _PERSISTENT = 1e-3  # input Hankel matrices with weaker directions than this are decimated, if their band allows it
 _SILENT = 1e-8  # directions of the inputs below this share of the strongest do not count as excitation
@@ -82,6 +74,7 @@ class Outcome(NamedTuple):
     found: dict[str, Any]
 
 
+@with_settings(Subspace)
 def estimate(
     records: Sequence[FlightRecord],
     inputs: Sequence[str],
@@ -90,14 +83,14 @@ def estimate(
     method: str,
     past_horizon: int,
     future_horizon: int,
-    order: int | None = None,
-    direct_feedthrough: bool = False,
-    offset: Offset = "none",
-    decimate: int | Literal["auto"] = "auto",
-    stable: bool = False,
-    closed_loop: bool = False,
-    bootstrap: int = 0,
-    seed: int = 0,
+    order: int | None,
+    direct_feedthrough: bool,
+    offset: Offset,
+    decimate: int | Literal["auto"],
+    stable: bool,
+    closed_loop: bool,
+    bootstrap: int,
+    seed: int,
 ) -> StateSpaceModel:
     """Identify an innovations model by a subspace method from one or several records of deviations from trim.
 
@@ -108,7 +101,7 @@ def estimate(
         records: measured records with one sample time; deviations from trim (see ``prepare``).
         inputs: (m,) channels that drive the model.
         outputs: (p,) channels that it predicts.
-        method: one of :data:`FAMILY`.
+        method: of ``PROJECTIONS`` or ``PREDICTORS``: "moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt".
         past_horizon: J >= 1 samples (after decimation).
         future_horizon: L >= 2 samples (after decimation).
         order: number of states, or None to choose it from the singular values.
@@ -194,10 +187,9 @@ def estimate(
 
 
 def _check_settings(given: Settings, p: int) -> None:
-    if given.method not in FAMILY:
-        raise EstimationError(
-            f"the method must be one of the table, got '{given.method}'{nearest(given.method, FAMILY)}"
-        )
+    if given.method not in (*PROJECTIONS, *PREDICTORS):
+        hint = nearest(given.method, (*PROJECTIONS, *PREDICTORS))
+        raise EstimationError(f"the method must be one of the table, got '{given.method}'{hint}")
     check_horizons(given.past_horizon, given.future_horizon, given.order, p)
     check_stride(given.decimate)
     if given.bootstrap < 0 or given.bootstrap == 1:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from testbench.page.write import write_file
+from testbench.core.files import write_file
 
 if TYPE_CHECKING:
     from testbench.questions.aircraft.ask import Survey

@@ -14,7 +14,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from testbench.core.errors import CampaignError, RecordError
+from testbench.core.errors import CampaignError
+from testbench.core.files import write_file
 from testbench.questions.campaign.draws import run_inputs, run_seed
 from testbench.questions.campaign.flying import Job, Outcome, fly_batch
 from testbench.questions.campaign.load import Campaign, versions
@@ -254,16 +255,12 @@ def _keep_records(finished: list[Outcome], folder: Path) -> None:
     """Write the time histories of finished runs as folder/records/run_NNNNNN_NAME.nc, before their rows."""
     for name, content in _records(finished):
         path = folder / "records" / name
-        part = path.with_name(path.name + ".part")
-        try:
-            path.parent.mkdir(exist_ok=True)
-            part.write_bytes(content)
-            part.replace(path)
-        except OSError as error:
-            raise RecordError(
-                f"time histories must go to a folder that can be written to, got '{path}': {error.strerror or error}; "
-                "what is finished is kept. Free space, then go on with `testbench campaign resume`"
-            ) from error
+        write_file(
+            path,
+            content,
+            "time histories must go to a folder that can be written to",
+            "what is finished is kept. Free space, then go on with `testbench campaign resume`",
+        )
 
 
 def _records(finished: list[Outcome]) -> Iterator[tuple[str, bytes]]:

@@ -13,10 +13,12 @@ from typing import Any
 
 from testbench import __version__
 from testbench.aircraft import Aircraft, load_aircraft
+from testbench.core.bring import find, is_brought, sha256
 from testbench.core.errors import ScenarioError, TestbenchError, nearest
 from testbench.core.paths import find_scenario
 from testbench.core.schema import parse, read_toml
-from testbench.estimators.settings import estimator_name
+from testbench.estimators.brought import FOLDER
+from testbench.estimators.identification import estimator_name
 from testbench.questions.campaign.draws import nominal_inputs
 from testbench.questions.campaign.scenario import CampaignSpec
 from testbench.questions.campaign.targets import change_aircraft, change_suites, check_target, is_scenario_key, set_keys
@@ -25,6 +27,8 @@ from testbench.questions.run.scenario import Scenario
 from testbench.sensors import SensorSuite, load_suite
 
 _MOST_CELLS_CHECKED = 200
+_BROUGHT = ("method", "structure")
+"""Keys of an estimator that may name a file of the user's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +72,15 @@ class Campaign:
             repr(aircraft.elastic),
             sorted(aircraft.engine_files.items()),
             suites,
+            *self._brought(),
         ]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
+
+    def _brought(self) -> list[str]:
+        """Return the SHA-256 of every estimator and structure of the user's own."""
+        entries = self.content["identification"]["estimators"]
+        names = [entry[key] for entry in entries for key in _BROUGHT if is_brought(entry.get(key))]
+        return [sha256(find(name, None, FOLDER)[0]) for name in names]
 
 
 def versions() -> dict[str, str]:
@@ -92,7 +103,7 @@ def load_campaign(path: Path | str) -> Campaign:
     content, origin = _base(spec, spec.file)
     bare, _ = parse(Scenario, content, origin)
     assert bare is not None
-    content = _resolved(content, bare)
+    content = _resolved(content, bare, origin)
     nominal = Scenario.model_validate(set_keys(content, nominal_inputs(spec)))
     return Campaign(spec, content, nominal.at(origin), spec.file.read_text(encoding="utf-8"))
 
@@ -105,7 +116,7 @@ def campaign_faults(spec: CampaignSpec) -> list[str]:
     bare, faults = parse(Scenario, content, origin)
     if bare is None:
         return faults
-    content = _resolved(content, bare)
+    content = _resolved(content, bare, origin)
     found = check(bare.at(origin))
     if not found:
         found = _check_keys(spec, content, bare, file)
@@ -123,9 +134,15 @@ def _base(spec: CampaignSpec, file: Path) -> tuple[dict[str, Any], Path]:
     return read_toml(found), found
 
 
-def _resolved(content: Mapping[str, Any], bare: Scenario) -> dict[str, Any]:
+def _resolved(content: Mapping[str, Any], bare: Scenario, origin: Path) -> dict[str, Any]:
     """Return the scenario with what users brought by absolute path, as processes elsewhere read it."""
-    return {**content, "aircraft": bare.aircraft, "suites": list(bare.suites)}
+    entries = [dict(entry) for entry in content["identification"]["estimators"]]
+    for entry in entries:
+        for key in _BROUGHT:
+            if is_brought(entry.get(key)):
+                entry[key] = ":".join(map(str, find(entry[key], origin, FOLDER)))
+    identification = {**content["identification"], "estimators": entries}
+    return {**content, "aircraft": bare.aircraft, "suites": list(bare.suites), "identification": identification}
 
 
 def _check_keys(spec: CampaignSpec, content: Mapping[str, Any], bare: Scenario, file: Path) -> list[str]:

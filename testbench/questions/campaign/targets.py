@@ -26,7 +26,7 @@ from typing import Any
 from testbench.aircraft import Aircraft
 from testbench.aircraft.amend import Amendment, Change, ScaleCoefficient, SetProperty, SetText
 from testbench.core.channels import channel, unit_factor
-from testbench.core.constants import FT_M, PERCENT
+from testbench.core.constants import JSBSIM_LENGTH_M, PERCENT
 from testbench.core.errors import ChannelError, ModelError, ScenarioError, nearest
 from testbench.sensors import Sensor, SensorSuite
 from testbench.sensors.sensor import ACCELEROMETERS
@@ -37,7 +37,6 @@ AIRCRAFT_KEYS = ("mass_percent", "inertia_percent", *(f"{i}_percent" for i in _I
 SENSOR_FIELDS = ("noise_std", "bias", "scale", "lag_s", "delay_s", "quantum", "dropout")
 _IN_UNIT = ("noise_std", "bias", "quantum")
 _UNITS = {"deg": "deg", "deg_s": "deg/s", "deg_s2": "deg/s2", "m": "m", "m_s": "m/s", "m_s2": "m/s2", "percent": "%"}
-_LENGTH_M = {"M": 1.0, "FT": FT_M, "IN": FT_M / 12.0}
 
 
 def is_scenario_key(key: str) -> bool:
@@ -152,10 +151,10 @@ def _moved(tree: ET.Element, axis: str, shift_m: float) -> SetText:
     path = "mass_balance/location[@name='CG']"
     place = tree.find(path)
     unit = (place.get("unit") or "").upper() if place is not None else ""
-    if place is None or unit not in _LENGTH_M:
+    if place is None or unit not in JSBSIM_LENGTH_M:
         raise ModelError("a model whose centre of gravity moves must hold <location name='CG'> in M, FT or IN")
     sign = {"x": -1.0, "y": 1.0, "z": -1.0}[axis]
-    return SetText(f"{path}/{axis}", float(str(place.findtext(axis))) + sign * shift_m / _LENGTH_M[unit])
+    return SetText(f"{path}/{axis}", float(str(place.findtext(axis))) + sign * shift_m / JSBSIM_LENGTH_M[unit])
 
 
 def change_suites(suites: tuple[SensorSuite, ...], inputs: Mapping[str, Any]) -> tuple[SensorSuite, ...]:

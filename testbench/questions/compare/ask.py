@@ -130,8 +130,7 @@ def _flights(
                     air=air_of(scenario.air, scenario.condition.h_m, derived_seed(seed, k, i)),
                     channels=sorted(needed),
                 )
-                assert flight.truth is not None
-                kept[spec.name] = flight.truth
+                kept[spec.name] = flight.flown
             flown += 1
         yield dict(kept), flown
 

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from testbench.core.scenario.base import SuiteName
 from testbench.core.schema import Positive, Strict
-from testbench.estimators.settings import Estimator, Identification, estimator_name
+from testbench.estimators.identification import Estimator, Identification, estimator_name
 from testbench.questions.run.scenario import Experiment
 
 Names = Annotated[tuple[str, ...], Field(strict=False)]

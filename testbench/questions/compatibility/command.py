@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from testbench.core.constants import G0_M_S2
 from testbench.page.terminal import console, stages
 from testbench.questions.options import OutOption
 
@@ -17,7 +18,7 @@ def command(
     data: Annotated[
         Path | None, typer.Option(help="Folder with the data files; replaces the one in the description.")
     ] = None,
-    gravity: Annotated[float, typer.Option(help="Gravity where it was flown, m/s2.")] = 9.80665,
+    gravity: Annotated[float, typer.Option(help="Gravity where it was flown, m/s2.")] = G0_M_S2,
 ) -> None:
     """Ask whether the instruments of recorded flights agree with each other, and which of them err by how much.
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.channels import channel
-from testbench.core.constants import DEG_RAD
+from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight import TrimmedFlight
 from testbench.line import fly_and_measure
@@ -124,7 +124,7 @@ class Envelope:
 
 def _sentence(breach: Breach) -> str:
     if breach.channel == "az":
-        n, limit = -breach.value / 9.80665, -breach.limit / 9.80665
+        n, limit = -breach.value / G0_M_S2, -breach.limit / G0_M_S2
         return f"the load factor passes {limit:.3g} at t = {breach.t_s:.2f} s (extreme {n:.3g})"
     return breach.sentence
 
@@ -180,7 +180,7 @@ def _flight(
     try:
         commands = (f"{name}_cmd" for name in design.controls)
         names = tuple(dict.fromkeys([*limits.bands, *design.controls, *commands, *_SHOWN]))
-        flight = fly_and_measure(
+        record = fly_and_measure(
             aircraft,
             trimmed,
             design.family,
@@ -188,14 +188,12 @@ def _flight(
             design.duration_s,
             log_rate_hz=log_rate,
             channels=names,
-        )
+        ).flown
     except FlightAborted as error:
         if error.record is None:
             raise
         text = f"the flight leaves the aircraft's limits at t = {error.time_s:.2f} s: {error.reason}"
         return error.record, [text], Tightest("", 1.0 / _ABORTED, error.time_s)
-    record = flight.truth
-    assert record is not None
     return record, limits.broken(record), limits.tightest(record)
 
 

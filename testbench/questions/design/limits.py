@@ -12,11 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from testbench.core.channels import channel
-from testbench.core.constants import DEG_RAD
+from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import LimitError
 from testbench.core.record import FlightRecord
-
-G = 9.80665
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ class Limits:
         """
         out: dict[str, tuple[float, float]] = {}
         if self.load_factor:
-            out["az"] = (-G * self.load_factor[1], -G * self.load_factor[0])
+            out["az"] = (-G0_M_S2 * self.load_factor[1], -G0_M_S2 * self.load_factor[0])
         if self.alpha:
             out["alpha"] = self.alpha
         for name, half in (("beta", self.beta), ("phi", self.bank)):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from testbench.core.errors import RecordError, ScenarioError, nearest
+from testbench.core.files import write_file
 from testbench.core.schema import read_toml
 from testbench.questions.exercise.exercise import Choice, Exercise, Question
 
@@ -85,7 +86,7 @@ def write_answers(folder: Path, answers: Mapping[str, float | str | None]) -> No
             raise ScenarioError([f"{file}, {key}: no question has this key{nearest(key, keys)}"])
         if value is not None:
             text = _answered(text, key, json.dumps(value if isinstance(value, str) else float(value)))
-    file.write_text(text, encoding="utf-8")
+    write_file(file, text)
 
 
 def _answered(text: str, key: str, shown: str) -> str:

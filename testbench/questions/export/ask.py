@@ -10,8 +10,8 @@ import numpy as np
 
 from testbench.core.channels import channel
 from testbench.core.errors import RecordError
+from testbench.core.files import mat_bytes, write_file
 from testbench.core.record import NEEDS_PYARROW, load_record
-from testbench.page.write import write_file
 from testbench.questions.export.jsbsim_system import jsbsim_text
 from testbench.questions.export.matrices import PADE, Matrices, without_delays
 
@@ -102,17 +102,10 @@ def _entries(model: Matrices) -> list[tuple[str, str, str, float]]:
 
 def _mat(model: Matrices) -> bytes:
     """Return a MAT file; in MATLAB: ss(A, B, C, D, dt), with OutputDelay or InputDelay from delays_s."""
-    from io import BytesIO
-
-    from scipy.io import savemat
-
-    buffer = BytesIO()
     names = {key: np.array(getattr(model, f"{key}s"), dtype=object) for key in ("input", "output")}
     numbers = {key: getattr(model, key) for key in ("A", "B", "C", "D", "delays_s")}
-    savemat(buffer, {**numbers, "dt": model.dt_s, "inputs": names["input"], "outputs": names["output"],
-                     "method": model.method, "status": model.status})  # fmt: skip
-    text = "MATLAB 5.0 MAT-file, written by flight-testbench, identified model"  # without the time of day: same bytes
-    return text.ljust(116).encode() + buffer.getvalue()[116:]
+    words = {"inputs": names["input"], "outputs": names["output"], "method": model.method, "status": model.status}
+    return mat_bytes({**numbers, "dt": model.dt_s, **words}, "identified model")
 
 
 def _write_netcdf(model: Matrices, path: Path) -> Path:
@@ -121,19 +114,18 @@ def _write_netcdf(model: Matrices, path: Path) -> Path:
     sizes = {"state": len(model.A), "output": len(model.outputs), "input": len(model.inputs)}
     dimensions = {"A": ("state", "state"), "B": ("state", "input"), "C": ("output", "state"), "D": ("output", "input"),
                   "delays_s": ("output", "input")}  # fmt: skip
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with h5netcdf.File(path, "w") as file:
+    words = {"inputs": " ".join(model.inputs), "outputs": " ".join(model.outputs), "dt_s": model.dt_s,
+             "method": model.method, "status": model.status}  # fmt: skip
+
+    def write(part: Path) -> None:
+        """Write the NetCDF file ``part``."""
+        with h5netcdf.File(part, "w") as file:
             file.dimensions = sizes
-            file.attrs.update({"inputs": " ".join(model.inputs), "outputs": " ".join(model.outputs), "dt_s": model.dt_s,
-                               "method": model.method, "status": model.status})  # fmt: skip
+            file.attrs.update(words)
             for name, axes in dimensions.items():
                 file.create_variable(name, axes, data=getattr(model, name))
-    except OSError as error:
-        raise RecordError(
-            f"a model must be written to a folder that can be written to, got '{path}': {error}"
-        ) from error
-    return path
+
+    return write_file(path, write, "a model must be written to a folder that can be written to")
 
 
 def _write_parquet(model: Matrices, path: Path) -> Path:

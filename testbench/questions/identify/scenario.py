@@ -14,7 +14,7 @@ from pydantic import Field
 from testbench.core.paths import find_scenario
 from testbench.core.scenario.base import Preparation
 from testbench.core.schema import Strict
-from testbench.estimators.settings import Identification
+from testbench.estimators.identification import Identification
 from testbench.logs.layout import Recorded, Text
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from testbench.core.channels import CONTROLS, channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError
+from testbench.core.files import write_file
 from testbench.core.record import FlightRecord
 from testbench.logs.dataflash import HEAD, read_dataflash, servo_rules
 from testbench.logs.dataflash import RULES as DATAFLASH_RULES
@@ -210,7 +211,7 @@ def write_import(imported: Imported, folder: Path | str) -> list[Path]:
         text = describe(imported, axis, members)
         if text:
             path = folder / f"{stem}_{axis}.toml"
-            path.write_text(text, encoding="utf-8")
+            write_file(path, text)
             RecordDescription.load(path)
             paths.append(path)
     return paths

@@ -16,6 +16,7 @@ import numpy as np
 
 from testbench.core.channels import CHANNELS, UNITS, channel
 from testbench.core.errors import RecordError
+from testbench.core.files import write_file
 from testbench.core.record import FloatArray
 from testbench.logs.layout import SUFFIXES, TIME_UNITS
 from testbench.logs.mat import mat_variables
@@ -47,13 +48,7 @@ def write_template(path: Path | str, out: Path | str) -> Path:
     if out.exists():
         raise RecordError(f"a description to fill in must be a new file, got '{out}', which exists; give another name")
     folder = os.path.relpath(path.resolve().parent, out.resolve().parent)
-    text = description_template(path, folder)
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RecordError(f"a description must be written where that is possible, got '{out}': {error}") from error
-    return out
+    return write_file(out, description_template(path, folder), "a description must be written where that is possible")
 
 
 def description_template(path: Path | str, folder: str = ".") -> str:

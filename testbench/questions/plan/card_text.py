@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from testbench.core.constants import G0_M_S2
 from testbench.flight.condition import air_density
 from testbench.page.labels import file_stem, number, shown_unit, symbol
 
@@ -197,7 +198,7 @@ def _limits(card: Card, plan: Plan) -> list[tuple[str, str, str]]:
     for limit in card.limits:
         factor, unit = shown_unit(limit.channel)
         if limit.channel == "az":
-            low, high, unit = -limit.high / 9.80665, -limit.low / 9.80665, "g"
+            low, high, unit = -limit.high / G0_M_S2, -limit.low / G0_M_S2, "g"
             name = "load factor"
         else:
             low, high, name = limit.low * factor, limit.high * factor, symbol(limit.channel)

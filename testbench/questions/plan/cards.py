@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from testbench.core.files import write_file
 from testbench.page.html import picture, render
-from testbench.page.write import write_file
 from testbench.questions.plan.card_figures import card_plate, draw_pages, pdf_bytes
 from testbench.questions.plan.card_text import card_stem, card_text
 from testbench.questions.plan.injection import injected_signal, lua_script, signal_csv

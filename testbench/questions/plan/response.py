@@ -15,10 +15,10 @@ from testbench.core.errors import EstimationError, LimitError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Input
 from testbench.estimators.parametric.response import respond
-from testbench.flight import Manoeuvre, fly
 from testbench.flight.air import Air, turbulence_rms
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
 from testbench.inputs import InputSignal, build
+from testbench.line import fly_and_measure
 from testbench.questions.design.limits import Limits, breaches
 from testbench.questions.plan.repeats import command_names
 from testbench.questions.plan.result import Point
@@ -108,9 +108,7 @@ def fly_once(aircraft: Aircraft, point: Point, spec: PlannedManoeuvre, limits: L
     bands = bands_of(limits, point, spec.controls)
     aborted: list[str] = []
     try:
-        record = fly(
-            aircraft, trimmed, Manoeuvre(spec.name, signal, spec.settle_s), log_rate_of(trimmed.rate_hz), LOGGED
-        )
+        record = _flight(aircraft, point, spec, signal)
     except FlightAborted as error:
         if error.record is None:
             raise
@@ -118,6 +116,28 @@ def fly_once(aircraft: Aircraft, point: Point, spec: PlannedManoeuvre, limits: L
         aborted = [f"the flight ends at t = {error.time_s - spec.settle_s:.2f} s: {error.reason}"]
     found = [b._replace(t_s=b.t_s - spec.settle_s).sentence for b in breaches(record, bands)]
     return Flown(signal, record, (*found, *_too_fast(record, spec, limits), *aborted))
+
+
+def _flight(
+    aircraft: Aircraft,
+    point: Point,
+    spec: PlannedManoeuvre,
+    signal: InputSignal,
+    channels: Sequence[str] = LOGGED,
+    air: Air | None = None,
+) -> FlightRecord:
+    """Fly a signal from the trim of a point, with the undisturbed flight that the manoeuvre begins with."""
+    return fly_and_measure(
+        aircraft,
+        point.trimmed,
+        spec.name,
+        signal,
+        spec.duration_s,
+        log_rate_hz=log_rate_of(point.trimmed.rate_hz),
+        settle_s=spec.settle_s,
+        channels=channels,
+        air=air,
+    ).flown
 
 
 def _too_fast(record: FlightRecord, spec: PlannedManoeuvre, limits: Limits) -> list[str]:
@@ -162,13 +182,7 @@ def fly_within(
         return good[0], good[1], met
     if isinstance(first, Flown):
         return 0.0, first, met
-    still = fly(
-        aircraft,
-        point.trimmed,
-        Manoeuvre(spec.name, build(scaled(spec.input, 0.0), spec.duration_s, point.trimmed.rate_hz), spec.settle_s),
-        log_rate_of(point.trimmed.rate_hz),
-        LOGGED,
-    )
+    still = _flight(aircraft, point, spec, build(scaled(spec.input, 0.0), spec.duration_s, point.trimmed.rate_hz))
     signal = build(spec.input, spec.duration_s, point.trimmed.rate_hz)
     return 0.0, Flown(signal, still, met), met
 
@@ -237,10 +251,9 @@ def _turbulence(scenario: PlanScenario, aircraft: Aircraft, point: Point, spec: 
         seed=seed,
     )
     still = build(scaled(spec.input, 0.0), spec.duration_s, point.trimmed.rate_hz)
-    manoeuvre = Manoeuvre("turbulence", still, spec.settle_s)
     shown = SHOWN[spec.plane]
     try:
-        record = fly(aircraft, point.trimmed, manoeuvre, log_rate_of(point.trimmed.rate_hz), shown, air=air)
+        record = _flight(aircraft, point, spec, still, shown, air)
     except FlightAborted as error:
         if error.record is None or len(error.record.t_s) < 2:
             raise

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from testbench.core.record import FlightRecord
+from testbench.estimators.identification import Estimator
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepare
-from testbench.estimators.settings import Estimator, PredictionError
+from testbench.estimators.settings import PredictionError
 from testbench.page.labels import shown_unit, symbol
 from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table, Value

@@ -14,15 +14,15 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Input
 from testbench.estimators import estimate
+from testbench.estimators.identification import Estimator
 from testbench.estimators.model import IdentifiedModel
-from testbench.estimators.settings import DsrE, Estimator, Subspace
+from testbench.estimators.settings import DsrE, Subspace
 from testbench.estimators.state_space import StateSpaceModel
 from testbench.evaluation.metrics import mrse_percent
 from testbench.evaluation.truth import Truth, true_model
-from testbench.flight import Manoeuvre, TrimmedFlight, fly
+from testbench.flight import TrimmedFlight
 from testbench.flight.air import Air, turbulence_rms
-from testbench.inputs import build
-from testbench.line import trim_for
+from testbench.line import fly_and_measure, trim_for
 from testbench.questions.run.scenario import Scenario
 
 
@@ -50,12 +50,20 @@ class Bench:
         name: str = "run",
     ) -> FlightRecord:
         """Return the truth of one flight; turbulence by its vertical rms, in the scenario's height above ground."""
-        manoeuvre = Manoeuvre(name, build(tuple(inputs), duration_s, self.trimmed.rate_hz), settle_s)
         air = None
         if turbulence_m_s:
             rms = turbulence_rms(turbulence_m_s, self.scenario.condition.h_m)
             air = Air(0.0, 0.0, 0.0, rms, None, None, seed)
-        return fly(self.aircraft, self.trimmed, manoeuvre, log_hz, None, air)
+        return fly_and_measure(
+            self.aircraft,
+            self.trimmed,
+            name,
+            tuple(inputs),
+            duration_s,
+            log_rate_hz=log_hz,
+            settle_s=settle_s,
+            air=air,
+        ).flown
 
 
 def bench(name: str, *amendments: Amendment) -> Bench:

@@ -9,8 +9,8 @@ import numpy as np
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
+from testbench.estimators.identification import Estimator
 from testbench.estimators.prepare import prepare
-from testbench.estimators.settings import Estimator
 from testbench.evaluation.envelope import fly_envelope
 from testbench.evaluation.poles import match_poles
 from testbench.page.labels import number, symbol

@@ -9,8 +9,8 @@ import numpy as np
 from testbench.aircraft.amend import Amendment, Insert
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.inputs import StandardMultistep
+from testbench.estimators.identification import Estimator
 from testbench.estimators.prepare import prepare
-from testbench.estimators.settings import Estimator
 from testbench.inputs import build
 from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table

@@ -10,8 +10,9 @@ import numpy as np
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
+from testbench.estimators.identification import Estimator
 from testbench.estimators.prepare import prepare
-from testbench.estimators.settings import Estimator, OutputError, PredictionError
+from testbench.estimators.settings import OutputError, PredictionError
 from testbench.evaluation.poles import match_poles
 from testbench.page.labels import number
 from testbench.page.plot import Plate

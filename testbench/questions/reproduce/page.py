@@ -8,13 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from testbench.core.files import write_file
 from testbench.page.html import Picture, data_uri, render
 from testbench.page.labels import file_stem
 from testbench.page.page import versions
 from testbench.page.plot import Plate
 from testbench.page.tables import Table
 from testbench.page.terminal import print_answer
-from testbench.page.write import write_file
 from testbench.questions.reproduce.section import Chapter, Comparison, check_table, comparison_table
 from testbench.questions.reproduce.verdict import LAWS, tally
 

@@ -15,9 +15,9 @@ from testbench.estimators.prepare import prepare
 from testbench.estimators.settings import TransferFunctions
 from testbench.evaluation.metrics import fit_percent
 from testbench.evaluation.truth import true_model
-from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, trim
+from testbench.flight import FlightCondition, TrimmedFlight, trim
 from testbench.flight.air import Air, turbulence_rms
-from testbench.inputs import build
+from testbench.line import fly_and_measure
 from testbench.page.labels import symbol
 from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table, Value
@@ -86,11 +86,20 @@ def fly_campaign(say: Say, controls: Sequence[str] = ("de", "thr", "da", "dr")) 
                 signal = entry.input[0]
                 pilot = signal.pilot.model_copy(update={"jitter_s": 0.1, "seed": number})  # type: ignore[union-attr]
                 inputs = (signal.model_copy(update={"pilot": pilot}),)
-                manoeuvre = Manoeuvre(entry.name, build(inputs, entry.duration_s, trims[V].rate_hz), 2.0)
-                air = Air(0.0, 0.0, 0.0, rms, None, None, number)
-                truth = fly(aircraft, trims[V], manoeuvre, 40.0, None, air)
                 suite = _suite_for(longitudinal, control)
-                runs.append(Run(control, V, suite.measure(truth, number)))
+                flight = fly_and_measure(
+                    aircraft,
+                    trims[V],
+                    entry.name,
+                    inputs,
+                    entry.duration_s,
+                    log_rate_hz=40.0,
+                    settle_s=2.0,
+                    suites=[suite],
+                    seed=number,
+                    air=Air(0.0, 0.0, 0.0, rms, None, None, number),
+                )
+                runs.append(Run(control, V, flight.measured[suite.name]))
     return runs
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from testbench.aircraft import Aircraft, load_aircraft
 from testbench.core.errors import located
-from testbench.estimators.settings import Identification
+from testbench.estimators.identification import Identification
 from testbench.evaluation.truth import Truth, excited, true_model
 from testbench.flight import TrimmedFlight
 from testbench.flight.air import air_of
@@ -111,5 +111,4 @@ def _fly_all(scenario: Scenario, ready: Prepared, seed: int, keep: Keep | None, 
 
 def _truth(ready: Prepared, flights: tuple[Flight, ...], identification: Identification) -> Truth:
     flight = next(f for f in flights if f.use != "validation")
-    assert flight.truth is not None
-    return excited(true_model(ready.aircraft, ready.trimmed), flight.truth, identification.inputs, ready.suites)
+    return excited(true_model(ready.aircraft, ready.trimmed), flight.flown, identification.inputs, ready.suites)

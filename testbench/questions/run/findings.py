@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.estimators.settings import estimator_name
+from testbench.estimators.identification import estimator_name
 from testbench.evaluation.modes import frequency_and_damping, frequency_of, roots_of
 from testbench.inputs.signal import energy_spectrum
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from testbench.estimators.settings import estimator_name
+from testbench.estimators.identification import estimator_name
 from testbench.page.labels import unique
 
 if TYPE_CHECKING:

@@ -33,7 +33,7 @@ def run_page(result: RunResult) -> Page:
         tables=result_tables(result),
         more_tables=flown,
         plates=plates(result),
-        files={f"models/{stem}.json": json_text(case.model.to_dict()) for stem, case in models},
+        files={f"models/{stem}.json": json_text(case.model.written()) for stem, case in models},
         template="questions/run/page.html.j2",
         context={
             "simulated": simulated,

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from testbench.estimators.settings import estimator_name
+from testbench.estimators.identification import estimator_name
 from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.run.labels import case_names

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
-from testbench.estimators.settings import estimator_name
+from testbench.estimators.identification import estimator_name
 from testbench.evaluation.truth import Truth
 from testbench.line import Case, Flight
 from testbench.questions.run.findings import alpha_findings, sampling_findings

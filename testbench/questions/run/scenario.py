@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 from pydantic import Field, model_validator
 
 from testbench.core.scenario.base import FlownInAir, Manoeuvre, Preparation, SuiteName
-from testbench.estimators.settings import Identification
+from testbench.estimators.identification import Identification
 
 
 class Experiment(FlownInAir):

@@ -60,14 +60,14 @@ def test_a_low_order_system_with_delay_is_recovered_exactly(weighting, tau):
 
 def test_outputs_share_a_denominator_each_pair_with_its_delay():
     H = np.stack([transfer(Q, tau=0.1), transfer(ALPHA, tau=0.25)], axis=1)
-    model = fit_equivalent(measured(H), poles=2, zeros={"q": 1, "alpha": 0})
+    model = fit_equivalent(measured(H), poles=2, zeros={"q": 1, "alpha": 0}, weighting="loes")
     assert model.common
     assert relative(model.denominators, np.stack([A, A])) < 1e-7
     assert np.allclose(model.delays_s[:, 0], [0.1, 0.25], atol=1e-8)
     assert model.parameter_names[:4] == ("a1", "a2", "q/de: b1", "q/de: b0")
     assert list(model.poles()) == ["q, alpha"]
     assert len(model.modes()["q, alpha"]) == 1
-    apart = fit_equivalent(measured(H), poles=2, zeros={"q": 1, "alpha": 0}, common=False)
+    apart = fit_equivalent(measured(H), poles=2, zeros={"q": 1, "alpha": 0}, common=False, weighting="loes")
     assert list(apart.poles()) == ["q", "alpha"]
     assert relative(apart.denominators, model.denominators) < 1e-6
 
@@ -75,7 +75,7 @@ def test_outputs_share_a_denominator_each_pair_with_its_delay():
 def test_two_inputs():
     H = np.stack([transfer(Q, tau=0.1), transfer(np.array([1.0, 3.0]), tau=0.0)], axis=1)
     response = measured(H[:, None, :], inputs=("de", "thr"), outputs=("q",))
-    model = fit_equivalent(response, poles=2, zeros=1)
+    model = fit_equivalent(response, poles=2, zeros=1, weighting="loes")
     assert relative(model.frequency_response(OMEGA), response.H) < 1e-7
     assert np.allclose(model.delays_s, [[0.1, 0.0]], atol=1e-7)
 
@@ -87,10 +87,10 @@ def test_the_hold_of_a_command_is_no_delay():
     held = (1.0 - np.exp(-0.1 * s)) / (0.1 * s)
     folded = np.sum(transfer(Q, tau=0.05, omega=s / 1j) * held, axis=1)
     response = measured(folded, inputs=("de_cmd",), dt_s=0.1)
-    model = fit_equivalent(response, poles=2, zeros=1)
+    model = fit_equivalent(response, poles=2, zeros=1, weighting="loes")
     assert model.hold == ("zoh",)
     assert model.delays_s[0, 0] == pytest.approx(0.05, abs=1e-6)
-    without = fit_equivalent(response, poles=2, zeros=1, hold="foh")
+    without = fit_equivalent(response, poles=2, zeros=1, hold="foh", weighting="loes")
     assert without.delays_s[0, 0] == pytest.approx(0.1, abs=0.01)
 
 
@@ -131,7 +131,9 @@ def test_crowded_values_count_once():
     rng = np.random.default_rng(2)
     H = transfer(Q) * (1.0 + 0.02 * rng.standard_normal(OMEGA.size))
     apart, crowded = (
-        fit_equivalent(measured(H, 0.02, resolution_rad_s=np.gradient(OMEGA) * width), poles=2, zeros=1)
+        fit_equivalent(
+            measured(H, 0.02, resolution_rad_s=np.gradient(OMEGA) * width), poles=2, zeros=1, weighting="loes"
+        )
         for width in (0.5, 4.0)
     )
     ratio = np.array(list(crowded.standard_errors.values())) / np.array(list(apart.standard_errors.values()))
@@ -140,16 +142,18 @@ def test_crowded_values_count_once():
 
 def test_an_order_too_low_is_said():
     H = transfer(Q, a=np.polymul(A, [1.0, 0.6, 9.0]))
-    model = fit_equivalent(measured(H, 0.01), poles=2, zeros=1)
+    model = fit_equivalent(measured(H, 0.01), poles=2, zeros=1, weighting="loes")
     assert model.status == "warning"
     assert any("no equivalent of this order" in s or "structure lacks something" in s for s in model.advice)
-    high = fit_equivalent(measured(transfer(Q), 0.01), poles=2, zeros=1, band_rad_s=(4.0, 12.0))
+    high = fit_equivalent(measured(transfer(Q), 0.01), poles=2, zeros=1, band_rad_s=(4.0, 12.0), weighting="loes")
     assert any("lie outside the fitted band" in s for s in high.advice)
 
 
 def test_the_model_simulates_with_its_delay():
     rng = np.random.default_rng(3)
-    model = fit_equivalent(measured(transfer(Q, tau=5 * DT), inputs=("de_cmd",)), poles=2, zeros=1, hold="foh")
+    model = fit_equivalent(
+        measured(transfer(Q, tau=5 * DT), inputs=("de_cmd",)), poles=2, zeros=1, hold="foh", weighting="loes"
+    )
     num, den, _ = cont2discrete((Q, A), DT, "foh")
     u = np.concatenate([np.zeros(10), lfilter([0.3], [1.0, -0.7], rng.standard_normal(300))])
     y = lfilter(np.ravel(num), den, np.concatenate([np.zeros(5), u])[: u.size])
@@ -160,12 +164,12 @@ def test_the_model_simulates_with_its_delay():
 def test_refusals_say_law_value_and_fix():
     response = measured(transfer(Q))
     with pytest.raises(EstimationError, match="0 <= zeros <= poles for every output must hold"):
-        fit_equivalent(response, poles=2, zeros=3)
+        fit_equivalent(response, poles=2, zeros=3, weighting="loes")
     with pytest.raises(EstimationError, match="outputs of the response, got 'p'"):
-        fit_equivalent(response, poles=2, zeros={"p": 1})
+        fit_equivalent(response, poles=2, zeros={"p": 1}, weighting="loes")
     with pytest.raises(EstimationError, match="weighting must be 'loes' or 'likelihood', got 'other'"):
         fit_equivalent(response, poles=2, zeros=1, weighting="other")
     with pytest.raises(EstimationError, match="complex values, got 4; widen the band"):
-        fit_equivalent(response, poles=5, zeros=4, band_rad_s=(OMEGA[0], OMEGA[3]))
+        fit_equivalent(response, poles=5, zeros=4, band_rad_s=(OMEGA[0], OMEGA[3]), weighting="loes")
     with pytest.raises(EstimationError, match="exactly zero has no phase"):
-        fit_equivalent(measured(0.0 * OMEGA), poles=2, zeros=1)
+        fit_equivalent(measured(0.0 * OMEGA), poles=2, zeros=1, weighting="loes")

@@ -6,9 +6,9 @@ from dsr_e_systems import flight_test_inputs, poles_of, record, sampled, short_p
 
 from testbench.core.errors import EstimationError
 from testbench.estimators.subspace import dsr_e
-from testbench.estimators.subspace.family import FAMILY, estimate
+from testbench.estimators.subspace.family import PREDICTORS, PROJECTIONS, estimate
 
-METHODS = [*FAMILY, "dsr_e", "dsr_e eolo"]
+METHODS = [*PROJECTIONS, *PREDICTORS, "dsr_e", "dsr_e eolo"]
 
 
 def identify(method, records, outputs=("alpha", "q"), **settings):
@@ -76,7 +76,7 @@ def test_a_sine_cannot_show_two_poles():
     start = np.linalg.solve(np.exp(2j * 0.05) * np.eye(2) - A, 0.1 * B.astype(complex)).imag[:, 0]
     y = simulate(A, B, np.eye(2), np.zeros((2, 1)), u, x0=start)
     y = y + 0.02 * y.std(axis=0) * np.random.default_rng(0).standard_normal(y.shape)
-    for method in FAMILY:
+    for method in (*PROJECTIONS, *PREDICTORS):
         with pytest.raises(EstimationError, match="more directions than the order = 2, got 2"):
             identify(
                 method,

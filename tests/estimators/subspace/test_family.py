@@ -10,9 +10,9 @@ from dsr_e_systems import innovations_record, innovations_system, longitudinal, 
 from testbench.core.errors import ChannelError, EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators.subspace import dsr_e
-from testbench.estimators.subspace.family import FAMILY, estimate
+from testbench.estimators.subspace.family import PREDICTORS, PROJECTIONS, estimate
 
-METHODS = [*FAMILY, "dsr_e", "dsr_e eolo"]
+METHODS = [*PROJECTIONS, *PREDICTORS, "dsr_e", "dsr_e eolo"]
 METHOD = pytest.mark.parametrize("method", METHODS)
 DT = 0.05
 
@@ -169,7 +169,7 @@ def test_what_cannot_be_identified_is_refused(method):
         identify(method, [r], inputs, outputs, order=8)
 
 
-@pytest.mark.parametrize("method", list(FAMILY))
+@pytest.mark.parametrize("method", [*PROJECTIONS, *PREDICTORS])
 def test_wrong_settings_of_the_family_are_refused(method):
     system = _system("siso")
     r = fly(system, 400, 6, noise=0.02)
@@ -204,7 +204,7 @@ def test_gain_of_the_innovations_is_consistent(method):
     assert np.max(np.abs(np.linalg.eigvals(model.A - model.K @ model.C))) < 1.0
 
 
-@pytest.mark.parametrize("method", list(FAMILY))
+@pytest.mark.parametrize("method", [*PROJECTIONS, *PREDICTORS])
 def test_bootstrap_deviation_is_that_of_many_records(method):
     # 12 records: a sample deviation of 12 lies within a factor 0.55 to 1.6 of the true one with probability 0.98,
     # and that of 20 replicas within 0.68 to 1.4; the seeds are fixed.

@@ -16,10 +16,11 @@ from jinja2 import UndefinedError
 from rich.console import Console
 
 from testbench.core.errors import RecordError
+from testbench.core.files import write_file
 from testbench.core.record import load_record
 from testbench.page.html import first_screen, render
 from testbench.page.page import source_of
-from testbench.page.write import record_keeper, write_file
+from testbench.page.write import record_keeper
 from testbench.questions.run.page import run_page, write_results
 
 VOID = {"meta", "img", "source", "br", "link"}

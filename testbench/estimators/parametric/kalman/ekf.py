@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.call import with_settings
 from testbench.estimators.parametric.kalman.augmented import Correction, Gaussian, Plant, Prediction
-from testbench.estimators.parametric.kalman.passes import PASSES, estimate_by
+from testbench.estimators.parametric.kalman.passes import estimate_by
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.structure import STEP, ModelStructure
+from testbench.estimators.settings import ExtendedFilter
 
 
 class ExtendedKalmanFilter:
@@ -50,19 +52,20 @@ def _directions(mean: FloatArray) -> NDArray[np.complex128]:
     return np.asarray(mean + 1j * STEP * np.eye(mean.size + 1, mean.size))
 
 
+@with_settings(ExtendedFilter)
 def estimate(
     records: Sequence[FlightRecord],
     structure: ModelStructure,
     *,
-    measurement_noise: Mapping[str, float] | None = None,
-    process_noise: Mapping[str, float] | None = None,
-    parameter_drift: Mapping[str, float] | None = None,
-    initial_std: Mapping[str, float] | None = None,
-    delays_s: Mapping[str, float] | None = None,
-    held: Sequence[str] | None = None,
-    substeps: int = 1,
-    smooth: bool = False,
-    passes: int = PASSES,
+    measurement_noise: Mapping[str, float] | None,
+    process_noise: Mapping[str, float] | None,
+    parameter_drift: Mapping[str, float] | None,
+    initial_std: Mapping[str, float] | None,
+    delays_s: Mapping[str, float] | None,
+    held: Sequence[str] | None,
+    substeps: int,
+    smooth: bool,
+    passes: int,
 ) -> ParametricModel:
     """Estimate states and free parameters along the records by an extended Kalman filter.
 

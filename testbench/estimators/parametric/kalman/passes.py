@@ -20,8 +20,6 @@ from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import delayed, respond
 from testbench.estimators.parametric.structure import Affine, LinearStructure, ModelStructure
 
-PASSES = 3
-"""How often a filter runs over its records."""
 _ENOUGH = 20  # innovations that tell a variance
 _LEAST = 1e-4  # of the variance before, that records free of noise are taken to have
 _WIDER = 10.0  # of the errors, to start another pass from

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.call import with_settings
 from testbench.estimators.parametric.kalman.augmented import Correction, Gaussian, Plant, Prediction
-from testbench.estimators.parametric.kalman.passes import PASSES, estimate_by
+from testbench.estimators.parametric.kalman.passes import estimate_by
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.parametric.structure import ModelStructure
+from testbench.estimators.settings import UnscentedFilter
 
 _ROUNDING = 1e-9  # eigenvalue of a correlation matrix below zero that is its rounding
 
@@ -95,22 +97,23 @@ class UnscentedKalmanFilter:
         return Correction(Gaussian(state.mean + K @ v, 0.5 * (P + P.T)), v, S)
 
 
+@with_settings(UnscentedFilter)
 def estimate(
     records: Sequence[FlightRecord],
     structure: ModelStructure,
     *,
-    measurement_noise: Mapping[str, float] | None = None,
-    process_noise: Mapping[str, float] | None = None,
-    parameter_drift: Mapping[str, float] | None = None,
-    initial_std: Mapping[str, float] | None = None,
-    delays_s: Mapping[str, float] | None = None,
-    held: Sequence[str] | None = None,
-    substeps: int = 1,
-    smooth: bool = False,
-    passes: int = PASSES,
-    alpha: float = 0.1,
-    beta: float = 2.0,
-    kappa: float = 0.0,
+    measurement_noise: Mapping[str, float] | None,
+    process_noise: Mapping[str, float] | None,
+    parameter_drift: Mapping[str, float] | None,
+    initial_std: Mapping[str, float] | None,
+    delays_s: Mapping[str, float] | None,
+    held: Sequence[str] | None,
+    substeps: int,
+    smooth: bool,
+    passes: int,
+    alpha: float,
+    beta: float,
+    kappa: float,
 ) -> ParametricModel:
     """Estimate states and free parameters along the records by an unscented Kalman filter.
 

@@ -7,11 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from testbench.core import bring
+from testbench.core.bring import is_brought, short
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
+from testbench.estimators.brought import guarded, place
 from testbench.estimators.parametric.structure import ModelStructure
-from testbench.estimators.parametric.structures import STRUCTURES, Airframe
+from testbench.estimators.parametric.structures import STRUCTURES, Airframe, Trim
 from testbench.estimators.structured import Structured
 
 _POSSIBLE = {
@@ -24,8 +27,14 @@ _POSSIBLE = {
 }
 
 
-def build(spec: Structured, inputs: Sequence[str], outputs: Sequence[str], records: Sequence[FlightRecord]) -> Any:
+def build(
+    spec: Structured, inputs: Sequence[str], outputs: Sequence[str], records: Sequence[FlightRecord]
+) -> ModelStructure:
     """Return the ModelStructure of a scenario's entry.
+
+    A structure of the user's own is what the function ``make(inputs, outputs, trim)`` of the file returns: a
+    ModelStructure whose inputs and outputs are among those given. ``trim`` is a :class:`~.Trim`, or None where no
+    airspeed is known.
 
     Args:
         spec: the entry.
@@ -37,6 +46,9 @@ def build(spec: Structured, inputs: Sequence[str], outputs: Sequence[str], recor
         EstimationError: the structure has none of the outputs, a trim speed is not known, or a parameter, input or
             output is none of the structure's.
     """
+    if is_brought(spec.structure):
+        structure = _brought(spec, tuple(inputs), tuple(spec.outputs or outputs), records)
+        return _with_parameters(spec, structure, inputs)
     possible = _POSSIBLE[spec.structure]
     if spec.short:
         possible = tuple(name for name in possible if name not in ("V", "theta", "ax"))
@@ -46,15 +58,39 @@ def build(spec: Structured, inputs: Sequence[str], outputs: Sequence[str], recor
             f"structure '{spec.structure}' has outputs {', '.join(possible)}, but the identification senses "
             f"{', '.join(outputs)}; choose another structure, or sense one of them"
         )
-    structure: ModelStructure = _made(spec, tuple(inputs), chosen, records)
+    return _with_parameters(spec, _made(spec, tuple(inputs), chosen, records), inputs)
+
+
+def _with_parameters(spec: Structured, structure: ModelStructure, inputs: Sequence[str]) -> ModelStructure:
     if set(structure.inputs) - set(inputs):
         raise EstimationError(
-            f"structure '{spec.structure}' is driven by {', '.join(structure.inputs)}, but the inputs of the "
+            f"structure '{short(spec.structure)}' is driven by {', '.join(structure.inputs)}, but the inputs of the "
             f"identification are {', '.join(inputs)}; name them there"
         )
     return structure.with_parameters(
         spec.start, fixed=spec.fixed, free=spec.free, bounds=dict(spec.bounds), prior_std=dict(spec.prior_std)
     )
+
+
+def _brought(
+    spec: Structured, inputs: tuple[str, ...], outputs: tuple[str, ...], records: Sequence[FlightRecord]
+) -> ModelStructure:
+    """Return what the user's ``make(inputs, outputs, trim)`` makes; trim is None where no airspeed is known."""
+    path, attribute = place(spec.structure)
+    label = short(spec.structure)
+    make = bring.load(path, attribute)
+    try:
+        trim = Trim(*_trim(spec, records))
+    except EstimationError:
+        trim = None
+    made = guarded(path, label, "a ModelStructure", make, inputs, outputs, trim)
+    if not isinstance(made, ModelStructure):
+        raise EstimationError(f"{label} must return a ModelStructure, got {type(made).__name__}")
+    missing = [name for name in made.outputs if name not in outputs]
+    if missing or not made.outputs:
+        got = ", ".join(made.outputs) or "none"
+        raise EstimationError(f"a structure of {label} must have outputs among {', '.join(outputs)}, got {got}")
+    return made
 
 
 def _made(spec: Structured, inputs: tuple[str, ...], outputs: tuple[str, ...], records: Sequence[FlightRecord]) -> Any:

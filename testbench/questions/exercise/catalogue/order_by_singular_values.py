@@ -109,7 +109,7 @@ def solve(folder: Path) -> dict[str, float | str]:
 
     record = load_record(folder / "records" / "binary_noise.nc")
     horizons = {"past_horizon": _HORIZON, "future_horizon": _HORIZON}
-    model = family.estimate([record], ["de_cmd"], _OUTPUTS, method="moesp", decimate=1, **horizons)  # type: ignore[arg-type]
+    model = family.estimate([record], ["de_cmd"], _OUTPUTS, method="moesp", decimate=1, **horizons)
     s = np.concatenate(list(model.poles().values()))
     s = s[s.imag > 0.0]
     zeta = -s.real / np.abs(s)

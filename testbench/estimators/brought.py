@@ -1,0 +1,94 @@
+"""What estimators and structures that are brought share: their file is found, looked at, and called with care."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationInfo
+
+from testbench.core import bring
+from testbench.core.errors import EstimationError, ScenarioError, TestbenchError
+
+FOLDER = "estimators"
+"""Folder of a project in which estimators and structures are looked for."""
+
+
+class BroughtCodeError(EstimationError):
+    """An error that was raised in a user's file and is none of the testbench's: kind, text, file and line."""
+
+
+def located(name: str, info: ValidationInfo) -> str:
+    """Return ``FILE.py:NAME`` with the absolute path of its file, found from the scenario that is being read.
+
+    Raises:
+        ValueError: there is no such file; pydantic adds the key.
+    """
+    beside = (info.context or {}).get("file")
+    try:
+        path, attribute = bring.find(name, beside, FOLDER)
+    except ScenarioError as error:
+        raise ValueError("; ".join(error.faults)) from error
+    return f"{path}:{attribute}"
+
+
+def structure(name: str, info: ValidationInfo) -> str:
+    """Return the name of a brought structure with the absolute path of its file, whose text has been looked at.
+
+    Raises:
+        ValueError: there is no such file, or no function (inputs, outputs, trim) in it; pydantic adds the key.
+    """
+    found = located(name, info)
+    path, attribute = place(found)
+    try:
+        file = bring.declared(path)
+        file.need(attribute)
+    except ScenarioError as error:
+        raise ValueError("; ".join(error.faults)) from error
+    function = file.functions.get(attribute)
+    wrong = function and wrong_arguments(function, ("inputs", "outputs", "trim"), (), path)
+    if wrong:
+        raise ValueError(wrong)
+    return found
+
+
+def place(name: str) -> tuple[Path, str]:
+    """Return path and attribute of a name whose file has been found."""
+    path, _, attribute = name.rpartition(":")
+    return Path(path), attribute
+
+
+def wrong_arguments(function: ast.FunctionDef, first: Sequence[str], more: Sequence[str], path: Path) -> str | None:
+    """Return what is wrong with the arguments that a function takes, as its text shows them; None if nothing is.
+
+    Args:
+        function: its definition.
+        first: what it gets by position.
+        more: what it may take by name.
+        path: of its file.
+    """
+    a = function.args
+    placed = [arg.arg for arg in (*a.posonlyargs, *a.args)]
+    needed = placed[: len(placed) - len(a.defaults)][len(first) :]
+    needed += [arg.arg for arg, default in zip(a.kwonlyargs, a.kw_defaults, strict=True) if default is None]
+    if (len(placed) >= len(first) or a.vararg is not None) and set(needed) <= set(more):
+        return None
+    wanted = ", ".join([*first, *more])
+    return f"{function.name} of {path.name} must take ({wanted}), got ({', '.join(placed)})"
+
+
+def guarded(path: Path, label: str, what: str, function: Any, *arguments: Any, **named: Any) -> Any:
+    """Call a user's function; turn an error that is none of the testbench's into one sentence.
+
+    Raises:
+        BroughtCodeError: with kind, text and line of the error.
+        TestbenchError: as it was raised.
+    """
+    try:
+        return function(*arguments, **named)
+    except TestbenchError:
+        raise
+    except Exception as error:
+        raise BroughtCodeError(f"{label} must return {what}, got {bring.said(error, path)}") from error
