@@ -26,7 +26,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.linalg import block_diag, expm
@@ -111,11 +111,6 @@ class ElasticModel:
 
     def __len__(self) -> int:
         return len(self.modes)
-
-    def uncoupled(self) -> ElasticModel:
-        """Return the same modes without any aerodynamic coupling: they ring at their in-vacuo frequency and damping."""
-        bare = (ElasticMode(m.name, m.f_hz, m.zeta, m.mass_kg_m2, m.symmetry, shape=m.shape) for m in self.modes)
-        return replace(self, modes=tuple(bare))
 
     def matrices(self, qbar_Pa: float, V_m_s: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return (K, D, G) of eta'' = -K eta - D eta' + G C_rigid at one condition.

@@ -203,21 +203,6 @@ def air_of(spec: AirSpec, h_m: float, seed: int) -> Air | None:
     return Air(spec.wind_north_m_s, spec.wind_east_m_s, spec.wind_down_m_s, rms, spec.height_m, gust, seed)
 
 
-def dryden_psd(f_hz: FloatArray, V_m_s: float, rms_m_s: float, length_m: float, component: str) -> FloatArray:
-    """Return the one-sided spectral density, (m/s)^2/Hz, of gust component "u", "v" or "w" met at airspeed V.
-
-    MIL-F-8785C, 3.7.1.2, with Omega = 2 pi f / V and S(f) = 2 pi / V Phi(Omega), integral over f >= 0 = rms^2:
-
-        Phi_u = rms^2 2 L / pi / (1 + (L Omega)^2),
-        Phi_v = Phi_w = rms^2 L / pi (1 + 3 (L Omega)^2) / (1 + (L Omega)^2)^2.
-    """
-    x2 = (length_m * 2.0 * np.pi * np.asarray(f_hz, float) / V_m_s) ** 2
-    low = 2.0 * rms_m_s**2 * length_m / V_m_s
-    if component == "u":
-        return np.asarray(2.0 * low / (1.0 + x2))
-    return np.asarray(low * (1.0 + 3.0 * x2) / (1.0 + x2) ** 2)
-
-
 def turbulence(
     n: int,
     rate_hz: float,

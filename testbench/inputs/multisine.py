@@ -113,11 +113,6 @@ def _zero_crossing(k: np.ndarray, amplitude: FloatArray, phase: FloatArray, x: F
     return float(brentq(value, gentle * step, (gentle + 1) * step, xtol=1e-14))
 
 
-def relative_peak_factor(u: FloatArray) -> float:
-    """Return (max - min) / (2 sqrt(2) rms) of a signal (n,): 1 for a sine."""
-    return float(np.ptp(u) / (2.0 * np.sqrt(2.0) * np.sqrt(np.mean(u**2))))
-
-
 def multisine(spec: Multisine, duration_s: float, rate_hz: float) -> FloatArray:
     """Return ``periods`` periods of the multisine, peak amplitude as given; (n,), unit of the amplitude in SI.
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from testbench.core.channels import CHANNELS, UNITS, channel, unit_factor
-from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, LBF_N, PSF_PA
+from testbench.core.constants import DEG_RAD, LBF_N
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
 from testbench.logs.layout import SUFFIXES, TIME_UNITS
@@ -25,7 +25,6 @@ from testbench.logs.tables import Table, read_table
 COLUMNS = 90
 _CG = "columns 11 to 13 are reduced to the centre of gravity, as SIDPAC has it"
 _RIGHT_DOWN = "SIDPAC counts aileron positive right trailing edge down, which rolls left (from memory)"
-_UNIT = {"ft/s": FT_M, "ft": FT_M, "deg": DEG_RAD, "deg/s": DEG_RAD, "deg/s2": DEG_RAD, "g": G0_M_S2, "psf": PSF_PA}
 
 
 def _sum(*thrusts: FloatArray) -> FloatArray:
@@ -39,8 +38,9 @@ _PLAIN = (
     ("qdot", 43, "deg/s2"), ("rdot", 44, "deg/s2"), ("u", 74, "ft/s"), ("v", 75, "ft/s"), ("w", 76, "ft/s"),
 )  # fmt: skip
 RULES = (
-    *(Rule(n, "fdata", (str(i),), scaled(_UNIT[unit]), f"column {i}, {unit}", _CG if n in ("ax", "ay", "az") else "")
-      for n, i, unit in _PLAIN),
+    *(Rule(name, "fdata", (str(i),), scaled(unit_factor(name, unit)), f"column {i}, {unit}",
+           _CG if name in ("ax", "ay", "az") else "")
+      for name, i, unit in _PLAIN),
     Rule("da", "fdata", ("15",), scaled(-DEG_RAD), "minus column 15, deg", _RIGHT_DOWN),
     Rule("thrust", "fdata", tuple(map(str, range(38, 42))), _sum, "sum of columns 38 to 41, lbf"),
 )  # fmt: skip

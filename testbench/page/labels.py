@@ -10,7 +10,6 @@ from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD, PERCENT
 
 _POWERS = str.maketrans("23", "²³")
-USES = {"identification": "identification", "validation": "validation", "split": "identification and validation"}
 
 
 def shown_unit(name: str) -> tuple[float, str]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import re
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -307,6 +308,40 @@ def line_handles(names: Sequence[str], extra: Sequence[tuple[str, str] | tuple[s
         for text, colour, *dash in extra
     ]
     return first + [Line2D([], [], **line_look(k), label=name) for k, name in enumerate(names)]
+
+
+def name_lines(
+    axes: Axes,
+    lines: Sequence[tuple[float, str, str, str]],
+    width: int,
+    size: float,
+    per_line: float,
+    gap: float = 0.3,
+    linewidth: float = 0.9,
+) -> None:
+    """Draw vertical lines into a panel over a logarithmic axis and name each above it, no name over another.
+
+    Args:
+        axes: the panel, its limits set.
+        lines: (x, text, dash, colour), in the order of x.
+        width: letters in a line of text.
+        size: of the letters, points.
+        per_line: width that a line of text takes, as a share of the panel's.
+        gap: between two texts, in lines.
+        linewidth: of the vertical lines, points.
+    """
+    low, high = axes.get_xlim()
+    texts = [textwrap.wrap(text, width) for _, text, _, _ in lines]
+    places = [float(np.log(x / low) / np.log(high / low)) for x, _, _, _ in lines]
+    shifted = spread(places, [per_line * (len(t) + gap) for t in texts])
+    for x, place, text, (_, _, dash, colour) in zip(places, shifted, texts, lines, strict=True):
+        axes.plot([x, x], [0.0, 1.0], transform=axes.transAxes, color=colour, linestyle=dash, linewidth=linewidth)
+        kink: dict[str, Any] = {"transform": axes.transAxes, "color": colour, "linewidth": 0.6, "clip_on": False}
+        axes.plot([x, place], [1.0, 1.035], **kink)
+        axes.text(
+            place, 1.05, "\n".join(text), transform=axes.transAxes, rotation=90, ha="center", va="bottom",
+            fontsize=size, color=colour, linespacing=1.15, multialignment="left",
+        )  # fmt: skip
 
 
 def spread(positions: Sequence[float], sizes: Sequence[float], low: float = 0.0, high: float = 1.0) -> list[float]:

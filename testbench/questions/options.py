@@ -12,6 +12,9 @@ ScenarioArgument = Annotated[
     Path, typer.Argument(help="Scenario file, or the name of a packaged one.", show_default=False)
 ]
 OutOption = Annotated[Path, typer.Option("--out", "-o", help="Folder that gets one folder of results per scenario.")]
+DataOption = Annotated[
+    Path | None, typer.Option(help="Folder with the data files; replaces the one in the description.")
+]
 SeedOption = Annotated[int | None, typer.Option("--seed", min=0, help="Replaces the seed of the scenario.")]
 
 UsageError: Any = typer.BadParameter.__base__  # click's, of whichever click typer brings

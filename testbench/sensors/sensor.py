@@ -243,16 +243,6 @@ class Sensor:
         return out
 
 
-def lever_arm(truth: FlightRecord, position_m: Sequence[float]) -> FloatArray:
-    """Return omegadot x r + omega x (omega x r), (n, 3) in m/s2: what a position adds to the specific force at the CG.
-
-    Args:
-        truth: record with p, q, r and their derivatives.
-        position_m: r, from the centre of gravity, body axes, m.
-    """
-    return lever(truth.columns(ROTATION), position_m)
-
-
 def lever(rotation: FloatArray, position_m: Sequence[float]) -> FloatArray:
     """Return omegadot x r + omega x (omega x r), (n, 3), of ``rotation`` p, q, r, pdot, qdot, rdot (n, 6)."""
     omega, omegadot, r = rotation[:, :3], rotation[:, 3:], np.asarray(position_m, float)

@@ -10,7 +10,7 @@ from testbench.core.constants import DEG_RAD, FT_M
 from testbench.core.errors import LimitError, ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.flight import FlightCondition, Manoeuvre, fly, trim
-from testbench.flight.air import Air, Gust, dryden_psd, scale_lengths, turbulence, turbulence_rms
+from testbench.flight.air import Air, Gust, scale_lengths, turbulence, turbulence_rms
 from testbench.inputs.signal import InputSignal
 from testbench.questions.run.ask import run
 from testbench.questions.run.scenario import Scenario
@@ -45,6 +45,21 @@ def test_the_rms_is_the_one_asked_for(series):
     # u, v and w are independent: a correlation coefficient scatters by about sqrt(L / V / T)
     correlation = np.corrcoef(series.T)[np.triu_indices(3, 1)]
     assert np.max(np.abs(correlation)) < 4.5 * np.sqrt(10.0 / T)
+
+
+def dryden_psd(f_hz, V_m_s, rms_m_s, length_m, component):
+    """Return the one-sided spectral density, (m/s)^2/Hz, of gust component "u", "v" or "w" met at airspeed V.
+
+    MIL-F-8785C, 3.7.1.2, with Omega = 2 pi f / V and S(f) = 2 pi / V Phi(Omega), integral over f >= 0 = rms^2:
+
+        Phi_u = rms^2 2 L / pi / (1 + (L Omega)^2),
+        Phi_v = Phi_w = rms^2 L / pi (1 + 3 (L Omega)^2) / (1 + (L Omega)^2)^2.
+    """
+    x2 = (length_m * 2.0 * np.pi * np.asarray(f_hz, float) / V_m_s) ** 2
+    low = 2.0 * rms_m_s**2 * length_m / V_m_s
+    if component == "u":
+        return np.asarray(2.0 * low / (1.0 + x2))
+    return np.asarray(low * (1.0 + 3.0 * x2) / (1.0 + x2) ** 2)
 
 
 def test_the_spectra_are_dryden_s_up_to_the_nyquist_frequency(series):

@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from structure_alone import uncoupled
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ChannelError
@@ -53,7 +54,7 @@ def test_uncoupled_structure_and_rigid_body_appear_among_the_poles(eolo, eolo_tr
 
     from testbench.flight import trim
 
-    bare = replace(eolo, elastic=eolo.elastic.uncoupled())
+    bare = replace(eolo, elastic=uncoupled(eolo.elastic))
     poles = linearise(bare, trim(bare, eolo_trim.condition)).poles()
     for mode in eolo.elastic.modes:
         expected = mode.omega_rad_s * complex(-mode.zeta, np.sqrt(1 - mode.zeta**2))

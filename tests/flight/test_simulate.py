@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from structure_alone import uncoupled
 
 from testbench.aircraft import Amendment, Insert, ScaleCoefficient, load_aircraft
 from testbench.core.constants import DEG_RAD
@@ -73,7 +74,7 @@ def test_the_servo_keeps_its_rate_limit():
 def test_uncoupled_modes_ring_at_the_frequency_and_damping_of_the_ground_test():
     """Every mode alone, kicked through JSBSim's own functions; frequency and damping to 0.01 %."""
     eolo = load_aircraft("eolo")
-    bare = replace(eolo, elastic=eolo.elastic.uncoupled())
+    bare = replace(eolo, elastic=uncoupled(eolo.elastic))
     trimmed = trim(bare, FlightCondition(16.0, 547.0))
     fdm = Executive(bare, 500.0, trimmed.condition)
     place_at_trim(fdm, trimmed)
@@ -95,7 +96,7 @@ def test_uncoupled_modes_ring_at_the_frequency_and_damping_of_the_ground_test():
 
 def test_modes_without_coupling_leave_the_rigid_motion_as_it_is():
     eolo = load_aircraft("eolo")
-    bare = replace(eolo, elastic=eolo.elastic.uncoupled())
+    bare = replace(eolo, elastic=uncoupled(eolo.elastic))
     rigid = eolo.with_rigid_wings()
     condition = FlightCondition(16.0, 547.0)
     flights = [

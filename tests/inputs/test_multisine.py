@@ -6,7 +6,7 @@ import pytest
 from testbench.core.errors import ScenarioError
 from testbench.core.scenario.inputs import Multisine
 from testbench.inputs import build
-from testbench.inputs.multisine import harmonics, multisine, phases, relative_peak_factor
+from testbench.inputs.multisine import harmonics, multisine, phases
 
 
 def spec(**other):
@@ -29,6 +29,11 @@ def test_powers_shape_the_lines():
     u = multisine(spec(f_max_hz=0.4, powers=wanted), 10.0, 100.0)
     lines = np.abs(np.fft.rfft(u))[1:5]
     np.testing.assert_allclose(lines / lines[1], np.sqrt(wanted), atol=1e-12)
+
+
+def relative_peak_factor(u):
+    """Return (max - min) / (2 sqrt(2) rms) of a signal (n,): 1 for a sine."""
+    return float(np.ptp(u) / (2.0 * np.sqrt(2.0) * np.sqrt(np.mean(u**2))))
 
 
 @pytest.mark.parametrize(("f_max", "period"), [(3.0, 4.0), (2.0, 10.0), (2.0, 30.0)])

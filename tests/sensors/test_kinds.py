@@ -12,7 +12,7 @@ from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import ChannelError, RecordError, ScenarioError
 from testbench.core.record import FlightRecord
 from testbench.sensors import KINDS, Sensor, SensorSuite
-from testbench.sensors.sensor import lever_arm
+from testbench.sensors.sensor import ROTATION, lever
 
 RATE_HZ = 100.0
 RAMP = np.arange(2000) / RATE_HZ
@@ -55,7 +55,7 @@ def test_triads_lean_towards_the_other_axes(channel: str, own: int, others: tupl
 
 def test_a_leaning_accelerometer_feels_the_other_axes_where_it_sits() -> None:
     x, place = moving(), (0.4, -0.1, 0.2)
-    arm = lever_arm(truth(x), place)
+    arm = lever(np.column_stack([x[n] for n in ROTATION]), place)
     expected = x["az"] + arm[:, 2] + 0.05 * (x["ax"] + arm[:, 0])
     sensor = KINDS["accelerometer"](channel="az", position_m=place, cross_axis=(0.05, 0.0, 0.0))
     np.testing.assert_allclose(measured(sensor, x), expected, atol=1e-13)

@@ -12,7 +12,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ChannelError, RecordError, ScenarioError
 from testbench.core.record import FlightRecord
 from testbench.sensors import Sensor, SensorSuite
-from testbench.sensors.sensor import first_order_lag, lever_arm, whole_ratio
+from testbench.sensors.sensor import first_order_lag, lever, whole_ratio
 
 RATE_HZ = 100.0
 
@@ -146,9 +146,8 @@ def test_lever_arm_is_the_acceleration_of_a_point_of_a_rigid_body() -> None:
     acceleration = turned(t).T @ ((turned(t + h) - 2.0 * turned(t) + turned(t - h)) @ r) / h**2
     unit = axis / np.linalg.norm(axis)
     omega, omegadot = unit * (0.7 + 0.8 * t), unit * 0.8
-    names = ("p", "q", "r", "pdot", "qdot", "rdot")
-    flight = truth({n: np.full(2, x) for n, x in zip(names, [*omega, *omegadot], strict=True)})
-    np.testing.assert_allclose(lever_arm(flight, r)[0], acceleration, atol=1e-6)  # differences: h^2 and 1e-16 / h^2
+    rotation = np.array([[*omega, *omegadot]])
+    np.testing.assert_allclose(lever(rotation, r)[0], acceleration, atol=1e-6)  # differences: h^2 and 1e-16 / h^2
 
 
 def test_position_needs_the_rotation_in_the_truth() -> None:

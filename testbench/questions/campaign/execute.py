@@ -16,6 +16,7 @@ from typing import Any
 
 from testbench.core.errors import CampaignError
 from testbench.core.files import write_file
+from testbench.core.processes import cores
 from testbench.questions.campaign.draws import run_inputs, run_seed
 from testbench.questions.campaign.flying import Job, Outcome, fly_batch
 from testbench.questions.campaign.load import Campaign, versions
@@ -26,7 +27,6 @@ from testbench.questions.campaign.workers import (
     Lost,
     Task,
     Workers,
-    default_workers,
     local_workers,
     remote_workers,
     require_dask,
@@ -114,7 +114,7 @@ def fly_campaign(
         if watch is not None and (stopped := watch.advance(store, campaign.spec.total)) is not None:
             store.stop_at(stopped)
             return Ending(store.counts(), stopped, 0.0)
-        found = found or stack.enter_context(local_workers(workers or default_workers()))
+        found = found or stack.enter_context(local_workers(workers or cores()))
         packages = tuple(versions().items())
         job = Job(campaign.spec.model_dump_json(), json.dumps(campaign.content), packages, campaign.spec.records)
         return _Session(campaign, store, folder, found, watch, task, job, store.counts()).fly(progress)

@@ -236,11 +236,6 @@ def _start_method(environment: dict[str, str]) -> str:
     return "forkserver"
 
 
-def default_workers() -> int:
-    """Return the number of processors that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 def _close(client: Any) -> None:
     try:
         client.close(timeout=5.0)

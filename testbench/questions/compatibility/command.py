@@ -9,15 +9,13 @@ import typer
 
 from testbench.core.constants import G0_M_S2
 from testbench.page.terminal import console, stages
-from testbench.questions.options import OutOption
+from testbench.questions.options import DataOption, OutOption
 
 
 def command(
     description: Annotated[Path, typer.Argument(help="Description of recorded flights (TOML).", show_default=False)],
     out: OutOption = Path("results"),
-    data: Annotated[
-        Path | None, typer.Option(help="Folder with the data files; replaces the one in the description.")
-    ] = None,
+    data: DataOption = None,
     gravity: Annotated[float, typer.Option(help="Gravity where it was flown, m/s2.")] = G0_M_S2,
 ) -> None:
     """Ask whether the instruments of recorded flights agree with each other, and which of them err by how much.

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.core.constants import DEG_RAD
+from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.page.labels import axis_label, number, shown_unit
 from testbench.page.plot import (
     COLOURS,
@@ -22,8 +22,8 @@ from testbench.page.plot import (
     line_handles,
     line_look,
     log_axis,
+    name_lines,
     new_figure,
-    spread,
     time_axis,
 )
 from testbench.questions.design.answer import family_label, is_ratio
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 _RIGID, _ELASTIC = "#00664a", "#8a4f74"
 _LIMIT, _DASHED = "#b34700", (0, (4, 2))
 _COMPARED = 5
-_G = 9.80665
 _DECADES = 6
 _LIMITED = 4  # limited channels that are drawn: those that use up most of their limit
 _BINS, _PER_BIN = 240, 10  # of a spectrum: means over narrow bands, which long inputs would fill with lines else
@@ -104,7 +103,7 @@ def _used(result: DesignResult, name: str) -> float:
 
 def _draw_channel(axes: Axes, result: DesignResult, name: str, best: Ranked) -> None:
     record = best.flown.record
-    factor = -1.0 / _G if name == "az" else shown_unit(name)[0]
+    factor = -1.0 / G0_M_S2 if name == "az" else shown_unit(name)[0]
     y = factor * record[name]
     axes.plot(*envelope(record.t_s, y), color=COLOURS[0], linewidth=1.3)
     shown = [float(y.min()), float(y.max())]
@@ -176,21 +175,14 @@ def _draw_modes(axes: Axes, result: DesignResult, wide: bool) -> None:
     low, high = axes.get_xlim()
     inside = [(abs(p), n, p) for n, p in result.modes.items() if low < abs(p) < high]
     width, size, per_line = (26, 7.4, 0.019) if wide else (24, 6.4, 0.043)
-    texts = [textwrap.wrap(f"{n} {number(wn)} rad/s", width) for wn, n, _ in inside]
-    places = [float(np.log(wn / low) / np.log(high / low)) for wn, _, _ in inside]
-    shifted = spread(places, [per_line * (len(t) + 0.4) for t in texts])
-    for (wn, name, pole), place, at, text in zip(inside, places, shifted, texts, strict=True):
+    lines = []
+    for wn, name, pole in inside:
         colour = _ELASTIC if name in flexible else _RIGID
         zeta = min(abs(pole.real) / wn, 0.95)
         top = wn * (1.0 + zeta) if abs(pole.imag) > 1e-9 else wn
         axes.axvspan(wn * (1.0 - zeta), top, color=colour, alpha=0.09, linewidth=0)
-        axes.plot([place, place], [0.0, 1.0], transform=axes.transAxes, color=colour, linewidth=0.8)
-        kink: dict[str, Any] = {"transform": axes.transAxes, "color": colour, "linewidth": 0.6, "clip_on": False}
-        axes.plot([place, at], [1.0, 1.035], **kink)
-        axes.text(
-            at, 1.05, "\n".join(text), transform=axes.transAxes, rotation=90, ha="center", va="bottom",
-            fontsize=size, color=colour, linespacing=1.15, multialignment="left",
-        )  # fmt: skip
+        lines.append((wn, f"{name} {number(wn)} rad/s", "-", colour))
+    name_lines(axes, lines, width, size, per_line, gap=0.4, linewidth=0.8)
 
 
 # --- predicted errors -------------------------------------------------------------------------------------------------

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
@@ -70,16 +69,6 @@ class Switching:
             if not changed:
                 break
         return s, best
-
-    def exhaustive(self) -> tuple[FloatArray, float]:
-        """Return the best of all signs +1 and -1 (b,), and its cost; for 16 blocks or less it takes seconds."""
-        best, found = np.inf, np.zeros(len(self.K))
-        for rest in product((1.0, -1.0), repeat=len(self.K) - 1):  # the first sign is free: both are one signal
-            s = np.array([1.0, *rest])
-            value = self.value(np.einsum("i,j,ijkl->kl", s, s, self.K), np.tensordot(s, self.y, axes=1))
-            if value < best:
-                best, found = value, s
-        return found, best
 
 
 def switching(

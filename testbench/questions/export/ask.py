@@ -1,4 +1,8 @@
-"""Records and identified models for other programs: files that those programs read."""
+"""Records and identified models for other programs: their files in, files that those programs read out.
+
+A record keeps its channels. A model is written as the matrices of :mod:`testbench.questions.export.matrices`, whatever
+the estimator; JSBSim gets it in continuous time, mode by mode.
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Identified models in one form, whatever the estimator: read from the files that a run writes.
-
-Deviations from trim,
+"""The one form in which an identified model is exported, whatever the estimator: deviations from trim,
 
     dx/dt = A x + B u  or  x[k+1] = A x[k] + B u[k],    y = C x + D u,
 
@@ -22,6 +20,8 @@ from numpy.typing import NDArray
 from testbench.core.channels import channel
 from testbench.core.errors import ChannelError, RecordError
 from testbench.core.record import FloatArray
+
+PADE = 4  # order of a dead time in continuous time: right to 1 deg up to w tau = 4.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,9 +150,6 @@ def _matrices(
     inputs, outputs = tuple(content["inputs"]), tuple(content["outputs"])
     advice = tuple(str(text) for text in content.get("advice", ()))
     return Matrices(name, str(content["method"]), inputs, outputs, A, B, C, D, dt, tau, str(content["status"]), advice)
-
-
-PADE = 4  # order of a dead time in continuous time: right to 1 deg up to w tau = 4.5
 
 
 def without_delays(model: Matrices) -> Matrices:

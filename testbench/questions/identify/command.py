@@ -8,15 +8,13 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import OutOption
+from testbench.questions.options import DataOption, OutOption
 
 
 def command(
     description: Annotated[Path, typer.Argument(help="Description of recorded flights (TOML).", show_default=False)],
     out: OutOption = Path("results"),
-    data: Annotated[
-        Path | None, typer.Option(help="Folder with the data files; replaces the one in the description.")
-    ] = None,
+    data: DataOption = None,
 ) -> None:
     """Run the same estimators, evaluation and report on recorded flights.
 

@@ -9,7 +9,7 @@ import typer
 
 from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
-from testbench.questions.options import OutOption, SeedOption, refuse
+from testbench.questions.options import DataOption, OutOption, SeedOption, refuse
 
 
 def command(
@@ -32,9 +32,7 @@ def command(
     ] = None,
     order: Annotated[int | None, typer.Option(help="Largest number of states, even; 40 if not given.")] = None,
     out: OutOption = Path("results"),
-    data: Annotated[
-        Path | None, typer.Option(help="Folder with the data files; replaces the one in the description.")
-    ] = None,
+    data: DataOption = None,
     seed: SeedOption = None,
 ) -> None:
     """Find modes from outputs alone, such as the accelerometers of a wing in turbulence, without any input.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from testbench.page.tables import Column, Table, Value
@@ -114,7 +115,7 @@ def points_table(plan: Plan) -> Table:
                 p.V_m_s,
                 p.h_m,
                 None if p.margin is None else 100.0 * p.margin,
-                p.trimmed.alpha * 57.29577951308232,
+                math.degrees(p.trimmed.alpha),
                 p.power_W,
                 None if worst is None else worst.zeta,
                 later,

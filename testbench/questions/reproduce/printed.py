@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
-
 import numpy as np
 
 TRANSFER_FUNCTIONS = {
@@ -78,38 +75,6 @@ TABLE_4 = {
     "with": {"q": 1.01, "V": 11.62, "alpha": 0.96, "theta": 5.38, "mean": 4.74},
 }
 """EOLO paper: MRSE in percent on the identification set, n = 4, J = 90, L = 3, without and with alpha."""
-
-
-class Printed(NamedTuple):
-    """One printed number: the paper, the place, and the text that the page must hold."""
-
-    paper: str
-    where: str
-    text: str
-
-
-def printed_numbers() -> Iterator[Printed]:
-    """Yield every number of results that the papers print, as the page writes it."""
-    for where, above, below in TRANSFER_FUNCTIONS.values():
-        yield from (Printed("Taurus", where, shown(v)) for v in (*above, *below[1:]))
-    for name, matrix in MATRICES.items():
-        yield from (Printed("EOLO", f"section 3.2, {name}", f"{v:.4f}".replace("-", "−")) for v in matrix.ravel())
-    for z in (STATED_PAIR.real, STATED_PAIR.imag, STATED_Z3, STATED_Z4):
-        yield Printed("EOLO", "section 3.2", f"{z:.4f}".replace("-", "−"))
-    for order, rows in TABLE_3.items():
-        yield from (Printed("EOLO", f"Table 3, n = {order}", f"{v:.2f}") for row in rows.values() for v in row)
-    for which, column in TABLE_4.items():
-        yield from (Printed("EOLO", f"Table 4, {which} α", f"{v:.2f}") for v in column.values())
-    for value in (*EOLO_TABLE_1.values(), EOLO_ASPECT_RATIO):
-        yield Printed("EOLO", "Table 1", shown(value))
-    for pair in EOLO_TABLE_2.values():
-        yield from (Printed("EOLO", "Table 2", shown(v)) for v in pair)
-    for value in (*TAURUS_TABLE_1_IN.values(), TAURUS_ASPECT_RATIO, ELEVATOR_DEG, RUDDER_DEG):
-        yield Printed("Taurus", "Table I", shown(value))
-    for count in (RUNS, LONGITUDINAL, LATERAL, *SHARE_PERCENT):
-        yield Printed("Taurus", "sections V and VII", str(count))
-    for count in (IDENTIFICATION, VALIDATION, EOLO_PAST, B1_PAST):
-        yield Printed("EOLO", "section 3.2, Tables 3 and 4", str(count))
 
 
 def shown(value: float) -> str:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import OutOption
+from testbench.questions.options import DataOption, OutOption
 
 
 def command(
@@ -17,9 +17,7 @@ def command(
         list[float], typer.Option(help="Length of the windows, s; several are combined (composite windowing).")
     ] = [10.0],  # noqa: B006 (typer reads it, nothing changes it)
     out: OutOption = Path("results"),
-    data: Annotated[
-        Path | None, typer.Option(help="Folder with the data files; replaces the one in the description.")
-    ] = None,
+    data: DataOption = None,
 ) -> None:
     """Estimate the frequency responses of recorded flights with coherence and random error.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -26,9 +25,9 @@ from testbench.page.plot import (
     line_handles,
     line_look,
     log_axis,
+    name_lines,
     new_figure,
     rows_of,
-    spread,
     time_axis,
     widths,
 )
@@ -157,17 +156,7 @@ def _draw_marks(axes: Axes, result: RunResult, marks: Sequence[tuple[float, str,
                 axes.axvspan(wn * (1.0 - zeta), top, color=COLOURS[2], alpha=0.13, linewidth=0)
     lines.sort()
     width, size, per_line = (26, 7.4, 0.019) if wide else (26, 6.4, 0.043)
-    texts = [textwrap.wrap(text, width) for _, text, _, _ in lines]
-    places = [float(np.log(x / low) / np.log(high / low)) for x, _, _, _ in lines]
-    shifted = spread(places, [per_line * (len(t) + 0.3) for t in texts])
-    for x, place, text, (_, _, dash, colour) in zip(places, shifted, texts, lines, strict=True):
-        axes.plot([x, x], [0.0, 1.0], transform=axes.transAxes, color=colour, linestyle=dash, linewidth=0.9)
-        kink: dict[str, Any] = {"transform": axes.transAxes, "color": colour, "linewidth": 0.6, "clip_on": False}
-        axes.plot([x, place], [1.0, 1.035], **kink)
-        axes.text(
-            place, 1.05, "\n".join(text), transform=axes.transAxes, rotation=90, ha="center", va="bottom",
-            fontsize=size, color=colour, linespacing=1.15, multialignment="left",
-        )  # fmt: skip
+    name_lines(axes, lines, width, size, per_line)
 
 
 # --- Bode plots -------------------------------------------------------------------------------------------------------

@@ -8,19 +8,21 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from html import unescape
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.page.write import check_folder
-from testbench.questions.reproduce import paper_checks
+from testbench.questions.reproduce import paper_checks, printed
 from testbench.questions.reproduce.ask import CHAPTERS, reproduce
 from testbench.questions.reproduce.figures import Line, Panel, plate
 from testbench.questions.reproduce.page import PAGE, groups, summary, write_reproduction
-from testbench.questions.reproduce.printed import polynomial, printed_numbers
+from testbench.questions.reproduce.printed import polynomial
 from testbench.questions.reproduce.section import VERDICTS, Chapter, Section
 from testbench.questions.reproduce.verdict import Why, claim_row, number_row
 
@@ -30,6 +32,39 @@ COMMITTED = ROOT / "results" / "reproduction"
 
 def silent(text: str) -> None:
     """Take progress and show nothing."""
+
+
+class Printed(NamedTuple):
+    """One printed number: the paper, the place, and the text that the page must hold."""
+
+    paper: str
+    where: str
+    text: str
+
+
+def printed_numbers() -> Iterator[Printed]:
+    """Yield every number of results that the papers print, as the page writes it."""
+    for where, above, below in printed.TRANSFER_FUNCTIONS.values():
+        yield from (Printed("Taurus", where, printed.shown(v)) for v in (*above, *below[1:]))
+    for name, matrix in printed.MATRICES.items():
+        yield from (Printed("EOLO", f"section 3.2, {name}", f"{v:.4f}".replace("-", "−")) for v in matrix.ravel())
+    for z in (printed.STATED_PAIR.real, printed.STATED_PAIR.imag, printed.STATED_Z3, printed.STATED_Z4):
+        yield Printed("EOLO", "section 3.2", f"{z:.4f}".replace("-", "−"))
+    for order, rows in printed.TABLE_3.items():
+        yield from (Printed("EOLO", f"Table 3, n = {order}", f"{v:.2f}") for row in rows.values() for v in row)
+    for which, column in printed.TABLE_4.items():
+        yield from (Printed("EOLO", f"Table 4, {which} α", f"{v:.2f}") for v in column.values())
+    for value in (*printed.EOLO_TABLE_1.values(), printed.EOLO_ASPECT_RATIO):
+        yield Printed("EOLO", "Table 1", printed.shown(value))
+    for pair in printed.EOLO_TABLE_2.values():
+        yield from (Printed("EOLO", "Table 2", printed.shown(v)) for v in pair)
+    shapes = (printed.TAURUS_ASPECT_RATIO, printed.ELEVATOR_DEG, printed.RUDDER_DEG)
+    for value in (*printed.TAURUS_TABLE_1_IN.values(), *shapes):
+        yield Printed("Taurus", "Table I", printed.shown(value))
+    for count in (printed.RUNS, printed.LONGITUDINAL, printed.LATERAL, *printed.SHARE_PERCENT):
+        yield Printed("Taurus", "sections V and VII", str(count))
+    for count in (printed.IDENTIFICATION, printed.VALIDATION, printed.EOLO_PAST, printed.B1_PAST):
+        yield Printed("EOLO", "section 3.2, Tables 3 and 4", str(count))
 
 
 def chapter(ours: float) -> Chapter:

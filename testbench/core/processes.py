@@ -1,0 +1,156 @@
+"""Work done in processes of its own, where cores are to spare: the same results, sooner.
+
+Processes are forked, so that they hold all that their parent knows at no cost; JSBSim keeps the interpreter's lock, and
+threads would wait for one another. Where a system does not fork, or one process is asked for, all is done in turn.
+Campaigns, whose runs may be flown on other machines, use Dask instead.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import signal
+import sys
+import tempfile
+from collections.abc import Callable, Collection, Generator, Hashable, Mapping, Sequence
+from contextvars import ContextVar
+from dataclasses import dataclass
+from multiprocessing import connection, current_process, get_context
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from testbench.core.scratch import Scratch
+
+T = TypeVar("T")
+K = TypeVar("K", bound=Hashable)
+_PROCESSES: ContextVar[int] = ContextVar("processes", default=1)
+
+
+@contextlib.contextmanager
+def processes(count: int) -> Generator[None, None, None]:
+    """Let work within use so many processes; 1, as it is without, does everything in this one."""
+    token = _PROCESSES.set(count if sys.platform == "linux" and not current_process().daemon else 1)
+    try:
+        yield
+    finally:
+        _PROCESSES.reset(token)
+
+
+def cores() -> int:
+    """Return how many processor cores this process may run on."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@dataclass(frozen=True)
+class _Running:
+    process: Any
+    answer: connection.Connection
+    folder: Scratch
+
+
+class Ahead:
+    """Tasks that were begun before their results were asked for.
+
+    A task must change nothing that is used later: what it does to objects stays in its process.
+    """
+
+    def __init__(self) -> None:
+        self.most = _PROCESSES.get()
+        self._running: dict[Hashable, _Running] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.keep(())
+
+    def begin_first(self, tasks: Mapping[K, Callable[[], Any]]) -> None:
+        """Begin the first of ``tasks``, as many as there are processes, and end what runs and is none of them.
+
+        One that is the only one left is not begun: where its result is asked for it has all processes to itself.
+        """
+        if self.most == 1:
+            return
+        first = list(tasks)[: self.most]
+        self.keep(first)
+        if len(tasks) == 1:
+            return
+        for key in first:
+            self.begin(key, tasks[key])
+
+    def begin(self, key: Hashable, task: Callable[[], Any]) -> None:
+        """Begin a task, unless it is running or all work is to be done in turn."""
+        if self.most == 1 or key in self._running:
+            return
+        mine, theirs = get_context("fork").Pipe(duplex=False)
+        folder = Scratch()  # what the task writes goes with it, even if it is ended
+        process = get_context("fork").Process(target=_work, args=(task, mine, theirs, folder.name), daemon=True)
+        process.start()
+        theirs.close()
+        self._running[key] = _Running(process, mine, folder)
+
+    def keep(self, keys: Collection[Hashable]) -> None:
+        """End all running tasks but those with these keys."""
+        for key in self._running.keys() - set(keys):
+            running = self._running.pop(key)
+            running.process.kill()
+            self._end(running)
+
+    def take(self, key: Hashable, task: Callable[[], T]) -> T:
+        """Return the result of a task, begun before under the same key or done here and now.
+
+        Raises:
+            whatever the task raises.
+        """
+        running = self._running.pop(key, None)
+        if running is None:
+            return task()
+        try:
+            done, result = pickle.loads(running.answer.recv_bytes())
+        except (EOFError, OSError):  # it was ended from outside, for want of memory, or its answer cannot be sent
+            return task()
+        finally:
+            self._end(running)
+        if not done:
+            raise result
+        return result
+
+    @staticmethod
+    def _end(running: _Running) -> None:
+        running.answer.close()
+        running.process.join()
+
+
+def spread(tasks: Sequence[Callable[[], T]]) -> list[T]:
+    """Return the results of tasks that do not depend on one another, shared out among the processes by turns."""
+    count = min(_PROCESSES.get(), len(tasks))
+    if count <= 1:
+        return [task() for task in tasks]
+
+    def share(first: int) -> Callable[[], list[T]]:
+        return lambda: [task() for task in tasks[first::count]]
+
+    out: list[Any] = [None] * len(tasks)
+    with Ahead() as ahead:
+        for first in range(1, count):
+            ahead.begin(first, share(first))
+        for first in range(count):  # the first share is this process's own
+            out[first::count] = ahead.take(first, share(first))
+    return out
+
+
+def _work(task: Callable[[], Any], mine: connection.Connection, theirs: connection.Connection, folder: str) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # an interrupt is the parent's to handle: it ends this one
+    mine.close()
+    _PROCESSES.set(1)
+    tempfile.tempdir = folder
+    try:
+        answer = True, task()
+    except Exception as error:
+        answer = False, error
+    # Without an answer, as it cannot be sent or whoever waited is gone, the work is done there.
+    with contextlib.suppress(Exception):
+        theirs.send_bytes(pickle.dumps(answer))
