@@ -70,8 +70,8 @@ def design_sentences(result: DesignResult) -> list[str]:
     out = []
     if ratio <= 1.0:
         out.append(
-            f"Fly {what}: it reaches every wanted accuracy; the least known is {name}, with a standard error of {error} "
-            f"where {wanted} is wanted"
+            f"Fly {what}: it reaches every wanted accuracy; the least known is {name}, with a standard error of "
+            f"{error} where {wanted} is wanted"
         )
     else:
         flights = result.obstacles.flights

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from testbench.aircraft import Aircraft, ElasticMode
+from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT_MODELS
 from testbench.flight import FlightCondition
 from testbench.page.labels import file_stem
-from testbench.page.write import write_file
 from testbench.questions.gap.effects.base import MetGust
 from testbench.sensors import suite_toml
 
