@@ -181,7 +181,6 @@ METHODS = Methods(
         ),
     }
 )
-"""Method name in a scenario -> what it is, its settings, its function, what it needs and gives."""
 
 
 def estimate(
@@ -193,9 +192,6 @@ def estimate(
     **settings: Any,
 ) -> IdentifiedModel:
     """Identify a model by a method of :data:`METHODS`, or by one's own.
-
-    For example ``estimate("dsr_e", records, ["de_cmd"], ["q"], past_horizon=20, future_horizon=20)``, or
-    ``estimate("my_method.py:estimate", records, ["de_cmd"], ["q"])``.
 
     Args:
         method: a name, with its settings as keywords; or an entry ``identification.estimators`` of a scenario.
@@ -209,6 +205,11 @@ def estimate(
         EstimationError: the data cannot support the estimate, the method is not in :data:`METHODS`, or a setting
             breaks a law of its class.
         ChannelError: a record lacks a channel.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.estimate("dsr_e", [record], ["de_cmd"], ["q"], past_horizon=20, future_horizon=20)  # doctest: +SKIP
+        >>> tb.estimate("my_method.py:estimate", [record], ["de_cmd"], ["q"])  # doctest: +SKIP
     """
     entry = settings_of(method, settings)
     if not outputs:

@@ -121,7 +121,7 @@ def fly(
         >>> trimmed = tb.trim(taurus, tb.FlightCondition(12.0, 100.0))
         >>> t = np.arange(round(5.0 * trimmed.rate_hz)) / trimmed.rate_hz
         >>> signal = tb.InputSignal(t, np.deg2rad(2.0) * (t < 1.0)[:, None], ("de",))
-        >>> tb.fly(taurus, trimmed, tb.Manoeuvre("pulse", signal), log_rate_hz=50.0).kind
+        >>> tb.fly(taurus, trimmed, tb.Manoeuvre("pulse", signal), log_rate_hz=60.0).kind
         'truth'
     """
     rate = trimmed.rate_hz

@@ -80,7 +80,7 @@ def load(path: Path | str) -> Asked:
     Example:
         >>> import testbench as tb
         >>> tb.load("compare/eolo_alpha").seeds
-        12
+        16
     """
     return _checked(Path(path))[1]
 
