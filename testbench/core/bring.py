@@ -1,0 +1,220 @@
+"""What users bring: a function or a table in a Python file of their own, named ``FILE.py:NAME`` in a scenario.
+
+Three steps, so that a scenario can be checked without running anybody's code: :func:`find` says which file is meant,
+:func:`declared` reads what it defines without running it, :func:`load` runs it.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+import importlib.util
+import sys
+import traceback
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from testbench.core.errors import ScenarioError, nearest
+
+MARK = ".py:"
+"""What tells a name that is brought from a packaged one."""
+
+
+def is_brought(name: object) -> bool:
+    """Say whether a name means something in a Python file: ``FILE.py:NAME``."""
+    return isinstance(name, str) and MARK in name
+
+
+def short(name: str) -> str:
+    """Return ``FILE.py:NAME`` without its folders; other names as they are."""
+    return name.rpartition("/")[2] if is_brought(name) else name
+
+
+def places(beside: Path | str | None, folder: str) -> tuple[Path, ...]:
+    """Return the folders in which a name is looked for, in this order.
+
+    The folder of the scenario, the folder of that name in it (``estimators/``, ``effects/``, ...), the working
+    directory, and the folder of that name in it.
+
+    Args:
+        beside: the scenario's file; None if there is none.
+        folder: of what is looked for.
+    """
+    homes = [] if beside is None else [Path(beside).absolute().parent]
+    homes.append(Path.cwd())
+    found = [place for home in homes for place in (home, home / folder)]
+    return tuple(dict.fromkeys(found))
+
+
+def find_file(name: str | Path, beside: Path | str | None, folder: str) -> Path | None:
+    """Return the absolute path of a file (or folder) in the first of :func:`places` that has it; None if none has."""
+    return next((path.resolve() for path in (place / name for place in places(beside, folder)) if path.exists()), None)
+
+
+def find(name: str, beside: Path | str | None, folder: str) -> tuple[Path, str]:
+    """Return the file and the attribute that ``FILE.py:NAME`` means.
+
+    Args:
+        name: as in the scenario; the file's part may be absolute.
+        beside: the scenario's file; None if there is none.
+        folder: of the project that such things lie in: "estimators", "effects", ...
+
+    Raises:
+        ScenarioError: the name has another form, or no such file lies in any of :func:`places`.
+    """
+    given, _, attribute = name.rpartition(":")
+    if not given.endswith(".py") or not attribute.isidentifier():
+        raise ScenarioError([f"what is brought must be named as FILE.py:NAME, got '{name}'"])
+    path = find_file(given, beside, folder)
+    if path is None or not path.is_file():
+        there = places(beside, folder)
+        others = {file.name for place in there for file in place.glob("*.py")}
+        looked = ", ".join(dict.fromkeys(str(place) for place in there if place.is_dir()))
+        hint = nearest(given, others) if others else ""
+        raise ScenarioError([f"the file of '{name}' must exist, got no '{given}' in {looked}{hint}"])
+    return path, attribute
+
+
+@dataclass(frozen=True, eq=False)
+class Declared:
+    """What a Python file defines at its top level, as read from its text.
+
+    Attributes:
+        path: of the file.
+        names: all that it defines, assigns or imports.
+        functions: name -> definition.
+        classes: name -> definition.
+        values: name -> what is assigned to it.
+        whole: False if the names may be more than those, as after ``from x import *``.
+    """
+
+    path: Path
+    names: frozenset[str]
+    functions: Mapping[str, ast.FunctionDef]
+    classes: Mapping[str, ast.ClassDef]
+    values: Mapping[str, ast.expr]
+    whole: bool
+
+    def need(self, attribute: str) -> None:
+        """Check that the file defines a name.
+
+        Raises:
+            ScenarioError: it does not.
+        """
+        if self.whole and attribute not in self.names:
+            public = [name for name in (*self.functions, *self.classes, *self.values) if not name.startswith("_")]
+            raise ScenarioError([f"{self.path.name} must define '{attribute}'{nearest(attribute, public)}"])
+
+
+def declared(path: Path) -> Declared:
+    """Read what a Python file defines, without running it.
+
+    Raises:
+        ScenarioError: it cannot be read, or is not Python; with the line.
+    """
+    try:
+        tree = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise ScenarioError([f"a readable Python file must lie at '{path}', got: {reason}"]) from error
+    except (SyntaxError, ValueError) as error:
+        line = f", line {error.lineno}" if isinstance(error, SyntaxError) and error.lineno else ""
+        reason = error.msg if isinstance(error, SyntaxError) else str(error)
+        raise ScenarioError([f"{path}{line}: must be Python, got: {reason}"]) from error
+    functions, classes, values = {}, {}, {}
+    names: set[str] = set()
+    whole = True
+    for node in _at_top(tree.body):
+        if isinstance(node, ast.FunctionDef):
+            functions[node.name] = node
+        elif isinstance(node, ast.ClassDef):
+            classes[node.name] = node
+        elif isinstance(node, (ast.Import, ast.ImportFrom)):
+            given = [alias.asname or alias.name.split(".")[0] for alias in node.names]
+            whole = whole and "*" not in given
+            names.update(given)
+        elif isinstance(node, (ast.Assign, ast.AnnAssign)) and node.value is not None:
+            for target in node.targets if isinstance(node, ast.Assign) else [node.target]:
+                found = [n.id for n in ast.walk(target) if isinstance(n, ast.Name)]
+                names.update(found)
+                if isinstance(target, ast.Name):
+                    values[target.id] = node.value
+        elif isinstance(node, (ast.For, ast.While, ast.Match, ast.AsyncFunctionDef)):
+            whole = False  # it may define what is not looked at here
+    names.update(functions, classes)
+    return Declared(path, frozenset(names), functions, classes, values, whole)
+
+
+def _at_top(body: list[ast.stmt]) -> list[ast.stmt]:
+    """Return the statements that run when the file is imported; both branches of an ``if``, all parts of a ``try``."""
+    out: list[ast.stmt] = []
+    for node in body:
+        if isinstance(node, ast.If):
+            out += _at_top([*node.body, *node.orelse])
+        elif isinstance(node, ast.Try):
+            out += _at_top([*node.body, *(s for h in node.handlers for s in h.body), *node.orelse, *node.finalbody])
+        elif isinstance(node, ast.With):
+            out += _at_top(node.body)
+        else:
+            out.append(node)
+    return out
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file: whose code has run, to the byte.
+
+    Raises:
+        ScenarioError: it cannot be read.
+    """
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ScenarioError([f"a readable file must lie at '{path}', got: {error.strerror}"]) from error
+
+
+def whose(path: Path, attribute: str) -> dict[str, str]:
+    """Return what a result says of code that is brought: file, name and SHA-256, as JSON values."""
+    return {"file": str(path), "name": attribute, "sha256": sha256(path)}
+
+
+def load(path: Path, attribute: str) -> Any:
+    """Run a Python file, once per process while it is unchanged, and return one of its names.
+
+    It may import its neighbours: its folder is searched last while it runs.
+
+    Raises:
+        ScenarioError: it cannot be run, with the line; or it lacks the name.
+    """
+    path = path.resolve()
+    told = hashlib.sha256(f"{path}\0{sha256(path)}".encode()).hexdigest()[:12]
+    name = f"brought_{path.stem}_{told}"
+    module = sys.modules.get(name)
+    if module is None:
+        spec = importlib.util.spec_from_file_location(name, path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module  # before it runs: dataclasses and pickle look it up
+        sys.path.append(str(path.parent))
+        try:
+            spec.loader.exec_module(module)
+        except Exception as error:
+            del sys.modules[name]
+            raise ScenarioError([f"{path.name} must run without an error, got {said(error, path)}"]) from error
+        finally:
+            sys.path.remove(str(path.parent))
+    if not hasattr(module, attribute):
+        public = [n for n in vars(module) if not n.startswith("_")]
+        raise ScenarioError([f"{path.name} must define '{attribute}'{nearest(attribute, public)}"])
+    return getattr(module, attribute)
+
+
+def said(error: BaseException, path: Path) -> str:
+    """Return kind and text of an error raised in a user's file, and its last line there: one line, no traceback."""
+    frames = traceback.extract_tb(error.__traceback__)
+    lines = [frame.lineno for frame in frames if frame.filename and Path(frame.filename) == path]
+    text = " ".join(str(error).split())
+    place = f" ({path.name}, line {lines[-1]})" if lines else f" ({path.name})"
+    return type(error).__name__ + (f": {text}" if text else "") + place
