@@ -177,7 +177,8 @@ def _page(
         *_by_effect(six, two),
         "",
         "`cases.csv`: every case; `confusion.csv`: what was hidden against what was said, in still air; `effects.csv`, "
-        "`rates.csv`, `sizes.csv`, `without.csv`: the tables above; `rows.jsonl`: all that the workflow said.",
+        "`rates.csv`, `sizes.csv`, `without.csv`: the tables above; `rows.jsonl`: all that the workflow said. "
+        "`earlier_draws.csv`: what the draws before this one gave; it is kept by hand.",
         "",
     ]
     return "\n".join(lines)
