@@ -92,7 +92,7 @@ def check(
                 continue
             kind, laws = brought
             for law in laws:
-                console().print(f"{'kept  ' if law.holds else 'BROKEN'} {law.words}", highlight=False)
+                console().print(f"{'passed' if law.holds else 'FAILED'}  {law.words}", highlight=False)
             broken = [f"{thing}: {law.sentence}" for law in laws if not law.holds]
             if not broken:
                 console().print(f"{thing}: a valid {kind}, {len(laws)} laws kept", highlight=False)

@@ -159,7 +159,7 @@ def test_the_laws_find_what_a_careless_method_does(tmp_path, monkeypatch, capsys
     assert "exact data are recovered" not in failed
     status, lines = ends(monkeypatch, capsys, "check", "careless.py:estimate")
     assert status == 2
-    assert any("careless.py:estimate, truth is refused" in line for line in lines)
+    assert any("careless.py:estimate: truth is refused" in line for line in lines)
     (tmp_path / "neither.py").write_text("def f(x): ...\n", encoding="utf-8")
     status, lines = ends(monkeypatch, capsys, "check", "neither.py:f")
     assert status == 2

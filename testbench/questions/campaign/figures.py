@@ -59,7 +59,7 @@ def campaign_plates(summary: Summary) -> list[Plate]:
             Plate(
                 "estimates",
                 "Estimates over true values",
-                "One point per run (of many runs every so many-th); on the line the estimate is the truth.",
+                f"One point per run, of at most {_POINTS} runs; on the line the estimate is the truth.",
                 _panels(chosen, lambda axes, name: _scatter(axes, summary, name), "true value", "estimate"),
             ),
         )

@@ -56,7 +56,7 @@ def wanted_words(result: DesignResult, k: int) -> str:
 
 
 def worst_target(result: DesignResult, errors: FloatArray) -> int:
-    """Return the target that is known worst for what is wanted of it."""
+    """Return the target whose error is largest against what is wanted of it."""
     return int(np.argmax(errors / result.problem.targets.wanted))
 
 
@@ -70,7 +70,7 @@ def design_sentences(result: DesignResult) -> list[str]:
     out = []
     if ratio <= 1.0:
         out.append(
-            f"Fly {what}: it reaches every wanted accuracy; known worst is {name}, with a standard error of {error} "
+            f"Fly {what}: it reaches every wanted accuracy; the least known is {name}, with a standard error of {error} "
             f"where {wanted} is wanted"
         )
     else:

@@ -29,7 +29,7 @@ def design_page(result: DesignResult) -> Page:
         plates=design_plates(result),
         files=ready,
         template="questions/design/page.html.j2",
-        context={"ranking": ranking, "ready": list(ready)},
+        context={"ranking": ranking, "ready": [path for path in ready if path.startswith("designs/")]},
         asked=[
             ("aircraft", result.aircraft.title),
             ("condition", f"{scenario.condition.V_m_s:g} m/s at {scenario.condition.h_m:g} m"),

@@ -13,7 +13,8 @@ from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.controls import fly_controls, without_false_alarms
-from testbench.questions.gap.decide import judged, largest_errors, wrong_parameters
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.decide import Naming, judged, noise_limit
 from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.evidence.air import (
     AirFound,
@@ -26,14 +27,20 @@ from testbench.questions.gap.evidence.air import (
 )
 from testbench.questions.gap.evidence.check import check_data
 from testbench.questions.gap.evidence.forces import equation_errors
-from testbench.questions.gap.evidence.locate import ResidualMap, Structure, locate, locate_regions, structure
+from testbench.questions.gap.evidence.locate import (
+    ResidualMap,
+    Structure,
+    largest_errors,
+    locate,
+    locate_regions,
+    structure,
+)
+from testbench.questions.gap.parameters import wrong_parameters
 from testbench.questions.gap.plan import separate
 from testbench.questions.gap.result import GapFinding, Shrink
-from testbench.questions.gap.search.fit import FALSE_ALARM
 from testbench.questions.gap.search.gauss_newton import retune
-from testbench.questions.gap.search.hypothesis import Local
-from testbench.questions.gap.search.likelihood import WEAK, noise_limit
-from testbench.questions.gap.search.name import ENOUGH_ALONE, Naming, name_effect
+from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.parallel import Ahead
 
 SAME_AIR = 0.15  # the search is made again if the rms of turbulence changes by more than this share of it
@@ -106,7 +113,7 @@ def find_gap(
     if naming.best is not None:
         amended = naming.best.added_to(believed)
     else:
-        amended = believed.with_tuning(naming.tuning) if parameters else believed
+        amended = believed.with_nuisances(naming.nuisances) if parameters else believed
     say("locate the residual")
     maps = tuple(_map(believed, name, record) for name, record in records.items())
     left, taken = zip(*((believed.residuals(r), believed.taken(r)) for r in naming_records), strict=True)
@@ -165,9 +172,9 @@ def search(
     if naming.noise_left and not air.moves:
         return flown_in, naming, air
     say("listen to the air again")
-    tuned = believed.with_tuning(naming.tuning)
-    near = next((f for f in naming.ranking if f.significant and f.flown and f.gain > WEAK), None)
-    if air.moves and near is not None and near.share < ENOUGH_ALONE:
+    tuned = believed.with_nuisances(naming.nuisances)
+    near = next((f for f in naming.ranking if f.significant and f.flown and f.gain > CRITERIA.weak), None)
+    if air.moves and near is not None and near.share < CRITERIA.enough_alone:
         hidden = _hidden_by_air(believed, tuned, near.added_to(believed), records, air, say, effects)
         if hidden is not None:
             return hidden
@@ -206,7 +213,7 @@ def _hidden_by_air(
         effects: the library.
     """
     again = measure(beside, records, air)
-    if misfit(tuned, records, measure(tuned, records, air)) - misfit(beside, records, again) <= WEAK:
+    if misfit(tuned, records, measure(tuned, records, air)) - misfit(beside, records, again) <= CRITERIA.weak:
         return None
     flown_in = in_air(believed, again, beside)
     naming = name_effect(flown_in, records, say, effects)
@@ -227,7 +234,7 @@ def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: Ai
 
 def _retuned(believed: Believed, flown_in: Believed, records: Sequence[FlightRecord]) -> Believed:
     """Return the believed model with the coefficients that suit the records best in the air of ``flown_in``."""
-    return believed.with_tuning(retune(Local.at(flown_in, flown_in, tuple(records))).tuning)
+    return believed.with_nuisances(retune(Hypothesis.at(flown_in, flown_in, tuple(records))).by_name)
 
 
 def _left(amended: Believed, records: Sequence[FlightRecord]) -> Structure | None:
@@ -235,7 +242,7 @@ def _left(amended: Believed, records: Sequence[FlightRecord]) -> Structure | Non
     if amended.whiten is not None:
         return None
     residuals, taken = zip(*((amended.residuals(r), amended.taken(r)) for r in records), strict=True)
-    return structure(residuals, amended.outputs, records[0].dt_s, FALSE_ALARM, taken)
+    return structure(residuals, amended.outputs, records[0].dt_s, CRITERIA.false_alarm, taken)
 
 
 def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:

@@ -26,9 +26,10 @@ from testbench.questions.gap.evidence.compared import DRIFT_OVER_S, left_out, no
 from testbench.questions.gap.evidence.gusts import linear_response, record_key
 from testbench.sensors import SensorSuite
 
-# Coefficients whose believed values are only believed: every hypothesis may re-tune them at this price (relative
-# standard deviation of the prior). The sizes are estimates of what handbook methods reach.
-NUISANCES: Mapping[str, float] = {
+# A nuisance is a coefficient of the believed aircraft that is estimated along with every hypothesis ("re-tuned"); its
+# value counts in multiples of the believed one. Its prior is what is believed of it before any flight: Gaussian about 1
+# with the relative standard deviation given here. The sizes are estimates of what handbook methods reach.
+PRIORS: Mapping[str, float] = {
     "CL_alpha": 0.05,
     "CD": 0.10,
     "Cm_alpha": 0.10,
@@ -36,7 +37,7 @@ NUISANCES: Mapping[str, float] = {
     "Cm_de": 0.10,
 }
 # The same of the lateral motion, re-tuned only where aileron or rudder moves. Cross derivatives are known less well.
-LATERAL_NUISANCES: Mapping[str, float] = {
+LATERAL_PRIORS: Mapping[str, float] = {
     "CY_beta": 0.15,
     "Cl_beta": 0.15,
     "Cl_p": 0.10,
@@ -126,9 +127,9 @@ class Believed:
         gusts = self.gusts if effect.met is None else (*self.gusts, effect.met(values))
         return replace(self, aircraft=aircraft, suite=suite, shapes=shapes, at_rest=at_rest, gusts=gusts)
 
-    def with_tuning(self, factors: Mapping[str, float]) -> Believed:
-        """Return the belief with coefficients multiplied by ``factors``."""
-        changes = tuple(ScaleCoefficient(name, f) for name, f in factors.items())
+    def with_nuisances(self, nuisances: Mapping[str, float]) -> Believed:
+        """Return the belief with nuisances at these values: coefficients multiplied by them."""
+        changes = tuple(ScaleCoefficient(name, f) for name, f in nuisances.items())
         amendment = Amendment("tuning", "re-tuned coefficients", changes)
         at_rest = None if self.at_rest is None else self.at_rest.amended(amendment)
         return replace(self, aircraft=self.aircraft.amended(amendment), at_rest=at_rest)
@@ -340,10 +341,10 @@ def _shaped(
     return u if effect.shape is None else effect.shape(names, u, dt_s, aircraft, values)
 
 
-def nuisances(records: Sequence[FlightRecord]) -> Mapping[str, float]:
-    """Return the coefficients that hypotheses about these records may re-tune -> relative deviation of the prior.
+def priors_of(records: Sequence[FlightRecord]) -> Mapping[str, float]:
+    """Return the nuisances of hypotheses about these records -> relative standard deviation of the prior.
 
     The lateral ones are among them only if an aileron or rudder command moves: a symmetric aircraft in still air shows
     nothing of them otherwise, and records of elevator and throttle must not pay for them.
     """
-    return {**NUISANCES, **LATERAL_NUISANCES} if moves_laterally(records) else NUISANCES
+    return {**PRIORS, **LATERAL_PRIORS} if moves_laterally(records) else PRIORS

@@ -13,7 +13,7 @@ from testbench.line import condition_of
 from testbench.questions.gap.ask import find_gap
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.compared import not_compared
-from testbench.questions.gap.hidden import measure_hidden
+from testbench.questions.gap.hidden.kinds import measure_hidden
 from testbench.questions.gap.records import Flights, check_records, check_speeds
 from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.scenario import GapScenario

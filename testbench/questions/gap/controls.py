@@ -24,10 +24,10 @@ from testbench import __version__
 from testbench.core.errors import LimitError, RecordError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.flight.air import Air, turbulence_rms
-from testbench.questions.gap.believed import Believed, nuisances
+from testbench.questions.gap.believed import Believed, priors_of
+from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.evidence.air import AirFound, listen
 from testbench.questions.gap.evidence.gusts import record_key
-from testbench.questions.gap.search.name import Naming
 from testbench.questions.gap.search.parallel import Ahead
 
 Search = Callable[[Sequence[FlightRecord], AirFound], Naming]
@@ -119,12 +119,12 @@ def fly_control(
 
     Returns None if the believed aircraft survives the commands with none of ten draws of its coefficients.
     """
-    priors = nuisances(records)
+    priors = priors_of(records)
     for attempt in range(_DRAWS):
         rng = np.random.default_rng(np.random.SeedSequence([number, attempt]))
         drawn = np.clip(rng.standard_normal(len(priors)), -_CUT, _CUT)
-        factors = {n: 1.0 + s * float(z) for (n, s), z in zip(priors.items(), drawn, strict=True)}
-        real = replace(believed, whiten=None).with_tuning(factors)
+        nuisances = {n: 1.0 + s * float(z) for (n, s), z in zip(priors.items(), drawn, strict=True)}
+        real = replace(believed, whiten=None).with_nuisances(nuisances)
         seeds = rng.integers(1, 2**31, size=(len(records), 2)).tolist()
         try:
             return [

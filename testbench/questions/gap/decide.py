@@ -1,83 +1,266 @@
-"""What stands beside a name: wrong parameters, names that held-out flights refute, what is left, largest errors."""
+"""The rules that keep or refute a name, in the order in which they are asked; all thresholds stand in criteria.py.
+
+:func:`decide` holds the fits against noise, their priors and each other. A gust that it names must not be what a
+command explains (:func:`doubted`), held-out manoeuvres must not refute a name (:func:`confirmed`), and what it leaves
+must not ask for another effect (:func:`judged`). Control flights have the last word (controls.py).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.stats import chi2
 
 from testbench.core.errors import LimitError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
-from testbench.core.words import with_error
-from testbench.questions.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed, nuisances
+from testbench.flight.air import Gust
+from testbench.questions.gap import tell
+from testbench.questions.gap.believed import Believed, priors_of
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import Effect
+from testbench.questions.gap.evidence.commanded import MOVED, commands
+from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.search.fit import EffectFit
-from testbench.questions.gap.search.hypothesis import Local
-from testbench.questions.gap.search.likelihood import FORM, LEAST
-from testbench.questions.gap.search.name import Naming
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import SMALL, screen_all
-from testbench.questions.gap.search.several import OF_FORM
-
-OFF, FAR = 1.0, 2.0  # a believed parameter is off, or wrong, by more than this many times what is believed of it, and
-SURE = 4.0  # by more than this many standard errors, which must be smaller than what is believed of it
 
 
-@dataclass(frozen=True)
-class WrongParameter:
-    """A believed coefficient that the records contradict: wrong if it is FAR off, else merely off.
+@dataclass(frozen=True, eq=False)
+class Naming:
+    """The outcome of naming.
 
     Attributes:
-        name: coefficient, e.g. "Cm_alpha".
-        factor: its value over the believed one, as the records alone say it.
-        error: standard error of ``factor``.
-        prior: relative standard deviation that was believed of it.
+        outcome: "no gap", "named", "set" (cannot be told apart) or "unexplained".
+        names: the named effect, or the set, best first; empty otherwise. Two effects at once are one name, "A + B".
+        ranking: all effects, best first.
+        chi2_believed: weighted sum of squares of the believed model, nothing re-tuned.
+        chi2_tuned: the same after re-tuning the nuisances within their priors.
+        nuisances: nuisance -> value of that re-tuning.
+        samples: number of samples in those sums.
+        sentence: the outcome in words.
+        rejected: effect that was not fitted -> why.
+        measured: nuisance -> (value, standard error) of the re-tuning without any effect, the prior left out.
     """
 
-    name: str
-    factor: float
-    error: float
-    prior: float
+    outcome: str
+    names: tuple[str, ...]
+    ranking: tuple[EffectFit, ...]
+    chi2_believed: float
+    chi2_tuned: float
+    nuisances: Mapping[str, float]
+    samples: int
+    sentence: str
+    rejected: Mapping[str, str] = field(default_factory=dict)
+    measured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     @property
-    def sentence(self) -> str:
-        """The finding in words."""
-        return (
-            f"the believed {self.name} is {'wrong' if self.deviations > FAR else 'off'}: "
-            f"{with_error(self.factor, self.error)} times the believed value, {self.deviations:.1f} times what is "
-            f"believed of it ({100.0 * self.prior:.0f} %)"
-        )
+    def noise_left(self) -> bool:
+        """True if what is left, beside the effect that is added if there is one, is noise in still air."""
+        left = self.chi2_tuned if self.best is None else self.best.chi2
+        return left <= float(chi2.isf(CRITERIA.false_alarm, self.samples))
 
     @property
-    def deviations(self) -> float:
-        """How far it is off, over what is believed of it."""
-        return abs(self.factor - 1.0) / self.prior
+    def best(self) -> EffectFit | None:
+        """The effect that is added, if any."""
+        return next((f for f in self.ranking if self.names and f.effect.name == self.names[0]), None)
 
 
-def off_parameters(naming: Naming) -> tuple[WrongParameter, ...]:
-    """Return the believed parameters that re-tuning without any effect finds off; none if an effect was named.
+def noise_floor(believed: Believed, samples: int) -> float:
+    """Return the chi-square that noise alone would leave."""
+    return samples * (1.0 + (CRITERIA.moving_air if believed.whiten is not None else 0.0))
 
-    What re-tuning reaches beside an effect depends on its form.
+
+def noise_limit(believed: Believed, samples: int) -> float:
+    """Return the chi-square that noise alone exceeds with a probability of FALSE_ALARM."""
+    return float(chi2.isf(CRITERIA.false_alarm, noise_floor(believed, samples)))
+
+
+def believable(fit: EffectFit) -> bool:
+    """Return whether a fit strains no coefficient and asks for no more of its effect than there can be."""
+    return fit.within >= CRITERIA.strained and not fit.beyond
+
+
+def leaves_noise(fit: EffectFit, noise: float) -> bool:
+    """Return whether a fit explains all: chi-square is within that of ``noise``, and no coefficient is strained."""
+    return fit.chi2 <= noise and fit.within >= CRITERIA.strained
+
+
+def leaves_far_more(fit: EffectFit, floor: float) -> bool:
+    """Return whether a fit leaves so much more than the ``floor`` of the noise that it cannot be the whole."""
+    return fit.chi2 - floor > max(CRITERIA.remainder * float(np.sqrt(2.0 * floor)), CRITERIA.remaining_share * fit.gain)
+
+
+def is_special_case(fit: EffectFit, general: EffectFit) -> bool:
+    """Return whether ``general`` is a more general form of ``fit`` that gains no more than noise, or form, would."""
+    if not general.effect.generalises(fit.effect):
+        return False
+    extra = max(len(general.values) - len(fit.values), 1)
+    return general.gain - fit.gain <= max(float(chi2.isf(CRITERIA.false_alarm, extra)), CRITERIA.form * general.gain)
+
+
+def score(fit: EffectFit, samples: int) -> float:
+    """Return the gain less ln(samples) for each parameter (Schwarz 1978): the simpler of two equal effects leads."""
+    return fit.gain - len(fit.values) * float(np.log(samples))
+
+
+def decide(
+    ranking: Sequence[EffectFit], chi2_tuned: float, samples: int, floor: float
+) -> tuple[str, tuple[str, ...], str]:
+    """Return outcome, names and sentence; the rules are asked in this order.
+
+    Args:
+        ranking: fits by score, see :func:`score`.
+        chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
+        samples: number of samples in it.
+        floor: what noise alone would leave.
     """
-    if naming.best is not None:
-        return ()
-    priors = {**NUISANCES, **LATERAL_NUISANCES}
-    found = (WrongParameter(n, factor, error, priors[n]) for n, (factor, error) in naming.measured.items())
-    return tuple(p for p in found if p.error < p.prior and abs(p.factor - 1.0) > SURE * p.error and p.deviations > OFF)
+    noise = chi2.isf(CRITERIA.false_alarm, floor)
+    significant = [f for f in ranking if f.significant and f.flown and f.gain > CRITERIA.least]
+    if not significant:
+        if chi2_tuned <= noise:
+            return "no gap", (), tell.no_gap(chi2_tuned, samples)
+        return "unexplained", (), tell.nothing_explains(chi2_tuned, samples)
+    best = _foremost(significant, samples)
+    others = [f for f in ranking if f is not best and f.flown and believable(f)]
+    close = [f for f in others if _indistinct(f, best, samples, best.chi2 <= noise)]
+    if best.within < CRITERIA.strained:
+        return "unexplained", (), tell.strained(best)
+    if best.beyond:
+        return "unexplained", (), tell.beyond(best)
+    strangers = [f for f in ranking if not (f is best or _of_one_kind(f.effect, best.effect))]
+    alone_enough = not any(f.gain > CRITERIA.near * best.gain for f in strangers)
+    enough = CRITERIA.enough_alone if alone_enough else CRITERIA.enough
+    if not best.share >= enough and best.chi2 > noise:
+        return "unexplained", (), tell.too_little(best)
+    if leaves_far_more(best, floor):
+        return "unexplained", (), tell.leaves_far_more(best, best.chi2 - floor)
+    if len(close) >= CRITERIA.many:
+        return "unexplained", (), tell.too_many((best, *close))
+    alone = _common(best, close, ranking)
+    if alone is not None:
+        return "named", (alone.effect.name,), tell.in_common(alone)
+    if close:
+        return "set", (best.effect.name, *(f.effect.name for f in close)), tell.one_of((best, *close))
+    return "named", (best.effect.name,), tell.named(best, best.chi2 <= noise)
 
 
-def wrong_parameters(
-    naming: Naming, believed: Believed, held_out: Sequence[FlightRecord] = ()
-) -> tuple[WrongParameter, ...]:
-    """Return the believed parameters that are off by so much that they are wrong, unless held-out flights contradict.
+def _foremost(significant: Sequence[EffectFit], samples: int) -> EffectFit:
+    """Return the best of some fits in the order of their scores: the first one, or what does as well in its place.
 
-    They do if re-tuning makes them worse.
+    Where the first is not believable, that is one that is and trails it by no more than chance would; of either, a
+    special case that gains no less than noise or form would make it.
     """
-    wrong = tuple(p for p in off_parameters(naming) if p.deviations > FAR)
-    if not wrong or not held_out:
-        return wrong
-    re_tuned = _sum_of_squares(believed.with_tuning(naming.tuning), held_out)
-    return wrong if re_tuned < _sum_of_squares(believed, held_out) else ()
+    best = significant[0]
+    sound = [f for f in significant if believable(f)]
+    if not believable(best):
+        best = next((f for f in sound if score(best, samples) - score(f, samples) < CRITERIA.told_apart), best)
+    return min((f for f in sound if is_special_case(f, best)), key=lambda f: len(f.values), default=best)
+
+
+def _common(best: EffectFit, close: Sequence[EffectFit], ranking: Sequence[EffectFit]) -> EffectFit | None:
+    """Return the fit of what several sets of effects have in common, if they are told apart by nothing else.
+
+    Where it alone explains enough, that each of several others beside it explains the rest speaks for none of them.
+    """
+    parts = [{p.name for p in f.effect.singles} for f in (best, *close)]
+    common = set.intersection(*parts)
+    if not close or not common or any(p == common for p in parts):
+        return None
+    alone = (f for f in ranking if {p.name for p in f.effect.singles} == common)
+    return next((f for f in alone if f.flown and believable(f) and f.share >= CRITERIA.enough), None)
+
+
+def _of_one_kind(a: Effect, b: Effect) -> bool:
+    return a.generalises(b) or b.generalises(a)
+
+
+def _indistinct(fit: EffectFit, best: EffectFit, samples: int, is_noise: bool) -> bool:
+    """Return whether ``fit`` may be the truth although ``best`` leads.
+
+    If the best effect leaves noise only, likelihoods decide: a wrong effect leads the true one by TOLD_APART with a
+    probability of FALSE_ALARM at most (Markov's bound on a likelihood ratio, effects of given size). If more than noise
+    is left, the form of the best one is not quite right, and then what they gain and leave is all there is to go by. A
+    more general form of the best one is another name only if its further parameters gain more than noise or form would;
+    a special case of it is none.
+    """
+    if fit.effect.generalises(best.effect):
+        return not is_special_case(best, fit)
+    if best.effect.generalises(fit.effect):
+        return False  # it would have been named in its place
+    behind = score(best, samples) - score(fit, samples)
+    near = fit.gain >= CRITERIA.too_close * best.gain and fit.chi2 - samples < CRITERIA.twice * (best.chi2 - samples)
+    return behind < CRITERIA.told_apart or (not is_noise and near)
+
+
+def worth_of_form(single: EffectFit, other: Effect, noise: float) -> float:
+    """Return the gain beside ``single`` that ``other`` may owe to the form of its effects.
+
+    ``noise`` is the chi-square that noise alone hardly exceeds.
+    """
+    if any(p.place == other.place for p in single.effect.singles):
+        return CRITERIA.form_in_place * single.gain
+    if single.within < CRITERIA.strained:
+        return 0.0
+    return (CRITERIA.form_of_whole if single.chi2 <= noise else CRITERIA.form) * single.gain
+
+
+def leads(both: EffectFit, single: EffectFit, samples: int, noise: float) -> bool:
+    """Return whether ``both`` lead ``single`` clearly; beside one that leaves noise, by as much as a name takes."""
+    lead = score(both, samples) - score(single, samples)
+    return lead > (CRITERIA.weak if leaves_noise(single, noise) else CRITERIA.told_apart)
+
+
+def does_without(joint: EffectFit, less: EffectFit, samples: int, noise: float) -> bool:
+    """Return whether ``less`` is ``joint`` without one of its parts and loses no more by that than form would."""
+    kept = {e.name for e in less.effect.singles}
+    missing = [e for e in joint.effect.singles if e.name not in kept]
+    if len(missing) != 1 or len(kept) != len(joint.effect.singles) - 1:
+        return False
+    if not (less.flown and less.settled) or less.within < CRITERIA.strained:
+        return False
+    return joint.gain - less.gain <= worth_of_form(less, missing[0], noise) or not leads(joint, less, samples, noise)
+
+
+def doubted(naming: Naming, believed: Believed, records: Sequence[FlightRecord]) -> Naming:
+    """Return ``naming`` without a gust that may as well be an answer to a command which no effect of the library is.
+
+    An effect of the aircraft that only one manoeuvre is large or fast enough for looks like a gust that came with the
+    command. A gust that blows while a command is out, or less than AFTER_S later, is named only if its form is proven:
+    what may be left of the residual around it, noise taken out (upper bound of probability 1 - LEFT), is less than
+    PROVEN times what it gains.
+    """
+    for fit in (f for f in naming.ranking if f.effect.name in naming.names):
+        model = fit.added_to(believed)
+        for met in model.gusts[len(believed.gusts) :]:
+            record = next(r for r in records if record_key(r) == met.record)
+            part = _unproven(model, record, met.gust) / fit.gain
+            if not _commanded(record, met.gust) or part < CRITERIA.gust_proven:
+                continue
+            names = tuple(n for n in naming.names if n != fit.effect.name)
+            sentence = tell.gust_beside_command(fit, part, [f for f in naming.ranking if f.effect.name in names])
+            outcome = "set" if len(names) > 1 else "named" if names else "unexplained"
+            return replace(naming, outcome=outcome, names=names, sentence=sentence)
+    return naming
+
+
+def _commanded(record: FlightRecord, gust: Gust) -> bool:
+    """Return whether a command is away from where it began while the gust blows, or was so less than AFTER_S before."""
+    t, u = record.t_s - record.t_s[0], commands(record)[1]
+    near = (t > gust.start_s - CRITERIA.gust_after_s) & (t < gust.start_s + float(gust.duration_s or 0.0))
+    return bool((np.abs(u[near]) > MOVED).any())
+
+
+def _unproven(model: Believed, record: FlightRecord, gust: Gust) -> float:
+    """Return what may be left, beside noise, of the residual while the gust blows and RINGS_S after it.
+
+    Noise that happens to be low proves nothing: it is not taken for less than it is in the mean.
+    """
+    t = record.t_s - record.t_s[0]
+    blows = (t > gust.start_s) & (t < gust.start_s + float(gust.duration_s or 0.0) + CRITERIA.gust_rings_s)
+    r, samples = model.residuals(record)[blows], np.count_nonzero(model.taken(record)[blows])
+    return float(max(np.sum(r**2), samples) - chi2.isf(1.0 - CRITERIA.gust_left, samples))
 
 
 def confirmed(naming: Naming, believed: Believed, held_out: Sequence[FlightRecord]) -> Naming:
@@ -90,31 +273,24 @@ def confirmed(naming: Naming, believed: Believed, held_out: Sequence[FlightRecor
     fits = [next(f for f in naming.ranking if f.effect.name == name) for name in naming.names]
     if not fits or not held_out:
         return naming
-    without = min(_sum_of_squares(m, held_out) for m in (believed, believed.with_tuning(naming.tuning)))
+    without = min(sum_of_squares(m, held_out) for m in (believed, believed.with_nuisances(naming.nuisances)))
     if not np.isfinite(without):
         return naming  # nothing to compare with: without the effect nothing flies there
     worse = {
-        f.effect.name: 0.0 if f.effect.met else _sum_of_squares(f.added_to(believed), held_out) - without for f in fits
+        f.effect.name: 0.0 if f.effect.met else sum_of_squares(f.added_to(believed), held_out) - without for f in fits
     }
     kept = [f for f in fits if worse[f.effect.name] <= f.threshold]
     if len(kept) == len(fits):
         return naming
-    names = tuple(f.effect.name for f in kept)
-    out = [f.effect.title for f in fits if f not in kept]
     if not kept:
-        raised = ", ".join(f"{worse[f.effect.name]:.4g}" for f in fits)
-        sentence = (
-            f"unexplained: {' or '.join(out)} would fit, but on the manoeuvres held out {'each' if out[1:] else 'it'} "
-            f"raises chi-square, by {raised} against the model without it"
-        )
+        sentence = tell.refuted(fits, [worse[f.effect.name] for f in fits])
         return replace(naming, outcome="unexplained", names=(), sentence=sentence)
-    told = "; ".join(f"{f.effect.title}, {f.size}" for f in kept)
-    head = "one of these, which these data cannot tell apart: " if len(kept) > 1 else ""
-    sentence = f"{head}{told}; the manoeuvres held out refute {' and '.join(out)}, which would fit as well"
+    names = tuple(f.effect.name for f in kept)
+    sentence = tell.refuted_but(kept, [f for f in fits if f not in kept])
     return replace(naming, outcome="set" if len(kept) > 1 else "named", names=names, sentence=sentence)
 
 
-def _sum_of_squares(model: Believed, records: Sequence[FlightRecord]) -> float:
+def sum_of_squares(model: Believed, records: Sequence[FlightRecord]) -> float:
     """Return the weighted sum of squares on ``records``; infinite if the model cannot fly them."""
     try:
         return float(sum(np.sum(model.residuals(r) ** 2) for r in records))
@@ -150,7 +326,7 @@ def more_than_form(left: float, gain: float) -> bool:
 
     That refutes a name that gains ``gain``; both are falls of chi-square.
     """
-    return left > max(LEAST, OF_FORM * gain)
+    return left > max(CRITERIA.least, CRITERIA.form_in_place * gain)
 
 
 def rest(
@@ -166,15 +342,15 @@ def rest(
     """
     if best.scatter_s or best.effect.met is not None or believed.whiten is not None:
         return None
-    priors = nuisances(records)
-    factors = np.array([best.tuning[n] for n in priors])
-    point = Local.at(believed, believed.with_effect(best.effect, best.values), tuple(records), factors, priors)
+    priors = priors_of(records)
+    nuisances = np.array([best.nuisances[n] for n in priors])
+    point = Hypothesis.at(believed, believed.with_effect(best.effect, best.values), tuple(records), nuisances, priors)
     parts = {e.name for e in best.effect.singles}
     forms = parts.union(*(e.contains for e in best.effect.singles))
     others = [e for n, e in effects.items() if n not in forms and parts.isdisjoint(e.contains) and e.met is None]
     seen = [s for s in screen_all([(point, e) for e in others], SMALL) if s.seen]
     first = max(seen, key=lambda s: s.promise, default=None)
-    least = max(LEAST, FORM * best.gain)
+    least = max(CRITERIA.least, CRITERIA.form * best.gain)
     return None if first is None or first.promise <= least else Rest(first.effect, first.promise, least)
 
 
@@ -199,21 +375,5 @@ def judged(
     left = None if best is None else rest(best, believed, records, effects)
     if best is None or left is None or len(naming.names) > 1 or not more_than_form(left.gain, best.gain):
         return naming, left
-    sentence = (
-        f"unexplained: {best.effect.title}, {best.size}, comes nearest with {best.gain:.4g} of chi-square, but of what "
-        f"it leaves {left.effect.title} beside it would explain {left.gain:.3g}, more than its form may leave: a "
-        "relative of it, or several effects, are the truth"
-    )
+    sentence = tell.remainder(best, left.effect.title, left.gain)
     return replace(naming, outcome="unexplained", names=(), sentence=sentence), None
-
-
-def largest_errors(believed: Believed, records: Sequence[FlightRecord]) -> Mapping[str, float]:
-    """Return channel -> largest difference of measurement and prediction, each about its mean over a record, SI.
-
-    Sensor noise and turbulence are in it.
-    """
-    worst = np.zeros(len(believed.outputs))
-    plain = replace(believed, whiten=None)
-    for record in records:
-        worst = np.maximum(worst, np.max(np.abs(plain.residuals(record)), axis=0) * believed.noise_std)
-    return dict(zip(believed.outputs, worst.tolist(), strict=True))

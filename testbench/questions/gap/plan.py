@@ -26,17 +26,18 @@ from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, Input, Pulse, StandardMultistep, Sweep
 from testbench.flight import FlightCondition
 from testbench.inputs import build
-from testbench.questions.gap.believed import Believed, nuisances
+from testbench.questions.gap.believed import Believed, priors_of
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.evidence.commanded import commands, quiet_samples
 from testbench.questions.gap.evidence.compared import not_compared
-from testbench.questions.gap.search.fit import FALSE_ALARM, EffectFit
-from testbench.questions.gap.search.hypothesis import Changes, Local
+from testbench.questions.gap.search.fit import EffectFit
+from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import load_suite
 
 # The threshold that tells two effects apart, 2 ln(1 / FALSE_ALARM), passed with a probability of 0.9.
-NEEDED = float((np.sqrt(2.0 * np.log(1.0 / FALSE_ALARM)) + 1.2816) ** 2)
+NEEDED = float((np.sqrt(2.0 * np.log(1.0 / CRITERIA.false_alarm)) + 1.2816) ** 2)
 ALIKE = 0.9  # from this share on, two effects are told apart by the details of their form alone
 _MOST_STARTS = 4
 _UNSEEN = 1e-6
@@ -169,7 +170,7 @@ def plan_gap(scenario: Scenario, progress: Callable[[str], None] | None = None) 
         believed = Believed(aircraft, suite, FlightCondition(c.V_m_s, c.h_m, c.gamma_deg * DEG_RAD), rate)
     effects = tuple(e for e in library(suite).values() if e.met is None)  # nobody plans to meet a gust
     records = [as_record(believed, spec) for spec in scenario.manoeuvre]
-    priors = nuisances(records)
+    priors = priors_of(records)
     parts = []
     for spec, record in zip(scenario.manoeuvre, records, strict=True):
         say(f"signatures in {spec.name}")
@@ -221,7 +222,7 @@ class Grams:
     Attributes:
         G: (c + k, c + k) of c signatures and the k nuisances' tangents.
         columns: effect -> its columns, the usual size first; none if nothing of it flies.
-        priors: nuisance -> relative deviation of its prior; the same in all that are added up.
+        priors: nuisance -> relative standard deviation of its prior; the same in all that are added up.
     """
 
     G: FloatArray
@@ -244,21 +245,22 @@ class Grams:
             record: with the commands.
             effects: whose signatures.
             sizes: effect -> parameter values that take the place of its usual size.
-            priors: nuisance -> relative deviation of its prior; those that this manoeuvre asks for if not given.
+            priors: nuisance -> relative deviation of its prior; if not given, those that this
+                manoeuvre asks for.
 
         Raises:
             FlightAborted, TrimError, LimitError: the believed aircraft cannot fly it.
         """
-        base = Local.at(believed, believed, (record,), priors=priors)
+        base = Hypothesis.at(believed, believed, (record,), priors=priors)
         signatures: list[FloatArray] = []
         columns = []
         for effect in effects:
             starts = list(product(*(p.starts for p in effect.parameters)))[:_MOST_STARTS]
             if sizes is not None and effect.name in sizes:
                 starts = [tuple(sizes[effect.name]), *starts]
-            changes = Changes(base, effect)
+            signature = Signature(base, effect)
             hidden = effect.lateral and not base.lateral
-            found = [None if hidden else changes.at(np.array(x)) for x in starts]
+            found = [None if hidden else signature.at(np.array(x)) for x in starts]
             columns.append(tuple(range(len(signatures), len(signatures) + len(found))))
             # A start that cannot fly leaves nothing: the same columns must stand for the same starts everywhere.
             signatures += [np.zeros(base.exact.size) if d is None else d for d in found]
@@ -295,7 +297,7 @@ def separate(believed: Believed, records: Sequence[FlightRecord], fits: Sequence
     effects = [f.effect for f in fits]
     sizes = {f.effect.name: list(f.values.values()) for f in fits}
     plain = replace(believed, whiten=None)
-    priors = nuisances(records)
+    priors = priors_of(records)
     flown = sum_of([Grams.of(plain, r, effects, sizes, priors) for r in records])
     quiet = max(quiet_samples(r) * r.dt_s for r in records)
     best, words = 0.0, ""

@@ -9,15 +9,15 @@ import numpy as np
 
 from testbench.core.constants import DEG_RAD, G0_M_S2, KT_M_S
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.questions.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
+from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed
 from testbench.questions.gap.controls import Controls
-from testbench.questions.gap.decide import FAR, Rest, WrongParameter, off_parameters
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.decide import Naming, Rest
 from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.check import DataCheck
 from testbench.questions.gap.evidence.forces import EquationErrors
 from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
-from testbench.questions.gap.search.fit import FALSE_ALARM
-from testbench.questions.gap.search.name import Naming
+from testbench.questions.gap.parameters import WrongParameter, off_parameters
 
 # What a simulator may be off in the short period and after a power change, in roll and yaw response and in a steady
 # sideslip, 14 CFR 60, appendix A, table A2A; the pitch angle's tolerance is taken for the angle of attack.
@@ -65,7 +65,7 @@ class Shrink:
     def visible(self) -> bool:
         """True if the excess before stands four standard deviations above what noise alone scatters by."""
         scatter = np.sqrt(np.sum(2.0 / np.maximum(self.taken, 1.0)))
-        return float(np.sum(self.energy_before - 1.0)) > 4.0 * scatter
+        return float(np.sum(self.energy_before - 1.0)) > CRITERIA.visible * scatter
 
     @property
     def removed(self) -> float:
@@ -169,11 +169,11 @@ class GapFinding:
         if best is None:
             judged = ", ".join(n for n in self.believed.outputs if n in TOLERANCE)
             words = f"real but immaterial: in {judged} of these records the believed model errs by less {_ALLOWED}"
-            off = [p.sentence for p in off_parameters(self.naming) if p.deviations <= FAR]
+            off = [p.sentence for p in off_parameters(self.naming) if p.deviations <= CRITERIA.far]
             return [*off, words] if self.immaterial else off
         out = [
             f"evidence: it lowers chi-square by {best.gain:.0f}, where noise alone reaches {best.threshold:.3g} once "
-            f"in {1.0 / FALSE_ALARM:.0f} cases"
+            f"in {1.0 / CRITERIA.false_alarm:.0f} cases"
         ]
         others = [f for f in self.naming.ranking if f.effect.name not in self.naming.names]
         if others:
@@ -195,8 +195,8 @@ class GapFinding:
                 f"re-tuned beside it. It could be mistaken for {best.effect.mistaken_for}. What separates them: "
                 f"{best.effect.separated_by}"
             )
-        priors = {**NUISANCES, **LATERAL_NUISANCES}
-        far = [f"{n} {f:.3g}" for n, f in best.tuning.items() if abs(f - 1.0) > 2.0 * priors[n]]
+        priors = {**PRIORS, **LATERAL_PRIORS}
+        far = [f"{n} {f:.3g}" for n, f in best.nuisances.items() if abs(f - 1.0) > 2.0 * priors[n]]
         if far:
             out.append(
                 f"re-tuned beside it by more than twice what is believed of them: {', '.join(far)} times the believed "

@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from testbench.core.scenario.base import FlownAt, Manoeuvre, SuiteName
 from testbench.core.schema import Strict
-from testbench.questions.gap.hidden import Hidden
+from testbench.questions.gap.hidden.kinds import Hidden
 
 
 class MeasuredFile(Strict):

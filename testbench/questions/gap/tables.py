@@ -8,9 +8,9 @@ import numpy as np
 
 from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table
+from testbench.questions.gap.criteria import FALSE_ALARM
 from testbench.questions.gap.evidence.forces import follows
 from testbench.questions.gap.plan import ALIKE, NEEDED
-from testbench.questions.gap.search.fit import FALSE_ALARM
 
 if TYPE_CHECKING:
     from testbench.questions.gap.case import GapResult
@@ -81,7 +81,7 @@ def gap_tables(result: GapResult) -> list[Table]:
                 "Factors on the believed coefficients"
                 + ("; far from 1 means that the effect is not the whole story." if best else "."),
                 (Column("coefficient", "coefficient"), Column("factor", "factor", decimals=3)),
-                tuple((best.tuning if best else naming.tuning).items()),
+                tuple((best.nuisances if best else naming.nuisances).items()),
             )
         )
         for k, shrink in enumerate(result.finding.shrink, 1):

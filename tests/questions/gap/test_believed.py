@@ -6,27 +6,28 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from studies.blind.flights import Plan, fly_truth
+from studies.blind.flights import fly_truth
 from studies.blind.run import believe
 
 from testbench.core.errors import LimitError
 from testbench.core.record import FlightAborted
+from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.search.name import name_effect
 
 
 @pytest.fixture(scope="module")
 def throttled():
     """A record whose throttle moves to a few per cent of idle."""
-    return fly_truth("eolo", Plan(), "rich", 3)["throttle"]
+    return fly_truth("eolo", Truth(), "rich", 3)["throttle"]
 
 
 def test_a_hypothesis_of_little_drag_flies_with_the_throttle_at_its_stop(throttled):
     believed = believe("eolo")
     believed.check_commands(throttled)
-    slippery = believed.with_tuning({"CD": 0.4})
+    slippery = believed.with_nuisances({"CD": 0.4})
     with pytest.raises(LimitError, match="0 <= thr <= 100 %"):
         slippery.check_commands(throttled)
-    left = [float(np.sum(believed.with_tuning({"CD": f}).residuals(throttled) ** 2)) for f in (1.0, 0.7, 0.4)]
+    left = [float(np.sum(believed.with_nuisances({"CD": f}).residuals(throttled) ** 2)) for f in (1.0, 0.7, 0.4)]
     assert left[0] < left[1] < left[2] < np.inf  # the way back is downhill
 
 

@@ -13,16 +13,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 from studies.blind import __main__ as command
-from studies.blind import forms, rows, servos
+from studies.blind import rows
 from studies.blind.cases import Case, draw, opened, seal
-from studies.blind.flights import Plan, fly_truth
+from studies.blind.flights import fly_truth
 from studies.blind.report import write_report
 from studies.blind.run import believe, look_again
 from studies.blind.score import judge, rates, wilson
 from studies.blind.truths import KINDS, parameter_errors
 
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import EFFECTS, library
-from testbench.questions.gap.search.likelihood import WEAK
+from testbench.questions.gap.hidden import servos
+from testbench.questions.gap.hidden.aircraft import SERVO_LAG
+from testbench.questions.gap.hidden.entries import TRUTHS
+from testbench.questions.gap.hidden.truth import Truth
 
 TESTS = Path(__file__).resolve().parents[2]
 
@@ -50,7 +54,7 @@ def test_a_truth_with_nothing_hidden_is_what_is_believed(aircraft):
     """Residuals are white with variance one: five sigma of the mean square of 800 samples a channel, false alarm 3e-6
     per channel."""
     believed = believe(aircraft)
-    record = next(iter(fly_truth(aircraft, Plan(), "short", 3).values()))
+    record = next(iter(fly_truth(aircraft, Truth(), "short", 3).values()))
     energy = (believed.residuals(record) ** 2).mean(axis=0)
     assert energy == pytest.approx(np.ones(5), abs=5 * np.sqrt(2 / len(record)))
 
@@ -62,13 +66,13 @@ def test_every_kind_of_truth_flies_and_leaves_the_commands_as_issued(name):
     for seed in range(6):  # some sizes take the aircraft out of its limits; the draw of the test skips them, too
         sizes = kind.draw(np.random.default_rng(seed))
         try:
-            records = fly_truth(aircraft, kind.plan(sizes, aircraft), "short", 1)
+            records = fly_truth(aircraft, TRUTHS[name](sizes, aircraft), "short", 1)
             break
         except Exception as error:
             failure = error
     else:
         raise AssertionError(f"{name} never flew") from failure
-    plain = fly_truth(aircraft, Plan(), "short", 1)
+    plain = fly_truth(aircraft, Truth(), "short", 1)
     differs = False
     for key, record in records.items():
         command_now, command_plain = (r["de_cmd"] - r["de_cmd"][0] for r in (record, plain[key]))
@@ -184,10 +188,10 @@ def test_a_hidden_servo_that_changes_nothing_shows_nothing(aircraft):
     slew limit, met in the sweep outside the lag instead of inside, and less than what is ever named.
     """
     believed = believe(aircraft)
-    own = servos.after_lag(forms.SERVO_LAG[aircraft], lambda u, dt_s: u)
-    flown = [fly_truth(aircraft, p, "rich", 5) for p in (Plan(), Plan(elevator=own, whole_servo=True))]
+    own = servos.after_lag(SERVO_LAG[aircraft], lambda u, dt_s: u)
+    flown = [fly_truth(aircraft, p, "rich", 5) for p in (Truth(), Truth(elevator=own, whole_servo=True))]
     plain, again = (sum(float(np.sum(believed.residuals(r) ** 2)) for r in f.values()) for f in flown)
-    assert abs(again - plain) < WEAK
+    assert abs(again - plain) < CRITERIA.weak
 
 
 def test_a_run_resumes_and_a_changed_seal_is_refused(tmp_path, monkeypatch):
@@ -308,7 +312,7 @@ def test_what_a_named_row_leaves_is_looked_at_from_its_own_values():
     """The truth leaves nothing; a row whose values do not lead back to its chi-square is left alone; seed fixed."""
     b = believe("taurus")
     slow = b.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 9.0})
-    records = {n: replace(r, data=_read(slow, r)) for n, r in fly_truth("taurus", Plan(), "short", 1).items()}
+    records = {n: replace(r, data=_read(slow, r)) for n, r in fly_truth("taurus", Truth(), "short", 1).items()}
     fitted = row("named", "actuator_lag") | {"values": {"lag_rad_s": 9.0}, "gain": 5_000.0}
     left = sum(float(np.sum(slow.residuals(r) ** 2)) for r in records.values())
     assert look_again("taurus", records, fitted | {"chi2_left": left + 200.0}) is None

@@ -15,7 +15,7 @@ from testbench.questions.gap.ask import _shrink
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.compared import left_out, not_compared
 from testbench.questions.gap.evidence.locate import locate, locate_regions, structure
-from testbench.questions.gap.search.hypothesis import Local
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.sensors import Sensor, SensorSuite, load_suite
 
 EDGE = 1e-5  # probability that noise alone leaves each of the two sides
@@ -43,16 +43,16 @@ def full():
 
 
 def test_samples_that_were_not_taken_are_not_counted(slow, slow_records):
-    point = Local.at(slow, slow, tuple(slow_records))
+    point = Hypothesis.at(slow, slow, tuple(slow_records))
     taken = sum(int(np.count_nonzero(slow.taken(r))) for r in slow_records)
     assert point.samples == taken < 0.7 * point.exact.size
     assert chi2.isf(1.0 - EDGE, taken) < point.chi2 < chi2.isf(EDGE, taken)
-    wrong = Local.at(slow, slow.with_tuning({"Cm_de": 1.05}), tuple(slow_records))
+    wrong = Hypothesis.at(slow, slow.with_nuisances({"Cm_de": 1.05}), tuple(slow_records))
     assert chi2.isf(EDGE, taken) < wrong.chi2 < point.exact.size  # judged by all samples it would pass for noise
 
 
 def test_the_share_removed_counts_what_was_taken(slow, slow_records):
-    shrink = _shrink(slow.with_tuning({"Cm_de": 1.05}), slow, "m", slow_records[0])
+    shrink = _shrink(slow.with_nuisances({"Cm_de": 1.05}), slow, "m", slow_records[0])
     assert shrink.visible
     assert shrink.energy_after == pytest.approx(1.0, abs=0.45)  # 120 samples: 3.5 standard deviations are 0.45
     assert 0.7 < shrink.removed < 1.3

@@ -15,15 +15,15 @@ import testbench.questions.gap.controls as controls_module
 from testbench.core.errors import LimitError, RecordError
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.ask import find_gap
-from testbench.questions.gap.believed import NUISANCES, Believed
+from testbench.questions.gap.believed import PRIORS, Believed
 from testbench.questions.gap.controls import Control, Controls, fly_control, fly_controls, without_false_alarms
+from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen
 from testbench.questions.gap.evidence.air import measure as measure_air
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import retune
-from testbench.questions.gap.search.hypothesis import Local
-from testbench.questions.gap.search.name import Naming
+from testbench.questions.gap.search.hypothesis import Hypothesis
 
 STILL = AirFound(False, 0.0, 547.0, 0.0, 9.55, 4.0)
 
@@ -50,11 +50,11 @@ def test_a_control_flight_has_commands_and_samples_of_the_measured_one_and_leave
         for name in ("de_cmd", "thr_cmd"):
             np.testing.assert_array_equal(control[name], record[name])
         assert np.all(np.std(control.columns(believed.outputs) - record.columns(believed.outputs), axis=0) > 0.0)
-    tuned = retune(Local.at(believed, believed, tuple(flown)))
+    tuned = retune(Hypothesis.at(believed, believed, tuple(flown)))
     # White noise alone: chi-square over n samples scatters by sqrt(2 n); five of it are 6e-7 both sides. Means that are
     # taken out and coefficients that are re-tuned take some 15 of it.
     assert abs(tuned.chi2 - tuned.samples) < 5.0 * np.sqrt(2.0 * tuned.samples) + 15.0
-    assert np.max(np.abs(tuned.factors - 1.0)) > 0.02  # they were drawn, not left where they are believed
+    assert np.max(np.abs(tuned.nuisances - 1.0)) > 0.02  # they were drawn, not left where they are believed
 
 
 def test_control_flights_are_drawn_by_their_number_alone(believed, records):
@@ -75,7 +75,7 @@ def test_control_flights_meet_the_turbulence_that_was_found(believed, records):
     # 28 s of turbulence, scale length 533 m at 16 m/s: its rms as filters see it is told to some 10 %; here three.
     assert measure_air(believed, flown, heard).rms_m_s == pytest.approx(0.4, rel=0.3)
     white = in_air(believed, replace(found, rms_m_s=0.4))
-    tuned = retune(Local.at(white, white, tuple(flown)))
+    tuned = retune(Hypothesis.at(white, white, tuple(flown)))
     assert tuned.chi2 == pytest.approx(
         tuned.samples, rel=0.06
     )  # the filter is linear; six standard deviations of noise
@@ -91,7 +91,7 @@ def naming(gain: float, outcome: str = "named") -> Naming:
         gain=gain,
         threshold=17.0,
         share=0.999,
-        tuning=dict.fromkeys(NUISANCES, 1.0),
+        nuisances=dict.fromkeys(PRIORS, 1.0),
     )
     names = ("actuator_lag",) if outcome == "named" else ()
     return Naming(outcome, names, (fit,), 4_450.0 + gain, 4_450.0 + gain, {}, 4_500, "what was said")

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from testbench.questions.gap.believed import NUISANCES
+from testbench.questions.gap.believed import PRIORS
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.decide import decide, does_without, is_special_case, leads, score
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.base import together
-from testbench.questions.gap.search.fit import FALSE_ALARM, EffectFit
-from testbench.questions.gap.search.likelihood import FORM, LEAST, STRAINED, TOLD_APART, WEAK, is_special_case, score
-from testbench.questions.gap.search.name import _asked, _decide
+from testbench.questions.gap.search.fit import EffectFit
+from testbench.questions.gap.search.name import _asked
 from testbench.questions.gap.search.several import _Joint, several_at_once
 
 
@@ -29,7 +30,7 @@ def slow():
         gain=9_000.0,
         threshold=17.0,
         share=0.999,
-        tuning=dict.fromkeys(NUISANCES, 1.0),
+        nuisances=dict.fromkeys(PRIORS, 1.0),
     )
     return SimpleNamespace(best=best)
 
@@ -40,8 +41,8 @@ def test_the_special_case_is_named_where_a_general_form_gains_no_more_than_form_
         special, effect=EFFECTS["second_order_actuator"], values={"omega_rad_s": 1.0, "zeta": 1.0}, gain=special.gain
     )
     assert is_special_case(special, general)
-    assert is_special_case(special, replace(general, gain=special.gain * (1.0 + 0.5 * FORM) + 5.0))
-    assert not is_special_case(special, replace(general, gain=special.gain * (1.0 + 2.0 * FORM) + 20.0))
+    assert is_special_case(special, replace(general, gain=special.gain * (1.0 + 0.5 * CRITERIA.form) + 5.0))
+    assert not is_special_case(special, replace(general, gain=special.gain * (1.0 + 2.0 * CRITERIA.form) + 20.0))
     assert not is_special_case(general, special)
 
 
@@ -55,12 +56,12 @@ def test_what_several_pairs_have_in_common_is_named_where_it_explains_enough(slo
         ones = dict.fromkeys((p.name for p in both.parameters), 1.0)
         pairs.append(replace(servo, effect=both, values=ones, errors=ones, gain=gain))
     fits = tuple(replace(f, share=0.999, chi2=4_500.0) for f in pairs)
-    outcome, names, sentence = _decide((*fits, servo), 15_000.0, samples, samples)
+    outcome, names, sentence = decide((*fits, servo), 15_000.0, samples, samples)
     assert (outcome, names) == ("named", ("actuator_lag",)), sentence
     assert "either its form or one of several other effects" in sentence
-    assert _decide((fits[0], servo), 15_000.0, samples, samples)[1] == (fits[0].effect.name,)
+    assert decide((fits[0], servo), 15_000.0, samples, samples)[1] == (fits[0].effect.name,)
     partial = replace(servo, share=0.5)
-    assert _decide((*fits, partial), 15_000.0, samples, samples)[0] == "set"
+    assert decide((*fits, partial), 15_000.0, samples, samples)[0] == "set"
 
 
 def test_what_leaves_far_more_than_noise_is_nearest_and_no_name(slow):
@@ -69,17 +70,21 @@ def test_what_leaves_far_more_than_noise_is_nearest_and_no_name(slow):
     near = replace(slow.best, gain=0.5 * limit / 2e-3, share=0.99)
     for left, outcome in ((0.9 * limit, "named"), (1.1 * limit, "unexplained")):
         fit_left = replace(near, chi2=samples + left)
-        assert _decide((fit_left,), fit_left.chi2 + near.gain, samples, samples)[0] == outcome
+        assert decide((fit_left,), fit_left.chi2 + near.gain, samples, samples)[0] == outcome
     loud = replace(near, gain=2.0 * limit / 2e-3, chi2=samples + 1.9 * limit)  # no form is right to so little of it
-    assert _decide((loud,), loud.chi2 + loud.gain, samples, samples)[0] == "named"
+    assert decide((loud,), loud.chi2 + loud.gain, samples, samples)[0] == "named"
 
 
 def test_what_explains_too_little_is_named_only_if_it_leaves_noise(slow):
     """Noise exceeds the limit once in a thousand records; at once in fifty, three right names in 36 were lost."""
     samples = 4_500
-    for probability, outcome in ((2e-2, "named"), (2.0 * FALSE_ALARM, "named"), (0.5 * FALSE_ALARM, "unexplained")):
+    for probability, outcome in (
+        (2e-2, "named"),
+        (2.0 * CRITERIA.false_alarm, "named"),
+        (0.5 * CRITERIA.false_alarm, "unexplained"),
+    ):
         left = replace(slow.best, gain=500.0, share=0.6, chi2=float(chi2.isf(probability, samples)))
-        assert _decide((left,), left.chi2 + left.gain, samples, samples)[0] == outcome
+        assert decide((left,), left.chi2 + left.gain, samples, samples)[0] == outcome
 
 
 def test_a_rival_given_up_before_it_flew_is_tried_from_where_coefficients_rest(slow):
@@ -95,11 +100,11 @@ def test_a_rival_given_up_before_it_flew_is_tried_from_where_coefficients_rest(s
 
 def test_what_strains_nothing_takes_the_place_of_what_leads_it_by_chance(slow):
     """Mass alone, beside a coefficient 3.7 deviations off, came before a payload that needs none."""
-    strained = replace(slow.best, gain=1_000.0, chi2=4_500.0, within=0.1 * STRAINED, share=0.99)
-    for trails, outcome in ((TOLD_APART - 1.0, "named"), (TOLD_APART + 1.0, "unexplained")):
+    strained = replace(slow.best, gain=1_000.0, chi2=4_500.0, within=0.1 * CRITERIA.strained, share=0.99)
+    for trails, outcome in ((CRITERIA.told_apart - 1.0, "named"), (CRITERIA.told_apart + 1.0, "unexplained")):
         another = replace(slow.best.effect, name="another")
         other = replace(strained, effect=another, gain=1_000.0 - trails, within=1.0)
-        assert _decide((strained, other), 5_500.0, 4_500, 4_500)[0] == outcome
+        assert decide((strained, other), 5_500.0, 4_500, 4_500)[0] == outcome
 
 
 def test_an_effect_that_would_have_to_be_larger_than_possible_is_no_name(slow):
@@ -110,11 +115,11 @@ def test_an_effect_that_would_have_to_be_larger_than_possible_is_no_name(slow):
     delay = replace(slow.best, effect=EFFECTS["V_delay"], errors={"delay_s": 0.01}, share=0.99, chi2=4_450.0)
     for delay_s, outcome in ((0.5, "unexplained"), (0.49, "named"), (0.0, "named")):
         late = replace(delay, values={"delay_s": delay_s})
-        assert _decide((late,), 13_450.0, 4_500, 4_500)[0] == outcome
+        assert decide((late,), 13_450.0, 4_500, 4_500)[0] == outcome
     far = replace(delay, values={"delay_s": 0.5})
-    assert "delay_s lies at the end of its range" in _decide((far,), 13_450.0, 4_500, 4_500)[2]
-    possible = replace(slow.best, gain=far.gain - TOLD_APART + 1.0, values={"lag_rad_s": 12.0})
-    outcome, names, _ = _decide((far, possible), 13_450.0, 4_500, 4_500)
+    assert "delay_s lies at the end of its range" in decide((far,), 13_450.0, 4_500, 4_500)[2]
+    possible = replace(slow.best, gain=far.gain - CRITERIA.told_apart + 1.0, values={"lag_rad_s": 12.0})
+    outcome, names, _ = decide((far, possible), 13_450.0, 4_500, 4_500)
     assert (outcome, names) == ("named", ("actuator_lag",))  # it trails by chance only, and is possible
 
 
@@ -125,36 +130,38 @@ def test_the_end_of_a_form_is_a_form(slow):
         values = {**names, "damping_share": damping_share}
         washed = replace(slow.best, effect=EFFECTS["elevator_slipstream"], values=values, errors=names)
         assert washed.beyond == ()
-        assert _decide((washed,), 13_450.0, 4_500, 4_500)[0] == "named"
+        assert decide((washed,), 13_450.0, 4_500, 4_500)[0] == "named"
 
 
 def test_the_least_gain_that_is_named(slow):
-    for gain, outcome in ((LEAST - 1.0, "no gap"), (LEAST + 1.0, "named")):
+    for gain, outcome in ((CRITERIA.least - 1.0, "no gap"), (CRITERIA.least + 1.0, "named")):
         small = replace(slow.best, gain=gain, threshold=20.0, chi2=4_500.0, share=float("nan"))
-        assert _decide((small,), 4_500.0 + gain, 4_500, 4_500)[0] == outcome
+        assert decide((small,), 4_500.0 + gain, 4_500, 4_500)[0] == outcome
 
 
 def test_a_second_effect_is_dropped_where_the_first_one_alone_does_as_well_but_for_its_form(slow):
     """The first one leaves noise; what its form is not right to may be 2 % of what it gains, 5 % in one place."""
     single = replace(slow.best, gain=10_000.0, chi2=4_550.0)
-    search = _Joint(None, 15_000.0, (), 4_500, 3, 4_600.0, print)
 
     def joint(partner: str, gain: float):
         return replace(single, effect=together(EFFECTS["actuator_lag"], EFFECTS[partner]), gain=gain)
 
-    assert search.does_without(joint("alpha_scale", 10_190.0), single)
-    assert not search.does_without(joint("alpha_scale", 10_210.0), single)
-    assert search.does_without(joint("transport_delay", 10_490.0), single)
-    assert not search.does_without(joint("transport_delay", 10_510.0), single)
-    assert not search.does_without(joint("alpha_scale", 10_190.0), replace(single, chi2=4_700.0))
-    assert not search.does_without(joint("alpha_scale", 10_190.0), replace(single, within=0.1 * STRAINED))
-    assert not search.does_without(joint("alpha_scale", 10_190.0), replace(single, effect=EFFECTS["mass_error"]))
+    assert does_without(joint("alpha_scale", 10_190.0), single, 4_500, 4_600.0)
+    assert not does_without(joint("alpha_scale", 10_210.0), single, 4_500, 4_600.0)
+    assert does_without(joint("transport_delay", 10_490.0), single, 4_500, 4_600.0)
+    assert not does_without(joint("transport_delay", 10_510.0), single, 4_500, 4_600.0)
+    assert not does_without(joint("alpha_scale", 10_190.0), replace(single, chi2=4_700.0), 4_500, 4_600.0)
+    assert not does_without(
+        joint("alpha_scale", 10_190.0), replace(single, within=0.1 * CRITERIA.strained), 4_500, 4_600.0
+    )
+    assert not does_without(
+        joint("alpha_scale", 10_190.0), replace(single, effect=EFFECTS["mass_error"]), 4_500, 4_600.0
+    )
 
 
 def test_a_second_effect_beside_one_that_leaves_noise_takes_as_much_as_a_name(slow):
     """No simulation, and no model of turbulence, is right to a few parts in a thousand of chi-square."""
     single = replace(slow.best, gain=500.0, chi2=4_550.0)
-    search = _Joint(None, 5_000.0, (), 4_500, 3, 4_600.0, print)
     both = together(EFFECTS["actuator_lag"], EFFECTS["alpha_scale"])
     values = dict.fromkeys((p.name for p in both.parameters), 1.0)
     price = np.log(4_500)  # of one parameter more
@@ -162,10 +169,12 @@ def test_a_second_effect_beside_one_that_leaves_noise_takes_as_much_as_a_name(sl
     def joint(more: float):
         return replace(single, effect=both, values=values, gain=500.0 + more)
 
-    assert search.does_without(joint(price + WEAK - 1.0), single)
-    assert not search.does_without(joint(price + WEAK + 1.0), single)
-    assert search._ahead(joint(price + TOLD_APART + 1.0), replace(single, chi2=4_700.0))  # it leaves more than noise
-    assert not search._ahead(joint(price + TOLD_APART + 1.0), single)
+    assert does_without(joint(price + CRITERIA.weak - 1.0), single, 4_500, 4_600.0)
+    assert not does_without(joint(price + CRITERIA.weak + 1.0), single, 4_500, 4_600.0)
+    assert leads(
+        joint(price + CRITERIA.told_apart + 1.0), replace(single, chi2=4_700.0), 4_500, 4_600.0
+    )  # it leaves more than noise
+    assert not leads(joint(price + CRITERIA.told_apart + 1.0), single, 4_500, 4_600.0)
 
 
 def test_company_that_one_effect_needed_on_its_way_is_left_out_again(slow, monkeypatch):

@@ -11,10 +11,10 @@ from scipy.signal import lsim
 from testbench.aircraft import load_aircraft
 from testbench.core.record import FlightRecord
 from testbench.flight import FlightCondition, linearise, trim
-from testbench.questions.gap.believed import NUISANCES, Believed
+from testbench.questions.gap.believed import PRIORS, Believed
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.search.fit import fit
-from testbench.questions.gap.search.hypothesis import Local
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import screen
 from testbench.sensors import load_suite
 
@@ -137,7 +137,7 @@ def test_an_effect_is_recovered_from_data_without_noise_that_it_made(name, belie
     effect = EFFECTS[name]
     true = TRUE.get(name, {p.name: 0.7 * p.starts[0] + 0.3 * (p.none or 0.0) for p in effect.parameters})
     records = recorded(believed.with_effect(effect, true), commands)
-    start = Local.at(believed, believed, records, np.ones(len(NUISANCES)))
+    start = Hypothesis.at(believed, believed, records, np.ones(len(PRIORS)))
     found = fit(screen(start, effect), start.chi2, 0.0, 1)
     assert found is not None
     assert found.chi2 < max(0.02 * start.chi2, 1.0), f"{start.chi2:.4g} to {found.chi2:.4g}: {found.values}"

@@ -1,6 +1,6 @@
 """Turbulence is told from a gap, and residuals are white in it.
 
-Turbulence is heard in still air with probability 1e-3 per case (air.FALSE_ALARM); seeds are fixed.
+Turbulence is heard in still air with probability 1e-3 per case (air.CRITERIA.false_alarm); seeds are fixed.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from scipy.linalg import solve_discrete_are
 
 from testbench.flight.air import scale_lengths
 from testbench.questions.gap.ask import in_measured_air
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence import air
 from testbench.questions.gap.evidence.air import AirFound, in_air, listen, listen_again
 from testbench.questions.gap.evidence.gust_filter import GustFilter
 from testbench.questions.gap.evidence.gust_model import GustModel
 from testbench.questions.gap.search.gauss_newton import retune
-from testbench.questions.gap.search.hypothesis import Local
-from testbench.questions.gap.search.likelihood import WEAK
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.screening import screen
 
@@ -161,7 +161,7 @@ def test_curved_effects_do_not_stand_out_of_turbulence_alone(believed):
             (in_air(believed, found), along),
             (replace(believed, whiten=lambda record, r, by=by_length: by[len(record)](r)), about),
         ):
-            tuned = retune(Local.at(point, point, records))
+            tuned = retune(Hypothesis.at(point, point, records))
             for name in gains:
                 gains[name] += screen(tuned, EFFECTS[name]).promise
     assert max(along.values()) < 23.5, along
@@ -201,7 +201,7 @@ def test_an_effect_in_its_air_is_likelier_than_strong_turbulence_only_where_it_i
     slow = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 5.0})
     records, strong = measure(slow, 40, RMS) if hidden else turbulent[0], replace(turbulent[1], rms_m_s=0.9)
     alone, beside = (air.misfit(m, records, air.measure(m, records, strong)) for m in (believed, slow))
-    assert (alone - beside > WEAK) == hidden
+    assert (alone - beside > CRITERIA.weak) == hidden
 
 
 def test_the_likeliest_air_misfits_least(believed, turbulent):

@@ -31,7 +31,7 @@ def written(aircraft, folder: Path) -> Path:
     ],
 )
 def test_the_folder_reads_back_as_the_amended_aircraft(effect, values, tmp_path):
-    amended = believe().with_tuning({"CL_alpha": 1.05, "Cm_q": 0.9}).with_effect(EFFECTS[effect], values).aircraft
+    amended = believe().with_nuisances({"CL_alpha": 1.05, "Cm_q": 0.9}).with_effect(EFFECTS[effect], values).aircraft
     back = load_aircraft("eolo", "flexible", written(amended, tmp_path))
     poles = [np.sort_complex(linearise(a, trim(a, CONDITION)).poles()) for a in (back, amended)]
     assert poles[0] == pytest.approx(poles[1], abs=1e-8)

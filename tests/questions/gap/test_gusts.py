@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
-from studies.blind.flights import Plan, fly_truth
+from studies.blind.flights import fly_truth
 from studies.blind.run import believe
-from studies.blind.truths import KINDS
 
 from testbench.core.errors import ModelError
 from testbench.core.record import FlightRecord
@@ -22,9 +21,11 @@ from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.base import MetGust
 from testbench.questions.gap.evidence.gusts import manoeuvre_of, record_key
 from testbench.questions.gap.export import air_text
+from testbench.questions.gap.hidden.entries import TRUTHS
+from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.gust_search import GustSearch, sought
-from testbench.questions.gap.search.hypothesis import Local
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.screening import screen
 
@@ -51,17 +52,17 @@ def believed() -> Believed:
 
 @pytest.fixture(scope="module")
 def flights() -> dict[str, FlightRecord]:
-    return fly_truth("taurus", Plan(gust=TRUE, factors=FACTORS), "short", 5)
+    return fly_truth("taurus", Truth(gust=TRUE, factors=FACTORS), "short", 5)
 
 
 @pytest.fixture(scope="module")
 def calm() -> dict[str, FlightRecord]:
-    return fly_truth("taurus", Plan(factors=FACTORS), "short", 5)
+    return fly_truth("taurus", Truth(factors=FACTORS), "short", 5)
 
 
 @pytest.fixture(scope="module")
 def held_out() -> dict[str, FlightRecord]:
-    return fly_truth("taurus", Plan(factors=FACTORS), "held_out", 6)
+    return fly_truth("taurus", Truth(factors=FACTORS), "held_out", 6)
 
 
 @pytest.fixture(scope="module")
@@ -109,15 +110,15 @@ def test_a_manoeuvre_is_called_by_its_provenance_or_its_number():
 
 @pytest.mark.parametrize("axis", ["down", "north"])
 def test_a_gust_is_recovered_from_data_without_noise_that_it_made(believed, axis):
-    record = fly_truth("taurus", Plan(), "short", 7)["doublets of two sizes"]
-    other = fly_truth("taurus", Plan(), "short", 7)["3211"]
+    record = fly_truth("taurus", Truth(), "short", 7)["doublets of two sizes"]
+    other = fly_truth("taurus", Truth(), "short", 7)["3211"]
     true = Gust(axis, 1.7, 6.53, 0.83)
     exact = []
     for r, model in ((other, believed), (record, meeting(believed, record, true))):
         data = r.data.copy()
         data[:, [r.channels.index(c) for c in believed.outputs]] = model.predict(r)
         exact.append(replace(r, data=data))
-    start = Local.at(believed, believed, tuple(exact))
+    start = Hypothesis.at(believed, believed, tuple(exact))
     found = fit(screen(start, sought(start, GUST)), start.chi2, 0.0, 1)
     assert found is not None
     # 1 % of each: the descent ends where another round promises a thousandth of what is left
@@ -131,7 +132,7 @@ def test_a_gust_is_recovered_from_data_without_noise_that_it_made(believed, axis
 def test_the_score_at_a_place_is_that_of_an_ordinary_regression(believed, calm):
     """The same as |r|^2 less what least squares leave with the response there as one more column: rounding only."""
     records = tuple(calm.values())
-    point = Local.at(believed, believed, records)
+    point = Hypothesis.at(believed, believed, records)
     found, p = GustSearch.at(point), len(believed.outputs)
     k, m, s = 1, 11, 130  # the second record, the vertical gust of 0.9 s, 2.6 s
     axis, duration = found.places[m]
@@ -148,7 +149,7 @@ def test_noise_alone_stands_out_no_more_often_than_stated(believed, calm):
     would be a false alarm of 1e-6 where the bound is sharp; fewer than one in 400, of a threshold that is far too
     high, has a probability of 1e-3 where 1.7 % exceed it, as measured in 2000."""
     records = tuple(calm.values())
-    point = Local.at(believed, believed, records)
+    point = Hypothesis.at(believed, believed, records)
     search, p = GustSearch.at(point), len(believed.outputs)
     rng = np.random.default_rng(2)
     cuts = np.cumsum([len(r) * p for r in records])[:-1]
@@ -173,7 +174,7 @@ def test_a_gust_is_named_in_its_manoeuvre_with_its_size(finding):
 
 
 def test_manoeuvres_held_out_and_the_aircraft_are_untouched(finding, held_out):
-    tuned = finding.believed.with_tuning(finding.naming.best.tuning)
+    tuned = finding.believed.with_nuisances(finding.naming.best.nuisances)
     assert finding.amended.aircraft.xml == tuned.aircraft.xml
     for record in held_out.values():
         assert np.array_equal(finding.amended.predict(record), tuned.predict(record))
@@ -205,7 +206,7 @@ def test_calm_flights_are_no_gap(believed, calm):
     [("slow servo", {"lag_rad_s": 12.0}), ("frozen attitude", {"length_s": 0.8})],
 )
 def test_what_recurs_in_several_manoeuvres_or_in_one_channel_is_no_gust(believed, kind, sizes):
-    records = list(fly_truth("taurus", KINDS[kind].plan(sizes, "taurus"), "short", 8).values())
+    records = list(fly_truth("taurus", TRUTHS[kind](sizes, "taurus"), "short", 8).values())
     naming = name_effect(believed, records, effects={"gust": GUST})
     assert naming.outcome == "unexplained", naming.sentence
 
@@ -219,7 +220,7 @@ def test_what_recurs_in_several_manoeuvres_or_in_one_channel_is_no_gust(believed
     ],
 )
 def test_beside_a_command_a_gust_must_prove_its_form(believed, gust, outcome):
-    records = list(fly_truth("taurus", Plan(gust=gust), "short", 8).values())
+    records = list(fly_truth("taurus", Truth(gust=gust), "short", 8).values())
     naming = name_effect(believed, records, effects={"gust": GUST})
     assert naming.outcome == outcome, naming.sentence
     assert ("a command is out at that time" in naming.sentence) is (outcome == "unexplained")

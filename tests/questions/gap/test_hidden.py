@@ -7,7 +7,7 @@ import pytest
 
 from testbench.core.scenario.base import Manoeuvre
 from testbench.flight import FlightCondition
-from testbench.questions.gap import hidden as h
+from testbench.questions.gap.hidden import kinds as h
 from testbench.sensors import load_suite
 
 CONDITION = FlightCondition(16.0, 547.0)

@@ -22,21 +22,22 @@ from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
 from testbench.flight import FlightCondition
 from testbench.questions.gap.ask import find_gap, in_measured_air
-from testbench.questions.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed, nuisances
+from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed, priors_of
 from testbench.questions.gap.case import run_gap
+from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.evidence.check import check_data
 from testbench.questions.gap.evidence.commanded import moves_laterally
 from testbench.questions.gap.evidence.locate import locate_regions
-from testbench.questions.gap.hidden import Hidden, Nothing, SensorError, YawFeedback, measure_hidden
+from testbench.questions.gap.hidden.kinds import Hidden, Nothing, SensorError, YawFeedback, measure_hidden
 from testbench.questions.gap.plan import Grams, as_record, family
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.result import TOLERANCE
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.gauss_newton import retune
-from testbench.questions.gap.search.hypothesis import Local
-from testbench.questions.gap.search.name import Naming, name_effect
+from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.screening import screen
 from testbench.sensors import load_suite
 
@@ -95,7 +96,7 @@ def test_a_hidden_yaw_damper_is_named_with_its_gain(aircraft):
     for name, true in (("gain_s", 0.3), ("washout_rad_s", 0.5)):
         assert abs(best.values[name] - true) < 4.0 * best.errors[name], best.size
         assert best.errors[name] < 0.3 * true
-    assert set(best.tuning) == set(NUISANCES) | set(LATERAL_NUISANCES)
+    assert set(best.nuisances) == set(PRIORS) | set(LATERAL_PRIORS)
     assert not best.beyond
 
 
@@ -110,9 +111,9 @@ def test_a_scale_error_of_a_lateral_sensor_is_named(channel, gain):
 def test_lateral_coefficients_off_by_their_priors_are_no_gap():
     """As far as one deviation each, of either sign; without re-tuning them the residual would be far from noise."""
     b = believe("eolo")
-    signs = [(-1.0) ** i for i in range(len(LATERAL_NUISANCES))]
-    off = {n: 1.0 + s * d for s, (n, d) in zip(signs, LATERAL_NUISANCES.items(), strict=True)}
-    records = recorded(b.with_tuning(off), hidden("eolo", Nothing(kind="nothing")))
+    signs = [(-1.0) ** i for i in range(len(LATERAL_PRIORS))]
+    off = {n: 1.0 + s * d for s, (n, d) in zip(signs, LATERAL_PRIORS.items(), strict=True)}
+    records = recorded(b.with_nuisances(off), hidden("eolo", Nothing(kind="nothing")))
     naming = name_effect(b, records, effects={n: library(b.suite)[n] for n in FEW})
     assert (naming.outcome, naming.best) == ("no gap", None), naming.sentence
     assert naming.chi2_believed > 1.2 * naming.chi2_tuned
@@ -121,14 +122,14 @@ def test_lateral_coefficients_off_by_their_priors_are_no_gap():
 def test_re_tuning_rests_at_the_noise_where_cross_derivatives_are_far_off():
     """Tangents bend over tens of degrees: with those of the believed values alone, ten rounds end far above noise."""
     b = believe("taurus")
-    off = b.with_tuning({"Cn_da": 0.5, "Cl_beta": 1.2, "Cn_dr": 1.1, "Cn_beta": 0.85})
+    off = b.with_nuisances({"Cn_da": 0.5, "Cl_beta": 1.2, "Cn_dr": 1.1, "Cn_beta": 0.85})
     records = tuple(recorded(off, hidden("taurus", Nothing(kind="nothing"))))
-    start = Local.at(b, b, records)
+    start = Hypothesis.at(b, b, records)
     tuned = retune(start)
     assert start.chi2 > 10.0 * start.exact.size
     # White noise alone: chi-square over n samples scatters by sqrt(2 n), here five of it (3e-7); priors cost some.
     assert tuned.chi2 < tuned.exact.size + 5.0 * np.sqrt(2.0 * tuned.exact.size)
-    assert tuned.tuning["Cn_da"] == pytest.approx(0.5, abs=0.05)
+    assert tuned.by_name["Cn_da"] == pytest.approx(0.5, abs=0.05)
 
 
 def recorded(model: Believed, commands: list[FlightRecord], noise: int = 5) -> list[FlightRecord]:
@@ -144,9 +145,9 @@ def recorded(model: Believed, commands: list[FlightRecord], noise: int = 5) -> l
 
 
 @pytest.fixture(scope="module")
-def base() -> Local:
+def base() -> Hypothesis:
     b = believe("taurus")
-    return retune(Local.at(b, b, tuple(hidden("taurus", Nothing(kind="nothing")))))
+    return retune(Hypothesis.at(b, b, tuple(hidden("taurus", Nothing(kind="nothing")))))
 
 
 def test_lateral_records_screen_out_what_they_cannot_show(base):
@@ -187,7 +188,7 @@ def test_a_lateral_effect_is_recovered_from_data_without_noise_that_it_made(name
         replace(r, data=np.column_stack([b.with_effect(effect, true).predict(r), r.data[:, len(b.outputs) :]]))
         for r in base.records
     ]
-    start = Local.at(b, b, tuple(records))
+    start = Hypothesis.at(b, b, tuple(records))
     found = fit(screen(start, effect), start.chi2, 0.0, 1)
     assert found.chi2 < 0.001 * start.chi2
     for p, x in true.items():
@@ -212,14 +213,14 @@ def test_longitudinal_records_are_re_tuned_as_ever_and_not_asked_for_lateral_eff
     b = believe_longitudinal()
     records = tuple(measure_longitudinal(b, 4, duration_s=4.0))
     assert not moves_laterally(records)
-    assert nuisances(records) is NUISANCES
-    point = Local.at(b, b, records)
+    assert priors_of(records) is PRIORS
+    point = Hypothesis.at(b, b, records)
     for name in ("yaw_damper", "rudder_lag", "aileron_lag"):
         found = screen(point, EFFECTS[name])
-        assert (found.seen, found.changes.known) == (False, {}), "not even tried"
+        assert (found.seen, found.signature.known) == (False, {}), "not even tried"
         assert "neither aileron nor rudder" in found.why
     still = replace(believe("eolo"), condition=b.condition)
-    assert nuisances(hidden("eolo", Nothing(kind="nothing"), spec=(ELEVATOR,))) is NUISANCES, "commands held count not"
+    assert priors_of(hidden("eolo", Nothing(kind="nothing"), spec=(ELEVATOR,))) is PRIORS, "commands held count not"
     assert still.outputs != b.outputs
 
 
@@ -231,7 +232,7 @@ def test_lateral_tangents_are_those_of_flights(base):
     for name in ("Cn_beta", "Cl_da", "Cn_dr", "Cl_p"):
         i = list(base.priors).index(name)
         step = 0.02 * np.eye(len(base.priors))[i]
-        up, down = (base.moved(base.model, base.factors + s * step).exact for s in (1.0, -1.0))
+        up, down = (base.moved(base.model, base.nuisances + s * step).exact for s in (1.0, -1.0))
         flown = (up - down) / 0.04
         assert np.linalg.norm(base.tangents[:, i] - flown) < 0.3 * np.linalg.norm(flown), name
 
@@ -249,7 +250,7 @@ def test_a_plan_with_the_rudder_sees_a_yaw_damper_and_may_add_lateral_manoeuvres
     effects = tuple(EFFECTS[n] for n in ("yaw_damper", "actuator_lag"))
     rudder = Grams.of(b, as_record(b, RUDDER["taurus"]), effects)
     found = rudder.isolability(effects)
-    assert rudder.G.shape[0] == sum(map(len, rudder.columns)) + len(NUISANCES) + len(LATERAL_NUISANCES)
+    assert rudder.G.shape[0] == sum(map(len, rudder.columns)) + len(PRIORS) + len(LATERAL_PRIORS)
     assert found.noncentrality[0] > plan_module.NEEDED > found.noncentrality[1]
     elevator = Grams.of(b, as_record(b, ELEVATOR), effects)
     assert elevator.isolability(effects).noncentrality[0] == 0.0

@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from studies.blind.flights import Plan, fly_truth
+from studies.blind.flights import fly_truth
 from studies.blind.run import believe
-from studies.blind.truths import KINDS
 
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import EFFECTS
+from testbench.questions.gap.hidden.entries import TRUTHS
+from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.search.fit import fit
-from testbench.questions.gap.search.hypothesis import Local
-from testbench.questions.gap.search.likelihood import STRAINED
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.screening import screen
 from testbench.questions.gap.search.several import _Joint
@@ -21,12 +22,12 @@ from testbench.questions.gap.search.several import _Joint
 FEW = ("actuator_lag", "second_order_actuator", "transport_delay", "alpha_scale", "pitch_damper")
 
 
-def named(plan: Plan, names: tuple[str, ...] = FEW, seed: int = 11, flown: str = "short"):
+def named(plan: Truth, names: tuple[str, ...] = FEW, seed: int = 11, flown: str = "short"):
     records = list(fly_truth("taurus", plan, flown, seed).values())
     return name_effect(believe("taurus"), records, effects={n: EFFECTS[n] for n in names})
 
 
-SLOW = KINDS["slow servo"].plan({"lag_rad_s": 12.0}, "taurus")
+SLOW = TRUTHS["slow servo"]({"lag_rad_s": 12.0}, "taurus")
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +50,7 @@ def test_every_effect_is_either_ranked_or_has_a_reason(slow):
 
 def test_nothing_hidden_is_no_gap():
     """False alarm 2e-3: a name and left-over energy have 1e-3 each; the seed is fixed."""
-    naming = named(Plan(factors={"Cm_q": 1.1, "CL_alpha": 0.97}))
+    naming = named(Truth(factors={"Cm_q": 1.1, "CL_alpha": 0.97}))
     assert (naming.outcome, naming.names, naming.best) == ("no gap", (), None), naming.sentence
 
 
@@ -65,7 +66,7 @@ def test_without_the_true_effect_no_other_one_is_named(others):
 @pytest.mark.parametrize("others", [(), pytest.param(("transport_delay",), marks=pytest.mark.slow)])
 def test_two_effects_at_once_are_one_name_with_both_sizes(others):
     slower, vane = (
-        KINDS[k].plan(v, "taurus") for k, v in (("slow servo", {"lag_rad_s": 12.0}), ("vane gain", {"gain": 1.7}))
+        TRUTHS[k](v, "taurus") for k, v in (("slow servo", {"lag_rad_s": 12.0}), ("vane gain", {"gain": 1.7}))
     )
     naming = named(slower.with_(vane), ("actuator_lag", "alpha_scale", *others))
     assert naming.outcome == "named", naming.sentence
@@ -78,9 +79,9 @@ def test_two_effects_at_once_are_one_name_with_both_sizes(others):
 @pytest.mark.slow
 def test_three_effects_at_once_are_found_one_beside_the_other():
     hidden = {"late link": {"delay_s": 0.06}, "ballast": {"ratio": 0.3}, "vane gain": {"gain": 1.5}}
-    plan = Plan()
+    plan = Truth()
     for kind, sizes in hidden.items():
-        plan = plan.with_(KINDS[kind].plan(sizes, "taurus"))
+        plan = plan.with_(TRUTHS[kind](sizes, "taurus"))
     naming = named(plan, ("transport_delay", "alpha_scale", "mass_error"), flown="rich")
     assert naming.outcome == "named", naming.sentence
     true = {"transport_delay.delay_s": 0.06, "mass_error.factor": 1.3, "alpha_scale.scale": 1.5}
@@ -92,11 +93,11 @@ def test_three_effects_at_once_are_found_one_beside_the_other():
 @pytest.mark.slow
 def test_what_fits_only_beside_coefficients_far_from_what_is_believed_is_not_named():
     """More mass flies like less thrust, lift slope and drag: to noise, but these are off by 5 and 4 deviations then."""
-    naming = named(KINDS["ballast"].plan({"ratio": 0.35}, "taurus"), ("thrust_scale", "alpha_scale"), flown="rich")
+    naming = named(TRUTHS["ballast"]({"ratio": 0.35}, "taurus"), ("thrust_scale", "alpha_scale"), flown="rich")
     best = naming.ranking[0]
     assert best.effect.name == "thrust_scale"
     assert best.chi2 < 1.05 * naming.samples
-    assert best.within < STRAINED
+    assert best.within < CRITERIA.strained
     assert (naming.outcome, naming.names) == ("unexplained", ())
     assert "farther off than is believed" in naming.sentence
     assert "CL_alpha 0.7" in naming.sentence
@@ -105,7 +106,7 @@ def test_what_fits_only_beside_coefficients_far_from_what_is_believed_is_not_nam
 @pytest.mark.slow
 def test_the_special_case_of_what_fits_best_is_fitted_to_its_end():
     naming = named(
-        KINDS["slew limit"].plan({"limit_rad_s": 0.16}, "taurus"), ("rate_limit", "asymmetric_rate_limit", "stall")
+        TRUTHS["slew limit"]({"limit_rad_s": 0.16}, "taurus"), ("rate_limit", "asymmetric_rate_limit", "stall")
     )
     assert naming.names == ("rate_limit",), naming.sentence
     assert naming.best.values["limit_rad_s"] == pytest.approx(0.16, rel=0.02)
@@ -115,7 +116,7 @@ def test_the_special_case_of_what_fits_best_is_fitted_to_its_end():
 def test_an_effect_that_comes_nearer_round_by_round_is_not_given_up():
     """A structural mode does nearly what an elevator that loses effectiveness with speed does, and was named for it."""
     factors = {"CL_alpha": 1.073, "CD": 1.127, "Cm_alpha": 0.992, "Cm_q": 1.266, "Cm_de": 0.906}
-    plan = replace(KINDS["effectiveness with speed"].plan({"k": -0.4}, "taurus"), factors=factors)
+    plan = replace(TRUTHS["effectiveness with speed"]({"k": -0.4}, "taurus"), factors=factors)
     naming = named(plan, ("elevator_mode", "speed_effectiveness"), flown="rich")
     assert naming.names == ("speed_effectiveness",), naming.sentence
     assert naming.best.values["k"] == pytest.approx(-0.4, abs=4.0 * naming.best.errors["k"])  # false alarm 6e-5
@@ -125,10 +126,10 @@ def test_an_effect_that_comes_nearer_round_by_round_is_not_given_up():
 def test_a_parameter_that_came_to_its_bound_leaves_it_again():
     """The first round takes the filter's lag to zero, where the effect no longer feels it; the truth has 0.08 s."""
     factors = {"CL_alpha": 1.018, "CD": 1.122, "Cm_alpha": 0.931, "Cm_q": 0.869, "Cm_de": 0.8}
-    plan = replace(KINDS["damper that filters"].plan({"gain_s": 0.128}, "eolo"), factors=factors)
+    plan = replace(TRUTHS["damper that filters"]({"gain_s": 0.128}, "eolo"), factors=factors)
     records = tuple(fly_truth("eolo", plan, "rich", 11).values())
     believed = believe("eolo")
-    start = screen(Local.at(believed, believed, records), EFFECTS["filtered_pitch_damper"])
+    start = screen(Hypothesis.at(believed, believed, records), EFFECTS["filtered_pitch_damper"])
     found = fit(start, np.inf, 0.0, 1)
     assert found.values["gain_s"] == pytest.approx(0.128, abs=4.0 * found.errors["gain_s"])  # false alarm 6e-5
     assert found.values["lag_s"] == pytest.approx(0.08 + 0.015, abs=0.02)  # stepped another way, 1.5 frames apart
@@ -138,7 +139,7 @@ def test_a_parameter_that_came_to_its_bound_leaves_it_again():
 def test_a_second_effect_in_the_same_place_is_the_form_of_the_first():
     """A motor of two stages is no motor of one with another thrust, though thrust_scale gains hundreds beside it."""
     naming = named(
-        KINDS["motor of two stages"].plan({"lag_s": 0.68}, "taurus"), ("thrust_lag", "thrust_scale"), flown="rich"
+        TRUTHS["motor of two stages"]({"lag_s": 0.68}, "taurus"), ("thrust_lag", "thrust_scale"), flown="rich"
     )
     assert naming.names == ("thrust_lag",), naming.sentence
     assert naming.best.values["lag_s"] == pytest.approx(0.72, abs=0.1)
@@ -147,7 +148,7 @@ def test_a_second_effect_in_the_same_place_is_the_form_of_the_first():
 @pytest.mark.slow
 def test_a_second_effect_that_only_relieves_a_strained_coefficient_is_found():
     """Drag beside a late link: its coefficient would take it up, at five times what is believed of it."""
-    plan = KINDS["late link"].plan({"delay_s": 0.05}, "eolo").with_(KINDS["roughness"].plan({"CD0": 0.03}, "eolo"))
+    plan = TRUTHS["late link"]({"delay_s": 0.05}, "eolo").with_(TRUTHS["roughness"]({"CD0": 0.03}, "eolo"))
     records = list(fly_truth("eolo", plan, "rich", 11).values())
     naming = name_effect(
         believe("eolo"), records, effects={n: EFFECTS[n] for n in ("transport_delay", "drag_increment")}
@@ -161,7 +162,7 @@ def test_a_second_effect_that_only_relieves_a_strained_coefficient_is_found():
 
 def test_a_rival_that_promises_less_than_half_is_given_up_before_its_first_flight():
     records = tuple(fly_truth("taurus", SLOW, "short", 11).values())
-    base = Local.at(believe("taurus"), believe("taurus"), records)
+    base = Hypothesis.at(believe("taurus"), believe("taurus"), records)
     vane, gain = screen(base, EFFECTS["alpha_scale"]), 2.0 * base.chi2  # a half of which is all there is
     given_up = fit(vane, base.chi2, gain, 1, patience=1, at_first_share=0.5)
     assert not given_up.flown
@@ -171,15 +172,15 @@ def test_a_rival_that_promises_less_than_half_is_given_up_before_its_first_fligh
 
 def test_of_a_pair_each_part_is_tried_in_its_special_case():
     """A lag of second order, overdamped, may be the one that finds its way beside the thrust line."""
-    plan = KINDS["high thrust"].plan({"z_m": -0.04}, "taurus").with_(SLOW)
+    plan = TRUTHS["high thrust"]({"z_m": -0.04}, "taurus").with_(SLOW)
     records = tuple(fly_truth("taurus", plan, "short", 11).values())
     believed = believe("taurus")
-    base = Local.at(believed, believed, records)
+    base = Hypothesis.at(believed, believed, records)
     line, second, first = (EFFECTS[n] for n in ("thrust_line", "second_order_actuator", "actuator_lag"))
     search = _Joint(
         base, base.chi2, [screen(base, e) for e in (line, second, first)], base.exact.size, 3, np.inf, print
     )
-    joint = search._fit((line, second), np.array([-0.04, 40.0, 1.8]), base.factors, np.inf)
+    joint = search._fit((line, second), np.array([-0.04, 40.0, 1.8]), base.nuisances, np.inf)
     (simpler,) = search.simpler(joint)
     assert simpler.effect.name == "thrust_line + actuator_lag"
     assert simpler.chi2 < joint.chi2 + 10.0  # 9.2 is what two parameters gain from noise once in a hundred cases
@@ -190,7 +191,7 @@ def test_of_a_pair_each_part_is_tried_in_its_special_case():
 def test_a_feedback_of_some_thousandths_is_found_beside_the_coefficients_that_do_its_work():
     """At the size of its start, or in linear predictions, what re-tuned coefficients leave of it is lost."""
     factors = {"CL_alpha": 1.02, "CD": 1.03, "Cm_alpha": 1.02, "Cm_q": 0.91, "Cm_de": 1.15}
-    plan = replace(KINDS["rate feedback"].plan({"gain_s": 0.02}, "taurus"), factors=factors)
+    plan = replace(TRUTHS["rate feedback"]({"gain_s": 0.02}, "taurus"), factors=factors)
     naming = named(plan, ("pitch_damper", "speed_effectiveness", "transport_delay"), flown="rich")
     assert naming.names == ("pitch_damper",), naming.sentence
     assert abs(naming.best.values["gain_s"] - 0.02) < 4.0 * naming.best.errors["gain_s"]  # false alarm 6e-5
@@ -199,11 +200,11 @@ def test_a_feedback_of_some_thousandths_is_found_beside_the_coefficients_that_do
 @pytest.mark.slow
 def test_an_elevator_too_weak_to_be_trimmed_with_a_smaller_coefficient_is_found():
     """Cm_de cannot follow: with half of it the believed aircraft has no trim, which the true one never lost."""
-    plan = KINDS["linkage ratio"].plan({"gain": 0.52}, "taurus")
+    plan = TRUTHS["linkage ratio"]({"gain": 0.52}, "taurus")
     naming = named(plan, ("surface_scale", "theta_delay"), flown="rich")
     assert naming.names == ("surface_scale",), naming.sentence
     best = naming.best
-    assert best.values["scale"] * best.tuning["Cm_de"] == pytest.approx(0.52, rel=0.05)
+    assert best.values["scale"] * best.nuisances["Cm_de"] == pytest.approx(0.52, rel=0.05)
 
 
 TAURUS_OFF = {"CL_alpha": 1.028, "CD": 0.885, "Cm_alpha": 0.868, "Cm_q": 1.3, "Cm_de": 1.145}
@@ -211,9 +212,9 @@ TAURUS_OFF = {"CL_alpha": 1.028, "CD": 0.885, "Cm_alpha": 0.868, "Cm_q": 1.3, "C
 
 def test_far_from_rest_both_signs_of_an_effect_are_flown():
     """At half an elevator's speed dependence the linear difference points the wrong way."""
-    plan = replace(KINDS["effectiveness with speed"].plan({"k": -1.018}, "taurus"), factors=TAURUS_OFF)
+    plan = replace(TRUTHS["effectiveness with speed"]({"k": -1.018}, "taurus"), factors=TAURUS_OFF)
     believed = believe("taurus")
-    base = Local.at(believed, believed, tuple(fly_truth("taurus", plan, "rich", 11).values()))
+    base = Hypothesis.at(believed, believed, tuple(fly_truth("taurus", plan, "rich", 11).values()))
     one, both = (screen(base, EFFECTS["speed_effectiveness"], far=far) for far in (False, True))
     assert [float(np.sign(s[0])) for s in one.starts] == [1.0]
     assert [float(np.sign(s[0])) for s in both.starts] == [-1.0, 1.0]
@@ -222,7 +223,7 @@ def test_far_from_rest_both_signs_of_an_effect_are_flown():
 
 @pytest.mark.slow
 def test_an_elevator_that_fades_with_speed_is_found_from_far_away():
-    plan = replace(KINDS["effectiveness with speed"].plan({"k": -1.018}, "taurus"), factors=TAURUS_OFF)
+    plan = replace(TRUTHS["effectiveness with speed"]({"k": -1.018}, "taurus"), factors=TAURUS_OFF)
     naming = named(plan, ("elevator_mode", "thrust_scale", "speed_effectiveness"), flown="rich")
     assert naming.names == ("speed_effectiveness",), naming.sentence
     assert naming.best.values["k"] == pytest.approx(-1.018, abs=4.0 * naming.best.errors["k"])  # false alarm 6e-5
@@ -232,8 +233,8 @@ def test_an_elevator_that_fades_with_speed_is_found_from_far_away():
 def test_a_second_effect_is_found_although_the_first_leaves_little_more_than_noise():
     """A vane's gain is worth 125 in chi-square here, which scatters by 184."""
     factors = {"CL_alpha": 0.931, "CD": 0.95, "Cm_alpha": 0.977, "Cm_q": 1.189, "Cm_de": 0.981}
-    vane = KINDS["vane gain"].plan({"gain": 0.846}, "taurus")
-    plan = replace(KINDS["slow servo"].plan({"lag_rad_s": 12.6}, "taurus").with_(vane), factors=factors)
+    vane = TRUTHS["vane gain"]({"gain": 0.846}, "taurus")
+    plan = replace(TRUTHS["slow servo"]({"lag_rad_s": 12.6}, "taurus").with_(vane), factors=factors)
     naming = named(plan, ("actuator_lag", "alpha_scale", "clock_offset"), flown="rich")
     assert naming.names == ("actuator_lag + alpha_scale",), naming.sentence
 
@@ -256,9 +257,9 @@ def test_a_second_effect_is_found_although_the_first_leaves_little_more_than_noi
     ids=["a stall that first flies too early", "a linkage whose work a strained coefficient does"],
 )
 def test_two_effects_of_which_one_cannot_be_flown_at_first_are_found(hidden, off, known):
-    plan = Plan(factors=off)
+    plan = Truth(factors=off)
     for kind, sizes in hidden.items():
-        plan = plan.with_(KINDS[kind].plan(sizes, "eolo"))
+        plan = plan.with_(TRUTHS[kind](sizes, "eolo"))
     records = list(fly_truth("eolo", plan, "rich", 11).values())
     naming = name_effect(believe("eolo"), records, effects={n: EFFECTS[n] for n in known})
     assert naming.outcome == "named", naming.sentence

@@ -14,7 +14,7 @@ from testbench.core.scenario.inputs import Doublet, StandardMultistep
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.plan import NEEDED, Grams, as_record, family, plan_gap, separate, sum_of
 from testbench.questions.gap.search.fit import EffectFit
-from testbench.questions.gap.search.hypothesis import Changes, Local
+from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.run.scenario import Scenario
 
 FEW = ("actuator_lag", "transport_delay", "thrust_line", "alpha_scale", "q_bias")
@@ -49,10 +49,10 @@ def grams(believed, effects):
 
 def test_noncentrality_is_the_gain_that_the_effect_would_have(believed, effects, grams):
     """An independent way: the sum of squares that is left of the signature after re-tuning, as a fit computes it."""
-    base = Local.at(believed, believed, (as_record(believed, ELEVATOR),), np.ones(5))
+    base = Hypothesis.at(believed, believed, (as_record(believed, ELEVATOR),), np.ones(5))
     found = grams[0].isolability(effects)
     for i, name in enumerate(FEW[:2]):
-        d = Changes(base, EFFECTS[name]).at(np.array([p.starts[0] for p in EFFECTS[name].parameters]))
+        d = Signature(base, EFFECTS[name]).at(np.array([p.starts[0] for p in EFFECTS[name].parameters]))
         left, _ = base.tuned(d)
         assert found.noncentrality[i] == pytest.approx(left @ left, rel=1e-6)
 

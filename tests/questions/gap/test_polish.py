@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from studies.blind.flights import fly_truth
 from studies.blind.run import believe
-from studies.blind.truths import KINDS
 
 from testbench.questions.gap.effects import EFFECTS
+from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.search.fit import fit
-from testbench.questions.gap.search.hypothesis import Changes, Local
+from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.polish import polished
 from testbench.questions.gap.search.screening import screen
 
@@ -20,16 +20,16 @@ from testbench.questions.gap.search.screening import screen
 @pytest.fixture(scope="module")
 def damped():
     """A base in flights of an aircraft with a pitch damper, and the fits of the damper and of a filtered one."""
-    plan = KINDS["rate feedback"].plan({"gain_s": 0.11}, "eolo")
+    plan = TRUTHS["rate feedback"]({"gain_s": 0.11}, "eolo")
     believed = believe("eolo")
-    base = Local.at(believed, believed, tuple(fly_truth("eolo", plan, "short", 11).values()))
+    base = Hypothesis.at(believed, believed, tuple(fly_truth("eolo", plan, "short", 11).values()))
     return base, [fit(screen(base, EFFECTS[n]), base.chi2, 0.0, 2) for n in ("pitch_damper", "filtered_pitch_damper")]
 
 
-def moved(base: Local, found, share: float):
+def moved(base: Hypothesis, found, share: float):
     """The fit a share of its standard errors beside where it came to rest, with the chi-square flown there."""
     values = {n: v + share * found.errors[n] for n, v in found.values.items()}
-    there = base.moved(Changes(base, found.effect).model(array(values)), array(found.tuning))
+    there = base.moved(Signature(base, found.effect).model(array(values)), array(found.nuisances))
     return replace(found, values=values, chi2=there.chi2, gain=base.chi2 - there.chi2)
 
 
@@ -44,7 +44,7 @@ def test_polishing_brings_a_fit_that_rests_too_high_down_again(damped):
     down, other = polished(base, [off, filtered], base.chi2)
     assert down.chi2 <= plain.chi2 + 0.1
     assert down.gain == pytest.approx(base.chi2 - down.chi2, abs=1e-9)
-    flown = base.moved(Changes(base, down.effect).model(array(down.values)), array(down.tuning))
+    flown = base.moved(Signature(base, down.effect).model(array(down.values)), array(down.nuisances))
     assert flown.chi2 == pytest.approx(down.chi2, abs=1e-9)  # what is said was flown
     assert other.chi2 <= filtered.chi2
 

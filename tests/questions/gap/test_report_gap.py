@@ -84,7 +84,7 @@ def test_page_figures_tables_and_amended_aircraft(result, tmp_path):
     assert "http://" not in page.replace("http://www.w3.org", "")
     back = load_aircraft("eolo", "flexible", tmp_path / "amended" / "eolo")
     assert back.coefficient("Cm_q") == pytest.approx(
-        load_aircraft("eolo").coefficient("Cm_q") * result.finding.naming.best.tuning["Cm_q"]
+        load_aircraft("eolo").coefficient("Cm_q") * result.finding.naming.best.nuisances["Cm_q"]
     )
     console = Console(file=io.StringIO(), width=120)
     gap_page(result).show(console, tmp_path)

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
-from studies.blind.flights import Plan, fly_truth
+from studies.blind.flights import fly_truth
 from studies.blind.run import believe
-from studies.blind.truths import KINDS
 
 from testbench.questions.gap.effects import EFFECTS
+from testbench.questions.gap.hidden.entries import TRUTHS
+from testbench.questions.gap.hidden.truth import Truth
 from testbench.questions.gap.search.fit import fit
-from testbench.questions.gap.search.hypothesis import Local
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.scatter import _Spread, scattered
 from testbench.questions.gap.search.screening import screen
@@ -36,14 +37,14 @@ def jittery(delay_s: float, scatter_s: float, drawn: list[float]):
     return law
 
 
-def named(plan: Plan, names: tuple[str, ...] = LATE):
+def named(plan: Truth, names: tuple[str, ...] = LATE):
     records = list(fly_truth("taurus", plan, "short", 11).values())
     return name_effect(believe("taurus"), records, effects={n: EFFECTS[n] for n in names})
 
 
 def test_a_delay_is_named_with_its_scatter_where_each_command_arrives_at_a_time_of_its_own():
     drawn: list[float] = []
-    naming = named(Plan(elevator=jittery(0.08, 0.006, drawn)))
+    naming = named(Truth(elevator=jittery(0.08, 0.006, drawn)))
     assert naming.names == ("transport_delay",), naming.sentence
     best = naming.best
     assert len(drawn) > 8
@@ -63,11 +64,11 @@ def test_a_delay_is_named_with_its_scatter_where_each_command_arrives_at_a_time_
     ids=["the same delay for all commands", "form of a servo", "another effect beside it"],
 )
 def test_what_is_the_same_for_all_commands_is_not_taken_for_scatter(kinds):
-    believed, plan = believe("taurus"), Plan()
+    believed, plan = believe("taurus"), Truth()
     for kind, sizes in kinds.items():
-        plan = plan.with_(KINDS[kind].plan(sizes, "taurus"))
+        plan = plan.with_(TRUTHS[kind](sizes, "taurus"))
     records = tuple(fly_truth("taurus", plan, "short", 11).values())
-    base = Local.at(believed, believed, records)
+    base = Hypothesis.at(believed, believed, records)
     found = fit(screen(base, EFFECTS["transport_delay"]), base.chi2, 0.0, 1)
     assert found.gain > 1000.0
     assert scattered(base, [found], base.chi2) is None

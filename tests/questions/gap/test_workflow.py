@@ -19,17 +19,17 @@ from testbench.core.record import FlightAborted
 from testbench.flight import FlightCondition
 from testbench.page.write import record_keeper
 from testbench.questions.gap.ask import find_gap
-from testbench.questions.gap.believed import NUISANCES, Believed
+from testbench.questions.gap.believed import PRIORS, Believed
 from testbench.questions.gap.case import run_flights, run_gap
+from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.evidence.locate import locate, structure
-from testbench.questions.gap.hidden import Nothing, measure_hidden
+from testbench.questions.gap.hidden.kinds import Nothing, measure_hidden
 from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.gap.search.fit import EffectFit
-from testbench.questions.gap.search.hypothesis import Local
-from testbench.questions.gap.search.name import Naming
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.sensors import load_suite
 
 CASES = {
@@ -116,7 +116,7 @@ def test_residuals_of_the_truth_are_white_noise_of_unit_variance(case):
 def test_linear_and_flown_differences_agree_well_enough_to_descend_on(case):
     """In noise units, as fits see them: the difference of two linear predictions is 17 % off that of two flights."""
     believed, record = case
-    other = believed.with_tuning({"Cm_q": 1.05})
+    other = believed.with_nuisances({"Cm_q": 1.05})
     flown = other.in_noise_units(record, other.predict(record) - believed.predict(record))
     linear = other.in_noise_units(record, other.predict_linear(record) - believed.predict_linear(record))
     assert np.linalg.norm(flown - linear) < 0.20 * np.linalg.norm(flown)
@@ -124,12 +124,12 @@ def test_linear_and_flown_differences_agree_well_enough_to_descend_on(case):
 
 def test_re_tuning_recovers_a_changed_coefficient(case):
     believed, record = case
-    wrong = replace(believed, aircraft=believed.with_tuning({"Cm_alpha": 1.08}).aircraft)
-    factors = np.ones(len(NUISANCES))
+    wrong = replace(believed, aircraft=believed.with_nuisances({"Cm_alpha": 1.08}).aircraft)
+    nuisances = np.ones(len(PRIORS))
     for _ in range(3):
-        point = Local.at(wrong, wrong, (record,), factors)
-        factors = point.tuned(point.exact)[1]
-    assert factors[list(NUISANCES).index("Cm_alpha")] == pytest.approx(1 / 1.08, abs=0.02)
+        point = Hypothesis.at(wrong, wrong, (record,), nuisances)
+        nuisances = point.tuned(point.exact)[1]
+    assert nuisances[list(PRIORS).index("Cm_alpha")] == pytest.approx(1 / 1.08, abs=0.02)
 
 
 def test_the_map_of_white_noise_is_flat_and_a_tone_sits_in_its_band():
@@ -171,7 +171,7 @@ def test_what_a_model_leaves_is_looked_at_in_still_air_only(case):
     """The truth leaves noise (false alarm 1e-3, the seed is fixed), a wrong damping leaves structure."""
     believed, record = case
     assert workflow._left(believed, (record,)) is None
-    wrong = believed.with_tuning({"Cm_q": 1.3})
+    wrong = believed.with_nuisances({"Cm_q": 1.3})
     assert workflow._left(wrong, (record,)) is not None
     assert workflow._left(replace(wrong, whiten=lambda r, e: e), (record,)) is None
 
@@ -330,12 +330,12 @@ def test_a_set_gets_a_manoeuvre_to_fly_next(monkeypatch, case):
         """Name two effects that change nothing much here."""
         fits = tuple(
             EffectFit(
-                EFFECTS[n], {EFFECTS[n].parameters[0].name: x}, {}, 1.0, 30.0, 17.0, 0.5, dict.fromkeys(NUISANCES, 1.0)
+                EFFECTS[n], {EFFECTS[n].parameters[0].name: x}, {}, 1.0, 30.0, 17.0, 0.5, dict.fromkeys(PRIORS, 1.0)
             )
             for n, x in (("thrust_line", 0.05), ("mass_error", 1.1))
         )
         return Naming(
-            "set", ("thrust_line", "mass_error"), fits, 1.0, 1.0, dict.fromkeys(NUISANCES, 1.0), 5, "one of these"
+            "set", ("thrust_line", "mass_error"), fits, 1.0, 1.0, dict.fromkeys(PRIORS, 1.0), 5, "one of these"
         )
 
     monkeypatch.setattr(workflow, "name_effect", undecided)

@@ -12,12 +12,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
-from studies.blind.flights import Plan, fly_truth, suite
+from studies.blind.flights import fly_truth, suite
 from studies.blind.kinds import Kind
 from studies.blind.truths import KINDS, parameter_errors
 
 from testbench.core.errors import LimitError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
+from testbench.questions.gap.hidden.entries import TRUTHS
+from testbench.questions.gap.hidden.truth import Truth
 
 STRATA: Mapping[str, int] = {
     "library form": 36,
@@ -86,11 +88,11 @@ class Case:
 
     def fly(self, which: str) -> dict[str, FlightRecord]:
         """Fly the truth through a set of manoeuvres ("rich", "short", "held_out")."""
-        plan = Plan(factors=self.factors)
+        truth = Truth(factors=self.factors)
         for kind, sizes in zip(self.kinds, self.sizes, strict=True):
-            plan = plan.with_(KINDS[kind].plan(sizes, self.aircraft))
+            truth = truth.with_(TRUTHS[kind](sizes, self.aircraft))
         offset = {"rich": 0, "short": 500_000, "held_out": 1_000_000}[which]
-        return fly_truth(self.aircraft, plan, which, self.seed + offset, self.turbulence_rms_m_s)
+        return fly_truth(self.aircraft, truth, which, self.seed + offset, self.turbulence_rms_m_s)
 
 
 def draw(seed: int, counts: Mapping[str, int] = STRATA) -> tuple[Case, ...]:

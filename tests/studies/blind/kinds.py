@@ -1,4 +1,6 @@
-"""What a kind of hidden truth is: the names that it may rightly be given, what it changes, how its size is drawn.
+"""What the blind test knows of a kind of hidden truth: names that are right, how its size is drawn, what compares.
+
+What flies under its name is an entry of testbench/questions/gap/hidden.
 
 Shares no code with the library of effects; neither imports the other (tests/test_house_rules.py).
 """
@@ -10,9 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from studies.blind import servos
-from studies.blind.flights import Plan
-from studies.blind.forms import Size
 
 Draw = Callable[[np.random.Generator], dict[str, float]]
 
@@ -25,7 +24,6 @@ class Kind:
         form: "library" (the library's own mathematics), "other" (another form of one of its effects) or "unseen".
         names: names that are right; the first one is the effect itself.
         draw: sizes from a generator.
-        plan: (sizes, aircraft) -> what flies.
         size: (own size -> parameter of the library's effect) for the comparison of sizes.
         near: for "unseen", whether it resembles an effect of the library.
     """
@@ -33,7 +31,6 @@ class Kind:
     form: str
     names: tuple[str, ...]
     draw: Draw
-    plan: Callable[[Size, str], Plan]
     size: tuple[str, str] | None = None
     near: bool = False
 
@@ -60,19 +57,7 @@ def either(**ranges: tuple[float, float, float, float]) -> Draw:
     return draw
 
 
-def kind(
-    form: str, names: str, draw: Draw, plan: Callable[[Size, str], Plan], size: str = "", near: bool = False
-) -> Kind:
+def kind(form: str, names: str, draw: Draw, size: str = "", near: bool = False) -> Kind:
     """Return a kind; ``names`` with spaces between them, ``size`` as "own" or "own -> parameter of the library"."""
     own, _, parameter = size.partition(" -> ")
-    return Kind(form, tuple(names.split()), draw, plan, (own, parameter or own) if own else None, near)
-
-
-def servo(make: Callable[[Size, str], servos.Law]) -> Callable[[Size, str], Plan]:
-    """Return what flies with another elevator servo in place of the believed one."""
-    return lambda s, a: Plan(elevator=make(s, a), whole_servo=True)
-
-
-def link(make: Callable[[Size], servos.Law]) -> Callable[[Size, str], Plan]:
-    """Return what flies with something between elevator command and servo."""
-    return lambda s, a: Plan(elevator=make(s))
+    return Kind(form, tuple(names.split()), draw, (own, parameter or own) if own else None, near)

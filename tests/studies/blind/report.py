@@ -25,10 +25,8 @@ from studies.blind.score import (
     wilson,
 )
 
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import more_than_form
-from testbench.questions.gap.search.fit import FALSE_ALARM
-from testbench.questions.gap.search.likelihood import FORM, LEAST
-from testbench.questions.gap.search.several import OF_FORM
 
 _CASES = (
     "case", "manoeuvres", "aircraft", "hidden", "right", "verdict", "said", "best", "share", "runner_up", "removed",
@@ -121,7 +119,7 @@ def _page(
         "# Blind test of the gap workflow",
         "",
         "Made by `make blind-test` (`python -m studies.blind`, which resumes where it stopped; `--report` writes "
-        "this page anew). Hidden truths are drawn from one seed by code of their own (`testbench/gap/blind/`), with "
+        "this page anew). Hidden truths are drawn from one seed by code of their own (`questions/gap/hidden/`), with "
         "every coefficient of the belief off by its prior; the workflow gets records of six manoeuvres, the believed "
         "aircraft and the believed sensors. The hash of the answers was written before the first case was named.",
         "",
@@ -188,12 +186,12 @@ def _names_without(six: Sequence[Score]) -> list[str]:
     named = [s for s in six if _flew_without(s) and s.row["without"]["names"]]
     if not named:
         return []
-    noise = [chi2.sf(s.row["without"]["chi2_left"], s.row["without"]["samples"]) > FALSE_ALARM for s in named]
+    noise = [chi2.sf(s.row["without"]["chi2_left"], s.row["without"]["samples"]) > CRITERIA.false_alarm for s in named]
     return [
         "## Names where the true effect is not in the library",
         "",
         f"Of the {len(named)} that were given, {sum(noise)} leave nothing that is told from noise (chi-square, "
-        f"probability {FALSE_ALARM:g}): these manoeuvres hold nothing against them.",
+        f"probability {CRITERIA.false_alarm:g}): these manoeuvres hold nothing against them.",
         "",
         "| hidden, and taken out | said | leaves noise |",
         "|---|---|---|",
@@ -219,8 +217,9 @@ def _rests(six: Sequence[Score]) -> list[str]:
         "## What stands against a name",
         "",
         "In still air the report of a gap says whether another effect beside the named one would explain more of what "
-        f"it leaves than noise ({LEAST:g} of chi-square) or its form (one part in {1.0 / FORM:.0f}) is worth. A name "
-        f"is refused where that is more than {100.0 * OF_FORM:.0f} % of what it gains, or where its size lies at the "
+        f"it leaves than noise ({CRITERIA.least:g} of chi-square) or its form (one part in {1.0 / CRITERIA.form:.0f}) "
+        f"is worth. A name is refused where that is more than {100.0 * CRITERIA.form_in_place:.0f} % of what it gains, "
+        "or where its size lies at the "
         "end of its physical range; rows that give such names were made before that.",
         "",
         "| names | looked at | of the rest, something could be explained | size at the end of its range | neither "

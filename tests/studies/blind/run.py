@@ -13,15 +13,14 @@ from testbench.aircraft import load_aircraft
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.ask import search
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.decide import Rest, judged, rest
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.decide import Naming, Rest, judged, rest
 from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import retune
-from testbench.questions.gap.search.hypothesis import Local
-from testbench.questions.gap.search.likelihood import LEAST
-from testbench.questions.gap.search.name import Naming
+from testbench.questions.gap.search.hypothesis import Hypothesis
 
 
 def believe(aircraft: str) -> Believed:
@@ -70,11 +69,11 @@ def look_again(
     effects, everything = _without(believed, without), library(believed.suite)
     parts = [everything[name] for name in row["best"].split(" + ")]
     effect = together(*parts) if parts[1:] else parts[0]
-    point = retune(Local.at(believed, believed.with_effect(effect, row["values"]), flown))
-    if abs(point.chi2 - row["chi2_left"]) > LEAST:
+    point = retune(Hypothesis.at(believed, believed.with_effect(effect, row["values"]), flown))
+    if abs(point.chi2 - row["chi2_left"]) > CRITERIA.least:
         return None
     fit = EffectFit(
-        effect, row["values"], row["errors"], point.chi2, row["gain"], 0.0, row["share"] or np.nan, point.tuning
+        effect, row["values"], row["errors"], point.chi2, row["gain"], 0.0, row["share"] or np.nan, point.by_name
     )
     return {"rest": _rest(rest(fit, believed, flown, effects)), "beyond": list(fit.beyond)}
 

@@ -24,13 +24,11 @@ from scipy.stats import chi2
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.air import LOWEST_M
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.evidence.gust_filter import FlightFilter, GustFilter
 from testbench.questions.gap.evidence.gust_model import GustModel
 
-FALSE_ALARM = 1e-3  # probability of hearing turbulence in still air
-# Fall of twice the log-likelihood of the quiet flight that turbulence does not survive.
-REFUTED = 2.0 * np.log(1.0 / FALSE_ALARM)
 _RMS_M_S = (0.01, 3.0)  # vertical rms that is looked for
 _HEIGHTS_M = (15.0, 60.0, 250.0, 700.0)  # above ground; all lengths are 1750 ft from 2000 ft on
 
@@ -44,7 +42,7 @@ class AirFound:
         rms_m_s: vertical rms; 0 if it does not move.
         height_m: above ground, as far as the scale lengths tell it.
         gain: twice the log-likelihood that turbulence gains in the quiet flight.
-        threshold: what noise alone exceeds with probability FALSE_ALARM.
+        threshold: what noise alone exceeds with probability ``Criteria.air_false_alarm``.
         quiet_s: quiet flight that was listened to, all records together.
         in_quiet: False if it was found over all of the records, where it explains more than any effect.
     """
@@ -92,7 +90,7 @@ def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
     quiet = _quiet(plain, records)
     height = max(believed.condition.h_m, LOWEST_M)
     rms, gain = _likeliest(plain, quiet, height)
-    threshold = float(chi2.isf(2.0 * FALSE_ALARM, 1))
+    threshold = float(chi2.isf(2.0 * CRITERIA.air_false_alarm, 1))
     moves = gain > threshold
     return AirFound(moves, rms if moves else 0.0, height, gain, threshold, sum(r.duration_s for r, _ in quiet))
 
@@ -107,7 +105,7 @@ def measure(model: Believed, records: Sequence[FlightRecord], heard: AirFound) -
     heights = dict.fromkeys((heard.height_m, *_HEIGHTS_M))
     found = [(*_likeliest(model, residuals, h), h) for h in heights]
     best = max(found, key=lambda f: f[1])
-    rms, _, height = found[0] if best[1] - found[0][1] <= REFUTED else best
+    rms, _, height = found[0] if best[1] - found[0][1] <= CRITERIA.air_refuted else best
     return replace(heard, rms_m_s=rms, height_m=height)
 
 
@@ -164,7 +162,7 @@ def _misfit(believed: Believed, residuals: Sequence[tuple[FlightRecord, FloatArr
 def _refuted(believed: Believed, records: Sequence[FlightRecord], air: AirFound, other: AirFound) -> bool:
     """Return whether the quiet flight is so much likelier in the ``other`` air that it was not in ``air``."""
     quiet = _quiet(replace(believed, whiten=None), records)
-    return _misfit(believed, quiet, air) - _misfit(believed, quiet, other) > REFUTED
+    return _misfit(believed, quiet, air) - _misfit(believed, quiet, other) > CRITERIA.air_refuted
 
 
 def _plain_residuals(model: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:

@@ -16,6 +16,7 @@ from testbench.estimators import data_compatibility
 from testbench.estimators.data_compatibility import DataCompatibility, InstrumentError
 from testbench.estimators.parametric.kinematics import INPUTS, OUTPUTS, motion_of
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.evidence.commanded import moves_laterally
 from testbench.questions.gap.search.parallel import spread
 from testbench.sensors import Sensor
@@ -24,7 +25,6 @@ from testbench.sensors.sensor import ACCELEROMETERS, ROTATION
 PIECE_S = (
     8.0  # records are cut into pieces of no more: the noise of the inertial unit, integrated, does not add up over
 )
-FALSE_ALARM = 0.01  # probability of finding any error of an instrument where there is none
 _INERTIAL = ("p", "q", "r", "ax", "ay", "az")
 # Of sensors that drift, sit ahead, sample slowly or keep another clock so many believed flights are measured, too, and
 _FLIGHTS = 3
@@ -124,7 +124,11 @@ def _estimated(believed: Believed, records: Sequence[FlightRecord]) -> DataCompa
         motion = "lateral"
     without = ("theta_bias",) if motion == "vertical" else ()
     return data_compatibility.estimate(
-        pieces, motion=motion, without=without, positions_m=positions or None, false_alarm=FALSE_ALARM
+        pieces,
+        motion=motion,
+        without=without,
+        positions_m=positions or None,
+        false_alarm=CRITERIA.instrument_false_alarm,
     )
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import moves_laterally
 
 BANDS_HZ = ((0.0, 0.5), (0.5, 1.5), (1.5, 3.0), (3.0, 6.0), (6.0, 12.0), (12.0, 50.0))
@@ -224,3 +225,15 @@ def _smooth(x: FloatArray, dt_s: float) -> FloatArray:
     length = max(1, round(_SMOOTH_S / dt_s))
     padded = np.pad(x, (length // 2, length - 1 - length // 2), mode="edge")
     return np.convolve(padded, np.full(length, 1.0 / length), mode="valid")
+
+
+def largest_errors(believed: Believed, records: Sequence[FlightRecord]) -> Mapping[str, float]:
+    """Return channel -> largest difference of measurement and prediction, each about its mean over a record, SI.
+
+    Sensor noise and turbulence are in it.
+    """
+    worst = np.zeros(len(believed.outputs))
+    plain = replace(believed, whiten=None)
+    for record in records:
+        worst = np.maximum(worst, np.max(np.abs(plain.residuals(record)), axis=0) * believed.noise_std)
+    return dict(zip(believed.outputs, worst.tolist(), strict=True))

@@ -11,12 +11,12 @@ from scipy.stats import chi2
 from testbench.core.record import FloatArray
 from testbench.core.words import with_error
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.search.gauss_newton import Descent, descend, within_priors
-from testbench.questions.gap.search.hypothesis import Local
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import Screened
 
-FALSE_ALARM = 1e-3  # probability of naming any effect where there is none, all effects of the library together
 HOPELESS = 0.7  # a fit that gains less than this share of the best one's gain is not followed to its end,
 HOPELESS_BESIDE_NOISE = 0.9  # or less than this share where the best one leaves noise only
 HOPELESS_AT_FIRST = 0.5  # which must promise this share before its first flight, from its best start
@@ -36,9 +36,9 @@ class EffectFit:
         threshold: gain that noise alone exceeds with probability FALSE_ALARM / number of effects that could be seen.
         share: share of the excess over the noise that it explains, 0 to 1; NaN if the excess itself is no more than
             four standard deviations of the noise's chi-square.
-        tuning: nuisance -> re-tuned factor.
+        nuisances: nuisance -> value, re-tuned beside the effect.
         flown: False if the fit was given up as hopeless on linear predictions, without a flight.
-        within: probability that nuisances drawn from their priors lie as far from the believed values as ``tuning``.
+        within: probability that nuisances drawn from their priors lie as far from the believed values as ``nuisances``.
         settled: False if it was given up, flown or not, before it came to rest.
         scatter_s: standard deviation of a delay from command to command, see :mod:`.scatter`; ``chi2`` is
             then -2 ln of the likelihood, as far as it differs from that of noise alone.
@@ -51,13 +51,13 @@ class EffectFit:
     gain: float
     threshold: float
     share: float
-    tuning: Mapping[str, float]
+    nuisances: Mapping[str, float]
     flown: bool = True
     within: float = 1.0
     settled: bool = True
     scatter_s: float = 0.0
 
-    def brought_to(self, x: FloatArray, point: Local, left: float, chi2_tuned: float) -> EffectFit:
+    def brought_to(self, x: FloatArray, point: Hypothesis, left: float, chi2_tuned: float) -> EffectFit:
         """Return the fit at parameters ``x`` (p,) and the coefficients of a point flown with them; its errors stay.
 
         ``left`` is the weighted sum of squares there, ``chi2_tuned`` that without any effect, nuisances re-tuned.
@@ -68,13 +68,13 @@ class EffectFit:
             chi2=left,
             gain=max(chi2_tuned - left, 0.0),
             share=share_of_excess(chi2_tuned, left, point.samples),
-            tuning=point.tuning,
+            nuisances=point.by_name,
             within=within_priors(point),
         )
 
     def added_to(self, believed: Believed) -> Believed:
         """Return ``believed`` re-tuned and with the effect, as they were fitted."""
-        return believed.with_tuning(self.tuning).with_effect(self.effect, self.values)
+        return believed.with_nuisances(self.nuisances).with_effect(self.effect, self.values)
 
     @property
     def significant(self) -> bool:
@@ -92,8 +92,9 @@ class EffectFit:
             p.name
             for p in self.effect.parameters
             if p.none is not None
-            and abs(self.values[p.name] - p.none) > 1e-3 * (p.high - p.low)
-            and min(self.values[p.name] - p.low, p.high - self.values[p.name]) < 1e-3 * (p.high - p.low)
+            and abs(self.values[p.name] - p.none) > CRITERIA.end_of_range * (p.high - p.low)
+            and min(self.values[p.name] - p.low, p.high - self.values[p.name])
+            < CRITERIA.end_of_range * (p.high - p.low)
         )
 
     @property
@@ -137,16 +138,16 @@ def fit(
     several = len(effect.parameters) > 1 and at_first_share is None
     reached: list[Descent] = []
     for start in screened.starts[: STARTS if several else 1]:
-        descent = descend(screened.changes, start, hopeless, patience, near, at_first)
+        descent = descend(screened.signature, start, hopeless, patience, near, at_first)
         if descent is not None:
             reached.append(descent)
             hopeless = min(hopeless, chi2_tuned - hopeless_share * (chi2_tuned - descent.chi2))
     if not reached:
         return None
-    return summarise(effect, min(reached, key=lambda f: f.chi2), chi2_tuned, tested, screened.changes.base)
+    return summarise(effect, min(reached, key=lambda f: f.chi2), chi2_tuned, tested, screened.signature.base)
 
 
-def summarise(effect: Effect, best: Descent, chi2_tuned: float, tested: int, base: Local) -> EffectFit:
+def summarise(effect: Effect, best: Descent, chi2_tuned: float, tested: int, base: Hypothesis) -> EffectFit:
     """Return the fit that a descent from ``base`` of one of ``tested`` effects ended in."""
     names = [p.name for p in effect.parameters]
     samples = best.jacobian.shape[0] - (base.exact.size - base.samples)
@@ -158,9 +159,9 @@ def summarise(effect: Effect, best: Descent, chi2_tuned: float, tested: int, bas
         errors=dict(zip(names, errors.tolist(), strict=True)),
         chi2=best.chi2,
         gain=max(chi2_tuned - best.chi2, 0.0),
-        threshold=float(chi2.isf(FALSE_ALARM / (tested * effect.looks), len(names))),
+        threshold=float(chi2.isf(CRITERIA.false_alarm / (tested * effect.looks), len(names))),
         share=share_of_excess(chi2_tuned, best.chi2, samples),
-        tuning=best.tuning,
+        nuisances=best.nuisances,
         flown=best.flown,
         within=best.within,
         settled=best.settled,
@@ -173,6 +174,6 @@ def share_of_excess(chi2_tuned: float, left: float, samples: int) -> float:
     NaN if it exceeds the noise by no more than four standard deviations of the noise's chi-square.
     """
     excess = chi2_tuned - samples
-    if not excess > 4.0 * np.sqrt(2.0 * samples):
+    if not excess > CRITERIA.visible * np.sqrt(2.0 * samples):
         return float("nan")
     return float(np.clip((chi2_tuned - left) / excess, 0.0, 1.0))

@@ -12,7 +12,7 @@ from scipy.stats import chi2, norm
 
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects import Effect
-from testbench.questions.gap.search.hypothesis import Changes, Local
+from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.parallel import spread
 
 FRESH_TANGENTS = (2, 5)  # before these rounds tangents of the nuisances are taken anew, where the descent has come to
@@ -34,7 +34,7 @@ class Descent:
     """
 
     x: FloatArray
-    tuning: Mapping[str, float]
+    nuisances: Mapping[str, float]
     jacobian: FloatArray
     chi2: float
     flown: bool
@@ -43,7 +43,7 @@ class Descent:
 
 
 def descend(
-    changes: Changes,
+    signature: Signature,
     start: FloatArray,
     hopeless: float,
     patience: int = 0,
@@ -52,10 +52,10 @@ def descend(
 ) -> Descent | None:
     """Descend from one start: fit on the linear differences, fly the result, repeat until it rests.
 
-    Residuals near a point x0 that was flown: exact(x0) + change(x) - change(x0) + tangents (factors - factors0).
+    Residuals near a point x0 that was flown: exact(x0) + change(x) - change(x0) + tangents (nuisances - nuisances0).
 
     Args:
-        changes: what the effect changes, from the point that the descent begins at.
+        signature: what the effect changes, from the point that the descent begins at.
         start: parameters (p,) to begin with.
         hopeless: chi-square that a descent must promise to get below, this round or with one more like the last.
         patience: rounds before that is asked.
@@ -65,27 +65,27 @@ def descend(
 
     Returns None if nothing on the way could be flown.
     """
-    effect, here = changes.effect, changes.base
-    start = _flyable(changes, start)
+    effect, here = signature.effect, signature.base
+    start = _flyable(signature, start)
     low, high = effect.bounds
     scale = np.maximum(np.abs(start), 1e-3 * (high - low))
     off = OFF_BOUND * np.minimum(scale, 0.1 * (high - low))
     known = np.zeros_like(here.exact)  # the change at the point flown last; the first one is the base itself
-    curved = effect.flown and changes.model(start).aircraft.amendments != here.model.aircraft.amendments
+    curved = effect.flown and signature.model(start).aircraft.amendments != here.model.aircraft.amendments
     best: Descent | None = None
     x, chi2_here, idle, begun, promised = start, np.inf, 0, False, np.inf
     if near:
-        there, change = here.moved(changes.model(start), here.factors), changes.at(start)
+        there, change = here.moved(signature.model(start), here.nuisances), signature.at(start)
         if there is not None and change is not None and there.chi2 < here.chi2:
             here, known, begun = there, change, True
     for k in range(MAX_ROUNDS):
         aim = hopeless if k >= patience else at_first if k == 0 else np.inf
         begun = begun or k > 0  # the point flown last has the effect
         if curved and begun:  # what such an effect changes depends on the coefficients, and they on it
-            changes, known, here = _rebased(changes, known, here)
+            signature, known, here = _rebased(signature, known, here)
         elif k in FRESH_TANGENTS:
             here = here.afresh(False)
-        objective = _Objective(changes, here, known, low - scale, scale)
+        objective = _Objective(signature, here, known, low - scale, scale)
         inside = np.clip(x, low + off, high - off)
         found = least_squares(
             objective,
@@ -100,29 +100,29 @@ def descend(
         )
         fallen, promised = promised - 2.0 * float(found.cost), 2.0 * float(found.cost)
         x_new = np.clip(objective.unscaled(found.x), low, high)
-        change, jacobian = changes.at(x_new), found.jac / scale
+        change, jacobian = signature.at(x_new), found.jac / scale
         if change is None:
             break
         asked = here.tuned(here.exact + change - known)[1]
-        factors = here.towards(asked)
+        nuisances = here.towards(asked)
         if promised > aim and (k == 0 or fallen < promised - aim):
             if best is not None:
                 return replace(best, settled=False)
-            within = within_priors(replace(here, factors=factors))
-            return Descent(x_new, here.named(factors), jacobian, promised, False, within, False)
-        within_reach, wanted = np.allclose(factors, asked), x_new
+            within = within_priors(replace(here, nuisances=nuisances))
+            return Descent(x_new, here.named(nuisances), jacobian, promised, False, within, False)
+        within_reach, wanted = np.allclose(nuisances, asked), x_new
         if not within_reach:  # coefficients go so far in one round only: the effect goes along with them
-            share = float(np.linalg.norm(factors - here.factors) / np.linalg.norm(asked - here.factors))
+            share = float(np.linalg.norm(nuisances - here.nuisances) / np.linalg.norm(asked - here.nuisances))
             origin = x if begun else _none(effect, start)
             x_new = origin + share * (x_new - origin)
-        step = _shortened(changes, here, x if begun else None, x_new, factors)
+        step = _shortened(signature, here, x if begun else None, x_new, nuisances)
         if not within_reach:
-            step = _lower(step, changes, here, wanted)
+            step = _lower(step, signature, here, wanted)
         if step is None:
             break
         before, moved, x, whole = chi2_here, *step
         whole = whole and within_reach
-        after = change if whole else changes.at(x)
+        after = change if whole else signature.at(x)
         if after is None:
             break
         known = after
@@ -132,7 +132,7 @@ def descend(
         rest = max(AT_REST, AT_REST_SHARE * (chi2_here - here.samples))
         idle = idle + 1 if best is not None and chi2_here > best.chi2 - rest else 0
         if best is None or chi2_here < best.chi2:
-            best = Descent(x, here.tuning, jacobian, chi2_here, True, within_priors(here))
+            best = Descent(x, here.by_name, jacobian, chi2_here, True, within_priors(here))
         if idle == IDLE or (whole and (before - promised < rest or abs(chi2_here - promised) < rest)):
             break
     return best
@@ -148,23 +148,23 @@ def _none(effect: Effect, x: FloatArray) -> FloatArray:
     return np.array([v if p.none is None else p.none for v, p in zip(x, effect.parameters, strict=True)])
 
 
-def _flyable(changes: Changes, start: FloatArray) -> FloatArray:
+def _flyable(signature: Signature, start: FloatArray) -> FloatArray:
     """Return as much of a start (p,), counted from no effect, as can be flown; all of it if nothing of it can."""
-    none = _none(changes.effect, start)
+    none = _none(signature.effect, start)
     shares = (none + share * (start - none) for share in SHORTENED)
-    return next((x for x in shares if changes.at(x) is not None), start)
+    return next((x for x in shares if signature.at(x) is not None), start)
 
 
-def _rebased(changes: Changes, known: FloatArray, here: Local) -> tuple[Changes, FloatArray, Local]:
+def _rebased(signature: Signature, known: FloatArray, here: Hypothesis) -> tuple[Signature, FloatArray, Hypothesis]:
     """Return what the effect changes at the coefficients of ``here``, that change, and the point with own tangents.
 
     All of it is flown: linear predictions are taken about trim and see neither the memory of a feedback nor curvature.
     """
     here = here.afresh(True)
-    origin = changes.base.moved(changes.base.model, here.factors)
+    origin = signature.base.moved(signature.base.model, here.nuisances)
     if origin is None:
-        return changes, known, here
-    return Changes(origin, changes.effect), here.exact - origin.exact, here
+        return signature, known, here
+    return Signature(origin, signature.effect), here.exact - origin.exact, here
 
 
 class _GiveUp:
@@ -181,25 +181,25 @@ class _GiveUp:
 
 
 def _shortened(
-    changes: Changes, here: Local, x: FloatArray | None, x_new: FloatArray, factors: FloatArray
-) -> tuple[Local, FloatArray, bool] | None:
+    signature: Signature, here: Hypothesis, x: FloatArray | None, x_new: FloatArray, nuisances: FloatArray
+) -> tuple[Hypothesis, FloatArray, bool] | None:
     """Fly the step that linear predictions ask for, or as much of it as flies and lowers chi-square.
 
     Args:
-        changes: the effect, from the point that the descent began at.
+        signature: the effect, from the point that the descent began at.
         here: the point flown last.
         x: the effect's parameters there, None if it was flown without the effect.
         x_new: those asked for.
-        factors: nuisance factors asked for.
+        nuisances: those asked for, (k,).
 
     Returns the point, its parameters, and whether it is the whole step; None if nothing of it can be flown. A step that
     cannot be made to lower chi-square is made whole, if it flies: the rounds after it may still.
     """
-    effect, whole = changes.effect, None
+    effect, whole = signature.effect, None
     aim = here.chi2 + (0.0 if x is None else float(np.sum(effect.prior_residuals(x) ** 2)))
     for share in SHORTENED:
         x_there = x_new if x is None else x + share * (x_new - x)
-        moved = here.moved(changes.model(x_there), here.factors + share * (factors - here.factors))
+        moved = here.moved(signature.model(x_there), here.nuisances + share * (nuisances - here.nuisances))
         if moved is not None and moved.chi2 + float(np.sum(effect.prior_residuals(x_there) ** 2)) < aim:
             return moved, x_there, share == 1.0
         if moved is not None and share == 1.0:
@@ -208,18 +208,18 @@ def _shortened(
 
 
 def _lower(
-    step: tuple[Local, FloatArray, bool] | None, changes: Changes, here: Local, wanted: FloatArray
-) -> tuple[Local, FloatArray, bool] | None:
+    step: tuple[Hypothesis, FloatArray, bool] | None, signature: Signature, here: Hypothesis, wanted: FloatArray
+) -> tuple[Hypothesis, FloatArray, bool] | None:
     """Return ``step``, or the effect whole with the coefficients left where they are, if that is lower.
 
     Coefficients that are asked far off may stand in for an effect that has hardly begun.
     """
-    whole = here.moved(changes.model(wanted), here.factors)
+    whole = here.moved(signature.model(wanted), here.nuisances)
     if whole is None:
         return step
 
-    def cost(point: Local, x: FloatArray) -> float:
-        return point.chi2 + float(np.sum(changes.effect.prior_residuals(x) ** 2))
+    def cost(point: Hypothesis, x: FloatArray) -> float:
+        return point.chi2 + float(np.sum(signature.effect.prior_residuals(x) ** 2))
 
     return step if step is not None and cost(*step[:2]) <= cost(whole, wanted) else (whole, wanted, True)
 
@@ -231,8 +231,8 @@ class _Objective:
     Of scaled values z = (x - origin) / scale, which are 1 or more, so that relative steps do not vanish near a bound.
     """
 
-    changes: Changes
-    here: Local
+    signature: Signature
+    here: Hypothesis
     known: FloatArray
     origin: FloatArray
     scale: FloatArray
@@ -245,12 +245,12 @@ class _Objective:
 
     def __call__(self, z: FloatArray) -> FloatArray:
         x = self.unscaled(z)
-        change = self.changes.at(x)
+        change = self.signature.at(x)
         left = self.here.lost if change is None else self.here.tuned(self.here.exact + change - self.known)[0]
-        return np.concatenate([left, self.changes.effect.prior_residuals(x)])
+        return np.concatenate([left, self.signature.effect.prior_residuals(x)])
 
 
-def retune(base: Local) -> Local:
+def retune(base: Hypothesis) -> Hypothesis:
     """Re-tune the nuisances of the model of ``base`` until they rest; return the best point.
 
     With tangents of linear predictions at first, then with flown ones: where those of a linearisation about trim would
@@ -260,14 +260,14 @@ def retune(base: Local) -> Local:
     return _rest(here.afresh(True))
 
 
-def _rest(here: Local) -> Local:
+def _rest(here: Hypothesis) -> Hypothesis:
     for _ in range(MAX_ROUNDS):
-        left, factors = here.tuned(here.exact)
+        left, nuisances = here.tuned(here.exact)
         if here.chi2 - float(left @ left) < AT_REST:
             break
         there = None
         for share in SHORTENED:
-            moved = here.moved(here.model, here.factors + share * (here.towards(factors) - here.factors))
+            moved = here.moved(here.model, here.nuisances + share * (here.towards(nuisances) - here.nuisances))
             if moved is not None and moved.chi2 < here.chi2:
                 kept = share == 1.0 and not _broken(here.chi2, float(left @ left), moved.chi2)
                 there = moved if kept else replace(moved, slopes=None)
@@ -287,7 +287,7 @@ def _broken(before: float, promised: float, flown: float) -> bool:
     return before - flown < KEPT * (before - promised)
 
 
-def within_priors(point: Local) -> float:
+def within_priors(point: Hypothesis) -> float:
     """Return the probability that nuisances drawn from their priors lie as far from the believed values as here.
 
     Far are all of them together (chi-square) or one of them alone; Bonferroni's bound holds for both tests.

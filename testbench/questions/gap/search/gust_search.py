@@ -16,7 +16,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
@@ -25,24 +24,15 @@ from scipy.stats import chi2
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.air import Gust
-from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects.base import Effect, MetGust
 from testbench.questions.gap.effects.gust import LARGEST_M_S, Axis, placed
-from testbench.questions.gap.evidence.commanded import MOVED, commands
 from testbench.questions.gap.evidence.gusts import manoeuvre_of, record_key
-from testbench.questions.gap.search.fit import FALSE_ALARM
-
-if TYPE_CHECKING:
-    from testbench.questions.gap.search.hypothesis import Local
-    from testbench.questions.gap.search.name import Naming
+from testbench.questions.gap.search.hypothesis import Hypothesis
 
 DURATIONS_S = (0.3, 0.45, 0.65, 0.9, 1.3, 1.8, 2.6, 3.7)
 STEP_S = 0.1  # between the starts that are looked at
 LEAST_SHARE = 0.5  # of the excess over the noise that a gust must promise: less comes from a gap in several records
-AFTER_S = 1.0  # the answer to a command lasts about a short period beyond it
-RINGS_S = 2.0  # and so does the answer to a gust
-PROVEN = 0.02  # share of its gain that a gust beside a command may leave: other pulses leave more
-LEFT = 0.1
 _LATERAL = {"beta", "v", "p", "r", "phi", "ay"}
 _LEAST = 1e-3  # information on the amplitude, (m/s)^-2, below which a start (at the very end) is not looked at
 
@@ -71,7 +61,7 @@ class FoundGust:
     @property
     def stands_out(self) -> bool:
         """True if noise alone would gain as much anywhere with probability FALSE_ALARM at most."""
-        return self.looks > 0 and self.gain > float(chi2.isf(FALSE_ALARM / self.looks, 1))
+        return self.looks > 0 and self.gain > float(chi2.isf(CRITERIA.false_alarm / self.looks, 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +83,7 @@ class GustSearch:
     sizes: tuple[int, ...]
 
     @classmethod
-    def at(cls, point: Local) -> GustSearch:
+    def at(cls, point: Hypothesis) -> GustSearch:
         """Make the filters of the model of ``point`` in still air."""
         records, p = point.records, len(point.believed.outputs)
         axes: tuple[Axis, ...] = ("north", "down")
@@ -150,9 +140,9 @@ class GustSearch:
         return out
 
 
-def _responses(point: Local, record: FlightRecord, places: Sequence[tuple[Axis, float]]) -> FloatArray:
+def _responses(point: Hypothesis, record: FlightRecord, places: Sequence[tuple[Axis, float]]) -> FloatArray:
     """Return what a gust of 1 m/s from the first sample on changes in the readings (places, n, p), in noise units."""
-    model, out = replace(point.model.with_tuning(point.tuning), gusts=()), []
+    model, out = replace(point.model.with_nuisances(point.by_name), gusts=()), []
     calm, key = model.predict_linear(record), record_key(record)
     for axis, duration in places:
         met = replace(model, gusts=(MetGust(key, "", Gust(axis, 1.0, 0.0, duration)),))
@@ -160,7 +150,7 @@ def _responses(point: Local, record: FlightRecord, places: Sequence[tuple[Axis, 
     return np.array(out)
 
 
-def sought(point: Local, effect: Effect) -> Effect:
+def sought(point: Hypothesis, effect: Effect) -> Effect:
     """Return ``effect`` where screening finds it: a gust in the record, along the axis and at the time that it explains
     most of the residual of ``point`` with; every other effect as it is.
 
@@ -181,50 +171,3 @@ def sought(point: Local, effect: Effect) -> Effect:
     start = (found.amplitude_m_s, found.start_s, found.duration_s)
     name = manoeuvre_of(record, found.record + 1)
     return placed(effect, record_key(record), name, found.axis, start, record.duration_s, found.looks)
-
-
-def doubted(naming: Naming, believed: Believed, records: Sequence[FlightRecord]) -> Naming:
-    """Return ``naming`` without a gust that may as well be an answer to a command which no effect of the library is.
-
-    An effect of the aircraft that only one manoeuvre is large or fast enough for looks like a gust that came with the
-    command. A gust that blows while a command is out, or less than AFTER_S later, is named only if its form is proven:
-    what may be left of the residual around it, noise taken out (upper bound of probability 1 - LEFT), is less than
-    PROVEN times what it gains.
-    """
-    for fit in (f for f in naming.ranking if f.effect.name in naming.names):
-        model = fit.added_to(believed)
-        for met in model.gusts[len(believed.gusts) :]:
-            record = next(r for r in records if record_key(r) == met.record)
-            part = _unproven(model, record, met.gust) / fit.gain
-            if not _commanded(record, met.gust) or part < PROVEN:
-                continue
-            names = tuple(n for n in naming.names if n != fit.effect.name)
-            why = (
-                f"{fit.effect.title} ({fit.size}) comes nearest, but a command is out at that time, and what is left "
-                f"around it may be {100.0 * part:.3g} % of what it explains: an answer to the command that the library "
-                f"does not hold could look like it. Fly the manoeuvre again: a gust does not come twice"
-            )
-            if not names:
-                return replace(naming, outcome="unexplained", names=(), sentence=f"unexplained: {why}")
-            kept = "; ".join(f"{f.effect.title}, {f.size}" for f in naming.ranking if f.effect.name in names)
-            outcome = "set" if len(names) > 1 else "named"
-            return replace(naming, outcome=outcome, names=names, sentence=f"{kept}; {why}")
-    return naming
-
-
-def _commanded(record: FlightRecord, gust: Gust) -> bool:
-    """Return whether a command is away from where it began while the gust blows, or was so less than AFTER_S before."""
-    t, u = record.t_s - record.t_s[0], commands(record)[1]
-    near = (t > gust.start_s - AFTER_S) & (t < gust.start_s + float(gust.duration_s or 0.0))
-    return bool((np.abs(u[near]) > MOVED).any())
-
-
-def _unproven(model: Believed, record: FlightRecord, gust: Gust) -> float:
-    """Return what may be left, beside noise, of the residual while the gust blows and RINGS_S after it.
-
-    Noise that happens to be low proves nothing: it is not taken for less than it is in the mean.
-    """
-    t = record.t_s - record.t_s[0]
-    blows = (t > gust.start_s) & (t < gust.start_s + float(gust.duration_s or 0.0) + RINGS_S)
-    r, samples = model.residuals(record)[blows], np.count_nonzero(model.taken(record)[blows])
-    return float(max(np.sum(r**2), samples) - chi2.isf(1.0 - LEFT, samples))

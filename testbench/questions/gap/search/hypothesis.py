@@ -12,27 +12,27 @@ from scipy.linalg import cho_factor, cho_solve
 from testbench.core.errors import LimitError, ModelError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.estimators.residuals import coloured_information
-from testbench.questions.gap.believed import LATERAL_NUISANCES, Believed, nuisances
+from testbench.questions.gap.believed import LATERAL_PRIORS, Believed, priors_of
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.search.parallel import spread
 
-_TUNING_STEP = 0.02
+_LINEAR_STEP = 0.02
 _FLOWN_STEP = 0.01
-_MAX_STEP = 0.15  # largest change of a nuisance factor per round, so that thrust and trim stay within reach
-_MAX_LATERAL_STEP = 0.5  # the same of lateral factors, of which neither depends
+_MAX_STEP = 0.15  # largest change of a nuisance per round, so that thrust and trim stay within reach
+_MAX_LATERAL_STEP = 0.5  # the same of lateral nuisances, of which neither depends
 _NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
 
 
 @dataclass(frozen=True, eq=False)
-class Local:
+class Hypothesis:
     """One hypothesis and its residuals as flown.
 
     Attributes:
         believed: the believed model without any effect.
-        model: the hypothesis (believed, or with an effect), nuisances not tuned.
+        model: the hypothesis (believed, or with an effect), nuisances as believed.
         records: the naming records.
-        priors: nuisance -> relative deviation of its prior, in the order of ``factors``.
-        factors: (k,) nuisance factors of the point.
+        priors: nuisance -> relative standard deviation of its prior.
+        nuisances: (k,) values of the nuisances, multiples of what is believed, in the order of ``priors``.
         exact: (samples,) residuals flown in JSBSim, in units of the noise; 0 where no sample was taken.
         slopes: (samples, k) tangents taken over from another point, or None. Slopes that are a little off slow a
             descent and shift where it comes to rest by a share of the errors; the residuals there are JSBSim's still.
@@ -42,7 +42,7 @@ class Local:
     model: Believed
     records: tuple[FlightRecord, ...]
     priors: Mapping[str, float]
-    factors: FloatArray
+    nuisances: FloatArray
     exact: FloatArray
     slopes: FloatArray | None = None
 
@@ -52,33 +52,33 @@ class Local:
         believed: Believed,
         model: Believed,
         records: tuple[FlightRecord, ...],
-        factors: FloatArray | None = None,
+        nuisances: FloatArray | None = None,
         priors: Mapping[str, float] | None = None,
-    ) -> Local:
-        """Fly ``model`` with its nuisances at ``factors``, or as believed.
+    ) -> Hypothesis:
+        """Fly ``model`` with its nuisances at the values ``nuisances`` (k,), or as believed.
 
-        ``priors``, if not given, are those that the records ask for (:func:`.believed.nuisances`).
+        ``priors``, if not given, are those that the records ask for (:func:`.believed.priors_of`).
 
         Raises:
             FlightAborted, TrimError, LimitError: it cannot fly the measured commands.
         """
-        priors = nuisances(records) if priors is None else priors
-        factors = np.ones(len(priors)) if factors is None else factors
-        tuned = model.with_tuning(dict(zip(priors, factors.tolist(), strict=True)))
-        return cls(believed, model, records, priors, factors, _flown(tuned, records))
+        priors = priors_of(records) if priors is None else priors
+        nuisances = np.ones(len(priors)) if nuisances is None else nuisances
+        tuned = model.with_nuisances(dict(zip(priors, nuisances.tolist(), strict=True)))
+        return cls(believed, model, records, priors, nuisances, _flown(tuned, records))
 
-    def named(self, factors: FloatArray) -> Mapping[str, float]:
-        """Return nuisance -> factor of factors (k,)."""
-        return dict(zip(self.priors, factors.tolist(), strict=True))
+    def named(self, nuisances: FloatArray) -> Mapping[str, float]:
+        """Return nuisance -> value of values (k,)."""
+        return dict(zip(self.priors, nuisances.tolist(), strict=True))
 
-    def factors_of(self, tuning: Mapping[str, float]) -> FloatArray:
-        """Return the factors (k,) of nuisance -> factor."""
-        return np.array([tuning[n] for n in self.priors])
+    def vector(self, nuisances: Mapping[str, float]) -> FloatArray:
+        """Return the values (k,) of nuisance -> value."""
+        return np.array([nuisances[n] for n in self.priors])
 
     @property
-    def tuning(self) -> Mapping[str, float]:
-        """Nuisance -> factor of the point."""
-        return self.named(self.factors)
+    def by_name(self) -> Mapping[str, float]:
+        """Nuisance -> value of the point."""
+        return self.named(self.nuisances)
 
     @cached_property
     def samples(self) -> int:
@@ -88,7 +88,7 @@ class Local:
     @property
     def lateral(self) -> bool:
         """True if lateral coefficients are among the nuisances, because aileron or rudder moves."""
-        return not LATERAL_NUISANCES.keys().isdisjoint(self.priors)
+        return not LATERAL_PRIORS.keys().isdisjoint(self.priors)
 
     @cached_property
     def prior_std(self) -> FloatArray:
@@ -98,7 +98,7 @@ class Local:
     @property
     def deviations(self) -> FloatArray:
         """How far each nuisance is re-tuned (k,), in standard deviations of its prior."""
-        return (self.factors - 1.0) / self.prior_std
+        return (self.nuisances - 1.0) / self.prior_std
 
     @property
     def chi2(self) -> float:
@@ -113,7 +113,7 @@ class Local:
     @cached_property
     def linear(self) -> FloatArray:
         """Linear prediction at the point (samples,), in units of the noise."""
-        return _linear(self.model.with_tuning(self.tuning), self.records)
+        return _linear(self.model.with_nuisances(self.by_name), self.records)
 
     def prepare(self) -> None:
         """Find the linear prediction and the tangents now: several processes that ask for them would each do so."""
@@ -121,36 +121,36 @@ class Local:
 
     @cached_property
     def tangents(self) -> FloatArray:
-        """Return d residuals / d factors, (samples, k): ``slopes``, or central differences of linear predictions.
+        """Return d residuals / d nuisances, (samples, k): ``slopes``, or central differences of linear predictions.
 
         Where the model has no trim on one side, the difference is that to the other one; where it has none on either, a
-        factor has no tangent (0) and stays where it is.
+        nuisance has no tangent (0) and stays where it is.
         """
         if self.slopes is not None:
             return self.slopes
-        columns, steps = [], _TUNING_STEP * np.eye(self.factors.size)
+        columns, steps = [], _LINEAR_STEP * np.eye(self.nuisances.size)
         ends = spread([partial(self._beside, sign * step) for step in steps for sign in (1.0, -1.0)])
         for up, down in zip(ends[::2], ends[1::2], strict=True):
             if up is None and down is None:
                 columns.append(np.zeros_like(self.exact))
                 continue
-            width = _TUNING_STEP * (2.0 if up is not None and down is not None else 1.0)
+            width = _LINEAR_STEP * (2.0 if up is not None and down is not None else 1.0)
             columns.append(((self.linear if down is None else down) - (self.linear if up is None else up)) / width)
         return np.column_stack(columns)
 
     def _beside(self, step: FloatArray) -> FloatArray | None:
-        """Return the linear prediction (samples,) a step (k,) of the factors away; None if there is no trim there."""
+        """Return the linear prediction (samples,) a step (k,) of the nuisances away; None if there is no trim there."""
         try:
-            return _linear(self.model.with_tuning(self.named(self.factors + step)), self.records)
+            return _linear(self.model.with_nuisances(self.named(self.nuisances + step)), self.records)
         except _NOT_FLOWN:
             return None
 
-    def afresh(self, flown: bool) -> Local:
+    def afresh(self, flown: bool) -> Hypothesis:
         """Return the point with tangents of its own: of linear predictions, or ``flown``, at several times the cost."""
         if not flown:
             return replace(self, slopes=None)
-        steps = _FLOWN_STEP * np.eye(self.factors.size)
-        ends = spread([partial(self._flown, self.model, self.factors + step) for step in steps])
+        steps = _FLOWN_STEP * np.eye(self.nuisances.size)
+        ends = spread([partial(self._flown, self.model, self.nuisances + step) for step in steps])
         columns = [(end - self.exact) / _FLOWN_STEP for end in ends if end is not None]
         return replace(self, slopes=np.column_stack(columns) if len(columns) == len(ends) else None)
 
@@ -160,25 +160,25 @@ class Local:
         return J, cho_factor(J.T @ J)
 
     def tuned(self, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return residuals after re-tuning the nuisances, extended by the price of it, and the new factors (k,).
+        """Return residuals after re-tuning the nuisances, extended by the price of it, and their new values (k,).
 
-        Minimises |r + J d|^2 + |(factors + d - 1) / s|^2 over d: maximum a posteriori with Gaussian priors of standard
-        deviation s about the believed values.
+        Minimises |r + J d|^2 + |(nuisances + d - 1) / s|^2 over d: maximum a posteriori with Gaussian priors of
+        standard deviation s about the believed values.
         """
         J, factor = self._normal
         r = np.concatenate([residuals, self.deviations])
         d = -np.asarray(cho_solve(factor, J.T @ r))
-        return r + J @ d, self.factors + d
+        return r + J @ d, self.nuisances + d
 
     def measured(self) -> Mapping[str, tuple[float, float]]:
-        """Return nuisance -> (factor, standard error) as the records say it, its own prior left out.
+        """Return nuisance -> (value, standard error) as the records say it, its own prior left out.
 
-        Where re-tuning rests, the posterior is Gaussian about the factors f with information A = J'J + S^-2, S the
-        deviations of the priors. Without the prior of factor i, A_i = A - e e' / s^2, and f_i becomes
+        Where re-tuning rests, the posterior is Gaussian about the values f with information A = J'J + S^-2, S the
+        deviations of the priors. Without the prior of nuisance i, A_i = A - e e' / s^2, and f_i becomes
         1 + (f_i - 1) (A_i^-1)_ii / (A^-1)_ii. Its variance is that of A_i^-1 (C + S_i^-2) A_i^-1 with the score's
         covariance C of residuals that are as large and as coloured as those here.
         """
-        p, k = len(self.believed.outputs), self.factors.size
+        p, k = len(self.believed.outputs), self.nuisances.size
         ends = np.cumsum([len(r) * p for r in self.records])[:-1]
         tangents = [T.reshape(-1, p, k) for T in np.split(self.tangents, ends)]
         score = coloured_information(tangents, [e.reshape(-1, p) for e in np.split(self.exact, ends)])
@@ -188,39 +188,39 @@ class Local:
         for i, name in enumerate(self.priors):
             others = np.diag(np.where(np.arange(k) == i, 0.0, prior))
             inverse = np.linalg.pinv(self.tangents.T @ self.tangents + others, hermitian=True)
-            factor = 1.0 + (self.factors[i] - 1.0) * inverse[i, i] / v[i]
+            value = 1.0 + (self.nuisances[i] - 1.0) * inverse[i, i] / v[i]
             variance = (inverse @ (score + others) @ inverse)[i, i]
-            out[name] = (float(factor), float(np.sqrt(max(variance, 0.0))))
+            out[name] = (float(value), float(np.sqrt(max(variance, 0.0))))
         return out
 
-    def towards(self, factors: FloatArray) -> FloatArray:
-        """Return ``factors``, or as far on the way to them as one round may go."""
-        step = factors - self.factors
-        lateral = np.array([n in LATERAL_NUISANCES for n in self.priors])
+    def towards(self, nuisances: FloatArray) -> FloatArray:
+        """Return ``nuisances``, or as far on the way to them as one round may go."""
+        step = nuisances - self.nuisances
+        lateral = np.array([n in LATERAL_PRIORS for n in self.priors])
         share = min(1.0, _MAX_STEP / max(float(np.max(np.abs(step[~lateral]), initial=0.0)), 1e-12))
         if self.lateral:
             share = min(share, _MAX_LATERAL_STEP / max(float(np.max(np.abs(step[lateral]))), 1e-12))
-        return self.factors + step * share
+        return self.nuisances + step * share
 
-    def _flown(self, model: Believed, factors: FloatArray) -> FloatArray | None:
-        """Return the residuals (samples,) of another model flown at other factors (k,); None if it cannot fly."""
+    def _flown(self, model: Believed, nuisances: FloatArray) -> FloatArray | None:
+        """Return the residuals (samples,) of another model flown at other ``nuisances`` (k,); None if it cannot fly."""
         try:
-            return _flown(model.with_tuning(self.named(factors)), self.records)
+            return _flown(model.with_nuisances(self.named(nuisances)), self.records)
         except _NOT_FLOWN:
             return None
 
-    def moved(self, model: Believed, factors: FloatArray) -> Local | None:
-        """Fly another model at other factors with the tangents of this point; None if it cannot fly."""
-        exact = self._flown(model, factors)
+    def moved(self, model: Believed, nuisances: FloatArray) -> Hypothesis | None:
+        """Fly another model at other values of the nuisances with the tangents of this point; None if it cannot fly."""
+        exact = self._flown(model, nuisances)
         if exact is None:
             return None
-        there = replace(self, model=model, factors=factors, exact=exact, slopes=self.tangents)
+        there = replace(self, model=model, nuisances=nuisances, exact=exact, slopes=self.tangents)
         there.__dict__["_normal"] = self._normal  # the same tangents have the same normal equations
         return there
 
 
 @dataclass(frozen=True, eq=False)
-class Changes:
+class Signature:
     """What an effect changes in the residuals of a point, its nuisances held.
 
     The difference of two linear predictions is right to second order although neither prediction is. Effects that a
@@ -228,7 +228,7 @@ class Changes:
     ``known`` holds what was asked for before, by the bytes of the parameter values.
     """
 
-    base: Local
+    base: Hypothesis
     effect: Effect
     known: dict[bytes, FloatArray | None] = field(default_factory=dict)
 
@@ -242,7 +242,7 @@ class Changes:
         """Return residuals with the effect at ``x`` (p,) minus those of the point; None if that cannot be flown."""
         key = x.tobytes()
         if key not in self.known:
-            tuned = self.model(x).with_tuning(self.base.tuning)
+            tuned = self.model(x).with_nuisances(self.base.by_name)
             try:
                 if self.effect.flown:
                     self.known[key] = _flown(tuned, self.base.records) - self.base.exact

@@ -3,50 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
-import numpy as np
-from scipy.stats import chi2
-
 from testbench.core.record import FlightRecord
-from testbench.questions.gap.believed import LATERAL_NUISANCES, NUISANCES, Believed
-from testbench.questions.gap.effects import Effect, library
-from testbench.questions.gap.search.fit import (
-    FALSE_ALARM,
-    HOPELESS,
-    HOPELESS_AT_FIRST,
-    HOPELESS_BESIDE_NOISE,
-    EffectFit,
-    fit,
-)
-from testbench.questions.gap.search.gauss_newton import MAX_ROUNDS, retune, within_priors
-from testbench.questions.gap.search.gust_search import doubted, sought
-from testbench.questions.gap.search.hypothesis import Local
-from testbench.questions.gap.search.likelihood import (
-    LEAST,
-    STRAINED,
-    TOLD_APART,
-    believable,
-    is_special_case,
-    leaves_far_more,
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.decide import (
+    Naming,
+    decide,
+    doubted,
     leaves_noise,
     noise_floor,
     noise_limit,
     score,
 )
+from testbench.questions.gap.effects import Effect, library
+from testbench.questions.gap.search.fit import HOPELESS, HOPELESS_AT_FIRST, HOPELESS_BESIDE_NOISE, EffectFit, fit
+from testbench.questions.gap.search.gauss_newton import MAX_ROUNDS, retune, within_priors
+from testbench.questions.gap.search.gust_search import sought
+from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.parallel import Ahead
 from testbench.questions.gap.search.polish import polished
 from testbench.questions.gap.search.scatter import scattered
 from testbench.questions.gap.search.screening import Screened, flown_best, promising, screen, screen_all, screen_closely
 from testbench.questions.gap.search.several import several_at_once
 
-ENOUGH = 0.95  # share of the excess that a named effect must explain, unless it leaves noise,
-ENOUGH_ALONE = 0.80  # or this share where nothing but its own other forms
-NEAR = 0.5  # gains as much as this share of what it gains: its form may be off, but it is the only one of its kind
-TOO_CLOSE = 0.85  # a runner-up with this share of the best gain cannot be told apart while more than noise is left,
-TWICE = 2.0  # unless it leaves so many times what the best one leaves above the noise
 FOLLOWED = 0.25  # effects that promise less than this share of what the best one promises are not fitted,
 FOLLOWED_FAR = 0.1  # of effects with several parameters, of which screening tries few combinations, less than this
 PROMISING = 5.0  # nor are effects that promise a smaller gain than this, a third of any threshold; but
@@ -54,47 +37,6 @@ AT_LEAST = 3  # this many always are
 FROM_BELIEVED = 6  # so many of them,
 PATIENCE = 2  # and descents from there are given two rounds to settle before they may be called hopeless,
 PATIENCE_BESIDE_NOISE = 1  # or one if another effect leaves noise only
-MANY = 4  # more names than these are no answer
-
-
-@dataclass(frozen=True, eq=False)
-class Naming:
-    """The outcome of naming.
-
-    Attributes:
-        outcome: "no gap", "named", "set" (cannot be told apart) or "unexplained".
-        names: the named effect, or the set, best first; empty otherwise. Two effects at once are one name, "A + B".
-        ranking: all effects, best first.
-        chi2_believed: weighted sum of squares of the believed model, nothing re-tuned.
-        chi2_tuned: the same after re-tuning the nuisances within their priors.
-        tuning: nuisance -> factor of that re-tuning.
-        samples: number of samples in those sums.
-        sentence: the outcome in words.
-        rejected: effect that was not fitted -> why.
-        measured: nuisance -> (factor, standard error) of the re-tuning without any effect, the prior left out.
-    """
-
-    outcome: str
-    names: tuple[str, ...]
-    ranking: tuple[EffectFit, ...]
-    chi2_believed: float
-    chi2_tuned: float
-    tuning: Mapping[str, float]
-    samples: int
-    sentence: str
-    rejected: Mapping[str, str] = field(default_factory=dict)
-    measured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-
-    @property
-    def noise_left(self) -> bool:
-        """True if what is left, beside the effect that is added if there is one, is noise in still air."""
-        left = self.chi2_tuned if self.best is None else self.best.chi2
-        return left <= float(chi2.isf(FALSE_ALARM, self.samples))
-
-    @property
-    def best(self) -> EffectFit | None:
-        """The effect that is added, if any."""
-        return next((f for f in self.ranking if self.names and f.effect.name == self.names[0]), None)
 
 
 def name_effect(
@@ -128,7 +70,7 @@ def name_effect(
     say("re-tune the believed model")
     for record in records:
         believed.check_commands(record)
-    start = Local.at(believed, believed, tuple(records))
+    start = Hypothesis.at(believed, believed, tuple(records))
     tuned = retune(start)
     say("screen the library")
     choice = tuple(sought(tuned, e) for e in (library(believed.suite) if effects is None else effects).values())
@@ -138,7 +80,7 @@ def name_effect(
     tested = max(1, len(screened) - len(rejected))
     samples = start.samples
     floor = noise_floor(believed, samples)
-    strained = tuned.chi2 > noise_limit(believed, samples) or within_priors(tuned) < STRAINED
+    strained = tuned.chi2 > noise_limit(believed, samples) or within_priors(tuned) < CRITERIA.strained
     if not strained:
         say("screen the library closely")
         screened = screen_closely(tuned, screened)
@@ -153,16 +95,16 @@ def name_effect(
             if not any(f.flown and f.chi2 < found.chi2 for f in same):
                 fits = [f for f in fits if f not in same] + [found]
     ranking = _ranked(polished(base, _ranked(fits, samples), tuned.chi2), samples)
-    outcome, names, sentence = _decide(ranking, tuned.chi2, samples, floor)
+    outcome, names, sentence = decide(ranking, tuned.chi2, samples, floor)
     chi2_believed = float(start.exact @ start.exact)
-    factors, measured = tuned.tuning, tuned.measured()
-    said = Naming(outcome, names, ranking, chi2_believed, tuned.chi2, factors, samples, sentence, rejected, measured)
+    nuisances, measured = tuned.by_name, tuned.measured()
+    said = Naming(outcome, names, ranking, chi2_believed, tuned.chi2, nuisances, samples, sentence, rejected, measured)
     return doubted(said, believed, records)
 
 
 def _fit_promising(
-    tuned: Local,
-    start: Local | None,
+    tuned: Hypothesis,
+    start: Hypothesis | None,
     screened: Sequence[Screened],
     tested: int,
     rejected: dict[str, str],
@@ -250,7 +192,7 @@ def _asked(one: Screened, patience: int, fits: Mapping[str, EffectFit], noise: f
 
 
 def _refit_special_cases(
-    base: Local,
+    base: Hypothesis,
     chi2_tuned: float,
     screened: Sequence[Screened],
     tested: int,
@@ -270,8 +212,8 @@ def _refit_special_cases(
         name = one.effect.name
         if not one.seen or one.effect is best.effect or not best.effect.generalises(one.effect):
             continue
-        if name not in fits or fits[name].chi2 - best.chi2 > TOLD_APART:
-            near = near or base.moved(base.model, base.factors_of(best.tuning)) or base
+        if name not in fits or fits[name].chi2 - best.chi2 > CRITERIA.told_apart:
+            near = near or base.moved(base.model, base.vector(best.nuisances)) or base
             say(f"fit {one.effect.title}, a special case of {best.effect.title}")
             found = fit(flown_best(near, screen(near, one.effect)), chi2_tuned, 0.0, tested, MAX_ROUNDS, near=True)
             if found is not None and (name not in fits or found.chi2 < fits[name].chi2):
@@ -284,126 +226,3 @@ def _ranked(fits: Sequence[EffectFit], samples: int) -> tuple[EffectFit, ...]:
     for f in sorted(fits, key=lambda f: (not f.flown, f.chi2)):
         best.setdefault(f.effect.name, f)
     return tuple(sorted(best.values(), key=lambda f: -score(f, samples)))
-
-
-def _decide(
-    ranking: Sequence[EffectFit], chi2_tuned: float, samples: int, floor: float
-) -> tuple[str, tuple[str, ...], str]:
-    """Return outcome, names and sentence."""
-    noise = chi2.isf(FALSE_ALARM, floor)
-    significant = [f for f in ranking if f.significant and f.flown and f.gain > LEAST]
-    if not significant:
-        if chi2_tuned <= noise:
-            return "no gap", (), (
-                f"no gap: no effect of the library gains more than noise would, and what is left is noise "
-                f"(chi-square {chi2_tuned:.0f} over {samples} samples)"
-            )  # fmt: skip
-        return "unexplained", (), (
-            f"unexplained: the residual exceeds the noise (chi-square {chi2_tuned:.0f} over {samples} samples), "
-            "but no effect of the library explains any of it"
-        )  # fmt: skip
-    best = _foremost(significant, samples)
-    others = [f for f in ranking if f is not best and f.flown and believable(f)]
-    close = [f for f in others if _indistinct(f, best, samples, best.chi2 <= noise)]
-    if best.within < STRAINED:
-        return "unexplained", (), (
-            f"unexplained: {best.effect.title}, {best.size}, comes nearest, but only beside coefficients that are "
-            f"farther off than is believed of them: {_stretched(best)}"
-        )  # fmt: skip
-    if best.beyond:
-        return "unexplained", (), (
-            f"unexplained: {best.effect.title}, {best.size}, comes nearest, but the records ask for more of it than is "
-            f"physically possible: {', '.join(best.beyond)} lies at the end of its range"
-        )  # fmt: skip
-    strangers = [f for f in ranking if not (f is best or _of_one_kind(f.effect, best.effect))]
-    enough = ENOUGH if any(f.gain > NEAR * best.gain for f in strangers) else ENOUGH_ALONE
-    if not best.share >= enough and best.chi2 > noise:
-        part = f"only {100 * best.share:.0f} % of the excess" if np.isfinite(best.share) else "too little of it"
-        return "unexplained", (), f"unexplained: {best.effect.title} comes nearest, but explains {part}"
-    if leaves_far_more(best, floor):
-        left = best.chi2 - floor
-        return "unexplained", (), (
-            f"unexplained: {best.effect.title} comes nearest, but of {best.gain + left:.0f} of chi-square above the "
-            f"noise it leaves {left:.0f}: a relative of it, or another effect beside it, is the truth"
-        )  # fmt: skip
-    if len(close) >= MANY:
-        near = ", ".join(f.effect.title for f in (best, *close))
-        return "unexplained", (), (
-            f"unexplained: {1 + len(close)} effects come near and these data do not tell them apart: {near}"
-        )  # fmt: skip
-    alone = _common(best, close, ranking)
-    if alone is not None:
-        return "named", (alone.effect.name,), (
-            f"{alone.effect.title}: {alone.size}; explains {100 * alone.share:.1f} % of the excess over noise. What it "
-            f"leaves is either its form or one of several other effects, which these data cannot tell apart"
-        )  # fmt: skip
-    if close:
-        names = (best.effect.name, *(f.effect.name for f in close))
-        told = "; ".join(f"{f.effect.title}, {f.size} (gain {f.gain:.4g})" for f in (best, *close))
-        return "set", names, (
-            f"one of these, which these data cannot tell apart: {told}. What separates them: {best.effect.separated_by}"
-        )  # fmt: skip
-    explained = "what is left is noise"
-    if np.isfinite(best.share):
-        explained = f"explains {100 * best.share:.1f} % of the excess over noise"
-    if best.chi2 > noise and not best.scatter_s:
-        explained += (
-            "; what it leaves is more than noise: its form is not quite right, or an effect like it is the truth"
-        )
-    return "named", (best.effect.name,), f"{best.effect.title}: {best.size}; {explained}"
-
-
-def _foremost(significant: Sequence[EffectFit], samples: int) -> EffectFit:
-    """Return the best of some fits in the order of their scores: the first one, or what does as well in its place.
-
-    Where the first is not believable, that is one that is and trails it by no more than chance would; of either, a
-    special case that gains no less than noise or form would make it.
-    """
-    best = significant[0]
-    sound = [f for f in significant if believable(f)]
-    if not believable(best):
-        best = next((f for f in sound if score(best, samples) - score(f, samples) < TOLD_APART), best)
-    return min((f for f in sound if is_special_case(f, best)), key=lambda f: len(f.values), default=best)
-
-
-def _common(best: EffectFit, close: Sequence[EffectFit], ranking: Sequence[EffectFit]) -> EffectFit | None:
-    """Return the fit of what several sets of effects have in common, if they are told apart by nothing else.
-
-    Where it alone explains enough, that each of several others beside it explains the rest speaks for none of them.
-    """
-    parts = [{p.name for p in f.effect.singles} for f in (best, *close)]
-    common = set.intersection(*parts)
-    if not close or not common or any(p == common for p in parts):
-        return None
-    alone = (f for f in ranking if {p.name for p in f.effect.singles} == common)
-    return next((f for f in alone if f.flown and believable(f) and f.share >= ENOUGH), None)
-
-
-def _of_one_kind(a: Effect, b: Effect) -> bool:
-    return a.generalises(b) or b.generalises(a)
-
-
-def _stretched(fit: EffectFit) -> str:
-    """Return the coefficients that a fit asks most of, in words."""
-    priors = {**NUISANCES, **LATERAL_NUISANCES}
-    off = sorted(((abs(f - 1.0) / priors[n], n, f) for n, f in fit.tuning.items()), reverse=True)
-    told = [o for o in off if o[0] > 0.5 * off[0][0]][:3]
-    return ", ".join(f"{n} {f:.3g} times the believed value ({z:.1f} standard deviations)" for z, n, f in told)
-
-
-def _indistinct(fit: EffectFit, best: EffectFit, samples: int, is_noise: bool) -> bool:
-    """Return whether ``fit`` may be the truth although ``best`` leads.
-
-    If the best effect leaves noise only, likelihoods decide: a wrong effect leads the true one by TOLD_APART with a
-    probability of FALSE_ALARM at most (Markov's bound on a likelihood ratio, effects of given size). If more than noise
-    is left, the form of the best one is not quite right, and then what they gain and leave is all there is to go by. A
-    more general form of the best one is another name only if its further parameters gain more than noise or form would;
-    a special case of it is none.
-    """
-    if fit.effect.generalises(best.effect):
-        return not is_special_case(best, fit)
-    if best.effect.generalises(fit.effect):
-        return False  # it would have been named in its place
-    behind = score(best, samples) - score(fit, samples)
-    near = fit.gain >= TOO_CLOSE * best.gain and fit.chi2 - samples < TWICE * (best.chi2 - samples)
-    return behind < TOLD_APART or (not is_noise and near)

@@ -10,20 +10,21 @@ from scipy.linalg import block_diag
 from scipy.optimize import lsq_linear
 
 from testbench.core.record import FloatArray
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.decide import score
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import AT_REST, SHORTENED
-from testbench.questions.gap.search.hypothesis import Changes, Local
-from testbench.questions.gap.search.likelihood import TOLD_APART, WEAK, score
+from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.parallel import spread
 
-_CLOSE = 2.0 * TOLD_APART  # fits that trail the best one by no more are polished: linear tangents cost less than half
-_SEEN = 0.5 * WEAK  # gain below which no polish makes a name of a fit
+_CLOSE = 2.0 * CRITERIA.told_apart  # fits that trail the best one by no more are polished: tangents cost less than half
+_SEEN = 0.5 * CRITERIA.weak  # gain below which no polish makes a name of a fit
 _ROUNDS = 3
 _STEP = 0.1  # of differences, in standard errors
 _WIDEST, _NARROWEST = 1e-2, 1e-6  # of them, of a parameter's range
 
 
-def polished(base: Local, ranking: Sequence[EffectFit], chi2_tuned: float) -> list[EffectFit]:
+def polished(base: Hypothesis, ranking: Sequence[EffectFit], chi2_tuned: float) -> list[EffectFit]:
     """Return the fits of ``ranking``, of which those that compete for the first place have come to rest as flown.
 
     Args:
@@ -40,36 +41,36 @@ def polished(base: Local, ranking: Sequence[EffectFit], chi2_tuned: float) -> li
     return [found.get(id(f), f) for f in ranking]
 
 
-def slopes(changes: Changes, there: Local, x: FloatArray, errors: FloatArray) -> FloatArray:
+def slopes(signature: Signature, there: Hypothesis, x: FloatArray, errors: FloatArray) -> FloatArray:
     """Return d residuals / d parameters (samples, p) at a point flown with them, by differences of flights.
 
     Args:
-        changes: the effect, from a point without it.
+        signature: the effect, from a point without it.
         there: the point, flown with the effect at ``x``.
         x: (p,) parameters.
         errors: (p,) their standard errors, of which the differences are a tenth.
     """
-    low, high = changes.effect.bounds
+    low, high = signature.effect.bounds
     width = np.clip(_STEP * errors, _NARROWEST * (high - low), _WIDEST * (high - low))
     columns = []
     for i, h in enumerate(np.where(x + width < high, width, -width)):
-        beside = there.moved(changes.model(x + h * (np.arange(len(x)) == i)), there.factors)
+        beside = there.moved(signature.model(x + h * (np.arange(len(x)) == i)), there.nuisances)
         columns.append(np.zeros_like(there.exact) if beside is None else (beside.exact - there.exact) / h)
     return np.column_stack(columns)
 
 
-def _at_rest(base: Local, fit: EffectFit, chi2_tuned: float) -> EffectFit:
+def _at_rest(base: Hypothesis, fit: EffectFit, chi2_tuned: float) -> EffectFit:
     """Return ``fit`` after Gauss-Newton steps on flown tangents that lower chi-square; its errors stay."""
-    changes, (low, high) = Changes(base, fit.effect), fit.effect.bounds
+    signature, (low, high) = Signature(base, fit.effect), fit.effect.bounds
     x, errors = np.array(list(fit.values.values())), np.array(list(fit.errors.values()))
-    there = base.moved(changes.model(x), base.factors_of(fit.tuning))
+    there = base.moved(signature.model(x), base.vector(fit.nuisances))
     if there is None:
         return fit
-    lowest, free = _cost(there, changes, x), np.full(len(base.priors), np.inf)
+    lowest, free = _cost(there, signature, x), np.full(len(base.priors), np.inf)
     for _ in range(_ROUNDS):
         near = there.afresh(True)
         J = block_diag(fit.effect.prior_slopes(x), np.diag(1.0 / base.prior_std))
-        J = np.vstack([np.hstack([slopes(changes, there, x, errors), near.tangents]), J])
+        J = np.vstack([np.hstack([slopes(signature, there, x, errors), near.tangents]), J])
         r = np.concatenate([there.exact, fit.effect.prior_residuals(x), there.deviations])
         ends = np.concatenate([np.minimum(low - x, -1e-12), -free]), np.concatenate([np.maximum(high - x, 1e-12), free])
         step = lsq_linear(J, -r, ends).x
@@ -77,14 +78,14 @@ def _at_rest(base: Local, fit: EffectFit, chi2_tuned: float) -> EffectFit:
             break
         for share in SHORTENED:
             x_there = np.clip(x + share * step[: len(x)], low, high)
-            moved = near.moved(changes.model(x_there), there.factors + share * step[len(x) :])
-            if moved is not None and _cost(moved, changes, x_there) < lowest:
-                there, x, lowest = moved, x_there, _cost(moved, changes, x_there)
+            moved = near.moved(signature.model(x_there), there.nuisances + share * step[len(x) :])
+            if moved is not None and _cost(moved, signature, x_there) < lowest:
+                there, x, lowest = moved, x_there, _cost(moved, signature, x_there)
                 break
         else:
             break
     return fit if lowest >= fit.chi2 else fit.brought_to(x, there, lowest, chi2_tuned)
 
 
-def _cost(point: Local, changes: Changes, x: FloatArray) -> float:
-    return point.chi2 + float(np.sum(changes.effect.prior_residuals(x) ** 2))
+def _cost(point: Hypothesis, signature: Signature, x: FloatArray) -> float:
+    return point.chi2 + float(np.sum(signature.effect.prior_residuals(x) ** 2))

@@ -12,23 +12,20 @@ from scipy.stats import chi2
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.decide import noise_floor
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import AT_REST, SHORTENED
-from testbench.questions.gap.search.hypothesis import Changes, Local
-from testbench.questions.gap.search.likelihood import TOLD_APART, noise_floor
+from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.polish import slopes
 
 _SCATTERS = ("transport_delay",)  # effects whose delay may be another one for every command
-_MOST = 0.4  # of the delay that its scatter may be: commands would overtake each other, or another effect is the truth
-_LEADS = 0.7  # share of the excess that the mean delay alone explains at least
-_FORM = 0.01  # share of what both gain that they may leave: lateness is linear only within a sample
 _COMMAND = "de_cmd"
 _SMALL = 1e-2  # share of the largest change of a command: what changes by less, noise of a measured one, is none
 _ROUNDS = 8
-_LEFT = 0.02  # a delay that leaves what noise exceeds with this probability is asked whether it scatters
 
 
-def scattered(base: Local, fits: Sequence[EffectFit], chi2_tuned: float) -> EffectFit | None:
+def scattered(base: Hypothesis, fits: Sequence[EffectFit], chi2_tuned: float) -> EffectFit | None:
     """Return the fit of a delay with the scatter that its remainder asks for; None if noise is not what that leaves.
 
     Only a delay that alone explains most of the excess, but leaves more than noise, is asked for it.
@@ -43,14 +40,18 @@ def scattered(base: Local, fits: Sequence[EffectFit], chi2_tuned: float) -> Effe
         fits: of all effects.
         chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
     """
-    noise, samples = chi2.isf(_LEFT, noise_floor(base.believed, base.samples)), base.samples
-    fit = next((f for f in fits if f.effect.name in _SCATTERS and f.settled and f.share > _LEADS), None)
+    noise, samples = chi2.isf(CRITERIA.scatter_left, noise_floor(base.believed, base.samples)), base.samples
+    fit = next((f for f in fits if f.effect.name in _SCATTERS and f.settled and f.share > CRITERIA.scatter_leads), None)
     if fit is None or fit.chi2 <= noise:
         return None
     found = _at_rest(base, fit)
-    if found is None or found.s > 0.99 * _MOST * found.x[0] or fit.chi2 - found.cost < TOLD_APART:
+    if (
+        found is None
+        or found.s > 0.99 * CRITERIA.scatter_most * found.x[0]
+        or fit.chi2 - found.cost < CRITERIA.told_apart
+    ):
         return None  # the link is late by something else, or what is left does not scatter with the commands
-    if found.left - samples > max(noise - samples, _FORM * (chi2_tuned - found.cost)):
+    if found.left - samples > max(noise - samples, CRITERIA.scatter_form * (chi2_tuned - found.cost)):
         return None
     errors = dict(zip(fit.values, found.error.tolist(), strict=True))
     return replace(fit.brought_to(found.x, found.point, found.cost, chi2_tuned), errors=errors, scatter_s=found.s)
@@ -60,7 +61,7 @@ def scattered(base: Local, fits: Sequence[EffectFit], chi2_tuned: float) -> Effe
 class _Scattered:
     """A point flown with a delay x (1,), and the likeliest scatter s of its residuals."""
 
-    point: Local
+    point: Hypothesis
     x: FloatArray
     s: float
     spread: _Spread
@@ -80,7 +81,7 @@ class _Scattered:
         """Return normal matrix and gradient of half of ``left`` over the delay and the coefficients."""
         J = np.hstack([slope, tangents])
         price = np.concatenate([np.zeros(slope.shape[1]), 1.0 / self.point.prior_std**2])
-        off = np.concatenate([np.zeros(slope.shape[1]), self.point.factors - 1.0])
+        off = np.concatenate([np.zeros(slope.shape[1]), self.point.nuisances - 1.0])
         weighed = self.spread.weigh(J, self.s)
         return J.T @ weighed + np.diag(price), weighed.T @ self.point.exact + price * off
 
@@ -94,28 +95,28 @@ class _Scattered:
         return np.sqrt(np.diag(np.linalg.inv(normal))[:1])
 
 
-def _at_rest(base: Local, fit: EffectFit) -> _Scattered | None:
+def _at_rest(base: Hypothesis, fit: EffectFit) -> _Scattered | None:
     """Descend from a delay without scatter by Gauss-Newton steps; None if nothing flies there, or the delay is none."""
-    changes, (delay,) = Changes(base, fit.effect), fit.effect.parameters
+    signature, (delay,) = Signature(base, fit.effect), fit.effect.parameters
     errors = np.array(list(fit.errors.values()))
 
-    def at(x: FloatArray, factors: FloatArray, spread: _Spread | None) -> _Scattered | None:
-        point = base.moved(changes.model(x), factors)
+    def at(x: FloatArray, nuisances: FloatArray, spread: _Spread | None) -> _Scattered | None:
+        point = base.moved(signature.model(x), nuisances)
         if point is None or x[0] <= delay.low:
             return None
-        spread = spread or _Spread([_responses(point.model.with_tuning(point.tuning), r) for r in base.records])
-        return _Scattered(point, x, spread.likeliest(point.exact, _MOST * float(x[0])), spread)
+        spread = spread or _Spread([_responses(point.model.with_nuisances(point.by_name), r) for r in base.records])
+        return _Scattered(point, x, spread.likeliest(point.exact, CRITERIA.scatter_most * float(x[0])), spread)
 
-    here = at(np.array(list(fit.values.values())), base.factors_of(fit.tuning), None)
+    here = at(np.array(list(fit.values.values())), base.vector(fit.nuisances), None)
     for _ in range(_ROUNDS if here is not None else 0):
         assert here is not None
         near = here.point.afresh(True)
         here = replace(here, point=near)
-        normal, gradient = here.normal(slopes(changes, near, here.x, errors), near.tangents)
+        normal, gradient = here.normal(slopes(signature, near, here.x, errors), near.tangents)
         step = -np.linalg.solve(normal, gradient)
         for share in SHORTENED:
             x = np.clip(here.x + share * step[:1], delay.low, delay.high)
-            there = at(x, near.towards(near.factors + share * step[1:]), here.spread)
+            there = at(x, near.towards(near.nuisances + share * step[1:]), here.spread)
             if there is not None and there.cost < here.cost:
                 break
         else:

@@ -12,7 +12,7 @@ import numpy as np
 
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects import Effect
-from testbench.questions.gap.search.hypothesis import Changes, Local
+from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.parallel import spread
 
 SMALL = 0.1  # share of its usual start at which an effect is screened where it can only be small
@@ -25,7 +25,7 @@ class Screened:
 
     Attributes:
         effect: the effect.
-        changes: what it changes.
+        signature: what it changes.
         starts: those that can be flown, the most promising first.
         promise: gain of the best start, or of the best multiple of what it changes.
         why: why these records cannot show it, or "".
@@ -33,7 +33,7 @@ class Screened:
     """
 
     effect: Effect
-    changes: Changes
+    signature: Signature
     starts: tuple[FloatArray, ...]
     promise: float
     why: str
@@ -45,7 +45,7 @@ class Screened:
         return not self.why
 
 
-def screen(base: Local, effect: Effect, share: float = 1.0, far: bool = False) -> Screened:
+def screen(base: Hypothesis, effect: Effect, share: float = 1.0, far: bool = False) -> Screened:
     """Set what ``effect`` changes at its starts, d, against the residual r, nuisances re-tuned in both.
 
     A start promises the larger of |r|^2 - |r + d|^2 and (r'd)^2 / d'd, the gain of the best multiple of d (score test).
@@ -53,11 +53,11 @@ def screen(base: Local, effect: Effect, share: float = 1.0, far: bool = False) -
     at a ``share`` of its size. From a base that is ``far`` from rest both signs are flown: to other flights than those
     of the base, one does not change the residuals by minus what the other does.
     """
-    changes, size = Changes(base, effect), _size(effect)
+    signature, size = Signature(base, effect), _size(effect)
     if effect.lateral and not base.lateral:
-        return Screened(effect, changes, (), 0.0, "these records cannot show it: neither aileron nor rudder moves")
+        return Screened(effect, signature, (), 0.0, "these records cannot show it: neither aileron nor rudder moves")
     if not effect.looks:
-        return Screened(effect, changes, (), 0.0, f"looked for in every record, no {effect.name} stands out of one")
+        return Screened(effect, signature, (), 0.0, f"looked for in every record, no {effect.name} stands out of one")
     starts = _starts(effect)
     if size is not None:
         if not (far and effect.flown):  # the other sign changes the residuals by minus as much
@@ -68,7 +68,7 @@ def screen(base: Local, effect: Effect, share: float = 1.0, far: bool = False) -
     r = base.tuned(base.exact)[0]
     flies, alone, found = False, 0.0, []
     for x in starts:
-        change = changes.at(x)
+        change = signature.at(x)
         if change is None:
             continue
         flies = True
@@ -85,29 +85,29 @@ def screen(base: Local, effect: Effect, share: float = 1.0, far: bool = False) -
         found.append((cost, max(float(r @ r) - cost, scored), x))
     if not found:
         why = "these records cannot show it: their channels, compared about their means, do not change"
-        return Screened(effect, changes, (), 0.0, why if flies else "no start of it flies the measured commands")
+        return Screened(effect, signature, (), 0.0, why if flies else "no start of it flies the measured commands")
     found.sort(key=lambda f: f[0])
-    return Screened(effect, changes, tuple(f[2] for f in found), max(f[1] for f in found), "", alone)
+    return Screened(effect, signature, tuple(f[2] for f in found), max(f[1] for f in found), "", alone)
 
 
-def screen_all(tasks: Sequence[tuple[Local, Effect]], share: float = 1.0, far: bool = False) -> list[Screened]:
+def screen_all(tasks: Sequence[tuple[Hypothesis, Effect]], share: float = 1.0, far: bool = False) -> list[Screened]:
     """Return :func:`screen` of (point, effect) pairs, on all processes that the search may use."""
     for base in {id(base): base for base, _ in tasks}.values():
         base.prepare()
     parts = spread([partial(_parts, base, effect, share, far) for base, effect in tasks])
     both = zip(tasks, parts, strict=True)
-    return [Screened(e, Changes(b, e, known), *rest) for (b, e), (known, rest) in both]
+    return [Screened(e, Signature(b, e, known), *rest) for (b, e), (known, rest) in both]
 
 
 def _parts(
-    base: Local, effect: Effect, share: float, far: bool
+    base: Hypothesis, effect: Effect, share: float, far: bool
 ) -> tuple[dict[bytes, FloatArray | None], tuple[tuple[FloatArray, ...], float, str, float]]:
     """Return of what an effect promises all that the searching process does not have."""
     s = screen(base, effect, share, far)
-    return s.changes.known, (s.starts, s.promise, s.why, s.alone)
+    return s.signature.known, (s.starts, s.promise, s.why, s.alone)
 
 
-def screen_closely(base: Local, screened: Sequence[Screened]) -> list[Screened]:
+def screen_closely(base: Hypothesis, screened: Sequence[Screened]) -> list[Screened]:
     """Return for each effect what it promises at a small size, flown, if that is more; otherwise what it did.
 
     Where little more than noise is left no effect is large, and one that works like re-tuned coefficients is what they
@@ -123,11 +123,13 @@ def screen_closely(base: Local, screened: Sequence[Screened]) -> list[Screened]:
     return out
 
 
-def flown_best(base: Local, screened: Screened) -> Screened:
+def flown_best(base: Hypothesis, screened: Screened) -> Screened:
     """Return ``screened`` with the one start of the effect, of either sign, that leaves least when it is flown."""
     starts = _starts(screened.effect)
     flown = [
-        (there.chi2, k) for k, s in enumerate(starts) if (there := base.moved(screened.changes.model(s), base.factors))
+        (there.chi2, k)
+        for k, s in enumerate(starts)
+        if (there := base.moved(screened.signature.model(s), base.nuisances))
     ]
     return replace(screened, starts=(starts[min(flown)[1]],)) if flown else screened
 

@@ -10,20 +10,17 @@ import numpy as np
 from scipy.stats import chi2
 
 from testbench.core.record import FloatArray
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.decide import does_without, leads, leaves_noise, noise_limit, worth_of_form
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.search.fit import EffectFit, summarise
 from testbench.questions.gap.search.gauss_newton import MAX_ROUNDS, descend
-from testbench.questions.gap.search.hypothesis import Changes, Local
-from testbench.questions.gap.search.likelihood import FORM, STRAINED, TOLD_APART, WEAK, leaves_noise, noise_limit, score
+from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.parallel import Ahead, spread
 from testbench.questions.gap.search.screening import SMALL, Screened, flown_best, promising, screen, screen_all
 
-LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least,
-SECOND = 0.35  # and the second this share of what the first leaves above the noise
-OF_FORM = 0.05  # no form is right to this share of what the effect gains where a second one acts in the same place
-OF_WHOLE = 0.02  # nor where the first one alone leaves noise: what more a second one finds there is form, too
-RARE = 1e-4  # probability of the least that noise is thought to leave
+LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least
 PROMISED = 0.5  # and worth a fit from this share of what it must gain, as tangents tell relief badly
 COMPANY = 5  # so many second effects are fitted
 # A fit that leaves more than noise beside coefficients that lie so far off with no more than this probability may have
@@ -35,7 +32,7 @@ PATIENCE_FAR = 6  # and if coefficients are strained, or what came to rest alone
 
 
 def several_at_once(
-    base: Local,
+    base: Hypothesis,
     chi2_tuned: float,
     screened: Sequence[Screened],
     ranking: Sequence[EffectFit],
@@ -54,7 +51,7 @@ def several_at_once(
     lead = next((f for f in ranking if f.significant and f.flown), None)
     if lead is None or (lead.chi2 > noise and lead.share < LEADS):
         return []
-    if leaves_noise(lead, noise) and OF_WHOLE * lead.gain > lead.chi2 - chi2.ppf(RARE, samples):
+    if leaves_noise(lead, noise) and CRITERIA.form_of_whole * lead.gain > lead.chi2 - chi2.ppf(CRITERIA.rare, samples):
         return []  # all that it leaves above the least that noise is would be its form
     found = search.beside(lead, lead.effect, lead)
     best = min(found, key=lambda f: f.chi2, default=None)
@@ -77,7 +74,7 @@ def several_at_once(
             # Of three, all but one may have been company on the way of that one to where it rests.
             whole = [f for f in less if f.effect.parts and leaves_noise(f, noise)]
             whole = sorted(whole, key=lambda f: f.chi2)[:1]
-        found = [f for f in found if not any(search.does_without(f, less) for less in (*ranking, *found))]
+        found = [f for f in found if not any(does_without(f, less, samples, noise) for less in (*ranking, *found))]
     return found
 
 
@@ -85,7 +82,7 @@ def several_at_once(
 class _Joint:
     """The search for several effects at once, all descents from one base."""
 
-    base: Local
+    base: Hypothesis
     chi2_tuned: float
     screened: Sequence[Screened]
     samples: int
@@ -108,29 +105,31 @@ class _Joint:
         found: list[EffectFit] = []
         self.say(f"seek another effect beside {first.title}")
         # What explains as much as re-tuned coefficients far from what is believed may promise nothing where they are.
-        bases = [self._tuning(known)] + ([np.ones(len(self.base.priors))] if self._doubtful(rival) else [])
-        for tuning in bases:
-            self._beside_at(tuning, known, first, rival, found)
+        bases = [self._nuisances(known)] + ([np.ones(len(self.base.priors))] if self._doubtful(rival) else [])
+        for nuisances in bases:
+            self._beside_at(nuisances, known, first, rival, found)
         return found
 
     def _beside_at(
-        self, tuning: FloatArray, known: EffectFit, first: Effect, rival: EffectFit, found: list[EffectFit]
+        self, nuisances: FloatArray, known: EffectFit, first: Effect, rival: EffectFit, found: list[EffectFit]
     ) -> None:
-        """Begin from coefficients ``tuning`` (k,); adds to ``found``."""
+        """Begin from ``nuisances`` (k,); adds to ``found``."""
         values = self._values(known, first)
-        point = self._point(first, values, tuning)
+        point = self._point(first, values, nuisances)
         if point is None:
             return
         taken = {p.name for p in first.singles + rival.effect.singles}
-        doubtful, believed = self._doubtful(rival), bool(np.all(tuning == 1.0))
+        doubtful, believed = self._doubtful(rival), bool(np.all(nuisances == 1.0))
         free = [s.effect for s in self.screened if s.seen and s.effect.name not in taken]
         others = screen_all([(point, e) for e in free], far=believed)
         if doubtful:  # beside strained coefficients an effect may do little but relieve them
             linear, flown = point.afresh(False), point.afresh(True)
             small = screen_all([(flown if e.flown else linear, e) for e in free], SMALL)
             others = [max(pair, key=lambda s: s.promise) for pair in zip(others, small, strict=True)]
-        excess = 0.0 if rival.chi2 <= self.noise else SECOND * (rival.chi2 - self.samples)
-        least = {s.effect.name: max(excess, self._form(rival, s.effect), TOLD_APART) for s in others}
+        excess = 0.0 if rival.chi2 <= self.noise else CRITERIA.second * (rival.chi2 - self.samples)
+        least = {
+            s.effect.name: max(excess, worth_of_form(rival, s.effect, self.noise), CRITERIA.told_apart) for s in others
+        }
         re_tuned = float(np.sum(point.tuned(point.exact)[0] ** 2))
         share = PROMISED if doubtful else 1.0
         worth = [s for s in others if s.promise > share * least[s.effect.name] + re_tuned - rival.chi2]
@@ -142,11 +141,11 @@ class _Joint:
 
         def task(other: Screened) -> tuple[tuple[str, float], Callable[[], EffectFit | None]]:
             """Return what a fit of one more effect depends on, of all that was found before it, and the fit."""
-            others_found = (f.chi2 + TOLD_APART for f in found if f.within >= STRAINED)
+            others_found = (f.chi2 + CRITERIA.told_apart for f in found if f.within >= CRITERIA.strained)
             lowest = min([rival.chi2 - least[other.effect.name], *others_found])
             begin = np.concatenate([values, other.starts[0]])
             effects = (*first.singles, other.effect)
-            return (other.effect.name, lowest), partial(self._fit, effects, begin, tuning, lowest, patience)
+            return (other.effect.name, lowest), partial(self._fit, effects, begin, nuisances, lowest, patience)
 
         def known_already(other: Screened) -> bool:
             """Return whether this, or a special case of it, was found to leave noise."""
@@ -166,12 +165,12 @@ class _Joint:
                 both = ahead.take(*task(other))
                 left -= 1
                 more = least[other.effect.name]
-                if both is not None and both.gain - rival.gain > more and self._ahead(both, rival):
+                if both is not None and both.gain - rival.gain > more and leads(both, rival, self.samples, self.noise):
                     found.append(both)
 
     def _doubtful(self, rival: EffectFit) -> bool:
         """Return whether re-tuned coefficients may do in ``rival`` what an effect does."""
-        return rival.within < (DOUBTFUL if rival.chi2 > self.noise else STRAINED)
+        return rival.within < (DOUBTFUL if rival.chi2 > self.noise else CRITERIA.strained)
 
     def swapped(self, pair: EffectFit, lead: EffectFit, ranking: Sequence[EffectFit]) -> list[EffectFit]:
         """Return fits of the second effect of ``pair`` beside those that alone come nearest to its first, ``lead``."""
@@ -187,13 +186,17 @@ class _Joint:
             if pair.chi2 <= self.noise and together(*effects).generalises(pair.effect):
                 continue
             begin = np.concatenate([self._values(rival, rival.effect), self._values(pair, second)])
-            task = partial(self._fit, effects, begin, self._tuning(pair), pair.chi2 + TOLD_APART, PATIENCE_FAR)
+            task = partial(
+                self._fit, effects, begin, self._nuisances(pair), pair.chi2 + CRITERIA.told_apart, PATIENCE_FAR
+            )
             begun.append((rival, task))
         found = zip((rival for rival, _ in begun), spread([task for _, task in begun]), strict=True)
         return [
             both
             for rival, both in found
-            if both is not None and both.gain - rival.gain > self._form(rival, second) and self._ahead(both, lead)
+            if both is not None
+            and both.gain - rival.gain > worth_of_form(rival, second, self.noise)
+            and leads(both, lead, self.samples, self.noise)
         ]
 
     def simpler(self, joint: EffectFit) -> list[EffectFit]:
@@ -204,56 +207,33 @@ class _Joint:
         found = []
         for part in joint.effect.parts:
             rest, values = self._rest(joint, part)
-            tuning = self._tuning(joint)
+            nuisances = self._nuisances(joint)
             special = [s.effect for s in self.screened if s.seen and part.generalises(s.effect)]
-            point = self._point(_one(rest), values, tuning) if special else None
+            point = self._point(_one(rest), values, nuisances) if special else None
             if point is None:
                 continue
             for screened in (flown_best(point, screen(point, e)) for e in special):
                 if screened.seen:
                     begin = np.concatenate([values, screened.starts[0]])
-                    found.append(self._fit((*rest, screened.effect), begin, tuning, self.noise, MAX_ROUNDS))
+                    found.append(self._fit((*rest, screened.effect), begin, nuisances, self.noise, MAX_ROUNDS))
         return [f for f in found if f is not None and f.chi2 <= self.noise]
-
-    def _form(self, single: EffectFit, other: Effect) -> float:
-        """Return the gain beside ``single`` that ``other`` may owe to the form of its effects."""
-        if any(p.place == other.place for p in single.effect.singles):
-            return OF_FORM * single.gain
-        if single.within < STRAINED:
-            return 0.0
-        return (OF_WHOLE if single.chi2 <= self.noise else FORM) * single.gain
-
-    def _ahead(self, both: EffectFit, single: EffectFit) -> bool:
-        """Return whether ``both`` lead ``single`` clearly; beside one that leaves noise, by as much as a name takes."""
-        lead = score(both, self.samples) - score(single, self.samples)
-        return lead > (WEAK if leaves_noise(single, self.noise) else TOLD_APART)
-
-    def does_without(self, joint: EffectFit, less: EffectFit) -> bool:
-        """Return whether ``less`` is ``joint`` without one of its parts and loses no more by that than form would."""
-        kept = {e.name for e in less.effect.singles}
-        missing = [e for e in joint.effect.singles if e.name not in kept]
-        if len(missing) != 1 or len(kept) != len(joint.effect.singles) - 1:
-            return False
-        if not (less.flown and less.settled) or less.within < STRAINED:
-            return False
-        return joint.gain - less.gain <= self._form(less, missing[0]) or not self._ahead(joint, less)
 
     def without(self, joint: EffectFit, part: Effect, hopeless: float) -> EffectFit | None:
         """Return the fit of ``joint`` without one of its parts, from the values that the others have in it."""
         rest, values = self._rest(joint, part)
-        return self._fit(rest, values, self._tuning(joint), hopeless)
+        return self._fit(rest, values, self._nuisances(joint), hopeless)
 
     def _rest(self, joint: EffectFit, part: Effect) -> tuple[tuple[Effect, ...], FloatArray]:
         """Return the other parts of a joint fit, and the values (p,) that they have in it."""
         rest = tuple(p for p in joint.effect.parts if p is not part)
         return rest, np.concatenate([self._values(joint, p) for p in rest])
 
-    def _point(self, effect: Effect, values: FloatArray, tuning: FloatArray) -> Local | None:
+    def _point(self, effect: Effect, values: FloatArray, nuisances: FloatArray) -> Hypothesis | None:
         """Return the point with an effect at values (p,) and coefficients (k,); None if it cannot fly."""
-        return self.base.moved(Changes(self.base, effect).model(values), tuning)
+        return self.base.moved(Signature(self.base, effect).model(values), nuisances)
 
-    def _tuning(self, fit: EffectFit) -> FloatArray:
-        return self.base.factors_of(fit.tuning)
+    def _nuisances(self, fit: EffectFit) -> FloatArray:
+        return self.base.vector(fit.nuisances)
 
     @staticmethod
     def _values(fit: EffectFit, effect: Effect) -> FloatArray:
@@ -265,14 +245,14 @@ class _Joint:
         self,
         effects: tuple[Effect, ...],
         begin: FloatArray,
-        tuning: FloatArray,
+        nuisances: FloatArray,
         hopeless: float,
         patience: int = PATIENCE,
     ) -> EffectFit | None:
         """Descend from values (p,) and coefficients (k,) at which one of the effects, or more, came to rest before."""
         effect = _one(effects)
-        near = self.base.moved(self.base.model, tuning) or self.base
-        descent = descend(Changes(near, effect), begin, hopeless, patience, near=True)
+        near = self.base.moved(self.base.model, nuisances) or self.base
+        descent = descend(Signature(near, effect), begin, hopeless, patience, near=True)
         if descent is None or not descent.flown:
             return None
         return summarise(effect, descent, self.chi2_tuned, self.tested ** len(effects), self.base)

@@ -8,13 +8,13 @@ Shares no code with the library of effects; neither imports the other (tests/tes
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
+from scipy.signal import lfilter
 
 from testbench.core.record import FloatArray
+from testbench.questions.gap.hidden.truth import Law
 
-Law = Callable[[FloatArray, float], FloatArray]
 _PARTS = 20  # of a frame, in which laws that have no closed form are stepped
 
 
@@ -174,9 +174,45 @@ def stuck(start_s: float, length_s: float) -> Law:
     return law
 
 
-def _lagged(u: FloatArray, dt_s: float, time_s: float) -> FloatArray:
-    from scipy.signal import lfilter
+def held_back(delay_s: float) -> Law:
+    """Return a link that is late by whole frames, the nearest number of them."""
 
+    def law(u: FloatArray, dt_s: float) -> FloatArray:
+        return np.concatenate([np.full(round(delay_s / dt_s), u[0]), u])[: len(u)]
+
+    return law
+
+
+def slewed(rate_rad_s: float) -> Law:
+    """Return a link that hands on no faster change than this, before the servo."""
+
+    def law(u: FloatArray, dt_s: float) -> FloatArray:
+        most, x, out = rate_rad_s * dt_s, float(u[0]), []
+        for wanted in u.tolist():
+            x += min(most, max(-most, wanted - x))
+            out.append(x)
+        return np.array(out)
+
+    return law
+
+
+def sluggish(time_s: float) -> Law:
+    """Return a motor that takes the throttle through two equal stages, each stepped by Euler's rule."""
+
+    def law(u: FloatArray, dt_s: float) -> FloatArray:
+        share, y = min(1.0, dt_s / (0.5 * time_s)), u
+        for _ in range(2):
+            x, out = float(y[0]), []
+            for wanted in y.tolist():
+                x += share * (wanted - x)
+                out.append(x)
+            y = np.array(out)
+        return y
+
+    return law
+
+
+def _lagged(u: FloatArray, dt_s: float, time_s: float) -> FloatArray:
     a = math.exp(-dt_s / time_s)
     now = 1.0 - (1.0 - a) * time_s / dt_s  # weight of the ramp's end, of its beginning 1 - a - now
     return np.asarray(lfilter([now, 1.0 - a - now], [1.0, -a], u - u[0])) + u[0]

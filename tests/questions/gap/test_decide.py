@@ -8,14 +8,15 @@ import numpy as np
 import pytest
 from gap_flights import ELEVATOR, believe, measure
 
-from testbench.questions.gap.decide import confirmed, judged, largest_errors, off_parameters, rest, wrong_parameters
+from testbench.questions.gap.decide import Naming, confirmed, judged, rest
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence.air import AirFound
+from testbench.questions.gap.evidence.locate import largest_errors
+from testbench.questions.gap.parameters import off_parameters, wrong_parameters
 from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import retune
-from testbench.questions.gap.search.hypothesis import Local
-from testbench.questions.gap.search.name import Naming
+from testbench.questions.gap.search.hypothesis import Hypothesis
 
 OFF = {"Cm_alpha": 1.35, "Cm_q": 0.9}
 STILL = AirFound(False, 0.0, 100.0, 0.0, 9.55, 2.0)
@@ -25,13 +26,13 @@ STILL = AirFound(False, 0.0, 100.0, 0.0, 9.55, 2.0)
 def flights():
     """Return the believed EOLO, and a naming and a held-out record of one whose pitch derivatives are off."""
     believed = believe()
-    return believed, *measure(believed.with_tuning(OFF), 11, inputs=(ELEVATOR, ELEVATOR))
+    return believed, *measure(believed.with_nuisances(OFF), 11, inputs=(ELEVATOR, ELEVATOR))
 
 
 @pytest.fixture(scope="module")
 def tuned(flights):
     believed, record, _ = flights
-    return retune(Local.at(believed, believed, (record,)))
+    return retune(Hypothesis.at(believed, believed, (record,)))
 
 
 def naming_of(tuned, fits=(), **changes):
@@ -42,7 +43,7 @@ def naming_of(tuned, fits=(), **changes):
         ranking=tuple(fits),
         chi2_believed=1.0,
         chi2_tuned=tuned.chi2,
-        tuning=tuned.tuning,
+        nuisances=tuned.by_name,
         samples=tuned.exact.size,
         sentence="as fitted",
         measured=tuned.measured(),
@@ -50,8 +51,10 @@ def naming_of(tuned, fits=(), **changes):
     return replace(found, **changes)
 
 
-def fit_of(tuned, name, values, tuning=None):
-    return EffectFit(EFFECTS[name], values, dict.fromkeys(values, 0.0), 1.0, 50.0, 17.0, 1.0, tuning or tuned.tuning)
+def fit_of(tuned, name, values, nuisances=None):
+    return EffectFit(
+        EFFECTS[name], values, dict.fromkeys(values, 0.0), 1.0, 50.0, 17.0, 1.0, nuisances or tuned.by_name
+    )
 
 
 def test_measured_factors_are_the_true_ones_within_their_errors(tuned):
@@ -60,7 +63,7 @@ def test_measured_factors_are_the_true_ones_within_their_errors(tuned):
         assert abs(factor - OFF.get(name, 1.0)) < 4.0 * error, name
     factor, error = tuned.measured()["Cm_alpha"]
     assert error < 0.05
-    assert factor > tuned.tuning["Cm_alpha"]  # the prior pulls the re-tuned factor towards 1; it is taken out here
+    assert factor > tuned.by_name["Cm_alpha"]  # the prior pulls the re-tuned factor towards 1; it is taken out here
 
 
 def test_a_parameter_far_from_what_is_believed_is_wrong_and_one_within_is_not(flights, tuned):
@@ -80,7 +83,7 @@ def test_parameters_are_not_called_wrong_where_the_records_say_less_than_the_bel
     (off,) = off_parameters(vague)
     assert off.sentence.startswith("the believed Cm_alpha is off: 1.1900 ± 0.0010 times")
     assert off.sentence in GapFinding(believed, believed, (), vague, (), STILL).sentences
-    elsewhere = naming_of(tuned, tuning={**tuned.tuning, "Cm_alpha": 0.5})
+    elsewhere = naming_of(tuned, nuisances={**tuned.by_name, "Cm_alpha": 0.5})
     assert wrong_parameters(elsewhere, believed, [held]) == ()
     named = naming_of(tuned, [fit_of(tuned, "surface_scale", {"scale": 1.0})])
     assert wrong_parameters(named, believed, [held]) == ()
@@ -104,7 +107,7 @@ def test_a_name_that_makes_held_out_flights_worse_is_withdrawn(flights, tuned):
 def test_flights_held_out_say_nothing_of_a_gust_that_another_one_met(flights, tuned):
     believed, _, held = flights
     values = {"amplitude_m_s": 2.0, "start_s": 3.0, "duration_s": 1.0}
-    far = {**tuned.tuning, "Cm_alpha": 0.5}
+    far = {**tuned.by_name, "Cm_alpha": 0.5}
     gust = replace(fit_of(tuned, "surface_scale", {"scale": 1.0}, far), effect=EFFECTS["gust"], values=values)
     assert confirmed(naming_of(tuned, [gust]), believed, [held]).names == ("gust",)
     other = fit_of(tuned, "surface_scale", {"scale": 1.0}, far)
@@ -142,7 +145,7 @@ FEW = {n: EFFECTS[n] for n in ("actuator_lag", "second_order_actuator", "alpha_s
 
 def named_servo(records, believed, **changes):
     """The fit of the servo that the records were made with, coefficients as they are believed."""
-    start = Local.at(believed, believed, tuple(records))
+    start = Hypothesis.at(believed, believed, tuple(records))
     return replace(fit_of(start, "actuator_lag", {"lag_rad_s": 12.0}), **{"gain": 5_000.0, **changes})
 
 
@@ -182,7 +185,9 @@ def test_a_name_of_which_another_effect_could_explain_more_than_a_form_leaves_is
     found = rest(named_servo(records, believed), believed, records, FEW)
     assert found is not None
     for gain, outcome in ((21.0 * found.gain, "named"), (19.0 * found.gain, "unexplained")):
-        said = naming_of(Local.at(believed, believed, tuple(records)), (named_servo(records, believed, gain=gain),))
+        said = naming_of(
+            Hypothesis.at(believed, believed, tuple(records)), (named_servo(records, believed, gain=gain),)
+        )
         naming, left = judged(said, believed, records, (), FEW)
         assert naming.outcome == outcome
         assert (naming.best is None) is (left is None) is (outcome == "unexplained")
@@ -191,6 +196,6 @@ def test_a_name_of_which_another_effect_could_explain_more_than_a_form_leaves_is
 
 def test_a_set_is_not_withdrawn_for_what_its_first_name_leaves(slow):
     believed, _, records = slow
-    start = Local.at(believed, believed, tuple(records))
+    start = Hypothesis.at(believed, believed, tuple(records))
     fits = (named_servo(records, believed, gain=100.0), fit_of(start, "mass_error", {"factor": 1.1}))
     assert judged(naming_of(start, fits), believed, records, (), FEW)[0].outcome == "set"

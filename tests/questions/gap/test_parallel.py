@@ -12,11 +12,11 @@ from pathlib import Path
 import pytest
 from studies.blind.flights import fly_truth
 from studies.blind.run import believe
-from studies.blind.truths import KINDS
 
 from testbench.core.scratch import Scratch
 from testbench.flight.executive import Executive
 from testbench.questions.gap.effects import EFFECTS
+from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.parallel import Ahead, processes, spread
 
@@ -118,14 +118,14 @@ def test_a_process_flies_on_when_the_one_that_it_came_from_removes_its_models():
 
 
 def test_two_processes_name_what_one_does_with_the_same_numbers():
-    plan = KINDS["slow servo"].plan({"lag_rad_s": 12.0}, "taurus")
+    plan = TRUTHS["slow servo"]({"lag_rad_s": 12.0}, "taurus")
     records = list(fly_truth("taurus", plan, "short", 3).values())
     effects = {n: EFFECTS[n] for n in ("actuator_lag", "transport_delay", "q_lag", "mass_error")}
     alone = name_effect(believe("taurus"), records, effects=effects)
     with processes(2):
         both = name_effect(believe("taurus"), records, effects=effects)
     assert (both.outcome, both.names, both.rejected) == (alone.outcome, alone.names, alone.rejected)
-    assert both.tuning == alone.tuning
+    assert both.nuisances == alone.nuisances
     assert [(f.effect.name, f.values, f.chi2) for f in both.ranking] == [
         (f.effect.name, f.values, f.chi2) for f in alone.ranking
     ]

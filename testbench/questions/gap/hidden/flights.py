@@ -1,0 +1,130 @@
+"""Fly a hidden truth through manoeuvres and measure it: records that do not say what was hidden.
+
+Shares no code with the library of effects; neither imports the other (tests/test_house_rules.py).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient, SetProperty, load_aircraft
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, trim
+from testbench.flight.air import Air
+from testbench.inputs.signal import InputSignal
+from testbench.questions.gap.hidden.truth import Truth
+from testbench.sensors import SensorSuite
+
+
+@dataclass(frozen=True, eq=False)
+class Commands:
+    """One manoeuvre, as the on-board computer issues it.
+
+    Attributes:
+        name: of the manoeuvre.
+        controls: "de", "thr", ...
+        u: (n, controls) deviations from trim at the rate of the log, each held to the next.
+        settle_s: flight at trim before the first one.
+        seed: of the sensors' noise.
+        air: that it flies through; still air if None.
+    """
+
+    name: str
+    controls: tuple[str, ...]
+    u: FloatArray
+    settle_s: float
+    seed: int
+    air: Air | None = None
+
+
+def fly_hidden(
+    aircraft: str,
+    wings: str,
+    truth: Truth,
+    suite: SensorSuite,
+    condition: FlightCondition,
+    flights: Iterable[Commands],
+    rate_hz: float | None = None,
+    as_issued: bool = True,
+    progress: Callable[[str], None] | None = None,
+) -> dict[str, FlightRecord]:
+    """Fly a truth through manoeuvres; return name -> measured record, provenance left out.
+
+    Args:
+        aircraft: that is believed, by name.
+        wings: as believed, "rigid" or "flexible".
+        truth: what really flies.
+        suite: as believed.
+        condition: that all manoeuvres start from.
+        flights: the manoeuvres.
+        rate_hz: frames a second; the aircraft's own if not given.
+        as_issued: record commands as they were issued. Otherwise they are recorded as they reached the servos.
+        progress: called with a few words as each manoeuvre begins.
+
+    Raises:
+        TrimError, FlightAborted, LimitError: this truth cannot fly the manoeuvres.
+    """
+    real = _real(load_aircraft(aircraft, "flexible" if truth.flexible else wings), truth)
+    sensors = suite if truth.read is None else replace(suite, sensors=tuple(truth.read(s) for s in suite.sensors))
+    rate = rate_hz or real.rate_hz
+    trimmed = trim(real, condition, rate)
+    out = {}
+    for commands in flights:
+        if progress:
+            progress(f"fly {commands.name}")
+        u = np.repeat(commands.u, round(rate / suite.rate_hz), axis=0)
+        signal = InputSignal(
+            np.arange(len(u)) / rate, _sent(truth, u, commands.controls, 1.0 / rate), commands.controls
+        )
+        manoeuvre = Manoeuvre(commands.name, signal, commands.settle_s)
+        flown = fly(real, trimmed, manoeuvre, suite.rate_hz, None, commands.air)
+        measured = replace(sensors.measure(flown, commands.seed), provenance={"manoeuvre": commands.name})
+        if as_issued:
+            measured = _as_issued(measured, u, commands.controls, trimmed, commands.settle_s)
+        out[commands.name] = measured if truth.spoil is None else _spoiled(measured, truth)
+    return out
+
+
+def _real(believed: Aircraft, truth: Truth) -> Aircraft:
+    changes = [*truth.changes, *(ScaleCoefficient(n, f) for n, f in truth.factors.items())]
+    if truth.whole_servo:
+        changes.append(SetProperty("fcs/elevator-lag-rad_sec", 1e5))  # its slew limit stays
+    real = believed.amended(Amendment("hidden", "hidden", tuple(changes))) if changes else believed
+    return replace(real, mass=replace(real.mass, mass_kg=real.mass.mass_kg + truth.extra_kg))
+
+
+def _sent(truth: Truth, u: FloatArray, controls: Sequence[str], dt_s: float) -> FloatArray:
+    """Return what reaches the servos of the commands ``u`` (frames, m)."""
+    sent = u.copy()
+    for control, law in (("de", truth.elevator), ("thr", truth.throttle)):
+        if law is not None and control in controls:
+            column = list(controls).index(control)
+            sent[:, column] = law(u[:, column], dt_s)
+    return sent
+
+
+def _as_issued(
+    record: FlightRecord, u: FloatArray, controls: Sequence[str], trimmed: TrimmedFlight, settle_s: float
+) -> FlightRecord:
+    """Return the record with the commands as they were issued, not as they reached the servos."""
+    data = record.data.copy()
+    frames = round(settle_s * trimmed.rate_hz)
+    issued = np.concatenate([np.zeros((frames, u.shape[1])), u, u[-1:]])[:: round(trimmed.rate_hz * record.dt_s)]
+    for i, name in enumerate(controls):
+        data[:, record.channels.index(f"{name}_cmd")] = trimmed.controls[name] + issued[: len(record), i]
+    for name in ("de", "dr"):
+        if name not in controls and f"{name}_cmd" in record:  # a feedback moves it all the same
+            data[:, record.channels.index(f"{name}_cmd")] = trimmed.controls[name]
+    return replace(record, data=data)
+
+
+def _spoiled(record: FlightRecord, truth: Truth) -> FlightRecord:
+    """Return the record with readings spoiled after the sensors."""
+    data = record.data.copy()
+    for i, name in enumerate(record.channels):
+        if truth.spoil is not None:
+            data[:, i] = truth.spoil(name, data[:, i], record.t_s)
+    return replace(record, data=data)

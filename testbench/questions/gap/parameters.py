@@ -1,0 +1,73 @@
+"""Believed parameters that the records contradict: off, or so far off that they are wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from testbench.core.record import FlightRecord
+from testbench.core.words import with_error
+from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.decide import Naming, sum_of_squares
+
+
+@dataclass(frozen=True)
+class WrongParameter:
+    """A believed coefficient that the records contradict: wrong if it is far off, else merely off.
+
+    Attributes:
+        name: coefficient, e.g. "Cm_alpha".
+        factor: its value over the believed one, as the records alone say it.
+        error: standard error of ``factor``.
+        prior: relative standard deviation that was believed of it.
+    """
+
+    name: str
+    factor: float
+    error: float
+    prior: float
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        return (
+            f"the believed {self.name} is {'wrong' if self.deviations > CRITERIA.far else 'off'}: "
+            f"{with_error(self.factor, self.error)} times the believed value, {self.deviations:.1f} times what is "
+            f"believed of it ({100.0 * self.prior:.0f} %)"
+        )
+
+    @property
+    def deviations(self) -> float:
+        """How far it is off, over what is believed of it."""
+        return abs(self.factor - 1.0) / self.prior
+
+
+def off_parameters(naming: Naming) -> tuple[WrongParameter, ...]:
+    """Return the believed parameters that re-tuning without any effect finds off; none if an effect was named.
+
+    What re-tuning reaches beside an effect depends on its form.
+    """
+    if naming.best is not None:
+        return ()
+    priors = {**PRIORS, **LATERAL_PRIORS}
+    found = (WrongParameter(n, factor, error, priors[n]) for n, (factor, error) in naming.measured.items())
+    return tuple(
+        p
+        for p in found
+        if p.error < p.prior and abs(p.factor - 1.0) > CRITERIA.sure * p.error and p.deviations > CRITERIA.off
+    )
+
+
+def wrong_parameters(
+    naming: Naming, believed: Believed, held_out: Sequence[FlightRecord] = ()
+) -> tuple[WrongParameter, ...]:
+    """Return the believed parameters that are off by so much that they are wrong, unless held-out flights contradict.
+
+    They do if re-tuning makes them worse.
+    """
+    wrong = tuple(p for p in off_parameters(naming) if p.deviations > CRITERIA.far)
+    if not wrong or not held_out:
+        return wrong
+    re_tuned = sum_of_squares(believed.with_nuisances(naming.nuisances), held_out)
+    return wrong if re_tuned < sum_of_squares(believed, held_out) else ()

@@ -1,0 +1,131 @@
+"""What is said of a decision, in words; what decides is in decide.py."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS
+from testbench.questions.gap.search.fit import EffectFit
+
+
+def no_gap(chi2_tuned: float, samples: int) -> str:
+    """No effect gains more than noise would, and what is left is noise."""
+    return (
+        f"no gap: no effect of the library gains more than noise would, and what is left is noise "
+        f"(chi-square {chi2_tuned:.0f} over {samples} samples)"
+    )
+
+
+def nothing_explains(chi2_tuned: float, samples: int) -> str:
+    """More than noise is left, and no effect explains any of it."""
+    return (
+        f"unexplained: the residual exceeds the noise (chi-square {chi2_tuned:.0f} over {samples} samples), "
+        "but no effect of the library explains any of it"
+    )
+
+
+def strained(best: EffectFit) -> str:
+    """The best effect needs nuisances that are farther off than is believed of them."""
+    priors = {**PRIORS, **LATERAL_PRIORS}
+    off = sorted(((abs(f - 1.0) / priors[n], n, f) for n, f in best.nuisances.items()), reverse=True)
+    told = [o for o in off if o[0] > 0.5 * off[0][0]][:3]
+    stretched = ", ".join(f"{n} {f:.3g} times the believed value ({z:.1f} standard deviations)" for z, n, f in told)
+    return (
+        f"unexplained: {best.effect.title}, {best.size}, comes nearest, but only beside coefficients that are "
+        f"farther off than is believed of them: {stretched}"
+    )
+
+
+def beyond(best: EffectFit) -> str:
+    """The records ask for more of the best effect than there can be."""
+    return (
+        f"unexplained: {best.effect.title}, {best.size}, comes nearest, but the records ask for more of it than is "
+        f"physically possible: {', '.join(best.beyond)} lies at the end of its range"
+    )
+
+
+def too_little(best: EffectFit) -> str:
+    """The best effect explains too small a share of the excess."""
+    part = f"only {100 * best.share:.0f} % of the excess" if np.isfinite(best.share) else "too little of it"
+    return f"unexplained: {best.effect.title} comes nearest, but explains {part}"
+
+
+def leaves_far_more(best: EffectFit, left: float) -> str:
+    """The best effect leaves ``left`` of chi-square above the noise."""
+    return (
+        f"unexplained: {best.effect.title} comes nearest, but of {best.gain + left:.0f} of chi-square above the "
+        f"noise it leaves {left:.0f}: a relative of it, or another effect beside it, is the truth"
+    )
+
+
+def too_many(fits: Sequence[EffectFit]) -> str:
+    """So many effects come near that no set of them is an answer."""
+    near = ", ".join(f.effect.title for f in fits)
+    return f"unexplained: {len(fits)} effects come near and these data do not tell them apart: {near}"
+
+
+def in_common(alone: EffectFit) -> str:
+    """One effect is all that several sets, which are not told apart, have in common."""
+    return (
+        f"{alone.effect.title}: {alone.size}; explains {100 * alone.share:.1f} % of the excess over noise. What it "
+        f"leaves is either its form or one of several other effects, which these data cannot tell apart"
+    )
+
+
+def one_of(fits: Sequence[EffectFit]) -> str:
+    """One of several, the best first."""
+    told = "; ".join(f"{f.effect.title}, {f.size} (gain {f.gain:.4g})" for f in fits)
+    return (
+        f"one of these, which these data cannot tell apart: {told}. What separates them: {fits[0].effect.separated_by}"
+    )
+
+
+def named(best: EffectFit, leaves_noise: bool) -> str:
+    """One effect is named."""
+    explained = "what is left is noise"
+    if np.isfinite(best.share):
+        explained = f"explains {100 * best.share:.1f} % of the excess over noise"
+    if not leaves_noise and not best.scatter_s:
+        explained += (
+            "; what it leaves is more than noise: its form is not quite right, or an effect like it is the truth"
+        )
+    return f"{best.effect.title}: {best.size}; {explained}"
+
+
+def refuted(fits: Sequence[EffectFit], raised: Sequence[float]) -> str:
+    """On held-out manoeuvres every name raises chi-square, by ``raised``."""
+    titles, each = [f.effect.title for f in fits], ", ".join(f"{r:.4g}" for r in raised)
+    return (
+        f"unexplained: {' or '.join(titles)} would fit, but on the manoeuvres held out "
+        f"{'each' if titles[1:] else 'it'} raises chi-square, by {each} against the model without it"
+    )
+
+
+def refuted_but(kept: Sequence[EffectFit], out: Sequence[EffectFit]) -> str:
+    """On held-out manoeuvres some of several names are refuted."""
+    told = "; ".join(f"{f.effect.title}, {f.size}" for f in kept)
+    head = "one of these, which these data cannot tell apart: " if len(kept) > 1 else ""
+    titles = " and ".join(f.effect.title for f in out)
+    return f"{head}{told}; the manoeuvres held out refute {titles}, which would fit as well"
+
+
+def remainder(best: EffectFit, title: str, gain: float) -> str:
+    """Another effect would explain more of what the best one leaves than its form may leave."""
+    return (
+        f"unexplained: {best.effect.title}, {best.size}, comes nearest with {best.gain:.4g} of chi-square, but of what "
+        f"it leaves {title} beside it would explain {gain:.3g}, more than its form may leave: a "
+        "relative of it, or several effects, are the truth"
+    )
+
+
+def gust_beside_command(gust: EffectFit, part: float, kept: Sequence[EffectFit]) -> str:
+    """A gust that blows while a command is out may leave a ``part`` of what it gains; ``kept`` are the other names."""
+    why = (
+        f"{gust.effect.title} ({gust.size}) comes nearest, but a command is out at that time, and what is left "
+        f"around it may be {100.0 * part:.3g} % of what it explains: an answer to the command that the library "
+        f"does not hold could look like it. Fly the manoeuvre again: a gust does not come twice"
+    )
+    told = "; ".join(f"{f.effect.title}, {f.size}" for f in kept)
+    return f"{told}; {why}" if kept else f"unexplained: {why}"
