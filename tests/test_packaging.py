@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from testbench import __version__
+
 ROOT = Path(__file__).resolve().parents[1]
 TEMPLATES = "testbench/page/templates"
 NOT_CODE = {  # kind of file that is read at run time, and where it lies in the wheel
@@ -114,3 +116,10 @@ def test_the_command_has_the_name_of_the_readme(installed):
     (points,) = installed.glob("*.dist-info/entry_points.txt")
     assert "testbench = testbench.cli:main" in points.read_text(encoding="utf-8")
     assert (installed / "bin" / "testbench").is_file() or (installed / "Scripts" / "testbench.exe").is_file()
+
+
+def test_one_version_is_told_everywhere(built):
+    assert f'version = "{__version__}"' not in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert [p.name for p in built.glob("*.whl")] == [f"flight_testbench-{__version__}-py3-none-any.whl"]
+    assert f"version: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"## [{__version__}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")

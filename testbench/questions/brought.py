@@ -1,11 +1,12 @@
-"""What users bring themselves, held against the contract of its family: aircraft, suites, estimators, structures."""
+"""What users bring themselves, held against the laws of its family: aircraft, suites, estimators, effects."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from testbench.core.bring import is_brought
+from testbench.core.bring import find, is_brought, load
 from testbench.core.contract import Law
+from testbench.core.errors import ScenarioError
 from testbench.core.paths import AIRCRAFT
 from testbench.core.schema import read_toml
 
@@ -20,9 +21,7 @@ def laws_of(what: Path) -> tuple[str, list[Law]] | None:
         TestbenchError: it cannot be read.
     """
     if is_brought(str(what)):
-        from testbench.estimators.contract import tried
-
-        return "estimator", [Law(words, not failed, failed) for words, failed in tried(str(what))]
+        return _in_python(str(what))
     folder = AIRCRAFT.at(what)
     if folder is not None:
         from testbench.aircraft import load_aircraft
@@ -35,3 +34,20 @@ def laws_of(what: Path) -> tuple[str, list[Law]] | None:
 
         return "sensor suite", suite_laws(load_suite(what))
     return None
+
+
+def _in_python(name: str) -> tuple[str, list[Law]]:
+    """Return the kind of what a Python file holds under a name, and its laws."""
+    from testbench.estimators import contract as methods
+    from testbench.questions.gap.brought import FOLDER
+    from testbench.questions.gap.effects import contract as effects
+    from testbench.questions.gap.effects.base import Effect
+
+    try:
+        path, attribute = find(name, None, FOLDER)
+    except ScenarioError:
+        path, attribute = find(name, None, methods.FOLDER)
+    is_effect = isinstance(load(path, attribute), Effect)
+    tried = effects.tried if is_effect else methods.tried
+    laws = [Law(words, not failed, failed) for words, failed in tried(f"{path}:{attribute}")]
+    return "effect" if is_effect else "estimator", laws

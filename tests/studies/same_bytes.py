@@ -4,7 +4,8 @@
 
 runs every packaged scenario, description and question twice with the same seeds: with the package of REVISION, in a
 work tree of its own, and with the package as it lies here. It then compares the bytes of every record, table and model
-that the commands write. Pages and figures are counted apart: words may be mended where numbers may not.
+that the commands write. Pages, figures, titles and captions are counted apart or left out: words may be mended where
+numbers may not.
 
 What has been run is kept in build/same_bytes and is not run again; the version that lies here is named by the state of
 its files. Recorded flights are taken from TESTBENCH_FLIGHT_DATA, and left out where there are none.
@@ -16,6 +17,7 @@ from __future__ import annotations
 import argparse
 import csv
 import hashlib
+import json
 import os
 import shutil
 import subprocess
@@ -100,12 +102,20 @@ def run(job: Job, package: Path, folder: Path) -> str:
 
 
 def hashes(folder: Path) -> dict[str, str]:
-    """Return path -> SHA-256 of all files below a folder."""
+    """Return path -> SHA-256 of all files below a folder; of tables as JSON without title and caption."""
     return {
-        p.relative_to(folder).as_posix(): hashlib.sha256(p.read_bytes()).hexdigest()
+        p.relative_to(folder).as_posix(): hashlib.sha256(_numbers(p)).hexdigest()
         for p in sorted(folder.rglob("*"))
         if p.is_file() and p.suffix != ".done"
     }
+
+
+def _numbers(path: Path) -> bytes:
+    content = path.read_bytes()
+    if path.suffix == ".json" and path.parent.name == "tables":
+        table = json.loads(content)
+        return json.dumps({k: v for k, v in table.items() if k not in ("title", "caption")}, sort_keys=True).encode()
+    return content
 
 
 def state_of_files() -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from testbench.core.record import FlightRecord, load_record
 from testbench.line import condition_of
 from testbench.questions.gap.ask import find_gap
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.brought import choose
 from testbench.questions.gap.evidence.compared import not_compared
 from testbench.questions.gap.hidden.kinds import measure_hidden
 from testbench.questions.gap.records import Flights, check_records, check_speeds
@@ -56,6 +57,7 @@ def run_gap(
     check: bool = False,
     controls: int = 0,
     control_file: Path | None = None,
+    more_effects: Sequence[str] = (),
 ) -> GapResult:
     """Read or make the measured records of a gap scenario and find what the believed model lacks.
 
@@ -67,6 +69,7 @@ def run_gap(
         check: check the instruments against each other first; takes about as long as the search itself.
         controls: number of control flights without any effect, each of which is searched, too.
         control_file: keeps each of them, so that none is flown twice.
+        more_effects: searched beside those of the scenario, ``FILE.py:NAME`` or names of the library.
 
     Raises:
         TestbenchError: with the file and key that it comes from.
@@ -87,6 +90,8 @@ def run_gap(
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)
     with located(file, "suite"):
         believed = Believed(aircraft, suite, condition, scenario.simulation.rate_hz or aircraft.rate_hz)
+    with located(file, "effects"):
+        choice = choose(suite, scenario.effects, (*scenario.more_effects, *more_effects), file)
     notes = not_compared(suite)
     if scenario.hidden is not None:
         with located(file, "manoeuvre"):
@@ -119,9 +124,11 @@ def run_gap(
             {n: r for n, r in records.items() if n in held},
             progress,
             check=check,
+            effects=choice.effects,
             controls=controls,
             control_file=control_file,
         )
+    notes += choice.notes
     return GapResult(
         scenario.name, scenario.title, scenario.question, scenario.aircraft, records, finding, seed, file, tuple(notes)
     )
@@ -134,21 +141,24 @@ def run_flights(
     check: bool = True,
     controls: int = 0,
     control_file: Path | None = None,
+    more_effects: Sequence[str] = (),
 ) -> GapResult:
     """Find what the believed model of recorded flights lacks; see :func:`testbench.questions.gap.records.load_flights`.
 
-    ``progress``, ``check``, ``controls`` and ``control_file`` are those of :func:`run_gap`.
+    ``progress``, ``check``, ``controls``, ``control_file`` and ``more_effects`` are those of :func:`run_gap`.
 
     Raises:
         FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the measured commands.
         RecordError: a record cannot be used.
     """
+    choice = choose(flights.believed.suite, None, more_effects)
     finding = find_gap(
         flights.believed,
         flights.naming,
         flights.held_out,
         progress,
         check=check,
+        effects=choice.effects,
         controls=controls,
         control_file=control_file,
     )
@@ -159,5 +169,5 @@ def run_flights(
         aircraft=aircraft,
         records={**flights.naming, **flights.held_out},
         finding=finding,
-        notes=flights.notes,
+        notes=(*flights.notes, *choice.notes),
     )

@@ -39,6 +39,10 @@ def command(
     ] = None,
     out: OutOption = Path("results"),
     seed: SeedOption = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option("--effect", help="Effect of your own to search, too, FILE.py:NAME; may be repeated."),
+    ] = None,
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes that search; as many as there are cores if not given.")
     ] = None,
@@ -60,7 +64,9 @@ def command(
 
     if plan is not None:
         refuse(
-            context, "with --plan, whose scenario says all", *FLIGHTS, "case", "records", "seed", "workers", "controls"
+            context,
+            "with --plan, whose scenario says all",
+            *(*FLIGHTS, "case", "records", "seed", "workers", "controls", "effect"),
         )
         _plan_gap(find(plan, "run"), out)
         return
@@ -81,14 +87,25 @@ def command(
             flights = load_flights(case, records or (), held, sensors, wings.value, airspeed, altitude, data)
             folder = out / f"gap_{case}"
             check_folder(folder)
-            result = run_flights(case, flights, say, controls=controls, control_file=folder / CONTROLS)
+            result = run_flights(
+                case, flights, say, controls=controls, control_file=folder / CONTROLS, more_effects=effect or ()
+            )
         else:
             refuse(context, "with a gap case, whose file says all; or give measured records, too", *FLIGHTS)
             file = find(Path(case), "gap")
             folder = out / f"gap_{file.stem}"
             check_folder(folder)
             keep = record_keeper(folder)
-            result = run_gap(file, seed, keep, say, check=True, controls=controls, control_file=folder / CONTROLS)
+            result = run_gap(
+                file,
+                seed,
+                keep,
+                say,
+                check=True,
+                controls=controls,
+                control_file=folder / CONTROLS,
+                more_effects=effect or (),
+            )
         say("write report")
         page = gap_page(result)
         page.write(folder)

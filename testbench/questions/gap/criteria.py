@@ -1,7 +1,7 @@
 """All thresholds that decide whether something is named, each with where it is from.
 
 derived: it follows from a probability or a definition. calibrated: the value stands since a draw of the blind test was
-opened, by the seed of that draw (results/gap/README.md says what later draws gave). judged: somebody's judgement.
+opened, by the seed of that draw (results/README.md says what each draw showed). judged: somebody's judgement.
 
 Thresholds that decide how long is searched stand where the search is: what is followed, what is given up.
 """

@@ -6,9 +6,11 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from testbench.core.errors import TestbenchError
 from testbench.core.scenario.base import FlownAt, Manoeuvre, SuiteName
 from testbench.core.schema import Strict
 from testbench.questions.gap.hidden.kinds import Hidden
+from testbench.sensors import load_suite
 
 
 class MeasuredFile(Strict):
@@ -23,6 +25,9 @@ class GapScenario(FlownAt):
     """A gap case. Either ``measured`` lists records, or ``manoeuvre`` and ``hidden`` make them.
 
     Of the manoeuvres, those for "identification" are used to name the effect, those for "validation" are held out.
+
+    ``effects`` are searched in place of the whole library, ``more_effects`` beside it, or beside those: names of the
+    library, or ``FILE.py:NAME`` for effects that are brought.
     """
 
     unnamed: ClassVar[str] = "gap"
@@ -31,6 +36,22 @@ class GapScenario(FlownAt):
     manoeuvre: Annotated[tuple[Manoeuvre, ...], Field(strict=False)] = ()
     hidden: Hidden | None = None
     measured: Annotated[tuple[MeasuredFile, ...], Field(strict=False)] = ()
+    effects: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] | None = None
+    more_effects: Annotated[tuple[str, ...], Field(strict=False)] = ()
+
+    def faults(self) -> list[str]:
+        """Return what is wrong with the effects that are searched, as far as texts tell; no code of theirs is run."""
+        if not (self.effects or self.more_effects):
+            return []
+        from testbench.questions.gap.brought import faults
+
+        try:
+            suite = load_suite(self.suite)
+        except TestbenchError:
+            suite = None  # which is said where the suite is needed
+        keys = {"effects": self.effects or (), "more_effects": self.more_effects}
+        found = [(key, fault) for key, names in keys.items() for fault in faults(names, suite, self.file)]
+        return [f"{self.file}, {key}: {fault}" if self.file else f"{key}: {fault}" for key, fault in found]
 
     @model_validator(mode="after")
     def _one_source_with_both_uses(self) -> GapScenario:

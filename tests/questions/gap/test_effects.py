@@ -12,14 +12,13 @@ from testbench.aircraft import load_aircraft
 from testbench.core.record import FlightRecord
 from testbench.flight import FlightCondition, linearise, trim
 from testbench.questions.gap.believed import PRIORS, Believed
-from testbench.questions.gap.effects import EFFECTS
+from testbench.questions.gap.effects import EFFECTS, contract
+from testbench.questions.gap.effects.contract import CONDITION, RATE_HZ
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import screen
 from testbench.sensors import load_suite
 
-CONDITION = FlightCondition(16.0, 547.0)
-RATE_HZ = 100.0
 # Effects that show in no record of a few manoeuvres at one height whose channels are compared about their means.
 UNSEEN = {n for n in EFFECTS if n.endswith("_bias")} | {"surface_offset", "steady_wind", "ground_effect"}
 UNSEEN |= {n for n, e in EFFECTS.items() if e.lateral}  # nor without aileron and rudder: test_lateral_gap.py
@@ -65,69 +64,65 @@ LOOSE = {"wing_bending", "wing_torsion", "payload", "stall", "stall_hysteresis",
 
 @pytest.fixture(scope="module")
 def believed() -> Believed:
-    suite = replace(load_suite("eolo_gap"), rate_hz=50.0)
-    aircraft = load_aircraft("eolo", "rigid")
-    wide = {**aircraft.limits, "V": (7.0, 40.0), "alpha": (-0.3, 0.4), "theta": (-1.2, 1.2)}
-    return Believed(replace(aircraft, limits=wide), suite, CONDITION, RATE_HZ)
+    return contract.believed()
 
 
 @pytest.fixture(scope="module")
 def commands() -> tuple[FlightRecord, ...]:
-    """Records that hold commands only: doublets of two sizes, a sweep, throttle with doublets, pull-ups."""
-    t = np.arange(400) / 50.0
-    de = np.zeros((3, 400))
-    thr = np.zeros((3, 400))
-    de[0] += 0.05 * ((t > 1.0) & (t < 1.3)) - 0.05 * ((t >= 1.3) & (t < 1.6))
-    de[0] += 0.02 * ((t > 4.0) & (t < 4.3)) - 0.02 * ((t >= 4.3) & (t < 4.6))
-    de[1] += 0.05 * np.sin(2 * np.pi * 0.5 * (np.exp(0.4 * (t - 1)) - 1) / 0.4) * ((t > 1.0) & (t < 7.9))
-    thr[2] += 0.15 * ((t > 1.0) & (t < 4.0))
-    de[2] += 0.05 * ((t > 2.0) & (t < 2.3)) - 0.05 * ((t >= 2.3) & (t < 2.6))
-    de[2] -= 0.05 * np.sin(np.pi * (t - 5.0) / 1.5) * ((t > 5.0) & (t < 6.5))
-    return tuple(
-        FlightRecord(t_s=t, channels=("de_cmd", "thr_cmd"), data=np.column_stack([d, h]), kind="measured")
-        for d, h in zip(de, thr, strict=True)
-    )
+    return contract.commands()
 
 
-def recorded(model: Believed, commands: tuple[FlightRecord, ...]) -> tuple[FlightRecord, ...]:
-    """What the sensors of ``model`` would have read of these commands, without noise."""
-    out = []
-    for c in commands:
-        data = np.column_stack([model.predict(c), c.data])
-        out.append(FlightRecord(t_s=c.t_s, channels=(*model.outputs, *c.channels), data=data, kind="measured"))
-    return tuple(out)
+def trial(name: str, believed: Believed) -> contract.Trial:
+    """Return an effect under trial on an aircraft that the other trials use, too."""
+    parameters = [p.name for p in EFFECTS[name].parameters]
+    # all their parameters vanish, not only those that say so
+    zero = dict.fromkeys(parameters, 0.0) if name in ("free_play", "thrust_lag", "transport_delay") else None
+    out = contract.Trial(EFFECTS[name], zero)
+    out.__dict__["believed"] = believed
+    return out
 
 
-@pytest.mark.parametrize("effect", EFFECTS.values(), ids=EFFECTS)
-def test_an_effect_describes_itself_and_starts_within_its_bounds(effect):
-    assert effect.physics.count(".") >= 2, "physics in two sentences"
-    assert effect.mistaken_for
-    assert effect.separated_by
-    for p in effect.parameters:
-        assert all(p.low < s < p.high for s in p.starts), p.name
-        assert p.none is None or p.low <= p.none <= p.high
+@pytest.mark.parametrize("law", contract.OF_WORDS, ids=lambda law: law.__name__)
+@pytest.mark.parametrize("name", EFFECTS)
+def test_every_effect_keeps_the_laws_of_words(name, law, believed):
+    assert law(trial(name, believed)) is None
 
 
+@pytest.mark.parametrize("law", contract.OF_AIRCRAFT, ids=lambda law: law.__name__)
 @pytest.mark.parametrize("name", [n for n in EFFECTS if n not in OF_ONE_RECORD])
-def test_an_amended_aircraft_trims_and_differs_and_the_believed_one_is_untouched(name, believed):
-    effect = EFFECTS[name]
-    aircraft, suite = believed.aircraft, load_suite("eolo_full") if effect.name == "steady_wind" else believed.suite
-    before = aircraft.model_xml(500.0, 150.0, 16.0)
-    amended, sensors = effect.amend(aircraft, suite, {p.name: p.starts[-1] for p in effect.parameters})
-    assert aircraft.model_xml(500.0, 150.0, 16.0) == before
-    assert (amended.model_xml(500.0, 150.0, 16.0), sensors) != (before, suite)
-    assert np.max(np.abs(trim(amended, CONDITION).residual)) < 1e-9
+def test_every_effect_keeps_the_laws_of_aircraft(name, law, believed):
+    assert law(trial(name, believed)) is None
 
 
-@pytest.mark.parametrize("name", [n for n, e in EFFECTS.items() if any(p.none is not None for p in e.parameters)])
-def test_an_effect_of_size_zero_changes_nothing(name, believed, commands):
-    """One part in 1e6 of what the motion spans: terms of size zero still round, and modes without effect still step."""
-    effect = EFFECTS[name]
-    values = {p.name: p.starts[0] if p.none is None else p.none for p in effect.parameters}
-    if name in ("free_play", "thrust_lag", "transport_delay"):  # all their parameters
-        values = dict.fromkeys(values, 0.0)
-    plain, same = believed.predict(commands[0]), believed.with_effect(effect, values).predict(commands[0])
-    assert np.max(np.abs(same - plain) / np.ptp(plain, axis=0)) < 1e-6
+def test_effects_that_break_a_law_are_told_which(believed):
+    """One law each: words, a place on the path, a start beyond its bounds, no change, a size that never vanishes."""
+    good = EFFECTS["drag_increment"]
+    size = good.parameters[0]
+    for broken, law, words in (
+        (replace(good, physics="Drag."), contract.it_says_in_words_what_it_is, "two sentences"),
+        (replace(good, upstream=9), contract.it_names_where_it_acts, "FORCES"),
+        (
+            replace(good, parameters=(replace(size, starts=(0.9,)),)),
+            contract.its_parameters_have_units_and_start_within_their_bounds,
+            "between",
+        ),
+        (
+            replace(good, amend=lambda a, s, v: (a, s)),
+            contract.it_changes_aircraft_or_sensors_and_leaves_what_it_was_given,
+            "must change",
+        ),
+        (
+            replace(good, parameters=(replace(size, none=0.01),)),
+            contract.without_size_it_changes_nothing,
+            "nothing must change",
+        ),
+    ):
+        case = contract.Trial(broken)
+        case.__dict__["believed"] = believed
+        with pytest.raises(contract.LawError, match=words):
+            law(case)
+    with pytest.raises(Exception, match="pickle"):
+        contract.it_goes_from_process_to_process(contract.Trial(replace(good, amend=lambda a, s, v: (a, s))))
 
 
 @pytest.mark.parametrize(
@@ -136,7 +131,7 @@ def test_an_effect_of_size_zero_changes_nothing(name, believed, commands):
 def test_an_effect_is_recovered_from_data_without_noise_that_it_made(name, believed, commands):
     effect = EFFECTS[name]
     true = TRUE.get(name, {p.name: 0.7 * p.starts[0] + 0.3 * (p.none or 0.0) for p in effect.parameters})
-    records = recorded(believed.with_effect(effect, true), commands)
+    records = contract.recorded(believed.with_effect(effect, true), commands)
     start = Hypothesis.at(believed, believed, records, np.ones(len(PRIORS)))
     found = fit(screen(start, effect), start.chi2, 0.0, 1)
     assert found is not None

@@ -119,9 +119,10 @@ def _page(
         "# Blind test of the gap workflow",
         "",
         "Made by `make blind-test` (`python -m studies.blind`, which resumes where it stopped; `--report` writes "
-        "this page anew). Hidden truths are drawn from one seed by code of their own (`questions/gap/hidden/`), with "
-        "every coefficient of the belief off by its prior; the workflow gets records of six manoeuvres, the believed "
-        "aircraft and the believed sensors. The hash of the answers was written before the first case was named.",
+        "this page anew). Hidden truths are drawn from one seed and flown by code of their own "
+        "(`testbench/questions/gap/hidden/`), with every coefficient of the belief off by its prior; the workflow "
+        "gets records of six manoeuvres, the believed aircraft and the believed sensors. The hash of the answers was "
+        "written before the first case was named.",
         "",
         f"Seed {seed}. SHA-256 of answers.json without its last line break: `{digest}`.",
         "",
@@ -176,7 +177,8 @@ def _page(
         *_by_effect(six, two),
         "",
         "`cases.csv`: every case; `confusion.csv`: what was hidden against what was said, in still air; `effects.csv`, "
-        "`rates.csv`, `sizes.csv`, `without.csv`: the tables above; `rows.jsonl`: all that the workflow said.",
+        "`rates.csv`, `sizes.csv`, `without.csv`: the tables above; `rows.jsonl`: all that the workflow said. "
+        "`earlier_draws.csv`: what the draws before this one gave; it is kept by hand.",
         "",
     ]
     return "\n".join(lines)

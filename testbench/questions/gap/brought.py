@@ -1,0 +1,140 @@
+"""Effects that users bring: named ``FILE.py:NAME``, found in their project, read without being run, run with care."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from testbench.core import bring
+from testbench.core.errors import ScenarioError, TestbenchError, nearest
+from testbench.questions.gap.effects import Effect, library
+from testbench.sensors import SensorSuite
+
+FOLDER = "effects"
+"""Folder of a project in which effects are looked for."""
+
+
+class BroughtCodeError(TestbenchError):
+    """An error that was raised in a user's file and is none of the testbench's: kind, text, file and line."""
+
+
+@dataclass(frozen=True)
+class Guarded:
+    """A function of a user's effect, whose errors name the line of the file that they come from."""
+
+    function: Callable[..., Any]
+    path: Path
+    what: str
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call it.
+
+        Raises:
+            BroughtCodeError: it raised an error that is none of the testbench's.
+        """
+        try:
+            return self.function(*arguments)
+        except TestbenchError:
+            raise
+        except Exception as error:
+            raise BroughtCodeError(f"{self.what} must work, got {bring.said(error, self.path)}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """The effects that are searched.
+
+    Attributes:
+        effects: by name.
+        notes: whose code runs beside the library's, a sentence for each file.
+    """
+
+    effects: Mapping[str, Effect]
+    notes: tuple[str, ...] = ()
+
+
+def choose(
+    suite: SensorSuite,
+    only: Sequence[str] | None = None,
+    more: Sequence[str] = (),
+    beside: Path | None = None,
+) -> Choice:
+    """Return the library of a suite, or ``only`` some effects, and ``more``; the files of those that are brought run.
+
+    Args:
+        suite: as believed; its sensors' errors are in the library.
+        only: names of the library, or ``FILE.py:NAME``, that take the place of the whole library.
+        more: the same, searched beside those.
+        beside: the scenario's file; names are looked for from its folder, and from the working directory.
+
+    Raises:
+        ScenarioError: a name is not known, or not that of an effect; a file cannot be run; two effects share a name.
+    """
+    known = library(suite)
+    chosen = dict(known) if only is None else {}
+    notes = []
+    for name in (*(only or ()), *more):
+        if not bring.is_brought(name):
+            chosen[name] = _packaged(name, known)
+            continue
+        path, attribute = bring.find(name, beside, FOLDER)
+        effect = load_effect(path, attribute)
+        if effect.name in {**known, **chosen}:
+            name_of_its_own = f"an effect that is brought must have a name of its own, got '{effect.name}' of {name}"
+            raise ScenarioError([f"{name_of_its_own}, which another has"])
+        chosen[effect.name] = effect
+        notes.append(f"the effect '{effect.name}' is code of {path}, which was run (SHA-256 {bring.sha256(path)})")
+    return Choice(chosen, tuple(notes))
+
+
+def load_effect(path: Path, attribute: str) -> Effect:
+    """Run a user's file and return the effect of that name in it.
+
+    Raises:
+        ScenarioError: the file cannot be run, or what it names is no effect.
+    """
+    found = bring.load(path, attribute)
+    if not isinstance(found, Effect):
+        raise ScenarioError([f"{path.name}:{attribute} must be an Effect, got {type(found).__name__}"])
+    amend = Guarded(found.amend, path, f"amend of '{found.name}'")
+    shape = None if found.shape is None else Guarded(found.shape, path, f"shape of '{found.name}'")
+    return replace(found, amend=amend, shape=shape)
+
+
+def faults(names: Sequence[str], suite: SensorSuite | None, beside: Path | None) -> list[str]:
+    """Return what is wrong with names of effects, as far as texts tell; nothing is run.
+
+    Args:
+        names: of the library, or ``FILE.py:NAME``.
+        suite: as believed; None if it is not known, and names of the library are not looked at.
+        beside: the scenario's file.
+    """
+    out: list[str] = []
+    for name in names:
+        try:
+            if bring.is_brought(name):
+                _look_at(*bring.find(name, beside, FOLDER))
+            elif suite is not None:
+                _packaged(name, library(suite))
+        except ScenarioError as error:
+            out += error.faults
+    return out
+
+
+def _packaged(name: str, known: Mapping[str, Effect]) -> Effect:
+    if name not in known:
+        raise ScenarioError([f"must name an effect of the library or FILE.py:NAME, got '{name}'{nearest(name, known)}"])
+    return known[name]
+
+
+def _look_at(path: Path, attribute: str) -> None:
+    """Check by its text that a file defines an effect of that name; what is made by a call is known when it runs."""
+    file = bring.declared(path)
+    file.need(attribute)
+    value = file.values.get(attribute)
+    wrong = attribute in {**file.functions, **file.classes} or isinstance(value, (ast.Constant, ast.List, ast.Dict))
+    if wrong:
+        raise ScenarioError([f"{path.name}:{attribute} must be an Effect(...), got another thing of that name"])
