@@ -1,4 +1,4 @@
-"""Motion and strain of any wing station, out of rigid motion and modal states of a record."""
+"""Motion and strain of any wing station, from the rigid motion and the modal states of a record."""
 
 from __future__ import annotations
 

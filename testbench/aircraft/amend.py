@@ -80,7 +80,7 @@ Change = SetProperty | SetText | Insert | ScaleCoefficient
 class Memory:
     """A property that follows another with a first-order lag, a state that is not among JSBSim's own.
 
-    While time stands still it does not move by itself. Linearisations then need to be told that it will.
+    It does not move while time stands still, so a linearisation must be told how it will move.
 
     Attributes:
         name: of the state.
@@ -118,7 +118,7 @@ class Amendment:
             change.apply(tree)
 
     def modes_added(self, elastic: ElasticModel | None, S_m2: float, cbar_m: float) -> ElasticModel | None:
-        """Return the elastic model with the modes of this amendment behind its own."""
+        """Return the elastic model with the modes of this amendment after its own."""
         if not self.modes:
             return elastic
         if elastic is None:

@@ -193,9 +193,9 @@ def add_modes(tree: ET.Element, elastic: ElasticModel, dt_s: float, qbar_Pa: flo
     Args:
         tree: the ``fdm_config`` element of the rigid aircraft.
         elastic: the modes.
-        dt_s: frame time that the coefficients are made for; the model flies at this rate only.
-        qbar_Pa: dynamic pressure that the exact step is made for.
-        V_m_s: true airspeed that it is made for.
+        dt_s: frame time for which the coefficients are made; the model flies at this rate only.
+        qbar_Pa: dynamic pressure for which the exact step is made.
+        V_m_s: true airspeed for which it is made.
     """
     K, D, _ = elastic.matrices(qbar_Pa, V_m_s)
     numbers = range(1, len(elastic) + 1)

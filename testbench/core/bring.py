@@ -40,7 +40,7 @@ def places(beside: Path | str | None, folder: str) -> tuple[Path, ...]:
 
     Args:
         beside: the scenario's file; None if there is none.
-        folder: of what is looked for.
+        folder: name of the project folder for such things.
     """
     homes = [] if beside is None else [Path(beside).absolute().parent]
     homes.append(Path.cwd())
@@ -59,7 +59,7 @@ def find(name: str, beside: Path | str | None, folder: str) -> tuple[Path, str]:
     Args:
         name: as in the scenario; the file's part may be absolute.
         beside: the scenario's file; None if there is none.
-        folder: of the project that such things lie in: "estimators", "effects", ...
+        folder: name of the project folder for such things: "estimators", "effects", ...
 
     Raises:
         ScenarioError: the name has another form, or no such file lies in any of :func:`places`.
@@ -163,7 +163,7 @@ def _at_top(body: list[ast.stmt]) -> list[ast.stmt]:
 
 
 def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file: whose code has run, to the byte.
+    """Return the SHA-256 of a file, which tells exactly whose code has run.
 
     Raises:
         ScenarioError: it cannot be read.
@@ -175,7 +175,7 @@ def sha256(path: Path) -> str:
 
 
 def whose(path: Path, attribute: str) -> dict[str, str]:
-    """Return what a result says of code that is brought: file, name and SHA-256, as JSON values."""
+    """Return what a result says of a user's code: file, name and SHA-256, as JSON values."""
     return {"file": str(path), "name": attribute, "sha256": sha256(path)}
 
 

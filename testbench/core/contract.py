@@ -1,4 +1,4 @@
-"""Laws that members of a family keep, packaged or brought by a user, and what one member makes of them."""
+"""The laws of a family of parts, packaged or brought by a user, and whether one member keeps them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Law(NamedTuple):
-    """A law in words, whether it holds, and what was got and how to mend it if it does not."""
+    """A law in words, and whether it holds; if not, what was got and how to mend it."""
 
     words: str
     holds: bool
@@ -14,5 +14,5 @@ class Law(NamedTuple):
 
     @property
     def sentence(self) -> str:
-        """The law and what became of it."""
+        """The law; if it does not hold, also why."""
         return self.words if self.holds else f"{self.words}: {self.why}"

@@ -15,7 +15,7 @@ def write_file(
     law: str = "results must go to a folder that can be written to",
     fix: str = "give another folder or free space",
 ) -> Path:
-    """Write a file under another name, rename it to ``path`` and return ``path``; its folder is made if need be.
+    """Write a file under another name, rename it to ``path`` and return ``path``; its folder is made if it is missing.
 
     A process that is killed while it writes leaves the file that was there before, or none.
 

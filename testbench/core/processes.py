@@ -1,8 +1,8 @@
-"""Work done in processes of its own, where cores are to spare: the same results, sooner.
+"""Work spread over several processes when cores are free: the same results, sooner.
 
-Processes are forked, so that they hold all that their parent knows at no cost; JSBSim keeps the interpreter's lock, and
-threads would wait for one another. Where a system does not fork, or one process is asked for, all is done in turn.
-Campaigns, whose runs may be flown on other machines, use Dask instead.
+Processes are forked, so that they know all that their parent knows at no cost. Threads would wait for one another,
+because JSBSim keeps the interpreter's lock. If a system cannot fork, or one process is asked for, all work is done in
+turn. Campaigns, whose runs may be flown on other machines, use Dask instead.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _PROCESSES: ContextVar[int] = ContextVar("processes", default=1)
 
 @contextlib.contextmanager
 def processes(count: int) -> Generator[None, None, None]:
-    """Let work within use so many processes; 1, as it is without, does everything in this one."""
+    """Let the work inside the block use ``count`` processes; 1, the default, does everything in this one."""
     token = _PROCESSES.set(count if sys.platform == "linux" and not current_process().daemon else 1)
     try:
         yield
@@ -50,7 +50,7 @@ class _Running:
 
 
 class Ahead:
-    """Tasks that were begun before their results were asked for.
+    """Tasks that begin before their results are asked for.
 
     A task must change nothing that is used later: what it does to objects stays in its process.
     """
@@ -68,9 +68,9 @@ class Ahead:
         self.keep(())
 
     def begin_first(self, tasks: Mapping[K, Callable[[], Any]]) -> None:
-        """Begin the first of ``tasks``, as many as there are processes, and end what runs and is none of them.
+        """Begin the first of ``tasks``, as many as there are processes, and end every other running task.
 
-        One that is the only one left is not begun: where its result is asked for it has all processes to itself.
+        A single remaining task is not begun: when its result is asked for, it has all processes to itself.
         """
         if self.most == 1:
             return
@@ -125,7 +125,7 @@ class Ahead:
 
 
 def spread(tasks: Sequence[Callable[[], T]]) -> list[T]:
-    """Return the results of tasks that do not depend on one another, shared out among the processes by turns."""
+    """Return the results of tasks that do not depend on one another, dealt to the processes in turn."""
     count = min(_PROCESSES.get(), len(tasks))
     if count <= 1:
         return [task() for task in tasks]

@@ -25,7 +25,8 @@ class Scratch:
     """A folder of its own that is removed with this object, by the process that made it: forked ones leave it be.
 
     All folders of a process lie in one, which the process, and those that it forks, hold locked for as long as they
-    live. What nobody holds locked any more was left by a process that was killed, and goes when the next one begins.
+    live. A folder that nobody holds locked was left by a process that was killed; it is removed when the next one
+    begins.
     """
 
     def __init__(self) -> None:

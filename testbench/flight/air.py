@@ -1,14 +1,14 @@
-"""The air that is flown through: steady wind, Dryden turbulence and a 1-cosine gust.
+"""The air of a flight: steady wind, Dryden turbulence and a 1-cosine gust.
 
-Turbulence is generated here and not by JSBSim, whose own (type 3) ties its strength to a wind at 20 ft or to a
-severity, and leaves no way of giving an rms. Only the translation of the air acts: the rotation that a gust field has
-across the span (p_g, q_g, r_g of the specification) is left out; it matters where the wavelength comes down to the size
-of the aircraft.
+Turbulence is generated here and not by JSBSim: JSBSim's own (type 3) ties its strength to a wind at 20 ft or to a
+severity, so that no rms can be given. Only the translation of the air acts: the rotation that a gust field has across
+the span (p_g, q_g, r_g of the specification) is left out; it matters where the wavelength comes down to the size of the
+aircraft.
 
 JSBSim forms alphadot from the acceleration over the ground: in a gust the air's share is missing, in a steady head wind
-W it is off by q W / V. Coefficients of alphadot feel that. Measured with elevator pulses: in a head wind of 8 m/s the
-Taurus, which has such a coefficient, flies 2 % (rms over standard deviation) beside its motion in still air at
-12 m/s; an aircraft without one, 4e-5.
+W it is off by q W / V. Coefficients of alphadot feel that. Elevator pulses measured it: in a head wind of 8 m/s the
+Taurus, which has such a coefficient, departs from its motion in still air at 12 m/s by 2 % (rms over standard
+deviation); an aircraft without one departs by 4e-5.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The adapter around JSBSim: loads a model quietly and checks every property before it is read or written.
 
-JSBSim's manners that this file shields the rest from (measured with 1.3.3): it prints unless a logger is set in the
+Habits of JSBSim from which this file shields the rest (measured with 1.3.3): it prints unless a logger is set in the
 thread; the frame time must be set before the model is loaded; a load may fail by returning False; writing an unknown
 property creates it and reading one gives zero; loading twice into one executive crashes.
 """
@@ -57,7 +57,7 @@ class _QuietLogger(jsbsim.FGLogger):
 class Executive:
     """One JSBSim executive with one freshly loaded model, ready at time zero with the engines running.
 
-    One executive serves one trim, one flight or one linearisation. A used one would not do: its initial conditions keep
+    One executive serves one trim, one flight or one linearisation. It cannot be used again: its initial conditions keep
     some bits of what they were (they are recomputed from one another), so that results would depend on what the process
     flew before. A fresh one costs a few milliseconds.
 
@@ -158,14 +158,14 @@ class Executive:
 
     @property
     def wind_m_s(self) -> FloatArray:
-        """Velocity of the air (3,), north, east, down, m/s, that ``place`` and ``evaluate`` reckon with."""
+        """Velocity of the air (3,), north, east, down, m/s, that ``place`` and ``evaluate`` use."""
         return self._wind
 
     def set_wind(self, wind_m_s: Sequence[float]) -> None:
-        """Set the velocity of the air (north, east, down, m/s) that ``place`` and ``evaluate`` reckon with.
+        """Set the velocity of the air (north, east, down, m/s) that ``place`` and ``evaluate`` use.
 
-        JSBSim's own wind would not do: ``run_ic`` puts it back to a speed and direction among the initial conditions,
-        which know no vertical wind. Its gust stays as it is set and adds to the wind, which is left at zero.
+        JSBSim's own wind cannot be used: ``run_ic`` replaces it by a speed and direction among the initial conditions,
+        which have no vertical wind. Its gust stays as it is set and adds to the wind, which is left at zero.
         """
         self._wind = np.array(wind_m_s, float)
         for node, value in zip(self.gust_nodes, self._wind, strict=True):

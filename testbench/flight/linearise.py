@@ -57,7 +57,7 @@ class LinearModel:
 
     @property
     def fed_back(self) -> tuple[str, ...]:
-        """States of the servos whose commands hold more than what is commanded: a feedback that was amended."""
+        """States of the servos whose commands hold a feedback that an amendment added."""
         rows = dict(zip(self.states, self.A, strict=True))
         return tuple(s for s, row in rows.items() if s.startswith(_SERVO) and np.count_nonzero(row) > 1)
 
@@ -107,8 +107,8 @@ def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
 
     States: body velocities, rates, phi, theta, h, eta and etadot of every mode, and those that amendments bring with
     them. Inputs: the deflections de, da, dr and thr, and the commands de_cmd, da_cmd, dr_cmd, which pass through the
-    servo lags first (three further states, which what is fed back to a command passes through, too). Outputs: every
-    channel of the simulator, and those of the wing stations.
+    servo lags first (three further states, through which a feedback to a command passes too). Outputs: every channel of
+    the simulator, and those of the wing stations.
 
     Example:
         >>> import testbench as tb

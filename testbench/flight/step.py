@@ -1,4 +1,4 @@
-"""A flight that is flown piece by piece, for whoever decides on the next command while it is under way."""
+"""A flight in pieces, for a controller or agent that chooses the next command during the flight."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class SteppedFlight:
     """JSBSim from trim on, advanced by commands that are given as it flies.
 
     The servos take commands as running linearly from frame to frame, as in :func:`testbench.flight.fly`. There a step
-    begins one frame before its instant, since what comes is known; here it begins with the first frame after it, so
-    that a flight by steps equals the flight of the same signal one frame late.
+    begins one frame before its instant, because the next command is known. Here it begins with the first frame after
+    it, so that a flight by steps equals the flight of the same signal one frame later.
 
     Args:
         aircraft: the aircraft that was trimmed.

@@ -40,9 +40,9 @@ def trim(
     wind, which changes the equilibrium only by way of the Earth's rotation (1.5e-3 m/s2 for 10 m/s).
 
     Newton's method on the six accelerations over alpha, phi, elevator, aileron, rudder and throttle, elastic modes in
-    static equilibrium at every step. The rates are those of the horizon, see :func:`horizon_rates`: with none, the nose
-    would rise against it and start a phugoid (0.12 m/s in a minute at 200 m/s). JSBSim's own trim stops at 1e-5 m/s2,
-    which drifts visibly in a minute's record.
+    static equilibrium at every step. The rates are those of the horizon, see :func:`horizon_rates`. Without them the
+    nose would rise against the horizon and start a phugoid (0.12 m/s in a minute at 200 m/s). JSBSim's own trim stops
+    at 1e-5 m/s2, which drifts visibly in a minute's record.
 
     Raises:
         TrimError: there is no equilibrium within the limits of the controls and the flight envelope.
@@ -123,7 +123,7 @@ def steady_wind(trimmed: TrimmedFlight) -> tuple[float, float, float]:
 def horizon_rates(
     h_m: float, theta: float, phi: float, uvw_m_s: FloatArray, wind_m_s: Sequence[float] | FloatArray = (0.0, 0.0, 0.0)
 ) -> FloatArray:
-    """Return p, q, r (rad/s, relative to the Earth) that keep the attitude to the horizon while the flight goes on.
+    """Return p, q, r (rad/s, relative to the Earth) that keep the attitude to the horizon during the flight.
 
     Heading north over the equator, with v the velocity over the ground (B. L. Stevens, F. L. Lewis, Aircraft Control
     and Simulation, 2nd ed., chapter 1, terrestrial navigation):

@@ -1,4 +1,4 @@
-"""The input signals, one file per family, and what sums those of a manoeuvre."""
+"""The input signals, one file per family, and the sum of those in a manoeuvre."""
 
 from __future__ import annotations
 

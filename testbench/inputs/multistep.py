@@ -79,7 +79,7 @@ def doublet(spec: Doublet, duration_s: float, rate_hz: float) -> FloatArray:
 
 
 def standard_multistep(spec: StandardMultistep, duration_s: float, rate_hz: float) -> FloatArray:
-    """Return a 3-2-1-1, 2-1-1 or 1-2-3: steps of alternating sign, so many ``step_s`` each; (n,).
+    """Return a 3-2-1-1, 2-1-1 or 1-2-3: steps of alternating sign whose name gives their lengths in ``step_s``; (n,).
 
     Raises:
         ScenarioError: a step is shorter than one sample or the last one ends after the manoeuvre.

@@ -1,4 +1,4 @@
-"""InputSignal: what is commanded over time, and its exact energy spectrum.
+"""InputSignal: the commands over time, and their exact energy spectrum.
 
 All spectra are those of the held signal: u_k holds from k dt to (k + 1) dt, and the signal is zero before and after.
 An input that has not returned to zero by its last sample, such as a step, therefore ends with a jump back to zero.

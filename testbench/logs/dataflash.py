@@ -101,7 +101,7 @@ def _throttle(pulse: FloatArray, low: float, high: float, reversed_: bool) -> Fl
 def read_dataflash(path: Path | str) -> Log:
     """Read an ArduPilot log, binary or text.
 
-    Messages that are damaged are left out before pymavlink sees them, since it stops at the first of some kinds.
+    Damaged messages are left out before pymavlink sees them, because it stops at some of them.
 
     Raises:
         RecordError: pymavlink is not installed, or the file is no such log or holds nothing that can be read.
@@ -205,8 +205,8 @@ def _topics(raw: Mapping[str, Mapping[str, list[Any]]]) -> tuple[dict[str, Topic
 def intact_messages(whole: bytes) -> tuple[bytes, dict[str, int], list[str]]:
     """Return the messages of a binary log that are whole, their number by type, and what is wrong, in sentences.
 
-    A message is taken for whole if its format is known and either another one, or the end, follows it, or no other
-    one begins inside it.
+    A message counts as whole if its format is known, and if another message or the end follows it or no other message
+    begins inside it.
     """
     lengths: dict[int, tuple[str, int]] = {_FMT: ("FMT", _FMT_LENGTH)}
     keep: list[bytes] = []

@@ -1,4 +1,4 @@
-"""How recorded flights lie in files: which file, which column is which channel in which unit, which times."""
+"""The layout of recorded flights in files: the file, the channel and unit of each column, and the times."""
 
 from __future__ import annotations
 
@@ -131,7 +131,8 @@ class RecordFile(Strict):
 class ChannelColumn(Strict):
     """A channel, and the column that holds it: SI value = factor of unit * (scale * (column - minus_column) + offset).
 
-    ``missing`` says what a sample means that is empty or NaN: "error", or "mask" (hold the last value and mark it).
+    ``missing`` says what happens to a sample that is empty or NaN: "error", or "mask" (hold the last value and mark
+        it).
     """
 
     name: ChannelName
@@ -154,7 +155,7 @@ class ChannelColumn(Strict):
 
 
 class Recorded(Asked):
-    """Recorded flights: files, columns, units and uses; where they come from and who may use them.
+    """Recorded flights: files, columns, units and uses, their source, and who may use them.
 
     Every record, and every segment of one, begins with ``trim_s`` of undisturbed flight.
     """
@@ -178,9 +179,9 @@ class Recorded(Asked):
 def find_data_folder(description: Recorded, given: Path | str | None = None) -> Path:
     """Return the folder that the files of ``description`` lie in.
 
-    It is ``given`` (the option ``--data``), else the description's ``folder``, taken relative to the description file,
-    if it holds the first record, else the environment variable TESTBENCH_FLIGHT_DATA: the variable finds records that
-    do not lie where a packaged description expects them, and leaves everybody's own descriptions alone.
+    It is ``given`` (the option ``--data``). Otherwise it is the description's ``folder``, relative to the description
+    file, if that holds the first record; otherwise the environment variable TESTBENCH_FLIGHT_DATA. So the variable
+    finds the records of packaged descriptions and does not change your own descriptions.
 
     Raises:
         RecordError: the folder does not exist; the message says where it was looked for and how to set it.

@@ -1,6 +1,6 @@
 """MAT files of version 5: bytes in, variables out. After MathWorks, "MAT-File Format", chapter 1.
 
-scipy's compiled reader is not used here because a file that is damaged in the wrong place makes it end the process.
+scipy's compiled reader is not used, because some damaged files make it end the process.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Recorded flights: files of several formats to flight records of kind "measured", as a description says."""
+"""Read recorded flights: files of several formats become records of kind "measured", as a description says."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def read_records(description: Recorded, data_folder: Path | str | None = None) -
     """Read the records that ``description`` describes.
 
     Args:
-        description: what lies where, in which unit.
+        description: which file and column hold which channel in which unit.
         data_folder: the folder of the files; by default TESTBENCH_FLIGHT_DATA, else the description's own.
 
     Returns:

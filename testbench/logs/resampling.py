@@ -1,4 +1,4 @@
-"""Channels with clocks of their own to one record: one grid of times, no aliasing, nothing invented across gaps."""
+"""Join channels with clocks of their own in one record, without aliasing and without inventing samples in gaps."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ def resample(
 
     A channel that was logged faster first passes a zero-phase low pass (Kaiser window, passband to 0.4, 60 dB from
     0.6 of the new rate; Oppenheim and Schafer, Discrete-Time Signal Processing, sec. 7.6) at its own rate. Between
-    samples a cubic is laid, a straight line for the channels in ``stepped``. A slower channel (below 0.8 of the new
-    rate) is sampled at the time of the grid nearest to each of its samples. Everywhere else, in gaps (a step above
+    samples a cubic interpolates; for the channels in ``stepped``, a straight line. A slower channel (below 0.8 of the
+    new rate) is sampled at the time of the grid nearest to each of its samples. Everywhere else, in gaps (a step above
     1.75 times the usual one) and before the first and after the last sample, the last value is held and marked.
 
     Args:

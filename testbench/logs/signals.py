@@ -1,7 +1,7 @@
-"""What a logger wrote: topics with their own clocks, and the rules that turn their columns into channels of the table.
+"""The content of a log: topics with their own clocks, and the rules that turn their columns into channels.
 
-A topic is what is logged together: a uORB topic of PX4, a message type of ArduPilot, the rows of a table. Nothing is
-resampled here; a mapped channel keeps the times at which it was logged.
+The columns of a topic are logged together: a uORB topic of PX4, a message type of ArduPilot, the rows of a table.
+Nothing is resampled here; a mapped channel keeps the times at which it was logged.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Log:
         topics: name -> topic.
         facts: what the log says of itself (vehicle, software).
         parameters: settings of the autopilot, by name.
-        warnings: what is damaged or was left out, and what could be saved, in sentences.
+        warnings: sentences on what is damaged, what was left out and what was saved.
         unread: name -> number of messages of the types that no rule uses.
     """
 
@@ -177,10 +177,10 @@ def map_channels(log: Log, rules: Iterable[Rule], throw_rad: Mapping[str, float]
 
 
 def increasing(t: FloatArray) -> NDArray[np.intp]:
-    """Return the indices of the samples whose times run on: repeated times and isolated wrong ones are left out.
+    """Return the indices of samples with increasing times, without repeated times and isolated wrong ones.
 
-    What is kept is a longest increasing subsequence (Schensted 1961, by patience sorting). Where that would leave out
-    more than 5 % the clock was set back, and only the longest stretch without a step back is kept.
+    It keeps a longest increasing subsequence (Schensted 1961, by patience sorting). If that would leave out more than 5
+    %, the clock was set back, and only the longest stretch without a step back is kept.
     """
     usable = np.flatnonzero(np.isfinite(t))
     if usable.size > 2:  # one damaged time far off, which may come last, would stretch the record to years

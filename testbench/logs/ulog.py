@@ -91,8 +91,8 @@ RULES = _rules()
 def read_ulog(path: Path | str) -> Log:
     """Read a PX4 log.
 
-    Where a topic says when its sensor was read (timestamp_sample), that time is taken: topics are published later.
-    Messages that are damaged are left out before pyulog sees them, since it follows a damaged length past good ones.
+    If a topic says when its sensor was read (timestamp_sample), that time is taken, because topics are published later.
+    Damaged messages are left out before pyulog sees them, because it follows a damaged length past good ones.
 
     Raises:
         RecordError: pyulog is not installed, or the file is no ULog or holds nothing that can be read.

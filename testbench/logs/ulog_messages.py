@@ -1,7 +1,7 @@
-"""ULog files message by message: which are whole, and how long each should be by the formats that the file gives.
+"""ULog files, message by message: which are whole, and the length of each by the formats in the file.
 
-A message is its size (2 bytes), its type (1 byte) and a body; the file begins with 16 bytes that are none. PX4 guide,
-"ULog File Format".
+A message is its size (2 bytes), its type (1 byte) and a body; the file begins with 16 other bytes. PX4 guide, "ULog
+File Format".
 """
 
 from __future__ import annotations
@@ -87,8 +87,8 @@ def _size(kind: str, formats: Mapping[str, list[tuple[str, int, str]]], depth: i
 def intact_messages(whole: bytes) -> tuple[bytes, list[str]]:
     """Return a log of the messages that are whole, and what is wrong with the others, in sentences.
 
-    A message that follows another is taken if it fits its format. After one that does not, the next is looked for
-    byte by byte, and is taken if another one, or the end, follows it.
+    A message that follows another is taken if it fits its format. After a message that does not fit, the next is sought
+    byte by byte; it is taken if another message or the end follows it.
     """
     layouts = _Layouts()
     keep = [whole[:HEADER]]

@@ -1,4 +1,4 @@
-"""The contract of sensor suites: what every suite does, packaged or brought, held against a smooth synthetic flight."""
+"""The laws of sensor suites, packaged or brought, tried on a smooth synthetic flight."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def synthetic_flight(rate_hz: float) -> FlightRecord:
 
 
 def suite_laws(suite: SensorSuite) -> list[Law]:
-    """Return every law of suites with what a suite makes of it.
+    """Return every law of suites and whether this suite keeps it.
 
     Noise is held to six standard deviations, which one of 2000 samples exceeds with probability 4e-6.
     """

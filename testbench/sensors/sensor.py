@@ -1,6 +1,6 @@
-"""Sensor: what one instrument makes of a true flight.
+"""Sensor: what one instrument reads of a true flight.
 
-The physics stand in the order in which a signal meets them: what the instrument feels where it is mounted (see
+The effects come in the order in which a signal meets them: what the instrument feels where it is mounted (see
 ``kinds``), scale error, lag, delay and the clock of its recorder, sampling at its own rate, bias and its drift, noise,
 quantisation, dropout; the record holds the last sample taken until the next one.
 """
@@ -149,7 +149,7 @@ class Sensor:
         return (self.channel, *ROTATION) if any(self.position_m) else (self.channel,)
 
     def feel(self, x: Mapping[str, FloatArray]) -> FloatArray:
-        """Return what acts on the instrument (n,), out of the true channels of :attr:`needs`, each (n,)."""
+        """Return what acts on the instrument (n,), from the true channels of :attr:`needs`, each (n,)."""
         out = x[self.channel]
         if any(self.position_m):
             arm = lever(np.column_stack([x[name] for name in ROTATION]), self.position_m)

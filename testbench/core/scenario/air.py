@@ -29,10 +29,10 @@ class GustSpec(Strict):
 
 
 class AirSpec(Strict):
-    """The air that is flown through, still if nothing is given; the heading at trim is north.
+    """The air of a flight, still if nothing is given; the heading at trim is north.
 
-    ``turbulence_rms_m_s`` is that of the vertical component; the others follow from ``height_m`` above ground, as do
-    the scale lengths. The altitude of the condition is taken for it if it is not given.
+    ``turbulence_rms_m_s`` is the rms of the vertical component. The rms of the others and the scale lengths follow from
+    ``height_m`` above ground, which is the altitude of the condition if it is not given.
     """
 
     wind_north_m_s: float = 0.0

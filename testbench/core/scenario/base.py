@@ -59,13 +59,13 @@ class Asked(Strict):
         return self._file.stem if self._file else self.unnamed
 
     def at(self, file: Path | None) -> Self:
-        """Return the same as read from ``file``, which messages name and which names the results folder."""
+        """Return the same scenario as if read from ``file``, the name of which messages and the results folder use."""
         copy = self.model_copy()
         copy._file = file
         return copy
 
     def changed(self, **changes: Any) -> Self:
-        """Return the same, from the same file, with other values of some keys; they are not checked."""
+        """Return the same scenario, from the same file, with other values of some keys, which are not checked."""
         return self.model_copy(update=changes)
 
     def faults(self) -> list[str]:
@@ -89,7 +89,7 @@ class Asked(Strict):
 
     @classmethod
     def of(cls, content: Mapping[str, Any], file: Path | None) -> Self:
-        """Return what the content of a file says, checked; see :meth:`load`."""
+        """Check the content of a file and return it as a scenario; see :meth:`load`."""
         asked, faults = parse(cls, content, file)
         if asked is not None:
             asked = asked.at(file)
@@ -115,7 +115,7 @@ class Simulation(Strict):
 
 
 class Flown(Asked):
-    """What flies: an aircraft, with its wings moving or held, and the seed of all that is drawn."""
+    """What flies: an aircraft, with its wings moving or held, and the seed of every random draw."""
 
     aircraft: AircraftName
     wings: Literal["flexible", "rigid"] = "flexible"
@@ -147,7 +147,7 @@ class FlownInAir(FlownAt):
 class Manoeuvre(Strict):
     """Inputs flown from trim, and what the record is used for.
 
-    ``settle_s`` of undisturbed flight come before the clock of the inputs starts: bias removal needs them.
+    The clock of the inputs starts after ``settle_s`` of undisturbed flight, which bias removal needs.
     """
 
     name: Annotated[str, Field(min_length=1)]

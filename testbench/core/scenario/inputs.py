@@ -34,7 +34,7 @@ class _Input(Strict):
 
 
 class Pilot(Strict):
-    """How a pilot flies a step: it takes ``rise_s``, its time scatters by ``jitter_s``, and none is shorter than this.
+    """How a pilot flies a step: rise time, scatter of its time, and least length.
 
     ``jitter_s`` is the standard deviation of every edge but the first; the scatter is the same for the same ``seed``.
     """
@@ -72,7 +72,7 @@ class Doublet(_Stepped):
 
 
 class StandardMultistep(_Stepped):
-    """Steps of alternating sign lasting, in units of ``step_s``, what the name says: 3-2-1-1, 2-1-1 or 1-2-3."""
+    """Steps of alternating sign; the name (3-2-1-1, 2-1-1 or 1-2-3) gives their lengths in units of ``step_s``."""
 
     signal: Literal["3211", "211", "123"]
     step_s: Positive
@@ -108,8 +108,8 @@ class Sweep(_Input):
 class Multisine(_Input):
     """A sum of sines at harmonics of ``1 / period_s``, phases chosen for the least peak; ``amplitude`` is the peak.
 
-    Harmonics from ``f_min_hz`` to ``f_max_hz``, every ``stride``-th from number ``first`` on: multisines with one
-    period and stride and different ``first`` are orthogonal, so that several controls can move at once.
+    It holds every ``stride``-th harmonic from ``f_min_hz`` to ``f_max_hz``, beginning with number ``first``. Multisines
+    with the same period and stride and different ``first`` are orthogonal, so that several controls can move at once.
     """
 
     signal: Literal["multisine"]
@@ -131,7 +131,7 @@ class Multisine(_Input):
 class Prbs(_Input):
     """A pseudo-random binary sequence of plus or minus the amplitude, clocked every ``step_s``.
 
-    It repeats after 2^bits - 1 steps, the most that a shift register of so many bits can do.
+    It repeats after 2^bits - 1 steps, the longest sequence of a shift register with that many bits.
     """
 
     signal: Literal["prbs"]

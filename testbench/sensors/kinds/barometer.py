@@ -1,4 +1,4 @@
-"""Barometer: altitude and climb rate out of static pressure."""
+"""Barometer: altitude and climb rate from static pressure."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Satellite navigation: position, altitude, and velocity over ground, a few times a second and late."""
+"""Satellite navigation: position, altitude, and velocity over ground, a few times a second and delayed."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from testbench.sensors.sensor import Sensor
 class Gps(Sensor):
     """Reads north, east, h, v_north, v_east, hdot or the ground speed Vg.
 
-    It does so at its own rate (5 to 10 Hz) and some 0.1 to 0.3 s late. Position errors wander (``drift_std``,
+    It reads at its own rate (5 to 10 Hz), and 0.1 to 0.3 s late. Position errors wander (``drift_std``,
     ``drift_time_s``) rather than jump; velocities come from Doppler and are nearly white. Rate and delay have no
-    default: a receiver without them does not exist.
+    default, because every receiver has them.
     """
 
     KIND: ClassVar[str] = "gps"

@@ -16,7 +16,7 @@ from testbench.sensors.sensor import Sensor
 
 @dataclass(frozen=True)
 class Pitot(Sensor):
-    """Reads V, or the dynamic pressure qbar, out of total minus static pressure.
+    """Reads V, or the dynamic pressure qbar, from total minus static pressure.
 
     The static port is off by (cp + cp_alpha alpha) qbar, so that the tube shows qbar (1 - cp - cp_alpha alpha) and the
     speed V sqrt(1 - cp - cp_alpha alpha). V is true airspeed: density is taken as known.
