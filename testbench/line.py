@@ -1,6 +1,6 @@
 """The straight line: aircraft, trim, fly, measure, prepare, estimate, evaluate. Every question takes these steps here.
 
-What is flown enters at :func:`fly_and_measure`; a recorded flight enters at :func:`identify_and_judge`.
+A simulated flight enters at :func:`fly_and_measure`; a recorded flight enters at :func:`identify_and_judge`.
 """
 
 from __future__ import annotations
@@ -179,8 +179,8 @@ def identify_and_judge(
         identification: inputs, outputs and estimators.
         where: file that messages name.
         progress: called with a few words as each stage begins.
-        truth: what estimates are held against; None for recorded flights.
-        noise: suite -> channel -> standard deviation, for what noise alone would cost.
+        truth: what estimates are compared with; None for recorded flights.
+        noise: suite -> channel -> standard deviation, from which the error by noise alone follows.
 
     Raises:
         TestbenchError: with file and key.

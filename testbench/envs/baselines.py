@@ -1,13 +1,13 @@
-"""What an agent has to beat: random commands, the textbook's doublet and 3-2-1-1, and the designed input.
+"""The inputs that an agent has to beat: random commands, the textbook doublet and 3-2-1-1, and the designed input.
 
     python -m testbench.envs.baselines --task taurus
     python -m testbench.envs.baselines --task eolo --agent results/envs/eolo_agent.zip --out results/envs/eolo.csv
 
-The second adds an agent that ``testbench.envs.train`` trained, and writes the table.
+The second command adds an agent that ``testbench.envs.train`` trained, and writes the table.
 
 All but the random commands are known before the flight. They are scaled to the largest amplitude at which the linear
-prediction uses up no more than ``near`` of any limit, beyond which nearing one costs, or to the amplitude of a full
-action if that is less; their one free time, the length of a step in whole decisions, is the best of all.
+prediction uses no more than ``near`` of any limit (beyond that share nearing a limit costs), or to the amplitude of a
+full action if that is less. Their one free time is the length of a step in whole decisions; the best is taken.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Plan:
 
 
 class Row(NamedTuple):
-    """How a way to choose the commands did; means over its flights.
+    """The results of one way to choose the commands; means over its flights.
 
     ``worst``: largest standard error of a target over the wanted one; ``use``: largest share of a limit; ``completed``:
     share of flights that broke none.

@@ -15,7 +15,7 @@ _FORGOTTEN = 40.0  # time constants after which a lag remembers 4e-18 of a value
 
 
 class Piece(NamedTuple):
-    """What one decision brought.
+    """The outcome of one decision.
 
     ``seen`` (r, p): what the sensors feel, lag and delay applied, SI, still without noise. ``sensitivities`` (r, p, k)
     as scaled in the lifted matrix. ``use`` (R, 2, c): deviations over the upper and over the lower limits; beyond 1 a

@@ -6,8 +6,9 @@ Every step the agent sets the commands, which are held for ``decision_s``. It se
 
 with the cost of a design (see :func:`testbench.information.fisher.cost`: by default the t-th root of the volume of the
 targets' error ellipsoid, so that r is the gain of log det information per target, in nats) and ``use`` the largest
-share of a limit that the step used up. The gains of a flight add up to ln(cost before / cost after it). A broken limit
-ends the episode with ``-breach_cost`` and without the gain of that step; the end of the record truncates it.
+share of a limit that the step used up. The gains of a flight add up to ln(cost before the flight / cost after it). A
+broken limit ends the episode with ``-breach_cost`` and without the gain of that step; the end of the record truncates
+it.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
-"""Fisher information while a flight is under way, and the cost of a design that it amounts to.
+"""Fisher information during a flight, and the cost of a design that follows from it.
 
     M(t) = sum over samples so far of s s' / sigma^2 - sum over sensors of b b' / c,    b = sum of s / sigma^2
 
 with c the weight of a sensor's samples so far: its unknown offset is projected out, as in
-:mod:`testbench.information.fisher`, with which M agrees at every moment. What is believed before the flight is added,
-P = diag(1 / prior^2), so that the cost is finite from the first sample on (Bayesian optimality: K. Chaloner and
-I. Verdinelli, Statistical Science 10, 1995).
+:mod:`testbench.information.fisher`, with which M agrees at every moment. The prior information P = diag(1 / prior^2) is
+added, so that the cost is finite from the first sample on (Bayesian optimality: K. Chaloner and I. Verdinelli,
+Statistical Science 10, 1995).
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class Gain:
         self.reset(0)
 
     def reset(self, quiet: int) -> None:
-        """Begin again after ``quiet`` samples of undisturbed flight, which tell of the offsets alone."""
+        """Begin again after ``quiet`` samples of undisturbed flight, which tell the offsets alone."""
         k = len(self._eye)
         self._M, self._b = np.zeros((k, k)), np.zeros((self._p, k))
         self._c = np.sum(self._taken[:quiet] ** 2, axis=0)

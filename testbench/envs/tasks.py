@@ -1,4 +1,4 @@
-"""The tasks: one design scenario per aircraft, turned into the design problem that an agent works on."""
+"""The tasks: one design scenario per aircraft, turned into the design problem that an agent solves."""
 
 from __future__ import annotations
 
@@ -96,8 +96,8 @@ def task_scenario(name: str, wings: str = "rigid") -> DesignScenario:
 def amplitude(name: str, task: Task) -> FloatArray:
     """Return the command (m,) either side of trim, rad (1 for the throttle), that a full action means.
 
-    The tasks have theirs, at which one step held to the end breaks a limit but a few short ones do not. That of a
-    scenario's file is the largest that the limits on the commands allow.
+    A task has its own amplitude: one step held to the end breaks a limit, and a few short steps do not. For a
+    scenario's file it is the largest that the limits on the commands allow.
     """
     prediction, controls = task.problem.prediction, task.problem.controls
     at = [prediction.names.index(f"command of {c}") for c in controls]

@@ -65,8 +65,8 @@ class Method:
         function: "module:name" below ``testbench.estimators``, imported when it is first called. It takes the
             settings' fields as keywords (see :func:`~.call.with_settings`) after ``(records, inputs, outputs)``, or
             after ``(records, structure)`` if the settings name a structure.
-        needs: of :data:`NEEDS`.
-        gives: of :data:`GIVES`.
+        needs: what it needs, names from :data:`NEEDS`.
+        gives: what it gives, names from :data:`GIVES`.
     """
 
     words: str
@@ -191,15 +191,15 @@ def estimate(
     validation: Sequence[FlightRecord] = (),
     **settings: Any,
 ) -> IdentifiedModel:
-    """Identify a model by a method of :data:`METHODS`, or by one's own.
+    """Identify a model by a method of :data:`METHODS`, or by your own.
 
     Args:
         method: a name, with its settings as keywords; or an entry ``identification.estimators`` of a scenario.
         records: measured records to identify from, as deviations from trim (see ``prepare``).
         inputs: (m,) input channels.
         outputs: (p,) output channels.
-        validation: measured records that a method may choose its structure by.
-        settings: of the method; they are its settings class's fields, with its defaults.
+        validation: measured records by which a method may choose its structure.
+        settings: settings of the method: the fields of its settings class, which has the defaults.
 
     Raises:
         EstimationError: the data cannot support the estimate, the method is not in :data:`METHODS`, or a setting

@@ -1,4 +1,4 @@
-"""What estimators and structures that are brought share: their file is found, looked at, and called with care."""
+"""Users' estimators and structures: their file is found, checked as text, and called with care."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ FOLDER = "estimators"
 
 
 class BroughtCodeError(EstimationError):
-    """An error that was raised in a user's file and is none of the testbench's: kind, text, file and line."""
+    """An error from a user's file that is not one of the testbench: kind, text, file and line."""
 
 
 def located(name: str, info: ValidationInfo) -> str:
@@ -35,7 +35,7 @@ def located(name: str, info: ValidationInfo) -> str:
 
 
 def structure(name: str, info: ValidationInfo) -> str:
-    """Return the name of a brought structure with the absolute path of its file, whose text has been looked at.
+    """Return the name of a brought structure with the absolute path of its file, whose text has been checked.
 
     Raises:
         ValueError: there is no such file, or no function (inputs, outputs, trim) in it; pydantic adds the key.
@@ -61,7 +61,7 @@ def place(name: str) -> tuple[Path, str]:
 
 
 def wrong_arguments(function: ast.FunctionDef, first: Sequence[str], more: Sequence[str], path: Path) -> str | None:
-    """Return what is wrong with the arguments that a function takes, as its text shows them; None if nothing is.
+    """Return what is wrong with the arguments of a function, as its text shows them; None if nothing is.
 
     Args:
         function: its definition.
@@ -80,7 +80,7 @@ def wrong_arguments(function: ast.FunctionDef, first: Sequence[str], more: Seque
 
 
 def guarded(path: Path, label: str, what: str, function: Any, *arguments: Any, **named: Any) -> Any:
-    """Call a user's function; turn an error that is none of the testbench's into one sentence.
+    """Call a user's function; turn an error that is not one of the testbench into one sentence.
 
     Raises:
         BroughtCodeError: with kind, text and line of the error.

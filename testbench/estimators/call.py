@@ -15,9 +15,9 @@ Result = TypeVar("Result")
 def with_settings(schema: type[Strict]) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
     """Give a function's keywords the defaults of a settings class, and let it take an instance of the class instead.
 
-    The function names the settings that it takes as keywords without defaults. What it returns is called as
-    ``f(..., settings=Settings(...))``, as ``f(..., order=4)``, or both, keywords first. Keywords are not checked
-    against the class: a method checks its own laws, whoever calls it.
+    The function names its settings as keywords without defaults. Callers then give ``settings=Settings(...)``, keywords
+    such as ``order=4``, or both, in which case the keywords count. Keywords are not checked against the class: a method
+    checks its own laws, whoever calls it.
 
     Args:
         schema: settings class; fields that the function does not take are others' (the structure, the label).

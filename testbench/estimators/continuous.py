@@ -205,7 +205,7 @@ class ContinuousTransferModel(IdentifiedModel):
 
 
 def free_basis(filters: StateVariableFilter, offset: bool) -> FloatArray:
-    """Return what may be added to the forced response: the free responses, and a constant if ``offset``; (N, n + 1)."""
+    """Return what may be added to the forced response: free responses and, if ``offset``, a constant; (N, n + 1)."""
     free = filters.free()
     return np.column_stack([free, np.ones(len(free))]) if offset else free
 

@@ -1,4 +1,4 @@
-"""What every estimator and every structure must do, as laws; `testbench check FILE.py:NAME` tries them one by one.
+"""The laws of estimators and of structures; `testbench check FILE.py:NAME` tries them one by one.
 
 Estimators are tried on records of a light, slow aircraft with held inputs, linear and sampled at 10 Hz: a short period
 of 3.5 rad/s and a phugoid of 1.2 rad/s, damped, so that short records show both. Its channels are ``de`` (input),
@@ -98,10 +98,10 @@ class Trial:
 
     Attributes:
         method: its name, packaged or ``FILE.py:NAME``.
-        settings: that it is tried with.
+        settings: with which it is tried.
         exact: largest relative error of the frequency response, and of an unseen flight, on records without noise.
         outputs: (p,) of the aircraft's.
-        longer: records are so many times longer.
+        longer: factor on the length of the records.
         band_rad_s: frequencies at which the response is judged.
     """
 
@@ -117,7 +117,7 @@ class Trial:
         return [flight(1 + i, n, noise, self.longer) for i, n in enumerate(lengths)]
 
     def run(self, records: Sequence[FlightRecord], outputs: Sequence[str] | None = None) -> IdentifiedModel:
-        """Return the model of these records; a flight of its own is kept back for validation."""
+        """Return the model of these records; another flight is kept back for validation."""
         names = self.outputs if outputs is None else outputs
         return estimate(self.method, records, INPUTS, names, [flight(99)], **self.settings)
 

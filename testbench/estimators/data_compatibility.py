@@ -6,8 +6,8 @@ is assumed. Errors of instruments are estimated over all records together, an in
 initial states are those of each record. R. V. Jategaonkar, Flight Vehicle System Identification, 2nd ed., 2015, chapter
 10; V. Klein and E. A. Morelli, Aircraft System Identification, 2006, chapter 10.
 
-The air is taken as steady. Turbulence reaches airspeed and flow angles but not the inertial unit; the whitening of the
-residuals makes up for part of it only, so that in turbulence errors may be found that are none. That is said.
+The air is taken as steady. Turbulence reaches airspeed and flow angles but not the inertial unit. The whitening of the
+residuals makes up for part of it only, so that in turbulence an error may be found that is none; the advice says so.
 
 Signs: an instrument reads y(t) = scale x(t - delay) + bias of the true x, as in ``sensors``. A positive bias reads too
 much, a scale above 1 too much, a positive delay comes late. Wind is where the air moves to: north, east, down.
@@ -73,9 +73,9 @@ def estimate(
 ) -> DataCompatibility:
     """Find the errors of the instruments of one or several records.
 
-    All errors that the channels allow are estimated together. Those that the data do not tell - a standard error above
-    a third of what is plausible, for itself or for one believed before it - are set aside with the reason. Of the rest
-    the least significant is dropped until all are significant, and what is left is estimated anew.
+    All errors that the channels allow are estimated together. An error that the data do not tell is set aside with the
+    reason: its standard error, or that of one believed before it, is above a third of what is plausible. Of the rest
+    the least significant is dropped until all are significant, and those that are left are estimated again.
 
     Args:
         records: measured, with one sample time, not as deviations from trim.
@@ -83,8 +83,8 @@ def estimate(
         only: the errors to look for; None looks for all.
         without: errors that are known not to be there.
         positions_m: accelerometer -> position from the CG (forward, right, down), m; at the CG where not named.
-        gravity_m_s2: g where it was flown; what it is off shows as a bias of the accelerometers.
-        false_alarm: probability of finding any error where there is none.
+        gravity_m_s2: g at the place of the flight; an error of it shows as a bias of the accelerometers.
+        false_alarm: probability of finding any error if there is none.
 
     Raises:
         EstimationError: no record, a true one, different sample times, an unknown error, a record too short, or a

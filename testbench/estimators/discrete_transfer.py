@@ -94,7 +94,7 @@ class TransferFunctionModel(IdentifiedModel):
 
 
 def discrete_poles(a: FloatArray) -> ComplexArray:
-    """Return the roots of 1 + a1 / z + ... + an / z^n, without those at zero that only fill up."""
+    """Return the roots of 1 + a1 / z + ... + an / z^n, without zeros that only fill up the array."""
     return np.roots(np.trim_zeros(a, "b")).astype(np.complex128)
 
 

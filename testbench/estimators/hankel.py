@@ -23,8 +23,8 @@ _SQUARED = 1e-4  # reciprocal condition of the scaled columns down to which a Gr
 def thin_svd(M: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return U, s, V^T of M, with min(M.shape) singular values.
 
-    The divide-and-conquer algorithm sometimes does not converge where half of the singular values are zero to rounding;
-    the QR algorithm, slower, does.
+    The divide-and-conquer algorithm sometimes does not converge if half of the singular values are zero to rounding;
+    the slower QR algorithm does.
     """
     try:
         return np.linalg.svd(M, full_matrices=False)
@@ -98,7 +98,7 @@ def runs(known: NDArray[np.bool_]) -> Iterator[slice]:
 def block_factor(
     series: Sequence[FloatArray], starts: Sequence[NDArray[np.intp]], length: int, lead: int = 0
 ) -> tuple[FloatArray, int]:
-    """Return the R factor of all windows of all series, and the number of windows less what the lead columns take.
+    """Return the R factor of all windows of all series, and the number of windows less that of the lead columns.
 
     With ``lead`` = 1 a constant per series, with 2 a constant and a linear trend in the window's first sample are
     projected out of every row of the block Hankel matrix. A constant and a linear trend of the inputs, of the outputs

@@ -41,7 +41,7 @@ def estimator_name(entry: Settings) -> str:
 class Identification(Strict):
     """Which measured channels are inputs and outputs, and which estimators run on them.
 
-    ``outputs`` left empty means every channel of the suite that is not a control.
+    If ``outputs`` is empty, every channel of the suite that is not a control is an output.
     """
 
     inputs: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]

@@ -1,4 +1,4 @@
-"""What every estimator returns: an identified model that simulates, shows its poles and its frequency response."""
+"""The identified model that every estimator returns: it simulates, and has poles and a frequency response."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ class IdentifiedModel(ABC):
         outputs: (p,) names of the output channels.
         dt_s: sample time of the records that it was identified from, s.
         settings: the estimator's settings, as JSON values.
-        diagnostics: what the estimator saw on the way (singular values, condition numbers), arrays or JSON values.
+        diagnostics: intermediate results (singular values, condition numbers), arrays or JSON values.
         status: "good", or "warning" with ``advice``.
         advice: sentences that say what is doubtful and what to do about it.
-        provenance: whose code made it, as JSON values: file and SHA-256 of what was brought; empty if nothing was.
+        provenance: whose code made it, as JSON values: file and SHA-256 of a user's code; empty for packaged code.
 
     ``continuous`` is True for models of continuous time: their frequency response is that of the aircraft; the response
-    of a discrete model holds the hold of sampled inputs, too.
+    of a discrete model includes the hold of sampled inputs.
     """
 
     continuous: ClassVar[bool] = False
@@ -75,7 +75,7 @@ class IdentifiedModel(ABC):
         """Return the model as JSON values: names, sample time, matrices or polynomials, status and advice."""
 
     def written(self) -> dict[str, Any]:
-        """Return :meth:`to_dict`, and whose code made the model if it was brought, which an own class may leave out."""
+        """Return :meth:`to_dict`, and whose code made the model, which a user's class may leave out."""
         return self.to_dict() | ({"provenance": dict(self.provenance)} if self.provenance else {})
 
     @abstractmethod

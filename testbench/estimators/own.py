@@ -163,7 +163,7 @@ def run(
 
 
 def stamped(model: IdentifiedModel, **values: Any) -> IdentifiedModel:
-    """Return the model with other values of some attributes, whatever its class takes to be made."""
+    """Return the model with other values of some attributes, whatever arguments its class needs."""
     out = copy.copy(model)
     for name, value in values.items():
         object.__setattr__(out, name, value)
@@ -198,7 +198,7 @@ def settings_for(function: Any, given: Mapping[str, Any], path: Path) -> Any:
 
 
 def of_python(name: str, given: Mapping[str, Any]) -> OwnMethod:
-    """Return the entry of a method that is named from Python; its file is looked for where one works.
+    """Return the entry of a method that is named from Python; its file is looked for in the working directory.
 
     Raises:
         EstimationError: all faults of name and settings.

@@ -2,11 +2,11 @@
 
     x[k+1] = A x[k] + B u[k] + K e[k],    y[k] = C x[k] + D u[k] + o + e[k]
 
-Minimised is sum e' S^-1 e + N ln |S| over all matrices, and an initial state x[0] and constants o per record, by
-Gauss-Newton steps for a given S in turns with S = sum e e' / N (L. Ljung, System Identification, 2nd ed., 1999, section
-7.2 and chapter 10). All entries are free; of them only the directions that a change of the states' basis does not
-produce are searched: data-driven local coordinates, T. McKelvey, A. Helmersson and T. Ribarits, Automatica 40, 2004.
-What is reported with errors (poles, frequency response) does not depend on the basis.
+All matrices, and an initial state x[0] and constants o per record, minimise sum e' S^-1 e + N ln |S|, by Gauss-Newton
+steps for a given S in turn with S = sum e e' / N (L. Ljung, System Identification, 2nd ed., 1999, section 7.2 and
+chapter 10). All entries are free, but only directions that a change of the states' basis does not produce are searched:
+data-driven local coordinates, T. McKelvey, A. Helmersson and T. Ribarits, Automatica 40, 2004. What is reported with
+errors (poles, frequency response) does not depend on the basis.
 
 Outputs that were not measured correct nothing: e = 0 there. With ``disturbances`` off, K = 0: output error.
 """
@@ -133,7 +133,7 @@ def refine(
 
     Args:
         records: measured records of deviations from trim with one sample time; of different lengths if need be.
-        start: where to start from, e.g. the estimate of a subspace method; gives inputs, outputs and order.
+        start: the start of the search, e.g. the estimate of a subspace method; it gives inputs, outputs and order.
         disturbances: estimate K; without, K = 0 and the free run is fitted (output error).
         direct_feedthrough: estimate D; None: if the start has one.
         offsets: a constant of its own for every output and record; the model does not hold them.

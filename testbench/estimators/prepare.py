@@ -1,4 +1,4 @@
-"""Measured record in, deviations from trim out: gaps bridged, bias removed, filtered and decimated."""
+"""Turn a measured record into deviations from trim: bridge gaps, remove the bias, filter and decimate."""
 
 from __future__ import annotations
 
@@ -36,8 +36,9 @@ def prepare(
             record, "trend" a straight line fitted by least squares, "none" nothing.
         trim_s: duration of undisturbed flight at the start, s; used by "trim" only.
         lowpass_hz: cut-off of a 4th-order Butterworth filter run forwards and backwards (zero phase; its gain at the
-            cut-off is -6 dB), on inputs and outputs alike: what both pass cancels from input to output.
-        decimate: keep every so many samples. Without ``lowpass_hz`` below the new Nyquist frequency, noise folds down.
+            cut-off is -6 dB), on inputs and outputs alike, so that it cancels from input to output.
+        decimate: keep every ``decimate``-th sample. Noise folds down unless ``lowpass_hz`` is below the new Nyquist
+            frequency.
         reference: the record whose bias is subtracted, if not this one: the second part of a split record has no
             undisturbed flight of its own.
 

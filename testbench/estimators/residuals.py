@@ -1,4 +1,4 @@
-"""What residuals say: are they white, and what their colour does to the errors of estimated parameters."""
+"""Are residuals white, and what does their colour do to the errors of estimated parameters?"""
 
 from __future__ import annotations
 

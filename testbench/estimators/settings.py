@@ -1,6 +1,6 @@
 """The settings of the methods, one class each: an entry ``identification.estimators`` of a scenario, and the defaults.
 
-They are read wherever a scenario is read, and import nothing that takes time.
+Every reading of a scenario imports this module, so it imports nothing that takes time.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Names = Annotated[tuple[str, ...], Field(strict=False)]
 
 
 class Settings(Strict):
-    """What all methods share: their name in :data:`testbench.estimators.METHODS`, and a label in tables."""
+    """The settings of all methods: the name in :data:`testbench.estimators.METHODS`, and a label in tables."""
 
     method: str
     label: str | None = None
@@ -50,7 +50,7 @@ class DsrE(Settings):
 
 
 class Subspace(Settings):
-    """Any other subspace method; horizons count samples of the rate that A is identified at."""
+    """Any other subspace method; horizons count samples of the rate at which A is identified."""
 
     method: Literal["moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt"]
     order: Count | None = None

@@ -334,7 +334,8 @@ class Point(NamedTuple):
 
 
 class Run(NamedTuple):
-    """What a point makes of one record: filters, input states (N, n, m), delayed inputs (N, m), output (N,), basis."""
+    """One record at a point of the search: filters, input states (N, n, m), delayed inputs (N, m), output (N,),
+    basis."""
 
     filters: StateVariableFilter
     x: FloatArray
@@ -393,9 +394,9 @@ def solve(data: list[Series], n: int, nz: int, delays: FloatArray, setup: Setup)
 
 
 def runs_of(series: list[Series], point: Point, setup: Setup) -> list[tuple[Run, float]]:
-    """Return for every record what the point makes of it, and the summed squared error of the samples taken.
+    """Return for every record its filters and states at the point, and the summed squared error of the samples taken.
 
-    The error of poles that no sampling could show is infinite.
+    Poles that no sampling could show have an infinite error.
     """
     if not np.all(np.isfinite(point.a)) or np.any(np.abs(np.roots(point.a)) * setup.dt_s > _FASTEST):
         return [(_NOTHING, np.inf)] * len(series)

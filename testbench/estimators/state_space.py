@@ -29,7 +29,7 @@ class Series(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """R factors of one series' regressions, and what they were made of.
+    """R factors of one series' regressions, and their sizes.
 
     Attributes:
         R: per output (r, own + count + 1), see :func:`fit_inputs`: own unknowns of the series, B and D, y.

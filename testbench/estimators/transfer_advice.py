@@ -1,4 +1,4 @@
-"""Poles that the input, the sampling or the noise put where they are: what transfer functions are warned about."""
+"""Warnings about poles of transfer functions that the input, the sampling or the noise put where they are."""
 
 from __future__ import annotations
 

@@ -64,9 +64,8 @@ def estimate(
     its continuous ones.
 
     The regression uses measured past values, so that every record brings its own initial conditions. Noise on these
-    past values biases the coefficients: a noisy ARX puts poles too far from the unit circle (too much damping, too
-    high a frequency), the more so the faster the log. Low-pass filtering and decimation to some ten samples a period
-    help.
+    past values biases the coefficients: a noisy ARX puts poles too far from the unit circle (too much damping, too high
+    a frequency), and more so the faster the log. Low-pass filtering and decimation to about ten samples a period help.
 
     Args:
         records: measured records with one sample time; deviations from trim (see ``prepare``).

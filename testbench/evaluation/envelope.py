@@ -44,7 +44,7 @@ class Onset:
             stable at every speed.
         f_hz: frequency there; 0 for divergence.
         kind: "flutter" (an oscillatory pole), "divergence" (a real one) or "none".
-        V_last_m_s: fastest speed that was looked at.
+        V_last_m_s: fastest speed that was examined.
         at_start: it is unstable at the slowest speed already.
     """
 
@@ -69,7 +69,7 @@ class Onset:
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
-    """What was found at each speed that could be trimmed, in order of speed.
+    """Trims, linear models and modes at each speed that could be trimmed, in order of speed.
 
     Attributes:
         aircraft: what was flown.
@@ -93,7 +93,7 @@ class Envelope:
     untrimmed: tuple[Untrimmed, ...] = ()
 
     def nearest(self, V_m_s: float) -> int:
-        """Return the place of the trimmed speed nearest to ``V_m_s``."""
+        """Return the index of the trimmed speed nearest to ``V_m_s``."""
         return int(np.argmin(np.abs(np.array(self.speeds) - V_m_s)))
 
     @property

@@ -1,4 +1,4 @@
-"""Does this input excite each mode: its energy in the mode's band, and what of it sensors show above their noise."""
+"""Does this input excite each mode? Its energy in the mode's band, and what sensors show above their noise."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["EXCITED_DB", "ModeExcitation", "excitation"]
 
 @dataclass(frozen=True)
 class ModeExcitation:
-    """What one input does to one mode.
+    """How one input excites one mode.
 
     Attributes:
         mode: name.
@@ -81,7 +81,7 @@ def excitation(
         dt_s: sample time of ``u``.
         noise_std: sensor channel -> standard deviation of a sample, SI.
         sensor_dt_s: sample time of the sensors.
-        duration_s: length of the record that the noise is gathered over.
+        duration_s: length of the record over which the noise is summed.
     """
     outputs = list(noise_std)
     modal = ModalForm(model, outputs, inputs)

@@ -1,4 +1,4 @@
-"""Poles of the true linear model by the names of the field, at one condition and followed from one to the next."""
+"""Poles of the true linear model by the field's names of modes, at one condition and followed to the next."""
 
 from __future__ import annotations
 

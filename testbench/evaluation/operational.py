@@ -1,4 +1,4 @@
-"""Modes found without an input beside those of the linearised aircraft: frequency, damping and shape at the sensors."""
+"""Compare modes found without an input with those of the linearised aircraft: frequency, damping and shape."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class TrueMode:
 
 @dataclass(frozen=True, eq=False)
 class ModeMatch:
-    """A true mode, a found one, or the two that stand for each other, with the MAC of their scaled shapes.
+    """A true mode, a found mode, or a matched pair with the MAC of their scaled shapes.
 
     ``index`` is the number of the found mode in its result.
     """
@@ -72,7 +72,7 @@ def match_modes(result: OperationalModes, true: Sequence[TrueMode]) -> list[Mode
     """Return every true and every found mode once, in the order of their frequencies.
 
     The distance of two modes is |ln(s / s')| + 1 - MAC; the assignment of least total distance is chosen, and two modes
-    farther apart than 0.6 do not stand for each other.
+    farther apart than 0.6 are not matched.
     """
     likeness = np.array([[mac(m.scaled_shape, t.shape / result.scale) for m in result.modes] for t in true])
     likeness = likeness.reshape(len(true), len(result.modes))

@@ -64,8 +64,8 @@ def parameter_estimates(model: ParametricModel, truth: Mapping[str, float] | Non
 def true_parameters(structure: str, derivatives: Sequence[Derivative], V_m_s: float) -> dict[str, float]:
     """Return the true parameters of a structure by name, from the derivatives of the linearised aircraft.
 
-    A structure without elastic modes is compared with derivatives in which the modes follow statically, since slow
-    motion cannot tell the two apart; one with modes of its own with derivatives at modes held.
+    A structure without elastic modes is compared with derivatives in which the modes follow statically, because slow
+    motion cannot tell the two apart. A structure with modes is compared with derivatives at which the modes are held.
 
     Args:
         structure: name of the structure.

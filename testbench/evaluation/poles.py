@@ -34,7 +34,7 @@ class PoleMatch:
 
 
 def match_poles(found: ArrayLike, true: Mapping[str, complex], outputs: str = "") -> list[PoleMatch]:
-    """Return for every mode the pole that stands for it, no pole standing for two modes.
+    """Return for every mode the pole that matches it; no pole matches two modes.
 
     The distance of two poles of the upper half plane is |ln(found / true)|: relative in frequency and in damping alike,
     for slow and fast modes alike. The assignment of least total distance is chosen; a mode stays unmatched where

@@ -42,7 +42,7 @@ class Truth:
         """Return the true response (k, p, m) as a discrete or a ``continuous`` model should have it.
 
         A command is held from sample to sample, and the hold is part of a discrete model; a measured deflection has
-        passed the servo and runs smoothly through its samples, so that no hold belongs to it.
+        passed the servo and is smooth between its samples, so no hold belongs to it.
         """
         H = self.linear.frequency_response(omega_rad_s, outputs, inputs)
         if continuous:
@@ -53,7 +53,7 @@ class Truth:
 
 
 def true_model(aircraft: Aircraft, trimmed: TrimmedFlight) -> Truth:
-    """Return the linear model and modes of an aircraft at trim; nothing is said of what an input does to them."""
+    """Return the linear model and modes of an aircraft at trim, without the excitation by an input."""
     linear = linearise(aircraft, trimmed)
     return Truth(aircraft, trimmed, linear, longitudinal_modes(linear, _symmetric(aircraft)), ())
 
@@ -65,7 +65,7 @@ def excited(known: Truth, flight: FlightRecord, inputs: Sequence[str], suites: S
         known: of :func:`true_model`.
         flight: the truth of the flight.
         inputs: (m,) input channels of the identification.
-        suites: whose sensors, those of the inputs left out, are to show the modes above their noise.
+        suites: their sensors, without those of the inputs, should show the modes above their noise.
     """
     controls = [n.removesuffix("_cmd") for n in inputs]
     u = flight.columns(controls)
@@ -90,7 +90,7 @@ def _symmetric(aircraft: Aircraft) -> dict[int, str]:
 
 
 def told_of(truth: Truth | None, model: IdentifiedModel, records: Sequence[FlightRecord]) -> dict[str, Any]:
-    """Return what evaluation may be told of the truth: poles, and the response over the band that the input excites."""
+    """Return what evaluation may use of the truth: poles, and the response over the band that the input excites."""
     if truth is None:
         return {}
     omega = excited_band(records, model.inputs)

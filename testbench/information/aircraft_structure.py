@@ -248,7 +248,7 @@ class _Basis:
     def value(self, AB: FloatArray, axis: str, variable: str) -> float:
         """Return the derivative itself: the acceleration per unit of the variable in [A, B] (n, n + m).
 
-        The turning of the frame, V x rate, is no derivative of the air's and is taken out.
+        The turning of the frame, V x rate, is no aerodynamic derivative and is subtracted.
         """
         along = {
             "V": {"u": self.c, "w": self.s},

@@ -3,10 +3,9 @@
     M = sum over sensors and samples of s s' / sigma^2,    s = d y / d params
 
 with exact sensitivities of the linearised aircraft, passed through each sensor's lag, delay and rate; sigma^2 is the
-variance of its noise and of its quantisation, q^2 / 12. Offsets of the sensors and initial states that an estimator
-has to estimate along with the parameters are projected out (the Schur complement), so that the bound is the one that
-output error can reach. E. A. Morelli and V. Klein, Journal of Aircraft 27(8), 1990; R. K. Mehra, IEEE Trans. Automatic
-Control 19, 1974.
+variance of its noise and of its quantisation, q^2 / 12. An estimator must also estimate offsets of the sensors and
+initial states. They are projected out (the Schur complement), so that output error can reach the bound. E. A. Morelli
+and V. Klein, Journal of Aircraft 27(8), 1990; R. K. Mehra, IEEE Trans. Automatic Control 19, 1974.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ _NOTHING = 1e-12  # scaled information below this share of the largest is none
 
 
 class Accuracy(NamedTuple):
-    """What an input tells: standard errors (k,) of the parameters and their covariance (k, k); inf: nothing at all."""
+    """What an input tells: standard errors (k,) of the parameters and covariance (k, k); inf if it tells nothing."""
 
     std: FloatArray
     covariance: FloatArray
@@ -45,10 +44,11 @@ class Accuracy(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Experiment:
-    """Everything about a manoeuvre but its input: the aircraft, the sensors, how long and how finely it is looked at.
+    """All of a manoeuvre except its input: the aircraft, the sensors, the duration and the sample times.
 
     The response is linear in the input. It is therefore computed once for a pulse of one sample on each control, and
-    every candidate costs one convolution by fast Fourier transform, at the sensors' rate however fine the input is.
+    every candidate costs one convolution by fast Fourier transform, at the rate of the sensors, even if the input is
+    finer.
 
     Args:
         structure: the linearised aircraft with its free parameters; inputs are held commands or deflections.
@@ -162,7 +162,7 @@ class Experiment:
         return np.asarray(U[:, s > 1e-10 * s[0]])
 
     def until(self, samples: int) -> Experiment:
-        """Return the experiment that ends after so many samples of the fastest sensors; inputs keep their length."""
+        """Return the experiment that ends after ``samples`` of the fastest sensors; inputs keep their length."""
         weight = self._weight.copy()
         weight[samples:] = 0.0
         return self._weighted_by(weight)
@@ -220,7 +220,7 @@ class Experiment:
 def accuracy(information: FloatArray) -> Accuracy:
     """Return standard errors and covariance of an information matrix (k, k), summed over flights if there are several.
 
-    Parameters inside a direction that nothing is known of get an infinite standard error.
+    A parameter in a direction without information gets an infinite standard error.
     """
     size = np.sqrt(np.maximum(np.diag(information), 0.0))
     known = size > 0.0
@@ -235,7 +235,7 @@ def accuracy(information: FloatArray) -> Accuracy:
 
 
 def cost(information: FloatArray, gradient: FloatArray, criterion: Criterion) -> float:
-    """Return what a design makes small, from the covariance G M^-1 G' of the targets in units of their wanted errors.
+    """Return the cost that a design minimises, from the covariance G M^-1 G' of the targets in wanted errors.
 
     "worst": the largest standard error; "A": root of the mean variance; "E": root of the largest eigenvalue; "D": the
     t-th root of the volume of the error ellipsoid. All scale as 1 / amplitude; inf where nothing is known of some

@@ -1,4 +1,4 @@
-"""The prediction put to the test: the scatter of output-error estimates from simulated records of one design."""
+"""A test of the prediction: the scatter of output-error estimates from simulated records of one design."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from testbench.information.fisher import Experiment
 
 
 def estimates(experiment: Experiment, u: FloatArray, runs: int, seed: int) -> FloatArray:
-    """Return output-error estimates (runs, k) from as many records of one input with fresh noise.
+    """Return output-error estimates (runs, k), one from each record of the same input with fresh noise.
 
     The linearised aircraft flies, sensors add noise and an unknown offset; the estimator starts from the truth and
     knows that the flight began at trim.

@@ -1,4 +1,4 @@
-"""What a design is after: parameters with wanted accuracy, and modes with frequency and damping."""
+"""The targets of a design: parameters with a wanted accuracy, and modes with frequency and damping."""
 
 from __future__ import annotations
 
@@ -42,18 +42,18 @@ class Targets:
         return self.jacobian / self.wanted[:, None]
 
     def errors(self, known: Accuracy) -> FloatArray:
-        """Return the standard errors (t,) of the targets; inf where nothing is known of a parameter that counts."""
+        """Return the standard errors (t,) of the targets; inf if a parameter that counts is unknown."""
         out = np.sqrt(np.einsum("ti,ij,tj->t", self.jacobian, known.covariance, self.jacobian))
         return np.where(np.any(self.jacobian[:, np.isinf(known.std)] != 0.0, axis=1), np.inf, out)
 
 
 def needed_parameters(plane: str, controls: Sequence[str], slow: bool, elastic: Sequence[int]) -> tuple[str, ...]:
-    """Return the parameters that must be free for modes to be estimated, nothing that matters taken as known.
+    """Return the parameters that must be free to estimate modes, so that nothing that matters is taken as known.
 
     Args:
         plane: "longitudinal" or "lateral".
         controls: controls that move.
-        slow: whether the phugoid is a target, which the derivatives by speed shape.
+        slow: whether the phugoid is a target; it depends on the derivatives by speed.
         elastic: numbers of the elastic modes that are targets.
     """
     out = [*_RIGID[plane]]

@@ -1,1 +1,1 @@
-"""What pages are made of: tables, figures, words, style, HTML and terminal. No question is known here."""
+"""Parts of all pages: tables, figures, words, style, HTML and terminal. Nothing here knows a question."""

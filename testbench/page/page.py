@@ -1,4 +1,4 @@
-"""Page: what a question answers, for a folder and for a terminal. One way to write it, one way to show it."""
+"""Page: the answer to a question, written to a folder and shown on a terminal in one way for all."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ Content = str | bytes | Callable[[Path], Any]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Page:
-    """What one question answers.
+    """The answer to one question.
 
     Attributes:
         kicker: above the title: which question it is, and of what.
@@ -44,9 +44,9 @@ class Page:
         template: of the page; extends "page.html.j2", which shows all this and has blocks for what a question adds.
         context: what a template of a question needs beside the page itself.
         asked: (what, value) of the section "What was asked".
-        packages: whose versions decide the figures; see COMPUTED and FLOWN.
-        provenance: (what, value) of what else decides them, such as the seed.
-        source: name and text of the file that was asked with; None if there was none.
+        packages: those whose versions decide the figures; see COMPUTED and FLOWN.
+        provenance: (what, value) of all else that decides them, such as the seed.
+        source: name and text of the scenario file; None if there was none.
         terminal: tables that a terminal shows.
         notes: sentences that a terminal shows below the tables.
         closing: (what, text) of the last lines on a terminal; "{}" in a text is the folder.
@@ -119,7 +119,7 @@ class Page:
 
 
 def source_of(asked: Asked) -> tuple[str, str]:
-    """Return name and text of the file that a question was asked with; of one without a file all its values as JSON."""
+    """Return name and text of the file of a question; if it has no file, all its values as JSON."""
     if asked.file is not None and asked.file.is_file():
         return asked.file.name, asked.file.read_text(encoding="utf-8")
     return "as given", str(asked.model_dump_json(indent=1))

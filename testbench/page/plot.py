@@ -49,7 +49,7 @@ def marker_look(k: int) -> tuple[str, str]:
 
 
 def style() -> Any:
-    """Return the settings that all figures of the testbench are drawn with: light, quiet, and free of chance."""
+    """Return the settings of all figures of the testbench: light, quiet, and the same at every run."""
     return {
         "font.family": "sans-serif",
         "font.sans-serif": ["DejaVu Sans"],  # comes with matplotlib: the same glyphs everywhere
@@ -95,7 +95,7 @@ def style() -> Any:
 
 @dataclass(frozen=True)
 class Drawing:
-    """One drawn figure in the two forms that it is kept in; ``png`` is empty if it was not asked for."""
+    """One drawn figure in its two forms; ``png`` is empty if it was not asked for."""
 
     svg: str
     png: bytes

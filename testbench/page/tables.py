@@ -1,4 +1,4 @@
-"""Tables of a run: each one object that becomes HTML, CSV and JSON with the same figures."""
+"""Tables: each is one object that becomes HTML, CSV and JSON with the same numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The terminal: where commands print, how they show the stage that is running, answers and tables."""
+"""The terminal: how commands print the running stage, answers and tables."""
 
 from __future__ import annotations
 

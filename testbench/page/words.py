@@ -1,4 +1,4 @@
-"""Sentences as people read them: the lines of an answer, lists in words, and how many of a long list are left out."""
+"""Sentences: the lines of an answer, lists in words, and how many entries of a long list are left out."""
 
 from __future__ import annotations
 

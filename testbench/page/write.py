@@ -1,4 +1,4 @@
-"""Write what a run found into a folder: tables, models, figures, one page; and its records as they are made."""
+"""Write the results of a run into a folder: tables, models, figures, one page; and its records as they are made."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def write_plates(plates: Iterable[Plate], folder: Path) -> tuple[list[Path], lis
 
 
 def check_folder(folder: Path) -> None:
-    """Make a folder for results that a long search is to fill, and see that it can be written to.
+    """Make the folder of a long search before it starts, and check that it can be written to.
 
     Raises:
         RecordError: it cannot.

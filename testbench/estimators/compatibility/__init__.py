@@ -1,1 +1,1 @@
-"""Data compatibility: the search for the errors of instruments, what the data can tell, and how it is said."""
+"""Data compatibility: the search for errors of instruments, which of them the data can tell, and the words for them."""

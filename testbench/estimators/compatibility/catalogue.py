@@ -1,4 +1,4 @@
-"""The errors that instruments may have: names, how large they may plausibly be, and how they are said in words.
+"""The errors that instruments may have: their names, their plausible sizes, and the words for them.
 
 A name is a channel and a kind: ``alpha_scale``, ``q_bias``, ``V_delay``, ``alpha_lag``; or the wind's direction.
 """
@@ -70,7 +70,7 @@ def none_value(name: str) -> float:
 
 
 def candidates(structure: KinematicStructure) -> tuple[str, ...]:
-    """Return the errors that can be asked for, in the order in which they are believed where data cannot tell."""
+    """Return the errors that can be sought, in the order in which they are believed when data cannot tell."""
     have = [p.name for p in structure.parameters if p.free]
     ranked = [f"{n}_bias" for n in (*RATES, *ACCELEROMETERS)]
     ranked += [f"{n}_{kind}" for kind in ("scale", "bias") for n in ("alpha", "beta", "V")]

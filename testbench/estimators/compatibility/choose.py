@@ -1,4 +1,4 @@
-"""What the data tell: which errors are identifiable, which are significant, and which stand for one another."""
+"""What the data tell: which errors are identifiable, which are significant, and which explain the data equally well."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Linear:
         return [self.names.index(n) for n in kept] + list(range(len(self.names), self.R.shape[1]))
 
     def solve(self, kept: Sequence[str]) -> tuple[FloatArray, float]:
-        """Return the estimates of ``kept`` with all other errors at none, and what is left of the cost."""
+        """Return the estimates of ``kept`` without all other errors, and the cost that is left."""
         none = np.array([none_value(n) for n in self.names])
         shift = np.zeros(self.R.shape[1])
         shift[: none.size] = none - self.here  # everything at none first; what is kept moves from there
@@ -91,9 +91,9 @@ def linearise(problem: Problem, fit: Fit, names: Sequence[str]) -> Linear:
 
 
 def identifiable(linear: Linear) -> tuple[tuple[str, ...], dict[str, str]]:
-    """Return the errors that the data tell, in order of belief, and for each other one why they do not tell it.
+    """Return the errors that the data tell, in order of belief, and for every other error why the data do not tell it.
 
-    An error is taken in if with it every standard error stays below a third of the plausible size.
+    An error is included if every standard error then stays below a third of the plausible size.
     """
     kept: tuple[str, ...] = ()
     lost: dict[str, str] = {}
@@ -133,12 +133,12 @@ def _why(linear: Linear, kept: Sequence[str], name: str) -> str:
 
 
 def significant(linear: Linear, kept: Sequence[str], threshold: float) -> tuple[str, ...]:
-    """Return what is left of ``kept`` after the least significant error has gone, again and again, below ``threshold``.
+    """Return ``kept`` without the errors below ``threshold``, the least significant dropped one at a time.
 
     Args:
         linear: the problem.
         kept: errors to begin with.
-        threshold: least estimate over standard error of what stays.
+        threshold: least estimate over standard error of the errors that stay.
     """
     left = list(kept)
     while left:

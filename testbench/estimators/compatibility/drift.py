@@ -24,8 +24,8 @@ def too_long(structure: KinematicStructure, stretches: Sequence[Stretch], dt_s: 
     """Return in words where records are long for output error, which takes rates and accelerations as exact.
 
     White noise of standard deviation s in the samples of a rate makes the angle drift by s sqrt(dt T) after T, and
-    through gravity a velocity by g s sqrt(dt T^3 / 3). A record is called long where that exceeds three times the noise
-    of the angle, or of the airspeed.
+    through gravity a velocity by g s sqrt(dt T^3 / 3). A record is called long if that exceeds three times the noise of
+    the angle, or of the airspeed.
     """
     T = max(len(s.u) for s in stretches) * dt_s
     drifts = []

@@ -1,8 +1,8 @@
 """Output error on the kinematics, with residuals whitened, and the timing of instruments.
 
-Noise of gyros and accelerometers is integrated by the kinematics and comes out as residuals that wander. They are
-whitened, output by output, by an autoregressive filter that is estimated from them in turns with the errors
-(generalised least squares; D. Cochrane and G. H. Orcutt, Journal of the American Statistical Association 44, 1949).
+Noise of gyros and accelerometers is integrated by the kinematics and comes out as residuals that wander. An
+autoregressive filter whitens them, output by output. It is estimated from them, in turn with the errors (generalised
+least squares; D. Cochrane and G. H. Orcutt, Journal of the American Statistical Association 44, 1949).
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ _ITERATIONS = 15
 
 
 class Stretch(NamedTuple):
-    """One record: inputs (N, m), outputs (N, p), which of them count, and states (N, n) as they were measured."""
+    """One record: inputs (N, m), outputs (N, p), which of them count, and measured states (N, n)."""
 
     u: FloatArray
     y: FloatArray
@@ -59,7 +59,7 @@ class Whitener:
 
 
 class Fit(NamedTuple):
-    """Where a search ended: errors by name, initial states, residuals (N, p) as measured, filters, and how it went."""
+    """The end of a search: errors by name, initial states, residuals (N, p) as measured, filters, and how it went."""
 
     values: dict[str, float]
     x0: list[FloatArray]
@@ -229,7 +229,7 @@ class Problem:
         return out
 
     def start(self, names: Sequence[str]) -> tuple[dict[str, float], list[FloatArray], list[Whitener]]:
-        """Return where to search from: biases of rates and accelerations, initial states, noise taken as white.
+        """Return the start of a search: biases of rates and accelerations, initial states, and white noise.
 
         Equation error in integral form: with the measured states x in the equations, x(t) = x(0) + integral of
         f(x, u, 0) + sum of b integral df/db is linear in the biases b and x(0). Without it the drift that a bias makes
@@ -288,10 +288,10 @@ class Problem:
         x0: Sequence[FloatArray],
         whiteners: Sequence[Whitener],
     ) -> Fit:
-        """Return the errors ``names`` and the initial states that make the whitened residuals least.
+        """Return the errors ``names`` and the initial states that minimise the whitened residuals.
 
-        Errors are believed beforehand to be none, with their plausible size as standard deviation: that keeps the
-        search in place along directions that the data do not decide, and is negligible along the others.
+        The prior of every error is zero, with its plausible size as standard deviation. It holds the search in place
+        along directions that the data do not decide, and is negligible along the others.
 
         Args:
             names: the errors that are sought; the others keep their ``values``.

@@ -1,4 +1,4 @@
-"""What the noise of rates and accelerations, which output error takes as exact, does to the errors of estimates."""
+"""How the noise of rates and accelerations, which output error takes as exact, enters the errors of estimates."""
 
 from __future__ import annotations
 

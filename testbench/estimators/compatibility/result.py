@@ -23,7 +23,7 @@ class InstrumentError:
         standard_error: corrected for residuals that are not white.
         significance: deviation from none over standard error.
         words: what it means.
-        alternatives: other errors that explain the data as well in its place, in words.
+        alternatives: other errors that would explain the data as well, in words.
     """
 
     name: str
@@ -39,15 +39,15 @@ class DataCompatibility:
     """What the kinematics say about the instruments of one or several records.
 
     Attributes:
-        structure: the kinematics that the records were held against.
+        structure: the kinematics with which the records were compared.
         errors: those that are significant; ``covariance`` (k, k) in their order.
-        tested: every error that the data can tell, estimated together with all others of them.
+        tested: every error that the data can tell, all estimated together.
         not_identifiable: error -> why these data do not tell it.
         reconstructed: the records as the kinematics rebuild them from the corrected rates and accelerations; channels
             that the kinematics do not know are as they were.
         residual_before, residual_after: output -> rms of measured minus rebuilt, SI, all records; before with no error
             allowed for, after with ``errors``.
-        settings, diagnostics: how it was asked and how the search went.
+        settings, diagnostics: the settings, and how the search went.
         status: "good" if no error is significant and nothing is doubtful, else "warning" with ``advice``.
     """
 

@@ -44,11 +44,11 @@ def estimate_multisine_response(
 ) -> FrequencyResponse:
     """Return H at the excited lines of a periodic excitation, from whole periods: H = Y U^+ of the averaged spectra.
 
-    With V = Y - H U the output error, its scatter from period to period is noise; what does not scatter but appears at
-    lines that are not excited (even ones from even, odd ones from odd nonlinearity), or differs among records with
-    different phases, is nonlinear distortion. Both are given as variances of H (E|dH|^2); their sum makes the random
-    error. Several inputs need at least as many records as inputs, with phases that tell them apart at every line; for
-    inputs on lines of their own see :func:`estimate_interleaved_responses`.
+    The output error is V = Y - H U. Its scatter from period to period is noise. The part that does not scatter is
+    nonlinear distortion if it appears at lines that are not excited (even lines from even, odd lines from odd
+    nonlinearity) or differs among records with different phases. Both are given as variances of H (E|dH|^2); their sum
+    makes the random error. Several inputs need at least as many records as inputs, with phases that tell them apart at
+    every line; for inputs on lines of their own see :func:`estimate_interleaved_responses`.
 
     Args:
         records: measured records of the same excitation, or of realisations with other phases.

@@ -1,4 +1,4 @@
-"""Operational modal analysis: modes of outputs whose input nobody knows, such as a wing in turbulence."""
+"""Operational modal analysis: modes from outputs alone, when nobody knows the input, as of a wing in turbulence."""
 
 from __future__ import annotations
 

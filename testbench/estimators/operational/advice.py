@@ -1,4 +1,4 @@
-"""What is doubtful about modes that were found without any input being known, in words."""
+"""Doubts about modes that were found from outputs alone, in words."""
 
 from __future__ import annotations
 

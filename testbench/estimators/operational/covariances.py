@@ -1,4 +1,4 @@
-"""Covariances of outputs with reference outputs over lags, and how far chance has moved each of them."""
+"""Covariances of outputs with reference outputs over lags, and the scatter of each by chance."""
 
 from __future__ import annotations
 

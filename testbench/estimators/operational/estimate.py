@@ -1,4 +1,4 @@
-"""Operational modal analysis: modes with errors out of the outputs alone, of one or several records."""
+"""Operational modal analysis: modes with errors from the outputs alone, of one or several records."""
 
 from __future__ import annotations
 
@@ -37,11 +37,12 @@ def estimate(
     order: int | None = None,
     criteria: Criteria | None = None,
 ) -> OperationalModes:
-    """Return the modes that the records' outputs show without any input being known.
+    """Return the modes that the outputs of the records show, without knowing any input.
 
     Covariance-driven stochastic subspace identification at orders 2, 4, ... ``order``, modes by their stability over
     the orders, errors by first-order perturbation of the covariances (see covariances.py, realise.py, stabilise.py).
-    It takes the excitation for white noise: poles of what shapes it, and of the rigid motion, come out as modes too.
+    It takes the excitation as white noise: poles of the filter that shapes it, and of the rigid motion, come out as
+        modes too.
 
     Args:
         records: measured, of one sample time, of any length; samples marked as not taken do not count.

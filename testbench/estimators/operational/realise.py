@@ -1,4 +1,4 @@
-"""From covariances to the poles of every order, and to what each block of the data moves them by, to first order."""
+"""From covariances to the poles of every order, and to the first-order change of them by each block of the data."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _REAL = 1e-9  # imaginary parts below this share of |s| are rounding
 
 @dataclass(frozen=True, eq=False)
 class OrderPoles:
-    """What a model of one order has in the upper half plane.
+    """The poles of a model of one order in the upper half plane.
 
     Attributes:
         order: number of states n.

@@ -1,4 +1,4 @@
-"""What operational modal analysis returns: modes with errors, the poles of every order, and what is doubtful."""
+"""The result of operational modal analysis: modes with errors, the poles of every order, and doubts."""
 
 from __future__ import annotations
 

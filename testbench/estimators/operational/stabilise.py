@@ -1,4 +1,4 @@
-"""Poles that come back order after order: the criteria, the modes that they belong to, and one estimate of each.
+"""Poles that return order after order: the criteria, the modes to which they belong, and one estimate of each.
 
 A pole of order n is stable if a pole of the order before has frequency, damping ratio and mode shape within the
 criteria of it. Stable poles that follow each other, and chains of them with gaps between that agree within the same
@@ -21,14 +21,14 @@ from testbench.estimators.operational.realise import OrderPoles
 
 @dataclass(frozen=True)
 class Criteria:
-    """When two poles are one, which poles may be modes, and how often a mode must be seen.
+    """The criteria: when two poles are one, which poles may be modes, and how often a mode must be seen.
 
     Attributes:
         frequency: largest relative difference of natural frequencies, |f1 - f2| / max(f1, f2).
         damping: largest difference of damping ratios: ``damping`` of the larger one, or ``damping_floor``.
         damping_floor: absolute difference that is always allowed.
         mac: least modal assurance criterion.
-        largest_damping: poles of a larger damping ratio are no modes; unstable ones never are.
+        largest_damping: poles of a larger damping ratio are not modes; unstable ones never are.
         least_orders: at which a mode must be stable.
         frequency_error: modes whose natural frequency has a larger relative standard deviation are dropped.
         damping_error: the same of the damping ratio. Poles of noise alone have errors of about their half-power band.

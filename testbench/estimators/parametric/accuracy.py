@@ -1,4 +1,4 @@
-"""How accurate estimates are: information, correction for coloured residuals, and what the data do not decide."""
+"""The accuracy of estimates: information, correction for coloured residuals, and undecided unknowns."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def accuracy(
         residuals: per record (N, p); zero where not valid.
         jacobians: per record (N, p, k), derivatives of the residuals; zero where not valid.
         R: (p, p) covariance of the residuals.
-        prior_weight: (k,) one over the standard deviation believed beforehand, 0 without.
+        prior_weight: (k,) one over the standard deviation of the prior, 0 without one.
         moving: (k,) False for unknowns on a bound, which get zero variance.
         names: (k,) names of the unknowns.
 

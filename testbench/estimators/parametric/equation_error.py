@@ -2,15 +2,15 @@
 
     smoothed dx/dt = f(smoothed x, smoothed u, params) + error
 
-One linear least squares where f is linear in its parameters, as all structures with dimensional derivatives are;
-Gauss-Newton steps otherwise. No start values are needed and nothing can diverge, so that it gives output error a place
-to start from; but noise of the measured states biases it, towards zero as a rule, and its standard errors do not cover
-this: results/estimators says how far they fall short, and so does the advice. Derivatives by Fourier smoothing (see
+If f is linear in its parameters, as in all structures with dimensional derivatives, this is one linear least squares;
+otherwise it takes Gauss-Newton steps. It needs no start values and cannot diverge, so it gives output error its start.
+But noise of the measured states biases it, mostly towards zero, and its standard errors do not cover this:
+results/estimators and the advice say how far they fall short. Derivatives by Fourier smoothing (see
 ``regression.smoothing``). The equation of a state passes, derivative, states and inputs, the low pass that suits this
 state: a linear equation holds for filtered signals if one filter has passed them all; states that show nothing but
 noise from a lower frequency on are cut off there. Inputs that are held take the mean of the values before and after a
-sample: a smooth derivative sees both, and the later one alone is half a sample early.
-V. Klein and E. A. Morelli, Aircraft System Identification, AIAA, 2006, chapter 5.
+sample: a smooth derivative sees both, and the later one alone is half a sample early. V. Klein and E. A. Morelli,
+Aircraft System Identification, AIAA, 2006, chapter 5.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def estimate(
 ) -> ParametricModel:
     """Estimate the free parameters of a structure whose states are all channels of the records.
 
-    Bounds are not enforced: an estimate beyond one is moved onto it and said in the advice. Priors count as data.
+    Bounds are not enforced: an estimate beyond one is moved onto it, and the advice says so. Priors count as data.
 
     Args:
         records: measured records with one sample time.

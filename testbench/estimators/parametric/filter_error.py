@@ -1,22 +1,22 @@
-"""Filter error: maximum likelihood estimates where turbulence shakes the aircraft and noise the measurements.
+"""Filter error: maximum likelihood estimates if turbulence shakes the aircraft and noise disturbs the measurements.
 
     dx/dt = f(x, u, params) + F w,    y[i] = h(x[i], u[i], params) + G e[i],    w, e white with unit intensity
 
-A Kalman filter with its settled gain predicts each sample from those before. Minimised is, over the parameters, F, the
-initial states and the offsets of every record,
+A Kalman filter with its settled gain predicts each sample from those before. The parameters, F, the initial states and
+the offsets of every record minimise
 
     J = 1/2 sum_i v[i]' R^-1 v[i] + N/2 ln |R|,    v = innovations, R diagonal,
 
-by Gauss-Newton steps for a given R in turns with R = sum v v' / N (R. E. Maine and K. W. Iliff, NASA TP 1690, 1981;
-R. V. Jategaonkar, Flight Vehicle System Identification, 2nd ed., 2015, chapter 5). F is diagonal and searched as
+by Gauss-Newton steps for a given R in turn with R = sum v v' / N (R. E. Maine and K. W. Iliff, NASA TP 1690, 1981; R.
+V. Jategaonkar, Flight Vehicle System Identification, 2nd ed., 2015, chapter 5). F is diagonal and searched as
 logarithms; after each change of R it is rescaled as there, so that the gain stays about what it was.
 
 Published gains are P C' R^-1 with F F' bounded so that G G' = R - C P C' stays positive. Here the gain is that of the
 filter whose measurement noise has the variances R, P C' (C P C' + R)^-1: the same family on another scale of F, in
 which the eigenvalues of K C are below 1 for every F, and no constraint is needed. Since a common factor of F F' and
 G G' leaves the gain alone, F and G are reported with the factor that makes C P C' + G G' agree with R on average.
-Estimating all of G as well is the full likelihood, but smoothed or differentiated channels (a pitch acceleration made
-from the pitch rate) then draw it to the senseless maximum of a channel without noise.
+The full likelihood would estimate all of G as well, but smoothed or differentiated channels (a pitch acceleration made
+from the pitch rate) then draw it to the meaningless maximum of a channel without noise.
 
 Derivatives are exact, also those of the gain (see ``kalman.gain``).
 """
@@ -88,7 +88,7 @@ def estimate(
 
     Args:
         records: measured records with one sample time; of different lengths if need be.
-        structure: the equations; its parameters say what is free, bounded or believed beforehand.
+        structure: the equations; its parameters say what is free, bounded or has a prior.
         process_noise: states whose process noise is estimated; None: all that ``fixed_process_noise`` does not name.
         fixed_process_noise: state -> known process noise, unit of the state per square root of a second.
         initial_states: "free" estimates one per record; "record" takes the first sample of the channels of that name,
@@ -106,7 +106,7 @@ def estimate(
         ``process_noise`` by state: value and its standard error, unit of the state per square root of a second;
         ``process_noise_absent``: states whose process noise cannot be told from none;
         ``measurement_noise`` by output, standard deviation; ``gain`` (n, p) per record;
-        ``kc_eigenvalue``: the largest of K C, at most 1; 1 says that some channel is believed without reserve;
+        ``kc_eigenvalue``: the largest of K C, at most 1; 1 says that some channel is taken as free of noise;
         ``free_run_error`` and ``free_run_error_start``: (p,) output error of the simulation without filter, relative to
         each output's motion, with the estimates and with the start values.
 

@@ -1,4 +1,4 @@
-"""Bounded least squares by Gauss-Newton steps with damping that follows how far the linear model can be believed.
+"""Bounded least squares by Gauss-Newton steps, damped as far as the linear model cannot be believed.
 
 Innovations of a filter feel the parameters through its gain as well as directly, and with coloured residuals second
 derivatives count: undamped Gauss-Newton steps then overshoot to the other side of the valley again and again.
@@ -22,7 +22,7 @@ Problem = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 
 
 class Minimum(NamedTuple):
-    """Where the search ended: point (k,), cost r'r, Jacobian triangle R (k, k) with R'R = J'J, and how it went."""
+    """The end of the search: point (k,), cost r'r, Jacobian triangle R (k, k) with R'R = J'J, and how it went."""
 
     point: FloatArray
     cost: float
@@ -43,10 +43,10 @@ def minimise(
 
     Args:
         problem: point -> residuals and their Jacobian.
-        start: where to start from.
+        start: where the search starts.
         low: bounds below; a parameter on its bound stays while the gradient points outwards.
         high: bounds above.
-        tolerance: it ends when a full step would lower the cost by less than this share of it.
+        tolerance: the search ends when a full step would lower the cost by less than this share of it.
         max_iterations: most steps that are taken.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Maximum likelihood where measured inputs are noisy too, and the noise of all instruments is known.
+"""Maximum likelihood with noisy measured inputs, when the noise of all instruments is known.
 
 An input is measured as u + n, and it is u that moves the aircraft: driven by the measured input, the residuals of the
 true parameters are
@@ -124,7 +124,7 @@ def estimate(
 ) -> ParametricModel:
     """Estimate the free parameters of a linear structure, the flight beginning in trim.
 
-    Every output and every noisy input has an unknown offset: what is left of its trim value after its noise.
+    Every output and every noisy input has an unknown offset: the error of its trim value by noise.
 
     Args:
         record: measured record.

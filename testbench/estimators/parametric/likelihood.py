@@ -22,7 +22,7 @@ _EXACT = 1e-12  # residuals below this share of an output's size are rounding
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """One record as the search sees it: inputs (N, m), outputs (N, p), which of them count, offsets (N, p, b)."""
+    """One record, as the search uses it: inputs (N, m), outputs (N, p), which of them count, offsets (N, p, b)."""
 
     u: FloatArray
     y: FloatArray

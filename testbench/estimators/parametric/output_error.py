@@ -1,14 +1,13 @@
-"""Output error: maximum likelihood estimates where measurement noise is all that disturbs the aircraft.
+"""Output error: maximum likelihood estimates if only measurement noise disturbs the data.
 
-Minimised is, over the parameters, the initial states and the offsets of every record,
+The parameters, the initial states and the offsets of every record minimise
 
     J = 1/2 sum_i v[i]' R^-1 v[i] + N/2 ln |R|,    v = measured - simulated outputs,
 
-by Gauss-Newton steps for a given R in turns with R = sum v v' / N (R. E. Maine and K. W. Iliff, NASA RP 1138, 1985;
-R. V. Jategaonkar, Flight Vehicle System Identification, 2nd ed., 2015, chapter 4). Sensitivities are exact (see
-``response``). Standard errors come from the information matrix and are corrected for residuals that are not white
-(see ``residuals``): sums over coloured residuals average out more slowly than the plain Cramer-Rao bound takes for
-granted.
+by Gauss-Newton steps for a given R in turn with R = sum v v' / N (R. E. Maine and K. W. Iliff, NASA RP 1138, 1985; R.
+V. Jategaonkar, Flight Vehicle System Identification, 2nd ed., 2015, chapter 4). Sensitivities are exact (see
+``response``). Standard errors come from the information matrix and are corrected for residuals that are not white (see
+``residuals``): sums over coloured residuals average out more slowly than the plain Cramer-Rao bound assumes.
 """
 
 from __future__ import annotations
@@ -59,7 +58,7 @@ def estimate(
 
     Args:
         records: measured records with one sample time; of different lengths if need be.
-        structure: the equations; its parameters say what is free, bounded or believed beforehand.
+        structure: the equations; its parameters say what is free, bounded or has a prior.
         initial_states: "free" estimates one per record; "record" takes the first sample of the channels of that name,
             "zero" takes trim.
         output_biases: outputs with a constant of their own in every record.

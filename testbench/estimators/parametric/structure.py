@@ -1,4 +1,4 @@
-"""ModelStructure: which equations, which parameters; what output error, filter error and the Kalman filters work on.
+"""ModelStructure: the equations and parameters that output error, filter error and the Kalman filters fit.
 
     dx/dt = f(x, u, params),    y = h(x, u, params)
 
@@ -37,7 +37,7 @@ class Parameter:
         value: where estimation starts, or the value itself if it is not free; SI units.
         free: estimated, or held at ``value``.
         low, high: bounds that the estimate must keep.
-        prior_std: standard deviation of what is believed beforehand about ``value``; None: nothing is believed.
+        prior_std: standard deviation of the prior about ``value``; None: no prior.
 
     Raises:
         EstimationError: ``low <= value <= high`` or ``prior_std > 0`` does not hold.
@@ -137,7 +137,7 @@ class ModelStructure(ABC):
 
     @property
     def must_move(self) -> tuple[str, ...]:
-        """Inputs without whose motion parameters cannot be told; others may stay constant."""
+        """Inputs that must move for the parameters to be found; others may stay constant."""
         return self.inputs
 
     def with_parameters(

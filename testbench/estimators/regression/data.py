@@ -1,4 +1,4 @@
-"""What a regression works on: signals of one record with their validity, and terms as products of their powers."""
+"""The data of a regression: signals of one record with their validity, and terms as products of their powers."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class RegressionData:
         names: (k,) names of the signals: channels of the record, and what was made from them.
         values: (n, k) samples, gaps interpolated.
         valid: (n, k) True where all channels that entered were sampled.
-        absent: signals that could not be made -> what they need.
+        absent: signals that could not be made -> the channels that they need.
         recipe: how the signals were made.
     """
 

@@ -135,7 +135,7 @@ def advise(
 
 
 def noisy_terms(records: Sequence[RegressionData], names: Sequence[str]) -> tuple[str, ...]:
-    """Return, for a regression over a band, what its errors are worth where a term holds noise to speak of."""
+    """Return, for a regression over a band, how far its errors can be believed if a term holds much noise."""
     for name in names:
         if len(factors(name)) != 1 or factors(name)[0][1] != 1:
             continue

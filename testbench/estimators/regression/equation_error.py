@@ -48,7 +48,7 @@ def equation_error(
     of 12 s with 0.3 Hz motion, and for the constant, which takes all of their mean, by half. ``finite_record`` makes
     up for that: exactly for white residuals, and for others as far as they are level over the frequencies of the terms.
 
-    A sample serves where target and terms were all really sampled.
+    A sample is used if target and terms were all really sampled.
 
     Args:
         data: signals of one or several records (see ``regression_data``).
@@ -59,7 +59,7 @@ def equation_error(
             1961): theta = (X'X + s^2 c W)^-1 (X'y + s^2 c W theta_0), W the inverse of the prior's variances, s^2
             and the mean ratio c >= 1 of corrected to plain variance from the data alone. A prior may decide what the
             data cannot.
-        finite_record: make up for what the fit takes out of the residuals; False for the formula as printed.
+        finite_record: make up for the part that the fit takes out of the residuals; False for the formula as printed.
 
     Raises:
         EstimationError: no record, terms that repeat or cannot be read, too few samples, terms that do not move or that

@@ -51,7 +51,7 @@ def frequency_equation_error(
     1 / duration hold no new information: ``covariance`` and ``std_corrected`` count lines as far as they are
     independent, ``std_plain`` counts all.
 
-    Samples that were not taken serve interpolated; the advice says how many.
+    Samples that were not taken are interpolated; the advice says how many.
 
     Args:
         data: signals of one or several records (see ``regression_data``).

@@ -158,7 +158,7 @@ def recursive_frequency(
     an update falls on the last sample, the last estimate is that of ``frequency_equation_error`` with the same lines.
 
     Args:
-        data: signals of one record; samples that were not taken serve interpolated.
+        data: signals of one record; samples that were not taken are interpolated.
         target: signal to explain.
         terms: signals and products of their powers; no constant.
         band_hz: lowest and highest frequency, 0 < low < high <= Nyquist frequency.

@@ -1,4 +1,4 @@
-"""What a regression returns: parameters with errors that count the colour of the residuals, and what is doubtful."""
+"""The result of a regression: parameters with errors that count the colour of the residuals, and doubts."""
 
 from __future__ import annotations
 

@@ -35,13 +35,13 @@ class StructureSearch:
     """Terms that were chosen among candidates.
 
     Attributes:
-        result: regression on the chosen terms and a constant. Its errors are those of the terms as if they had been
-            given: that they were chosen on the same data is not in them.
-        candidates: terms that stood for choice.
+        result: regression on the chosen terms and a constant. Its errors hold as if the terms had been given; they do
+            not count that the terms were chosen on the same data.
+        candidates: terms that could be chosen.
         entered: terms in the order in which they entered; those that left again are preceded by "-".
         r2: (steps + 1,) coefficient of determination after each step, from none on.
         pse: (steps + 1,) predicted squared error after each step, units of the target squared.
-        collinear: candidates that were linear combinations of chosen ones, and so never stood for choice in the end.
+        collinear: candidates that were linear combinations of chosen ones, and so could not be chosen.
     """
 
     result: RegressionResult

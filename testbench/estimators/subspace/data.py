@@ -1,4 +1,4 @@
-"""What every subspace method does to its records first: scale, measure the excitation, decimate."""
+"""The first steps of every subspace method: scale the records, measure the excitation, decimate."""
 
 from __future__ import annotations
 
@@ -128,8 +128,8 @@ def decimate(stretches: Sequence[Stretch], stride: int) -> list[Stretch]:
     """Return the stretches at a rate lower by ``stride``, inputs and outputs through one and the same low pass.
 
     A symmetric filter of 10 ``stride`` + 1 taps (Hamming window, half power near 0.8 of the new Nyquist frequency).
-    What a linear system makes of its filtered input is its filtered output, so that the filter leaves the poles
-    alone. Samples within its reach of an invalid one or of an end are marked invalid.
+    The response of a linear system to its filtered input is its filtered output, so the filter does not move the poles.
+    Samples within its reach of an invalid one or of an end are marked invalid.
     """
     if stride == 1:
         return list(stretches)

@@ -1,4 +1,4 @@
-"""The R factor of past and future, which all that follows is made of, and the VARX predictor that it holds."""
+"""The R factor of past and future, from which all that follows is computed, and its VARX predictor."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def shortened(f: Factor, J: int, direct: bool) -> Factor:
 
 
 def weak_level(deviation: FloatArray, columns: int) -> float:
-    """Return the singular value of the past, in units of the noise, below which a direction only lets the noise in.
+    """Return the singular value of the past, in units of the noise, below which a direction adds only noise.
 
     The past outputs of noisy data stand at the noise, sqrt(columns), or above it; what is weaker are inputs. An input
     of unit root mean square moves the outputs by some 1 / deviation, an input of this level by less than the noise.
@@ -174,7 +174,7 @@ def _predictor(
 def feedback_share(R: FloatArray, J: int, H: int, m: int, p: int, columns: int) -> float:
     """Return the share of the innovations' variance that later inputs explain beyond chance, 0 to 1.
 
-    Inputs of an open loop know nothing of the innovations: adding future inputs to the predictor then explains no
+    In open loop the inputs are independent of the innovations: adding future inputs to the predictor then explains no
     more than their number over the number of samples (C. A. Sims, "Money, income, and causality", 1972).
     """
     d = m + p

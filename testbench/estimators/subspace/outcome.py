@@ -27,7 +27,7 @@ class Settings(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """Matrices in units of the stretches, at the records' rate, and what was seen on the way."""
+    """Matrices in units of the stretches, at the records' rate, and intermediate results."""
 
     A: FloatArray
     B: FloatArray

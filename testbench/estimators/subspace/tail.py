@@ -1,4 +1,4 @@
-"""What follows once A and C are known: the innovations gain, a stable A, and how far poles lie apart."""
+"""The steps after A and C: the innovations gain, a stable A, and how far poles lie apart."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def pole_distance(A: FloatArray, other: FloatArray) -> float:
 
 
 def other_horizon(L: int) -> int:
-    """Return the future horizon that L is checked against: its double, or of a long one its half, which costs less."""
+    """Return the future horizon with which L is compared: its double or, if L is long, its half, which costs less."""
     return 2 * L if L < _LONG else L // 2
 
 

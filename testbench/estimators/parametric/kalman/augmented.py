@@ -1,4 +1,4 @@
-"""What EKF and UKF share: the state with the parameters beside it, and one run over a record.
+"""The common part of EKF and UKF: the state with the parameters beside it, and one run over a record.
 
     z = (x, free parameters),   dz = (f(x, u, params), 0) dt + F dw,   y[i] = h(x[i], u[i], params) + G e[i]
 

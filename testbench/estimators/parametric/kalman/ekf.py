@@ -72,12 +72,12 @@ def estimate(
     Args:
         records: measured records with one sample time. The filter runs through one after the other: parameters carry
             over, states start anew.
-        structure: the equations. Bounds of its parameters are not enforced: an estimate beyond them is said.
+        structure: the equations. Bounds of its parameters are not enforced; the advice names an estimate beyond them.
         measurement_noise: output -> standard deviation; those not named from third differences of the record.
         process_noise: state -> process noise, unit of the state per square root of a second; 0 where not named.
         parameter_drift: free parameter -> random walk, unit per square root of a second; constant where not named.
-        initial_std: state or free parameter -> standard deviation of what is believed at the start. Not named: the
-            prior of the parameter; else wide enough to move the outputs by as much as they move.
+        initial_std: state or free parameter -> standard deviation of its prior at the start. By default that of the
+            parameter; without one, wide enough to move the outputs by as much as they move.
         delays_s: known delay per input, s.
         held: inputs that are held between samples; None takes those called ``*_cmd``. The others run linearly.
         substeps: Runge-Kutta steps per sample.

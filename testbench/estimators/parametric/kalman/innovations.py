@@ -1,4 +1,4 @@
-"""Innovations of a filter with constant gain along a record, all complex steps side by side."""
+"""Innovations of a filter with constant gain along a record, for all complex steps at once."""
 
 from __future__ import annotations
 

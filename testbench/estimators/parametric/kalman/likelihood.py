@@ -73,7 +73,7 @@ class FilterLikelihood:
 
     @property
     def prior_weight(self) -> FloatArray:
-        """(a,) one over the standard deviation of what is believed beforehand; 0 without belief."""
+        """(a,) one over the standard deviation of the prior; 0 without one."""
         out = np.zeros(self.unknowns)
         out[: self.base.prior_weight.size] = self.base.prior_weight
         out[self.base.unknowns :] = 1.0 / _BELIEF

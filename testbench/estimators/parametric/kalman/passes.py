@@ -1,4 +1,4 @@
-"""How EKF and UKF run over records: beliefs to start from, several passes, and the result."""
+"""How EKF and UKF run over records: priors at the start, several passes, and the result."""
 
 from __future__ import annotations
 

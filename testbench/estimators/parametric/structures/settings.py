@@ -17,7 +17,7 @@ S = TypeVar("S", bound=ModelStructure)
 
 @dataclass(frozen=True)
 class Trim:
-    """The steady straight flight that a linear structure describes deviations from.
+    """The steady straight flight from which a linear structure describes deviations.
 
     Args:
         V: true airspeed, m/s.
