@@ -23,7 +23,7 @@ class Question:
         command: of the command line.
         example: what follows the command in the help.
         words: what the example does.
-        function: what answers the question, "module:name" in its room.
+        function: the function that answers the question, "module:name" in its room.
         kind: what a file of it is called; empty if it takes no file of its own.
         folder: where its packaged files lie below ``scenarios/``.
         schema: class of its files, "module:name" in its room.

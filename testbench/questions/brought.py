@@ -1,4 +1,4 @@
-"""What users bring themselves, held against the laws of its family: aircraft, suites, estimators, effects."""
+"""What users bring (aircraft, suites, estimators, effects), tried on the laws of its family."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from testbench.core.schema import read_toml
 
 
 def laws_of(what: Path) -> tuple[str, list[Law]] | None:
-    """Return what kind of thing a path is, and every law of its family with what it makes of it.
+    """Return what kind of thing a path is, and for every law of its family whether it is kept.
 
     Returns:
         None if it is no aircraft folder, no sensor suite and no name in a Python file.

@@ -1,4 +1,4 @@
-"""Files of all questions: which file a name means, which kind a file is, and whether it is right."""
+"""Files of all questions: which file a name means, of which kind a file is, and whether it is right."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NEAR = 0.8  # likeness of a misspelt key, as difflib counts it
 
 
 def find(path: Path, command: str) -> Path:
-    """Return the file that ``path`` means to ``command``: a file, or a packaged one with or without its folder.
+    """Return the file that ``path`` means for ``command``: a file, or a packaged one with or without its folder.
 
     Raises:
         RecordError: there is no such file; the message has the nearest packaged name.
@@ -43,11 +43,11 @@ def _none(path: Path, packaged: list[str]) -> str:
 
 
 def kinds_of(file: Path) -> list[Question]:
-    """Return the questions that a file may be of, the first of the table first; mostly it is one.
+    """Return the questions to which a file may belong, in the order of the table; mostly there is one.
 
-    A file is of the question that knows most of its keys; a misspelt key counts half where it is near one of the
-    question's. Of two that know as many, it is the one of which fewer required keys are missing. A scenario to run may
-    be a comparison, too: both take the same keys where none is given that only a comparison has.
+    A file belongs to the question that knows most of its keys; a misspelt key that is near one of the question's counts
+    half. If two questions know equally many, the file belongs to the one with fewer required keys missing. A scenario
+    to run may also be a comparison: both take the same keys, unless the file gives one that only a comparison has.
 
     Raises:
         RecordError, ScenarioError: the file cannot be read, is not TOML or is empty.

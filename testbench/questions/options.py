@@ -1,4 +1,4 @@
-"""What the commands of several questions share: arguments, options, and the refusal of what nothing would heed."""
+"""What the commands of several questions share: arguments, options, and the refusal of those that would do nothing."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Wings(str, Enum):
 
 
 def refuse(context: typer.Context, why: str, *parameters: str) -> None:
-    """Refuse parameters of a command that were given and that nothing would heed.
+    """Refuse parameters of a command that were given and would do nothing.
 
     Args:
         context: of the command.

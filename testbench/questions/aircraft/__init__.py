@@ -1,1 +1,1 @@
-"""How does an aircraft trim over its speeds, which modes has it, where does it flutter?"""
+"""How does an aircraft trim over its speeds, which modes does it have, and where does it flutter?"""

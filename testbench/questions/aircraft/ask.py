@@ -1,4 +1,4 @@
-"""Survey an aircraft: the speeds that it can fly at, its trims and modes over them, and its derivatives."""
+"""Survey an aircraft: the speeds at which it can fly, its trims and modes over them, and its derivatives."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class SpeedRange:
     beyond: tuple[Untrimmed, ...] = ()
 
     def tabled(self) -> list[float]:
-        """Return ten to some twenty speeds for a table: both ends, and round values between them."""
+        """Return ten to about twenty speeds for a table: both ends, and round values between them."""
         width = self.fastest - self.slowest
         step = next((s for s in _round_steps(width) if width / s >= _TABLED - 1), None)
         if step is None:
@@ -40,7 +40,7 @@ class SpeedRange:
         return [self.slowest, *(round(k * step, 9) for k in range(first, last + 1)), self.fastest]
 
     def followed(self) -> list[float]:
-        """Return the speeds that modes are followed over: evenly spaced, both ends included."""
+        """Return the speeds over which modes are followed: evenly spaced, both ends included."""
         return [float(V) for V in np.linspace(self.slowest, self.fastest, _INTERVALS + 1)]
 
 
@@ -54,7 +54,7 @@ def _round_steps(width: float) -> list[float]:
 def speed_range(aircraft: Aircraft, h_m: float | None = None) -> SpeedRange:
     """Return the range of speeds about the design speed that can be trimmed within the aircraft's limits.
 
-    Limits without a speed: half to twice the design speed. The ends are searched by bisection on a grid of a hundredth
+    Limits without a speed count as half to twice the design speed. Bisection finds the ends, on a grid of a hundredth
     to a thousandth of the width of the limits.
 
     Raises:
@@ -106,15 +106,15 @@ def speed_range(aircraft: Aircraft, h_m: float | None = None) -> SpeedRange:
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """An envelope with the speeds that its tables and frequency responses are made for.
+    """An envelope, with the speeds of its tables and frequency responses.
 
     Attributes:
         name: folder name of the aircraft.
         envelope: trims, models and modes at many speeds, those below included.
-        range: what can be trimmed.
+        range: speeds that can be trimmed.
         tabled: speeds of the tables, m/s, all trimmed.
         responses: speeds of the frequency responses, m/s, all trimmed.
-        untrimmed: speeds that were asked for or bound the range, and cannot be flown.
+        untrimmed: speeds that cannot be flown: asked for, or at the ends of the range.
     """
 
     name: str
@@ -135,7 +135,7 @@ class Survey:
 
 
 def survey(aircraft: Aircraft, name: str) -> Survey:
-    """Return the envelope of an aircraft over all speeds at its design altitude that it can be trimmed at.
+    """Return the envelope of an aircraft over all speeds at which it can be trimmed, at its design altitude.
 
     Raises:
         TrimError: no speed within its limits can be trimmed.

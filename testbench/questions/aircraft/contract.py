@@ -1,4 +1,4 @@
-"""The contract of aircraft: what every aircraft folder does, packaged or brought, flown for a few seconds in JSBSim."""
+"""The laws of aircraft, packaged or brought, tried in a few seconds of flight in JSBSim."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _DEPARTED = {"V": 1.0, "theta": 5.0 * DEG_RAD, "phi": 5.0 * DEG_RAD}  # changes 
 
 
 def aircraft_laws(aircraft: Aircraft) -> list[Law]:
-    """Return every law of aircraft with what an aircraft makes of it; what cannot be flown breaks the laws after it."""
+    """Return every law of aircraft and whether this one keeps it; a law that cannot be tried is broken."""
     laws = [Law("has a title", bool(aircraft.title), "give title in aircraft.toml")]
     condition = FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m)
     trimmed, why = _tried(lambda: trim(aircraft, condition))

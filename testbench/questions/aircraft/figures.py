@@ -40,7 +40,7 @@ _RESPONSES = ("V", "q", "alpha", "theta")
 
 
 def aircraft_plates(survey: Survey) -> list[Plate]:
-    """Return the figures of a survey, first where an elastic aircraft becomes unstable, where another one trims."""
+    """Return the figures of a survey; the first shows the onset of instability, or trims of a rigid one."""
     modes, trims = _mode_plate(survey, "longitudinal"), _trim_plate(survey)
     lead, second = (modes, trims) if survey.envelope.elastic else (trims, modes)
     out = [lead, *three_view_plates(survey), second, _mode_plate(survey, "lateral-directional")]

@@ -32,5 +32,5 @@ def aircraft_page(survey: Survey) -> Page:
 
 
 def folder_name(aircraft: Aircraft, name: str) -> str:
-    """Return the name of the folder of results: that of the aircraft, rigid wings apart from flexible ones."""
+    """Return the name of the folder of results: the aircraft's name, with rigid wings told from flexible ones."""
     return f"aircraft_{name}" + ("_rigid" if "rigid" in aircraft.name.removeprefix(name) else "")

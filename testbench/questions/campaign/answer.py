@@ -134,7 +134,7 @@ def _progress(result: CampaignResult) -> str:
 
 
 def most_biased(summary: Summary) -> list[Accuracy]:
-    """Return the estimates, three at most, whose bias is beyond its interval and largest against the true value."""
+    """Return the three estimates, at most, with the largest relative bias beyond its interval."""
     biased = [a for a in summary.accuracies if a.biased and a.n > 1]
     return sorted(biased, key=_relative, reverse=True)[:_LINES]
 
@@ -144,7 +144,7 @@ def _relative(a: Accuracy) -> float:
 
 
 def cost_sentence(result: CampaignResult) -> str:
-    """Return what a million runs like those finished would cost, from what these did."""
+    """Return what a million runs would cost, if each cost as much as the finished ones."""
     n = result.counts.finished
     if n == 0:
         return "nothing is finished yet, so that nothing can be said of the cost"

@@ -1,4 +1,4 @@
-"""What each run is given: its values and its seed, functions of the campaign's seed and the run's number alone."""
+"""The values and the seed of each run: functions of the campaign's seed and the run's number alone."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def run_seed(spec: CampaignSpec, index: int) -> int:
 
 
 def run_inputs(spec: CampaignSpec, index: int) -> dict[str, Any]:
-    """Return key -> value of run ``index``: its point of the grid, then what is drawn for it.
+    """Return key -> value of run ``index``: its point of the grid, then its random draws.
 
     Every key draws from its own child of SeedSequence([campaign seed, index]), by the crc32 of the key, so that neither
     further keys nor their order change the values of the others.
@@ -34,7 +34,7 @@ def run_inputs(spec: CampaignSpec, index: int) -> dict[str, Any]:
 
 
 def nominal_inputs(spec: CampaignSpec) -> dict[str, Any]:
-    """Return key -> the middle of its distribution (first of choices and values); of the grid the first point."""
+    """Return key -> the middle of its distribution (the first of choices and values); for the grid, its first point."""
     return {key: values[0] for key, values in spec.grid.items()} | {k: middle(law) for k, law in spec.vary.items()}
 
 

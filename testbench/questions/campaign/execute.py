@@ -1,6 +1,6 @@
-"""Fly a campaign: batches of runs to workers, outcomes into the store, until all are finished or enough are.
+"""Fly a campaign: send batches of runs to workers and store outcomes, until all runs or enough of them are finished.
 
-What a million runs cost, and where the limit is: results/campaign/README.md, measured by ``make campaign-cost``.
+results/campaign/README.md says what a million runs cost, and where the limit is; ``make campaign-cost`` measures it.
 """
 
 from __future__ import annotations
@@ -91,8 +91,8 @@ def fly_campaign(
 
     Args:
         campaign: what to fly.
-        folder: of the store, and of the time histories if they are kept.
-        resume: go on with the store in ``folder`` instead of making one.
+        folder: holds the store, and the time histories if they are kept.
+        resume: continue with the store in ``folder`` instead of making one.
         workers: processes on this machine; one per processor if not given.
         scheduler: address of a dask scheduler to use instead, with the workers it has.
         progress: called about twice a second.
@@ -204,9 +204,9 @@ class _Session:
         return max(1, min(most, left // (4 * _PER_WORKER * self.have)))
 
     def collect(self) -> list[Outcome]:
-        """Return the outcomes of the batches that have ended; those whose process died go back to be flown again.
+        """Return the outcomes of the batches that have ended; those whose process died are flown again.
 
-        Of a batch that killed its process the halves go back, or its single runs, until the one is found that does it.
+        If a batch killed its process, its halves or its single runs go back, until the run that does it is found.
         """
         out: list[Outcome] = []
         for future in self.workers.wait(_LOOK_S):

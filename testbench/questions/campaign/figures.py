@@ -24,7 +24,7 @@ _TALL_IN, _GAP_IN = 1.75, 0.78
 
 
 def campaign_plates(summary: Summary) -> list[Plate]:
-    """Return the figures that the runs have the data for, of at most six estimates; if of none, why runs failed."""
+    """Return the figures for which the runs have data, of at most six estimates; if there are none, why runs failed."""
     chosen = _chosen(summary)
     found = errors(summary)
     of_errors = {name: found[name][summary.done] for name in chosen}

@@ -58,7 +58,7 @@ class Campaign:
         return suite_names(self.base)
 
     def digest(self) -> str:
-        """Return a hash of all that decides what run i finds: draws, scenario, aircraft and suites.
+        """Return a hash of all that decides the results of run i: draws, scenario, aircraft and suites.
 
         The number of runs, the rule that stops them and the texts are left out: they may change between sessions.
         """
@@ -91,8 +91,8 @@ def versions() -> dict[str, str]:
 def load_campaign(path: Path | str) -> Campaign:
     """Read a campaign and check it against its scenario, aircraft and suites, without flying.
 
-    Checked are the laws of the campaign and of the base scenario; every key that is varied, alone, in the middle of its
-    distribution or at each of its values; and every point of the grid with all varied keys in their middle.
+    The check covers the laws of the campaign and of the base scenario; every varied key alone, in the middle of its
+    distribution or at each of its values; and every point of the grid, with all varied keys in their middle.
 
     Raises:
         ScenarioError: lists every fault with file, key, law, value and the nearest valid name.

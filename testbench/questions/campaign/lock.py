@@ -17,7 +17,7 @@ class WriterLock:
     """A lock file beside the store, locked by the operating system while its owner lives, with pid and host inside.
 
     The system frees it when the process ends, however it ends, so that a lock left behind on this machine is taken
-    over. On another machine's word nothing can be known of that process: its lock is refused until the file is deleted.
+    over. Of a process on another machine nothing can be known: its lock is refused until the file is deleted.
 
     Args:
         path: the lock file.

@@ -15,12 +15,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class CampaignResult:
-    """What a campaign's report is made from.
+    """The data from which the report of a campaign is made.
 
     Attributes:
         campaign: what was asked for.
-        counts: of its runs by state.
-        summary: of the finished ones.
+        counts: number of its runs in each state.
+        summary: summary of the finished runs.
         stopped: number of runs after which the stopping rule was met, or None.
         seconds: processor time of all finished runs.
         size: of the store, bytes.

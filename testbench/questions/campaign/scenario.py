@@ -35,7 +35,7 @@ class Uniform(Strict):
 
 
 class LogNormal(Strict):
-    """exp of a Gaussian: half of the values lie below ``median``; ``sigma`` is that of the logarithm."""
+    """exp of a Gaussian: half of the values lie below ``median``; ``sigma`` belongs to the logarithm."""
 
     kind: Literal["lognormal"]
     median: Positive
@@ -72,9 +72,9 @@ Distribution = Annotated[Normal | Uniform | LogNormal | Choice | Values, Field(d
 class Stop(Strict):
     """End before the last run: as soon as the mean of ``quantity`` is known to ``half_width``.
 
-    Looked at after every ``block`` runs in the order of their numbers, from ``minimum`` runs on; so the last run does
-    not depend on who flew what and when. ``half_width`` is that of the confidence interval of the mean, in the
-    quantity's unit.
+    The rule is asked after every ``block`` runs in the order of their numbers, from ``minimum`` runs on. So the last
+    run does not depend on which worker flew which run when. ``half_width`` is half the width of the confidence interval
+    of the mean, in the quantity's unit.
     """
 
     quantity: Annotated[str, Field(min_length=1)]
@@ -87,10 +87,10 @@ class Stop(Strict):
 class CampaignSpec(Asked):
     """A campaign: a base scenario, what varies, how many runs.
 
-    Give ``base`` (a file, looked for beside the campaign's own, then among the packaged ones) or ``scenario`` (the
-    scenario itself). Give ``runs``, or ``grid`` and ``repeats``: then every combination of the grid's values is flown
-    ``repeats`` times, and run i is at combination i modulo their number. ``truth`` linearises the aircraft of every run
-    so that estimates have true values beside them. ``records`` keeps time histories as NetCDF.
+    Give ``base`` (a file beside the campaign's own, or a packaged one) or ``scenario`` (the scenario itself). Give
+    ``runs``, or ``grid`` and ``repeats``: then every combination of the grid's values is flown ``repeats`` times, and
+    run i has combination i modulo their number. ``truth`` linearises the aircraft of every run so that estimates have
+    true values beside them. ``records`` keeps time histories as NetCDF.
     """
 
     unnamed: ClassVar[str] = "campaign"

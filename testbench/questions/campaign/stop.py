@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 class Watch:
     """Follows the mean of one quantity in the order of the runs, block by block (Welford's update of the variance).
 
-    The interval is that of Student's t. Looking several times makes it a little too short: with blocks of 20 a nominal
-    95 % covers the mean less often than that, by how much depends on the wanted width; a large ``minimum`` helps.
+    The interval is that of Student's t. Because it is asked several times it is a little too short: with blocks of 20 a
+    nominal 95 % interval covers the mean less often than that. By how much depends on the wanted width; a large
+    ``minimum`` helps.
     """
 
     rule: Stop

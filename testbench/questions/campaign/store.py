@@ -1,8 +1,8 @@
 """The store of a campaign: one SQLite file, one row per run, one writer.
 
-A batch of finished runs is one transaction in write-ahead mode, synchronised to the disk: what has been committed
-survives the death of any process and of the machine; what has not is flown again. A run is counted once because its
-number is the key of its row, and because a row once finished is never written again.
+A batch of finished runs is one transaction in write-ahead mode, synchronised to the disk: a committed batch survives
+the death of any process and of the machine; other runs are flown again. A run is counted once because its number is the
+key of its row, and because a row once finished is never written again.
 """
 
 from __future__ import annotations
@@ -112,7 +112,7 @@ class Store:
 
     @classmethod
     def resume(cls, folder: Path, campaign: Campaign) -> Store:
-        """Open the store of a campaign to go on with it: what was running is pending again, finished runs stay.
+        """Open the store of a campaign to continue it: runs that were under way are pending again, finished runs stay.
 
         Raises:
             CampaignError: there is no store, it is of another campaign or version, or another process writes to it.

@@ -81,7 +81,7 @@ class Accuracy:
 
 @dataclass(frozen=True)
 class Cause:
-    """Runs that failed for one reason, numbers in it left out of the comparison; ``example`` is that of ``first``."""
+    """Runs that failed for one reason, whatever the numbers in it; ``example`` is the reason of run ``first``."""
 
     reason: str
     count: int
@@ -149,7 +149,7 @@ class _Columns:
 
 
 def summarise(rows: Iterable[Row]) -> Summary:
-    """Return what finished runs found; the rows in the order of their numbers, which may come from an open store.
+    """Return what finished runs found. The rows are in the order of their numbers and may come from an open store.
 
     Standard errors and intervals take runs as independent. Bias: mean of estimate - truth of the same run. Coverage:
     share of runs with |estimate - truth| <= 1.96 stated standard errors.

@@ -1,4 +1,4 @@
-"""What a campaign may vary, by key, and how a value of it reaches the scenario, the aircraft and the sensors.
+"""What a campaign may vary, by key, and how a value reaches the scenario, the aircraft and the sensors.
 
     aircraft.mass_percent, .Ixx_percent, .Iyy_percent, .Izz_percent, .Ixz_percent, .inertia_percent
                                   change of the mass, of one moment of inertia, of all of them, percent

@@ -24,7 +24,7 @@ _CONNECT_S = 15.0
 
 
 class Died(Exception):
-    """The process that flew a batch died of it, or with it; ``times``, if the scheduler tried again by itself."""
+    """The process that flew a batch died; ``times`` counts the attempts of the scheduler."""
 
     def __init__(self, times: int) -> None:
         super().__init__(times)
@@ -32,7 +32,7 @@ class Died(Exception):
 
 
 class Lost(Exception):
-    """What a batch found died with the process that held it, before it was collected."""
+    """The outcome of a batch was lost with the process that held it, before it was collected."""
 
 
 class Workers:

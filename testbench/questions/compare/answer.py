@@ -25,7 +25,7 @@ _TEST = {"wilcoxon": "Wilcoxon's signed rank test", "t": "Student's paired t tes
 
 
 def quantity_words(quantity: Quantity) -> str:
-    """Return what an error is of: "prediction of θ", "wn of short period", "M_alpha"."""
+    """Return the quantity that an error belongs to: "prediction of θ", "wn of short period", "M_alpha"."""
     if quantity.kind == "missed":
         return f"missing the {quantity.name}"
     return f"prediction of {symbol(quantity.name)}" if quantity.kind == "prediction" else quantity.name
@@ -179,8 +179,8 @@ def _biases(result: CompareResult) -> list[str]:
 
 
 def worth(result: CompareResult, suite: SensorSuite) -> float | None:
-    """Return by what factor information divides the standard errors, the geometric mean over all inputs and quantities
-    that every suite tells; None if there are none.
+    """Return the factor by which information divides the standard errors: the geometric mean over all inputs and
+    quantities that every suite tells; None if there are none.
     """
     logs = []
     for name in result.manoeuvres:

@@ -43,13 +43,13 @@ def compare(
     """Compare the suites of a scenario.
 
     Every repetition is measured through every suite with one seed, so that sensors which two suites share have the
-    same noise; in still air all repetitions share one flight. A model's prediction of the judging flights is held
-    against what the suite would show without noise and biases.
+    same noise; in still air all repetitions share one flight. A model's prediction of the validation flights is
+    compared with what the suite would show without noise and biases.
 
     Args:
         scenario: of :meth:`CompareScenario.load`.
         seed: of the first repetition, instead of the scenario's.
-        simulate: False: by information alone.
+        simulate: False to compare by information alone.
         progress: called with a few words as each stage begins.
 
     Raises:

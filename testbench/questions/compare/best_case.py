@@ -70,9 +70,9 @@ def lagged_structure(known: Known, sensors: tuple[Sensor, ...], inputs: tuple[st
 
 
 def best_estimate(record: FlightRecord, structure: LaggedStructure, suite: SensorSuite) -> ParametricModel:
-    """Return the estimate of maximum likelihood from a prepared record, the noise of outputs and inputs known.
+    """Return the maximum-likelihood estimate from a prepared record, with known noise of outputs and inputs.
 
-    Offsets of the sensors and of noisy inputs are found along with the parameters.
+    Offsets of the sensors and of noisy inputs are estimated with the parameters.
 
     Raises:
         EstimationError: the record does not tell them.

@@ -1,4 +1,4 @@
-"""Whether a bound that takes the model as linear in its parameters holds over the errors that it predicts.
+"""Can a bound be believed that takes the model as linear in its parameters over the errors that it predicts?
 
 Along each principal direction d_i of the predicted covariance, one standard error long, the response and the targets
 bend by
@@ -38,7 +38,7 @@ def second_order_share(
         response: parameters (k,) -> outputs (N, p) in units of the sensors' noise; not finite where the aircraft
             diverges.
         structure: the aircraft.
-        aims: what is looked at.
+        aims: the targets.
         poles: name -> true pole, rad/s, of the modes among it.
         known: predicted errors of the parameters.
         answer: what the estimator makes of residuals (N, p, r) in units of the sensors' noise: errors (k, r).

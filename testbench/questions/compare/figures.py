@@ -1,4 +1,4 @@
-"""Figures of a comparison: errors with intervals suite by suite, what information foretells, stations on the wing."""
+"""Figures of a comparison: errors with intervals suite by suite, what information predicts, stations on the wing."""
 
 from __future__ import annotations
 

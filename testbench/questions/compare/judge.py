@@ -29,7 +29,7 @@ def errors_of(
         known: the aircraft.
         model: what was identified.
         judge: measured flights that the model predicts.
-        clean: the same without noise and biases, which it is held against.
+        clean: the same without noise and biases; the predictions are compared with these.
     """
     out: dict[Quantity, float] = {}
     try:

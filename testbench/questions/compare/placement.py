@@ -1,10 +1,10 @@
-"""Where accelerometers and strain gauges tell most of the modes: the best stations along the wing.
+"""The best stations along the wing: where accelerometers and strain gauges tell most about the modes.
 
 Sensors with independent noise and an unknown offset each add up in the Fisher information, M = M_0 + sum_i M_i, so
-that M_i is computed once per station and kind, and every set costs one sum. The set is built by adding, each
-time, the sensor that helps most, and then exchanging single sensors for better ones until none is left
-(V. V. Fedorov, Theory of Optimal Experiments, 1972; D. C. Kammer, Journal of Guidance 14(2), 1991). Where there are
-few sets, all of them are tried.
+that M_i is computed once per station and kind, and every set costs one sum. The set is built by adding the sensor that
+helps most, one at a time, and then exchanging single sensors for better ones until no exchange helps (V. V. Fedorov,
+Theory of Optimal Experiments, 1972; D. C. Kammer, Journal of Guidance 14(2), 1991). If there are few sets, all are
+tried.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ class Prediction:
     Attributes:
         names: (t,) quantities: parameters, "wn of ...", "zeta of ...".
         std: (t,) standard errors: percent of the true value, but absolute for damping ratios.
-        beyond: (t,) terms of second order over those errors (``comparison.curvature``); above :data:`FAR` they are too
+        beyond: (t,) terms of second order over those errors (:mod:`.curvature`); above :data:`FAR` the errors are too
             large, or the model too far from linear over them, to be believed.
         without: sensor -> (t,) factor by which the errors grow if that sensor is left out; inf if nothing is left.
         known: standard errors and covariance of the free parameters.
@@ -59,11 +59,10 @@ def predict(
     With exactly known inputs this is the Cramer-Rao bound of the linearised aircraft. Noise of a measured input passes
     through the aircraft into all outputs at once: their covariance, in units of the sensors' noise, is Omega^-1 =
     I + H H' (``estimators.parametric.input_noise``), and the information W' Omega W, W being the sensitivities (N p, k)
-    with offsets of sensors and of noisy inputs projected out. That the noise says something of the parameters by itself
-    is left out.
+    with offsets of sensors and of noisy inputs projected out. What the noise itself says of the parameters is left out.
 
     Args:
-        known: the aircraft, and what is looked at.
+        known: the aircraft and the targets.
         suite: the sensors.
         outputs: those that are used; all if empty.
         manoeuvre: the input that is flown.

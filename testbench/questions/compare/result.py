@@ -1,4 +1,4 @@
-"""What a comparison found: errors of every case, what each suite buys, and what information foretold."""
+"""What a comparison found: errors of every case, what each suite buys, and what information predicted."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class CaseKey(NamedTuple):
 
 
 class Quantity(NamedTuple):
-    """What an error is of.
+    """The quantity that an error belongs to.
 
     ``kind`` is "prediction", "mode", "parameter" or, among gains, "missed": how often a mode is not found at all;
     ``unit`` is "%" or "" (damping ratios).
@@ -52,11 +52,11 @@ class Quantity(NamedTuple):
 
 
 class Agreement(NamedTuple):
-    """How many scatters of the best case have the predicted one ``inside`` their 95 % interval.
+    """How many scatters of the best case have the predicted scatter ``inside`` their 95 % interval.
 
-    Out of ``total``; of ``far`` more, whose predicted errors are too large, nothing is said. ``apart``: how many differ
-    from the predicted one by more than chance, all of them taken together (Holm) at the comparison's level. ``ratios``:
-    least, median and largest scatter found over the predicted one.
+    They are counted out of ``total``. For ``far`` more the predicted errors are too large, and nothing is said.
+    ``apart``: how many differ from the predicted one by more than chance, all of them taken together (Holm) at the
+    comparison's level. ``ratios``: least, median and largest scatter found over the predicted one.
     """
 
     inside: int
@@ -85,10 +85,10 @@ class Summary:
         rms: root mean square error with its 95 % interval; None for fewer than two.
         mean, scatter: mean error with its 95 % interval and standard deviation; None for predictions, whose errors have
             no sign.
-        predicted: standard error by information; None where it speaks of another thing.
+        predicted: standard error by information; None if information predicts another quantity.
         ratio: scatter over predicted with its 95 % interval, of the best case alone; None where it is not ``near``.
-        of_flight: error of the best case from the flight without noise; None of other estimators, or not known.
-        near: whether the model is linear in its parameters over the predicted errors, see ``comparison.curvature``.
+        of_flight: error of the best case from the flight without noise; None for other estimators, or if it is unknown.
+        near: whether the model is linear in its parameters over the predicted errors, see :mod:`.curvature`.
     """
 
     case: CaseKey
@@ -114,7 +114,7 @@ class Gain:
         before, after: median size of the error with the first suite and with this one; share of repetitions that
             miss a mode.
         paired: size of the error with the first suite minus that with this one.
-        p_holm: probability by chance, corrected for all gains of the comparison; None: too few pairs.
+        p_holm: probability of this gain by chance, corrected for all gains of the comparison; None: too few pairs.
         predicted: ratio of the standard errors by information, this suite over the first; None: not predicted.
     """
 
@@ -141,7 +141,7 @@ class CompareResult:
         seed: of the first repetition.
         errors: case -> quantity -> errors (repetitions,), NaN where there is none.
         failures: identifications without a model.
-        predictions: (manoeuvre, suite) -> what information foretells.
+        predictions: (manoeuvre, suite) -> what information predicts.
         of_flight: (manoeuvre, suite) -> errors of the best case from the flight without any noise: what is not chance;
             empty in turbulence.
         placed: best stations, if they were asked for.
@@ -231,7 +231,7 @@ class CompareResult:
 
     @property
     def too_few(self) -> int | None:
-        """How many repetitions the test would need to find anything, if there are fewer; else None."""
+        """The number of repetitions that the test needs to find anything, if there are fewer; else None."""
         needed = seeds_needed(len(self.gains), self.scenario.level)
         return needed if self.gains and self.scenario.test == "wilcoxon" and self.scenario.seeds < needed else None
 
@@ -255,10 +255,10 @@ class CompareResult:
 
     @property
     def agreement(self) -> Agreement:
-        """Hold the scatter of the best case against the predicted one.
+        """Compare the scatter of the best case with the predicted one.
 
         A sample standard deviation of n normal errors scatters as sqrt(chi2 / (n - 1)). Where the model is
-        not linear in its parameters over the predicted errors, the bound says little (``comparison.curvature``).
+        not linear in its parameters over the predicted errors, the bound says little (:mod:`.curvature`).
         """
         asked = [s for s in self.summaries if s.case.estimator == BEST_CASE and s.predicted is not None and s.found > 2]
         near = [(s.ratio, s.found) for s in asked if s.ratio is not None]

@@ -20,9 +20,9 @@ class CompareIdentification(Identification):
     """Inputs, outputs and estimators of every suite.
 
     ``outputs`` left empty means every channel of a suite that is not a control. ``best_case`` adds an estimator that
-    knows the aircraft's equations and the noise of its instruments and starts at the truth: maximum likelihood with the
-    derivatives alone to be found, noise of measured inputs weighed as it passes through the aircraft. It shows what the
-    sensors allow, and is what the prediction by information speaks of. Without any estimator the
+    knows the aircraft's equations and the noise of its instruments, and starts at the truth. It finds the derivatives
+    alone by maximum likelihood and weights the noise of measured inputs as it passes through the aircraft. It shows
+    what the sensors allow, and the prediction by information is a prediction of its errors. Without any estimator the
     comparison is by information alone.
     """
 
@@ -44,10 +44,10 @@ class CompareIdentification(Identification):
 
 
 class CompareTargets(Strict):
-    """What is looked at beside prediction: modes, and derivatives of the linearised aircraft.
+    """The quantities compared besides prediction: modes, and derivatives of the linearised aircraft.
 
-    Left empty, the modes are the fast rigid one of the plane (short period or Dutch roll), the parameters those that
-    shape it.
+    If they are left empty, the mode is the fast rigid one of the plane (short period or Dutch roll), and the parameters
+    are those that shape it.
     """
 
     modes: Names = ()
@@ -59,8 +59,8 @@ class Placement(Strict):
 
     Stations are those of the aircraft's mode shapes every ``step_m`` along the span, on both wings, or those that the
     aircraft lists. An accelerometer is like the first of a wing in ``accelerometer_suite``, a strain gauge like the
-    first in ``strain_suite``. They are added to the sensors of the comparison's first suite, and flown by its first
-    input. ``modes`` are what is to be known: the volume of their error ellipsoid ("D") or the largest of their errors
+    first in ``strain_suite``. They are added to the sensors of the comparison's first suite and flown with its first
+    input. ``modes`` are the targets: the volume of their error ellipsoid ("D") or the largest of their errors
     ("worst"), in units of ``wn_percent`` and ``zeta``.
     """
 
@@ -85,8 +85,8 @@ class Placement(Strict):
 class CompareScenario(Experiment):
     """One comparison. The first suite is what all others are compared with.
 
-    Manoeuvres of use "identification" are alternatives, each compared by itself; those of use "validation" judge them
-    all. ``seeds`` counts the repetitions, each with noise of its own, the same for all suites.
+    Manoeuvres of use "identification" are alternatives, and each is compared by itself. Those of use "validation" judge
+    them all. ``seeds`` counts the repetitions, each with noise of its own, the same for all suites.
     """
 
     unnamed: ClassVar[str] = "comparison"

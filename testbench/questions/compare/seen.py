@@ -114,7 +114,7 @@ def model_seen(linear: LinearModel, sensors: Sequence[Sensor], trim: Mapping[str
 def targets_of(known: Known, structure: AircraftStructure, accuracies: tuple[float, float] = (0.02, 0.02)) -> Targets:
     """Return the parameters and modes that are looked at, as functions of the structure's parameters.
 
-    Parameters whose true value is zero are left out: no relative error can be told of them.
+    Parameters whose true value is zero are left out, because they have no relative error.
     """
     true = dict(zip(structure.parameter_names, structure.true.tolist(), strict=True))
     parameters = {name: 1.0 for name in known.wanted if true[name] != 0.0}
@@ -122,7 +122,7 @@ def targets_of(known: Known, structure: AircraftStructure, accuracies: tuple[flo
 
 
 def wanted_modes(modes: Mapping[str, complex], asked: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the poles of the modes that are asked for: two of a mode that has split."""
+    """Return the names of the poles of the wanted modes: two for a mode that has split."""
     return tuple(name for mode in asked for name in roots_of(modes, mode))
 
 

@@ -1,4 +1,4 @@
-"""Paired comparisons: differences with intervals, exact tests, and the correction for many questions at once."""
+"""Paired comparisons: differences with intervals, exact tests, and the correction for many tests at once."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def share_interval(k: int, n: int, confidence: float = CONFIDENCE) -> tuple[floa
 
 def holm(p: Sequence[float]) -> list[float]:
     """Return probabilities corrected for their number, in their order (S. Holm, Scandinavian Journal of Statistics 6,
-    1979): the chance of a single false finding among all of them stays below the level that they are held against.
+    1979): the chance of a single false finding among all of them stays below the level of the tests.
     """
     order = np.argsort(np.asarray(p, float), kind="stable")
     out, largest = np.empty(len(p)), 0.0

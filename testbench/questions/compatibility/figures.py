@@ -1,4 +1,4 @@
-"""Measured channels beside what the corrected rates and accelerations make of them."""
+"""Measured channels, and the same rebuilt from the corrected rates and accelerations."""
 
 from __future__ import annotations
 

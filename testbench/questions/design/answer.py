@@ -1,4 +1,4 @@
-"""A design in words: what to fly, what it will tell, and what stands in the way of more."""
+"""A design in words: what to fly, what it will tell, and what prevents more accuracy."""
 
 from __future__ import annotations
 

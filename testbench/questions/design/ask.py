@@ -65,8 +65,8 @@ class DesignResult:
         ranking: designs flown and admissible, best first.
         rejected: designs that kept breaking a limit.
         shortest: the shortest input that reaches the wanted accuracy, as flown, or None.
-        others: further suite -> predicted standard errors of the best design through it.
-        obstacles: what stands in the way of more accuracy.
+        others: further suite -> standard errors that it would give the best design.
+        obstacles: what prevents more accuracy.
         onsets: elastic modes that become unstable at some speed.
     """
 

@@ -158,7 +158,7 @@ def _input_rate(suite_hz: float, simulation_hz: float, wanted_hz: float) -> floa
 
 
 def with_positions(linear: LinearModel, sensors: Sequence[Sensor]) -> LinearModel:
-    """Return the linear model with its accelerations taken to where the accelerometers sit: a + omegadot x r."""
+    """Return the linear model with its accelerations moved to the accelerometers: a + omegadot x r."""
     C, D = linear.C.copy(), linear.D.copy()
     arms = {"ax": ("qdot", 2, "rdot", 1), "ay": ("rdot", 0, "pdot", 2), "az": ("pdot", 1, "qdot", 0)}
     for sensor in sensors:

@@ -80,7 +80,7 @@ def families(
         shortest_s: shortest step that can be held, or shortest half period of a sine.
         band_hz: band of the targets, for sweeps and multisines.
         rate_hz: of the design.
-        by_hand: leave out what a pilot cannot fly (multisines and binary noise).
+        by_hand: leave out inputs that a pilot cannot fly (multisines and binary noise).
         start_s: when the input starts.
     """
     common: dict[str, Any] = {"control": control, "start_s": start_s, **amplitude_key(control)}
@@ -159,7 +159,7 @@ def candidates(
     by_hand: bool,
     start_s: float = 0.0,
 ) -> Iterator[Candidate]:
-    """Yield every member of :func:`families` on each control, as samples; those that the rate cannot hold are left out.
+    """Yield every member of :func:`families` on each control, as samples, without those that the rate cannot represent.
 
     Several controls move one after the other in equal parts of the time, each with the same signal.
     """

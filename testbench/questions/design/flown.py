@@ -1,4 +1,4 @@
-"""Designs flown in the simulator, nonlinear: what breaks a limit is scaled back, what stays below it is scaled up."""
+"""Designs flown in the nonlinear simulator, and scaled down or up to the limits."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _MOST = 1.5  # factor by which the amplitude may grow over what the linearised a
 
 
 class Tightest(NamedTuple):
-    """The limit that a flight uses up most: its name, the share of the room from trim, and when."""
+    """The limit that a flight uses up most: its name, the share of the distance from trim, and the time."""
 
     name: str
     share: float
@@ -61,7 +61,7 @@ class Flown:
 
 @dataclass(frozen=True, eq=False)
 class Envelope:
-    """The limits of a design as a flown record is held against them.
+    """The limits of a design, in the form in which a flown record is compared with them.
 
     Attributes:
         bands: channel -> (lowest, highest), absolute; deflections included.
@@ -140,15 +140,15 @@ def limit_words(name: str) -> str:
 def fly_design(aircraft: Aircraft, trimmed: TrimmedFlight, problem: Problem, design: Design, limits: Envelope) -> Flown:
     """Fly a design and scale it to the largest amplitude that keeps the limits.
 
-    The response is taken as proportional to the amplitude from one flight to the next. Deflections, commands and rates
-    are so exactly, for servos are linear: the amplitude never grows beyond what they allow.
+    The response is taken as proportional to the amplitude from one flight to the next. For deflections, commands and
+    rates this is exact, because servos are linear; the amplitude never grows beyond what they allow.
 
     Args:
         aircraft: what is flown.
-        trimmed: where from.
-        problem: what the design is for.
+        trimmed: where the flight starts.
+        problem: the design problem.
         design: at the amplitude that the linearised aircraft allows.
-        limits: what must hold.
+        limits: the limits of the scenario.
     """
     rate = trimmed.rate_hz
     log_rate = rate / max(1, int(rate // _LOG_HZ))

@@ -1,7 +1,7 @@
 """What an input may do: deflection, rate, load factor, alpha, speed, height and bank; predicted linearly or flown.
 
-The linear prediction scales an input to the largest admissible amplitude in no time; what is flown in the simulator
-afterwards decides.
+The linear prediction scales an input to the largest admissible amplitude at once. The flight in the simulator that
+follows decides.
 """
 
 from __future__ import annotations

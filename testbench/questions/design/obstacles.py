@@ -1,4 +1,4 @@
-"""What stands in the way of a wanted accuracy: the noise of which sensor, which limit, or the time."""
+"""What prevents a wanted accuracy: the noise of which sensor, which limit, or the time."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _FREE = 1e9  # times a limit
 
 @dataclass(frozen=True)
 class Obstacle:
-    """What a design would reach without one of the things that hold it back.
+    """What a design would reach without one of its obstacles.
 
     Attributes:
         words: what is taken away.
-        cost: criterion then, in wanted errors.
+        cost: the criterion without it, in wanted errors.
     """
 
     words: str
@@ -30,7 +30,7 @@ class Obstacle:
 
 @dataclass(frozen=True)
 class Obstacles:
-    """Everything that was tried, most helpful first, and how many flights of the same input would do."""
+    """Everything that was tried, the most helpful first, and how many flights of the same input would be enough."""
 
     tried: tuple[Obstacle, ...]
     flights: int
@@ -39,8 +39,8 @@ class Obstacles:
 def obstacles(problem: Problem, design: Design) -> Obstacles:
     """Return what the same input would tell if one sensor had no noise, or one limit were not there.
 
-    Sensors are taken one at a time with a hundredth of their noise; of a limit that is taken away the next one binds.
-    Several flights of one input add up their information: the error falls as the root of their number.
+    Each sensor in turn gets a hundredth of its noise. If a limit is taken away, the next one binds. Several flights of
+    one input add up their information: the error falls as the root of their number.
     """
     experiment, gradient = problem.experiment, problem.targets.gradient
     out = []

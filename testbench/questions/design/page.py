@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def design_page(result: DesignResult) -> Page:
-    """Return the page of a design: what to fly, the ranking, and what stands in the way of more."""
+    """Return the page of a design: what to fly, the ranking, and what prevents more accuracy."""
     scenario, ready = result.scenario, ready_to_fly(result)
     ranking, *others = design_tables(result)
     estimated = ", ".join(result.problem.experiment.structure.parameter_names)

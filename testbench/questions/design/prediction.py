@@ -26,7 +26,7 @@ class Prediction:
     Args:
         model: linearised aircraft with servos; commands drive it.
         controls: (m,) controls that move.
-        limits: what must hold.
+        limits: the limits of the scenario.
         trim: channel -> value at trim.
         dt_s: sample time of the inputs, s.
         samples: number of them.
@@ -109,13 +109,13 @@ class Prediction:
         return np.hstack([irfft(Y, self._size, axis=0)[: self._last], u[: self._last]])
 
     def until(self, samples: int) -> Prediction:
-        """Return the prediction that looks at the first so many samples only; inputs keep their length."""
+        """Return the prediction of the first samples only; inputs keep their length."""
         out = copy(self)
         object.__setattr__(out, "_last", samples)
         return out
 
     def largest_factor(self, u: FloatArray) -> tuple[float, str]:
-        """Return the largest factor on an input (samples, m) that keeps all limits, and the one that it meets."""
+        """Return the largest factor on an input (samples, m) that keeps all limits, and the limit that it reaches."""
         return self.factor_of(self.response(u))
 
     def factor_of(self, deviation: FloatArray) -> tuple[float, str]:

@@ -18,12 +18,12 @@ from testbench.questions.design.spectral_energy import ModeBands
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is to be designed.
+    """The design problem.
 
     Attributes:
         experiment, prediction: the aircraft seen through its sensors, and its limits.
-        targets: what is to be known.
-        criterion: what is made small.
+        targets: quantities with their wanted errors.
+        criterion: what the design minimises.
         controls: (m,) controls that move.
         duration_s: of the manoeuvre.
         start_s: undisturbed flight before the input.
@@ -90,7 +90,7 @@ class Design:
 
 class Screened(NamedTuple):
     """A candidate with its cost at the largest admissible amplitude, that factor, the limit that binds, and the
-    signal-to-noise ratio (dB) of the mode that it shows worst, through the sensor that shows it best.
+    signal-to-noise ratio (dB) of the mode that it shows worst, at the sensor that shows this mode best.
     """
 
     cost: float

@@ -1,4 +1,4 @@
-"""Inputs refined by information: free times, switching signals, line powers, and the shortest input that will do."""
+"""Inputs refined by information: free times, switching signals, line powers, and the shortest input that is enough."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def refined(problem: Problem, entry: Screened) -> Screened:
 def designed_switching(problem: Problem, ranked: Sequence[Screened]) -> list[Design]:
     """Return the best switching signals: one without repetition, and one of short steps repeated if there is time.
 
-    Steps have the shortest holdable length, or longer ones where there were too many of them.
+    Steps have the shortest length that can be held, or are longer if there would be too many.
     """
     start, left, shortest = _samples(problem)
     most = max(_BLOCKS // len(problem.controls), 1)
@@ -157,9 +157,10 @@ def _switched(
 def designed_multisine(problem: Problem, best: Screened | None) -> list[Design]:
     """Return the best multisine with line powers shaped to the targets.
 
-    Power is counted in units of what a line alone may have inside the limits. Lines are worth, per unit of it, what
-    they add to the A criterion of the targets; powers are multiplied by the root of their worth until it is equal on
-    all lines that remain (multiplicative algorithm: S. D. Silvey et al., Communications in Statistics A 7, 1978).
+    Power is counted in units of what a line alone may have inside the limits. The worth of a line is what a unit of its
+    power adds to the A criterion of the targets. Powers are multiplied by the root of their worth until the worth is
+    equal on all lines that remain (multiplicative algorithm: S. D. Silvey et al., Communications in Statistics A 7,
+    1978).
     """
     if best is None or len(best.candidate.specs) != 1:
         return []

@@ -1,4 +1,4 @@
-"""Design scenarios: what is to be known, through which sensors, inside which limits; which input, is the question."""
+"""Design scenarios: the targets, the sensors and the limits. The design finds the input."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ Names = Annotated[tuple[str, ...], Field(strict=False)]
 
 
 class DesignTargets(Strict):
-    """What is to be known and how well: standard errors.
+    """The targets, with their wanted standard errors.
 
     ``parameters`` gives derivatives of the linearised aircraft (M_alpha, Z_de, ...) with the wanted error in percent of
-    the true value; ``modes`` names modes, whose natural frequency is wanted to ``wn_percent`` and damping ratio to
-    ``zeta``. Whatever else is unknown is estimated along: the derivatives of the rigid motion and those named in
+    the true value; ``modes`` names modes; their natural frequency is wanted to ``wn_percent`` and their damping ratio
+    to ``zeta``. All else that is unknown is estimated too: the derivatives of the rigid motion and those named in
     ``also_unknown``.
     """
 
@@ -38,7 +38,7 @@ class DesignTargets(Strict):
 
 
 class DesignLimits(Strict):
-    """What the manoeuvre may do; what is left out is as the aircraft's own limits have it. Changes count from trim."""
+    """The limits of the manoeuvre; the aircraft's own limits hold for those left out. Changes count from trim."""
 
     deflection_deg: dict[Control, Positive] = {}
     rate_deg_s: dict[Control, Positive] = {}

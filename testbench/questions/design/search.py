@@ -1,6 +1,6 @@
 """The search for an input: screen every family, refine the best, design switching signals and line powers.
 
-Everything is judged at its largest admissible amplitude as the linearised aircraft predicts it.
+Every candidate is judged at the largest admissible amplitude that the linearised aircraft predicts.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ _REFINED = 3  # families whose free times are refined
 def screen(problem: Problem, progress: Callable[[int], None] | None = None) -> list[Screened]:
     """Return every candidate of every family, best first.
 
-    All are judged by spectral energy: the signal-to-noise ratio of the mode that a candidate shows worst, through the
-    sensor that shows it best. Of each family the upper ones are then judged by information; the others rank behind.
+    All are judged by spectral energy: the signal-to-noise ratio of the mode that a candidate shows worst, at the sensor
+    that shows this mode best. The best of each family are then judged by information; the others rank behind them.
 
     Raises:
         EstimationError: no signal of any family fits.
@@ -71,7 +71,7 @@ def search(
     """Return the best of every family, the designed switching signal and the designed multisine, best first.
 
     Args:
-        problem: what is to be designed.
+        problem: the design problem.
         progress: called with a few words as each stage begins.
         ranked: what :func:`screen` found, if that has been done.
 

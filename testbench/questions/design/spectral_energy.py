@@ -1,7 +1,7 @@
-"""Spectral energy of an input, designed or recorded: what reaches each mode, and each sensor from it.
+"""Spectral energy of an input: the share that reaches each mode, and what each sensor shows of it.
 
-Of an input with spectrum U(w), mode i receives the share of its energy inside the mode's half-power band, and a sensor
-sees of mode i the term R_i / (jw - s_i), with its conjugate, of the partial-fraction expansion of the linear model. The
+Mode i receives the share of the energy of an input U(w) that lies inside the mode's half-power band. What a sensor sees
+of mode i is the term R_i / (jw - s_i), with its conjugate, of the partial-fraction expansion of the linear model. The
 energy of that term in the band over the energy of the sensor's noise there is the signal-to-noise ratio of the mode.
 """
 

@@ -1,10 +1,10 @@
 """Switching signals designed by information: every step at full amplitude or at rest, chosen by exchange.
 
-With steps of one length, the response is a sum over steps, and so the information is a quadratic form in their signs:
-M = sum_i sum_j s_i s_j K_ij. The K are computed once; changing one step then costs a few small matrix operations. The
-exchange goes over all steps, keeps for each the sign that lowers the cost most, and starts again until nothing changes
-(coordinate exchange: R. K. Meyer and C. J. Nachtsheim, Technometrics 37, 1995; optimal square waves in flight test:
-E. A. Morelli and V. Klein, Journal of Aircraft 27(8), 1990).
+With steps of one length the response is a sum over steps, so the information is a quadratic form in their signs: M =
+sum_i sum_j s_i s_j K_ij. The K are computed once; changing one step then costs a few small matrix operations. The
+exchange visits all steps, keeps for each the sign that lowers the cost most, and starts again until nothing changes
+(coordinate exchange: R. K. Meyer and C. J. Nachtsheim, Technometrics 37, 1995; optimal square waves in flight test: E.
+A. Morelli and V. Klein, Journal of Aircraft 27(8), 1990).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Switching:
         y: (b, n, c) deviations of the limited channels that a block at unit amplitude makes, at the sensors' rate.
         prediction: the limits.
         gradient: (t, k) targets in units of their wanted standard errors by parameters.
-        criterion: what is made small.
+        criterion: what the design minimises.
     """
 
     K: FloatArray

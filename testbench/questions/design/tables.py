@@ -1,4 +1,4 @@
-"""Tables of a design: the ranking, the energy in the modes, what was screened, what stands in the way."""
+"""Tables of a design: the ranking, the energy in the modes, what was screened, what prevents more accuracy."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MOST_COLUMNS = 5  # targets beyond which a terminal shows the criterion alone
 
 
 def design_tables(result: DesignResult) -> list[Table]:
-    """Return the ranking, the energy in the modes, what was screened, and what stands in the way."""
+    """Return the ranking, the energy in the modes, what was screened, and what prevents more accuracy."""
     out = [ranking_table(result), energy_table(result), screening_table(result), obstacle_table(result)]
     return [t for t in out if t.rows]
 
@@ -80,7 +80,7 @@ def limit_symbol(name: str) -> str:
 
 
 def energy_table(result: DesignResult) -> Table:
-    """Return what each design does to each mode: share of its energy and signal-to-noise ratio at the best sensor."""
+    """Return for each design and mode the share of its energy and the signal-to-noise ratio at the best sensor."""
     modes = result.best.energy.modes
     columns = [
         Column("rank", "", given=True),

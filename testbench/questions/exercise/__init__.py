@@ -1,5 +1,5 @@
-"""Teaching exercises: a text, records of an aircraft that is each student's own, answers as TOML, and a checker.
+"""Teaching exercises: a text, records of an aircraft of each student's own, answers as TOML, and a checker.
 
-An exercise is one module and one text in ``catalogue/``, and one line in :data:`.names.NAMES`.
-TEACHING.md beside this file is for the teacher.
+An exercise is one module and one text in ``catalogue/``, and one line in :data:`.names.NAMES`. TEACHING.md in this
+folder is for the teacher.
 """

@@ -48,7 +48,7 @@ def _tolerance(relative: float, absolute: float) -> str:
 
 
 def read_answers(file: Path, questions: Sequence[Question]) -> dict[str, Any]:
-    """Return key -> answer of a file of answers; what is not answered is left out.
+    """Return key -> answer of a file of answers, without questions that are not answered.
 
     Raises:
         RecordError: the file is missing.

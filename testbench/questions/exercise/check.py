@@ -137,7 +137,7 @@ def off_by(value: float, truth: float, unit: str) -> str:
 def recognise(
     value: float, truth: float, band: float, mistakes: Sequence[Mistake], widest: float = _MISTAKE
 ) -> str | None:
-    """Return why ``value`` is wrong if it is that of a known mistake, within the answer's tolerance or ``widest``."""
+    """Return why ``value`` is wrong if a known mistake gives it, within the answer's tolerance or ``widest``."""
     tolerance = max(_CLOSE, min(band / abs(truth), widest) if truth else 0.0)
     found = [
         (abs(value - float(m.value)) / abs(float(m.value)), m.why)

@@ -1,4 +1,4 @@
-"""What an exercise is: questions, hidden numbers drawn for each student, records made from them, and right answers."""
+"""An exercise: questions, hidden numbers drawn for each student, records made from them, and right answers."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Number:
     Attributes:
         key: the answer's name in answers.toml; it carries the unit.
         unit: as printed.
-        text: what is asked.
+        text: the question in words.
         tolerance: largest relative error that counts as right; estimates from noisy records scatter.
         absolute: largest error that counts as right whatever the size of the answer, in ``unit``.
     """
@@ -81,7 +81,7 @@ class Handout:
 
     Attributes:
         records: name -> measured record, written to records/NAME.nc and records/NAME.csv.
-        given: numbers that may be known, put into the text where it says ``@name@`` and into given.toml.
+        given: numbers that the student may know, put into the text in place of ``@name@``, and into given.toml.
         files: name -> text of further files.
     """
 
@@ -101,7 +101,7 @@ class Exercise:
         hand_out: makes what the student gets, from a case.
         answer: key -> right answer, computed from the case, never from the records.
         solve: the worked solution: answers from the folder that was handed out, and nothing else.
-        notebook: name of a notebook to hand out along, or none.
+        notebook: name of a notebook to hand out too, or none.
     """
 
     title: str

@@ -33,7 +33,7 @@ def draw_short_period(
 ) -> dict[str, float]:
     """Draw dimensional derivatives of an aircraft whose short period lies in the given ranges.
 
-    wn^2 = Z_alpha M_q - M_alpha and 2 zeta wn = -(Z_alpha + M_q); of the damping, 40 to 60 % is that of Z_alpha.
+    wn^2 = Z_alpha M_q - M_alpha and 2 zeta wn = -(Z_alpha + M_q); Z_alpha gives 40 to 60 % of the damping.
     """
     wn, z = rng.uniform(*omega), rng.uniform(*zeta)
     share = rng.uniform(0.4, 0.6)

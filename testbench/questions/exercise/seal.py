@@ -1,11 +1,11 @@
 """A student's own truth: from the teacher's key, the exercise and the student's name, by a keyed generator.
 
-The key goes through scrypt (C. Percival, RFC 7914), salted with exercise and student, and seeds the generator that the
-hidden numbers are drawn from. Nothing that is handed out holds them, or the seed. With the public key, which is used
-where no other is given, whoever has this package can compute them all the same: that is for studying alone. With a key
-of the teacher's own, only who has the key can, and only they can check. The handed-out ``key_check`` tells a wrong key
-from a wrong answer; it also lets whoever has it try keys, some tens per second and core (estimate), so that a key must
-be long and random, such as `openssl rand -hex 16` prints.
+The key goes through scrypt (C. Percival, RFC 7914), salted with exercise and student, and seeds the generator of the
+hidden numbers. Nothing that is handed out holds these numbers or the seed. The public key is used if no other is given.
+With it anybody who has this package can compute the numbers, which suits studying alone. With a key of the teacher's
+own, only its owner can compute them, and only its owner can check. The handed-out ``key_check`` tells a wrong key from
+a wrong answer; it also lets whoever has it try keys, some tens per second and core (estimate), so a key must be long
+and random, like one from `openssl rand -hex 16`.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ _LONGEST = 80
 
 
 class Card(Strict):
-    """What exercise.toml says: whose version of which exercise this is, and what tells one key from another."""
+    """The content of exercise.toml: the exercise, the student, and the check that tells one key from another."""
 
     exercise: str
     student: str
@@ -27,7 +27,7 @@ class Card(Strict):
 
 @dataclass(frozen=True, eq=False)
 class Started:
-    """A folder that was handed out, with the exercise and the student's own case; the case is the secret."""
+    """A folder that was handed out, with the exercise and the student's own case, which is secret."""
 
     folder: Path
     name: str

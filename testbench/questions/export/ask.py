@@ -1,4 +1,4 @@
-"""Records and identified models for other programs: their files in, files that those programs read out.
+"""Write records and identified models as files that other programs read.
 
 A record keeps its channels. A model is written as the matrices of :mod:`testbench.questions.export.matrices`, whatever
 the estimator; JSBSim gets it in continuous time, mode by mode.

@@ -4,8 +4,8 @@ In continuous time, with eigenvalues lambda_i, left and right eigenvectors,
 
     y = sum_i C v_i w_i' B / (s - lambda_i) u + D u,
 
-which JSBSim's filters carry out by Tustin's rule at the rate of the simulation (JSBSim, FGFilter). A model in discrete
-time is taken back to continuous time first: lambda = ln(z) / dt, exact for held inputs.
+which JSBSim's filters compute by Tustin's rule at the rate of the simulation (JSBSim, FGFilter). A model in discrete
+time is first converted to continuous time: lambda = ln(z) / dt, exact for held inputs.
 """
 
 from __future__ import annotations

@@ -34,7 +34,7 @@ class Matrices:
         A, B, C, D: (n, n), (n, m), (p, n), (p, m).
         dt_s: sample time; 0 for continuous time.
         delays_s: (p, m) dead times, whole samples in discrete time.
-        status, advice: what the estimator said of it.
+        status, advice: those of the estimator.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What can be said of a description of recorded flights before the files are read."""
+"""What can be checked in a description of recorded flights before the files are read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Descriptions of recorded flights: TOML in, frozen RecordDescription out, every fault of a file reported at once.
+"""Descriptions of recorded flights: TOML files read as frozen RecordDescription objects, all faults reported at once.
 
 A description says where the files lie, which column is which channel in which unit, what each record is used for and
 what is identified from it. It holds no code; a scenario's ``preparation`` and ``identification`` mean the same here.
@@ -19,7 +19,7 @@ from testbench.logs.layout import Recorded, Text
 
 
 class Reference(Strict):
-    """Printed results that a report shows beside what was found, and where they are printed.
+    """Printed results that a report shows beside those found, and where they are printed.
 
     ``values`` are in SI units and radians; "wn_rad_s" and "zeta" are a mode's natural frequency and damping ratio.
     """
@@ -29,7 +29,7 @@ class Reference(Strict):
 
 
 class RecordDescription(Recorded):
-    """Recorded flights, and what is identified from them.
+    """Recorded flights, and what to identify from them.
 
     Every record, and every segment of one, begins with ``trim_s`` of undisturbed flight, over which the bias "trim" of
     the preparation is taken.

@@ -1,4 +1,4 @@
-"""One log in; what is in it, its manoeuvres as records, and descriptions ready for ``testbench identify`` out."""
+"""Read one log: say what is in it, and write its manoeuvres as records with descriptions for ``testbench identify``."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _MOST_OUTPUTS = 3
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """A log that was read: its channels as logged, the record of all of it on one clock, and the manoeuvres in it."""
+    """A log that was read: its channels as logged, one record of them all on one clock, and the manoeuvres in it."""
 
     log: Log
     channels: tuple[Mapped, ...]
@@ -114,11 +114,11 @@ def import_log(
 
     Args:
         path: the log.
-        rate_hz: rate of the record; see :func:`testbench.logs.resampling.common_rate` for what is taken otherwise.
+        rate_hz: rate of the record; :func:`testbench.logs.resampling.common_rate` chooses it if none is given.
         throw_rad: surface ("de", "da", "dr") -> its deflection at full command, rad.
         lead_s: quiet flight before each manoeuvre, s.
         tail_s: response after it, s.
-        part: record of a description, where it has several.
+        part: which record of a description, if it has several.
 
     Raises:
         RecordError: the log cannot be read, holds no channel of the table, or a number given is out of its range.
@@ -190,9 +190,9 @@ def cut(imported: Imported) -> dict[str, tuple[Manoeuvre, FlightRecord]]:
 def write_import(imported: Imported, folder: Path | str) -> list[Path]:
     """Write the whole record, one record per manoeuvre (NetCDF), and a description per axis; return the paths.
 
-    Descriptions are named after the log: FILE_longitudinal.toml, FILE_lateral.toml, FILE_combined.toml; with no
-    manoeuvre that can be cut out, FILE_whole.toml, which splits the whole record. Each has been read back as
-    ``testbench identify`` would.
+    Descriptions are named after the log: FILE_longitudinal.toml, FILE_lateral.toml, FILE_combined.toml; if no manoeuvre
+    can be cut out, FILE_whole.toml, which splits the whole record. Each is read back as ``testbench identify`` would
+    read it.
 
     Raises:
         RecordError: the folder cannot be written to.
@@ -225,8 +225,8 @@ def _axis(m: Manoeuvre) -> str:
 def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvre | None, FlightRecord]]) -> str:
     """Return the description (TOML) of some records of one log, "" if nothing was measured that could be an output.
 
-    Manoeuvres of the same controls identify and validate in turn; one that is alone is split. Every channel carries
-    in a comment where it comes from and what was assumed.
+    Manoeuvres of the same controls identify and validate in turn; a single one is split. A comment at every channel
+    says where it comes from and what was assumed.
     """
     records = [record for _, record in members.values()]
     held = [n for n in records[0].channels if all(r.valid[:, r.channels.index(n)].any() for r in records)]

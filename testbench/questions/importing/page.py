@@ -1,4 +1,4 @@
-"""What a log holds, printed: channels with rates and gaps, what was assumed, manoeuvres, the files written."""
+"""Print what a log holds: channels with rates and gaps, what was assumed, manoeuvres, and the files written."""
 
 from __future__ import annotations
 

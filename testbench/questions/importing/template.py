@@ -1,7 +1,7 @@
-"""A description to fill in, made from the table that it is to describe: its columns, what they hold, what to say.
+"""A description to fill in, made from the table itself: its columns, what they hold, and what to add.
 
-Nothing of a table without names can be known but its numbers: which column is which channel is for its owner to say.
-What the file gives away is proposed: names of channels in the header, stated units, a column that counts time.
+A table without names shows only its numbers, so its owner must say which column is which channel. The description
+proposes what the file shows: names of channels in the header, stated units, a column that counts time.
 """
 
 from __future__ import annotations

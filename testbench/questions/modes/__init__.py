@@ -1,1 +1,1 @@
-"""Which modes do outputs show whose input nobody knows, such as a wing in turbulence?"""
+"""Which modes do outputs show if nobody knows the input, as of a wing in turbulence?"""

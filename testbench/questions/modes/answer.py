@@ -1,4 +1,4 @@
-"""Modes found without an input, in sentences: what they are, how they compare, what they rest on."""
+"""Modes found without an input, in sentences: what they are, how they compare, and on which data they rest."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def modes_answer(result: ModesResult) -> list[Line]:
-    """Return what was found, how it compares with the aircraft, and what it rests on, in sentences."""
+    """Return what was found, how it compares with the aircraft, and on which data it rests, in sentences."""
     found = result.found
     q = found.quantile
     pieces = [f"{_frequency(m, q)} with damping {_damping(m, q)}" for m in found.modes]

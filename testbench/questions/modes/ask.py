@@ -33,7 +33,7 @@ WING = ("az_wing_", "strain_wing_")
 
 @dataclass(frozen=True, eq=False)
 class ModesResult:
-    """What was found, and what is known of the aircraft.
+    """The modes that were found, and what is known of the aircraft.
 
     Attributes:
         name, title, question: for the report.
@@ -59,7 +59,7 @@ class ModesResult:
 
 
 def search_for(given: Mapping[str, Any], otherwise: ModeSearch | None = None) -> ModeSearch:
-    """Return what is sought where ``given`` (keys of ModeSearch) replaces what a scenario says.
+    """Return the search of a scenario with the keys of ModeSearch in ``given`` replaced.
 
     Raises:
         ScenarioError: a value breaks a law.

@@ -1,4 +1,4 @@
-"""Scenarios of flight in turbulence: what is flown, and which outputs the modes are sought in."""
+"""Scenarios of flight in turbulence: what is flown, and in which outputs the modes are sought."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class TurbulentFlight(Strict):
 
 
 class ModeSearch(Strict):
-    """Which modes are sought, and in what.
+    """Which modes are sought, and in which channels.
 
-    ``channels`` left empty means every wing accelerometer and strain gauge of the suite; ``references`` are those that
-    all are correlated with, all if none is given. ``band_hz`` is the lowest and highest frequency; ``order`` the
-    largest number of states, 40 if the lags have room for them; a mode must be stable at ``least_orders`` of the orders
-    2, 4, ... ``order``.
+    If ``channels`` is empty, every wing accelerometer and strain gauge of the suite is used. All channels are
+    correlated with the ``references``, which are all channels if none is given. ``band_hz`` is the lowest and highest
+    frequency. ``order`` is the largest number of states: 40 by default, if the lags have room for them. A mode must be
+    stable at ``least_orders`` of the orders 2, 4, ... ``order``.
     """
 
     channels: Names = ()

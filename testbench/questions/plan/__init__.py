@@ -1,1 +1,1 @@
-"""How does a flight campaign go: which points in which order, with which cards, repeats, times and energy?"""
+"""How is a flight campaign flown: which points in which order, with which cards, repeats, times and energy?"""

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def plan_answer(plan: Plan) -> list[tuple[str, str]]:
-    """Return (kind, sentence) of what matters: flights and time, onset, predicted damping, cards and accuracy."""
+    """Return (kind, sentence) for each result: flights and time, onset, predicted damping, cards and accuracy."""
     out: list[tuple[str, str]] = []
     planes = [sum(r.card.spec.plane == p for r in plan.runs) for p in ("longitudinal", "lateral")]
     if plan.runs:

@@ -1,4 +1,4 @@
-"""The flight card drawn: control sequence and expected response, alone for a page of the web and on one page A4."""
+"""Drawings of a flight card: control sequence and expected response, for a web page and on one page A4."""
 
 from __future__ import annotations
 

@@ -39,12 +39,12 @@ class CardText:
     """The words of a card.
 
     Attributes:
-        status: what became of it in the simulator, in one sentence.
+        status: how it went in the simulator, in one sentence.
         setup: (what, value).
         sequence: lines on the control sequence.
         limits: (limit, range, what to do when it is met).
         modes: (mode, frequency, damping here, predicted at the next point, least measured for a go).
-        go: the rule for going on, in one sentence.
+        go: the rule for a go, in one sentence.
         log: what to log.
         notes: accuracy, band, limits met at full amplitude.
     """

@@ -32,7 +32,7 @@ _WARN = "#b34700"
 
 
 def plan_plates(plan: Plan) -> list[Plate]:
-    """Return the figures of the plan's page; the first shows what bounds it, elastic modes or energy."""
+    """Return the figures of the plan's page; the first shows what limits the plan, elastic modes or energy."""
     out = [_build_up(plan), *([_energy(plan)] if plan.flights else [])]
     return out if _weakest(plan) else out[::-1]
 

@@ -1,4 +1,4 @@
-"""How many runs a wanted accuracy takes, from the Fisher information of one: repeats = ceil((std / wanted)^2)."""
+"""How many runs give a wanted accuracy, from the Fisher information of one: repeats = ceil((std / wanted)^2)."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ def plane_modes(aircraft: Aircraft, plane: Plane) -> tuple[int, ...]:
 
 
 def command_names(model: LinearModel, controls: Sequence[str]) -> tuple[str, ...]:
-    """Return the inputs of the linear model that are commanded: through the servo where there is one."""
+    """Return the inputs of the linear model that are commanded: through the servo if there is one."""
     return tuple(f"{c}_cmd" if f"{c}_cmd" in model.inputs else c for c in controls)
 
 
 def reach(
     point: Point, spec: PlannedManoeuvre, inputs: Sequence[Input], suite: SensorSuite, modes: Sequence[int]
 ) -> tuple[int, tuple[Reached, ...]]:
-    """Return the repeats of a manoeuvre at a point and what they reach of every parameter of ``accuracy_percent``.
+    """Return the repeats of a manoeuvre at a point, and the accuracy of every parameter of ``accuracy_percent``.
 
-    The parameters wanted are estimated together with those of ``estimated``; offsets of the sensors are unknown.
+    The wanted parameters are estimated together with those of ``estimated``, and offsets of the sensors are unknown.
     Sensors of other motions, off the centre of gravity or without noise are left out. With n runs of the same input the
     information is n times that of one.
 
@@ -92,7 +92,7 @@ def reach(
 def repeats_for(
     names: Sequence[str], relative: FloatArray, wanted: dict[str, float], most: int
 ) -> tuple[int, tuple[Reached, ...]]:
-    """Return the repeats, at most ``most``, and what they reach, from relative standard errors (k,) of one run."""
+    """Return the repeats, at most ``most``, and their accuracy, from relative standard errors (k,) of one run."""
     one = {name: float(relative[list(names).index(name)]) for name in wanted}
     needed = {
         name: math.ceil((one[name] / wanted[name]) ** 2 - 1e-9) if math.isfinite(one[name]) else None for name in wanted

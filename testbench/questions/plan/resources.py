@@ -24,8 +24,8 @@ def schedule(
     """Return the runs in order and the flights that they take.
 
     A flight begins with ``timing.overhead_s`` at the level power of its first point and the climb from the field,
-    m g dh / efficiency; a run takes its length and ``timing.turn_s``. The next flight begins where a run would take
-    more than the usable energy.
+    m g dh / efficiency; a run takes its length and ``timing.turn_s``. The next flight begins when a run would take more
+    than the usable energy.
 
     Raises:
         ScenarioError: a flight of one run takes more than the usable energy.

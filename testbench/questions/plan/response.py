@@ -1,4 +1,4 @@
-"""What a planned manoeuvre does: flown in the simulator against its limits, scaled if asked for, and with a band."""
+"""The response to a planned manoeuvre: flown in the simulator against its limits, scaled if asked for, with a band."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _SIGMAS = 1.96  # 95 % of a normal deviate
 
 @dataclass(frozen=True, eq=False)
 class Flown:
-    """One flight of a manoeuvre in the simulator: the input, the record as far as it goes, and the limits met."""
+    """One simulated flight of a manoeuvre: the input, the record up to its end, and the limits that it breaks."""
 
     signal: InputSignal
     record: FlightRecord
@@ -44,7 +44,7 @@ class Flown:
 
 
 def limits_of(limits: PlanLimits, aircraft: Aircraft, onset_m_s: float | None) -> Limits:
-    """Return the limits of a plan in SI; where no highest speed is given, the onset of instability is one.
+    """Return the limits of a plan in SI; if no highest speed is given, the onset of instability is one.
 
     Raises:
         LimitError: a limit breaks its law.
@@ -159,10 +159,10 @@ def _too_fast(record: FlightRecord, spec: PlannedManoeuvre, limits: Limits) -> l
 def fly_within(
     aircraft: Aircraft, point: Point, spec: PlannedManoeuvre, limits: Limits, scale: bool
 ) -> tuple[float, Flown, tuple[str, ...]]:
-    """Return the factor on the amplitude that keeps all limits, the flight at it, and the limits met at factor 1.
+    """Return the factor on the amplitude that keeps all limits, the flight at it, and the limits broken at factor 1.
 
-    The factor is found by bisection, to 1/64, and is 0 where the manoeuvre is refused: it breaks a limit and may not be
-    scaled, or it breaks one even at a twentieth of its amplitude. The flight is then the one at factor 1.
+    Bisection finds the factor to 1/64. It is 0 if the manoeuvre is refused, because it breaks a limit and may not be
+    scaled, or breaks one even at a twentieth of its amplitude. The flight is then the one at factor 1.
     """
     first = _attempt(aircraft, point, spec, limits, 1.0)
     if isinstance(first, Flown) and not first.met:
@@ -206,9 +206,10 @@ def expected_band(
 ) -> dict[str, FloatArray]:
     """Return channel -> (n,) half width of the 95 % band about the expected response, for the channels of SHOWN.
 
-    1.96 times the root of the sum of three variances: the sensor's noise and rounding, where the suite has the channel;
-    that of the derivatives, each uncertain by ``uncertainty_percent`` and independent of the others, by the
-    sensitivities of the linearised aircraft; and that of turbulence, from one flight without input through it.
+    The half width is 1.96 times the root of the sum of three variances. One is the sensor's noise and rounding, if the
+    suite has the channel. One is that of the derivatives, each uncertain by ``uncertainty_percent`` and independent of
+    the others, through the sensitivities of the linearised aircraft. One is that of turbulence, from one flight through
+    it without input.
 
     Raises:
         EstimationError: the linearised aircraft diverges over the manoeuvre.

@@ -79,7 +79,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Reached:
-    """What the repeats of a card reach of one parameter, all relative to its value: wanted, by one run, by all."""
+    """Relative standard errors of one parameter: wanted, after one run, after all repeats of the card."""
 
     name: str
     wanted: float
@@ -117,13 +117,13 @@ class Card:
         point, spec: where and what.
         status: "fly" as given, "scaled" to ``factor``, or "refused".
         factor: on the amplitudes of the scenario.
-        met: limits that the manoeuvre breaks in the simulator, at the amplitude of the scenario, in words.
+        met: limits that the manoeuvre breaks in the simulator at the amplitude of the scenario, in words.
         signal: what is commanded, deviations from trim, at the rate of the simulator.
-        expected: the response in the simulator, or as far as it went; t = 0 is the start of the input.
+        expected: the response in the simulator, up to where the flight ended; t = 0 is the start of the input.
         band: channel -> (n,) half width of the 95 % band about ``expected``.
         limits: that hold.
         repeats: number of runs; 0 for a refused card.
-        reached: accuracy, where it sets the repeats.
+        reached: accuracy, if it sets the repeats.
     """
 
     number: int

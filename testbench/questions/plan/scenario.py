@@ -1,4 +1,4 @@
-"""Flight plans: test points, what is flown at each, limits, times and energy; inputs only, keys with their units."""
+"""Flight plans: test points, manoeuvres at each, limits, times and energy. Keys carry their units."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ Share = Annotated[float, Field(gt=0.0, le=100.0)]
 class PlannedManoeuvre(Strict):
     """What is flown at every point, or at those of ``speeds_m_s`` and ``heights_m``.
 
-    Either ``repeats`` is given, or ``accuracy_percent``: the standard errors wanted of named parameters, in percent of
-    their values, from which the repeats follow. ``estimated`` are the parameters that are estimated along with them;
-    if it is empty, those of the rigid motion that the moved controls enter.
+    Give either ``repeats`` or ``accuracy_percent``: the wanted standard errors of named parameters, in percent of their
+    values, from which the repeats follow. ``estimated`` are the parameters that are estimated with them; if it is
+    empty, those of the rigid motion that the moved controls enter.
     """
 
     name: Name
@@ -58,7 +58,7 @@ class PlannedManoeuvre(Strict):
 
 
 class PlanLimits(Strict):
-    """The envelope of every manoeuvre; changes count from trim. What is left out is not limited.
+    """The envelope of every manoeuvre; changes count from trim. A quantity that is left out is not limited.
 
     Deflections, trim included, are limited by the aircraft's own stops where none is given.
     """
@@ -84,7 +84,7 @@ class PlanLimits(Strict):
 
 
 class Timing(Strict):
-    """What passes besides the manoeuvres: per run ``turn_s``, to fly back and trim anew; per flight ``overhead_s``.
+    """The time beside the manoeuvres: ``turn_s`` per run, to fly back and trim again; ``overhead_s`` per flight.
 
     ``overhead_s`` is take-off, climb, descent and landing; ``field_m`` the height of the field above sea level.
     """

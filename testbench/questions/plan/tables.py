@@ -137,7 +137,7 @@ def _least_damped(point: Point) -> ModeAt | None:
 
 
 def short_cards(plan: Plan) -> Table:
-    """Return one row per card as a terminal shows it: where, what became of it, runs, flights, least damping."""
+    """Return one row per card as a terminal shows it: its point, whether it is flown, runs, flights, least damping."""
     columns = (
         Column("card", "card"),
         Column("manoeuvre", "manoeuvre"),

@@ -1,1 +1,1 @@
-"""The papers' results once more, on simulated flights: every printed number beside ours, and why they part."""
+"""The results of the papers, repeated on simulated flights: every printed number beside ours, and why they differ."""

@@ -1,4 +1,4 @@
-"""Flights, measurements and estimates as the sections need them: one aircraft at one trim, many inputs and seeds."""
+"""Flights, measurements and estimates for the sections: one aircraft at one trim, many inputs and seeds."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def from_rest(model: StateSpaceModel, record: FlightRecord) -> FloatArray:
 
 
 def scores(model: IdentifiedModel, record: FlightRecord, predicted: FloatArray | None = None) -> dict[str, float]:
-    """Return output -> MRSE in percent on a record; of a free run with fitted initial state if none is given."""
+    """Return output -> MRSE in percent on a record; without an initial state, that of a free run with a fitted one."""
     yhat = model.simulate(record) if predicted is None else predicted
     found = mrse_percent(record.columns(model.outputs), yhat)
     return dict(zip(model.outputs, found.tolist(), strict=True))

@@ -77,7 +77,7 @@ def _measure(truth: FlightRecord, seeds: int) -> tuple[FlightRecord, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What one setting makes of all noises of one motion.
+    """The errors of one setting over all noises of one motion.
 
     ``errors`` holds mode -> 100 |ln(found / true)| per noise, at most 100, which also stands for a mode not found;
     ``lost`` is the percentage of models with a real pole z <= 0.
@@ -112,7 +112,7 @@ def outcome(motion: Motion, spec: Estimator, with_vane: bool) -> Outcome:
 
 
 def better(without: Outcome, with_: Outcome) -> tuple[str, ...]:
-    """Return the modes that the second finds better by a tenth, and so in at least 7 of 8 paired noises.
+    """Return the modes that the second finds better by a tenth, and better in at least 7 of 8 paired noises.
 
     Seven of eight come by chance in 3.5 % of cases (sign test).
     """

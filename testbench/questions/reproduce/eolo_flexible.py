@@ -106,7 +106,7 @@ def acceleration_matrix(stand: Bench, stations: Sequence[int], modes: Sequence[i
 
 
 def torsion_scatter(stand: Bench) -> float:
-    """Return how many times the scatter of the torsional acceleration grows if pitch acceleration is asked for, too."""
+    """Return the factor by which the torsional acceleration scatters more if pitch acceleration is estimated too."""
     stations = range(1, len(stand.aircraft.wing_stations) + 1)
     plain = acceleration_matrix(stand, stations, SYMMETRIC)
     ahead = np.array([[p.x_m] for p in stand.aircraft.wing_stations])

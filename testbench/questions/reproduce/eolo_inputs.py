@@ -1,4 +1,4 @@
-"""EOLO paper, figures 4 and 5: energy spectra of manoeuvres and accelerometers; why the latter did not help."""
+"""EOLO paper, figures 4 and 5: energy spectra of manoeuvres and accelerometers, and why accelerometers did not help."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ _FRACTION = 0.5002  # of the window, as in eolo_table3
 
 @dataclass(frozen=True)
 class Trial:
-    """What many noises make of one setting: ``lost`` is the share of runs with a pole that no continuous system has.
+    """One setting over many noises: ``lost`` is the share of runs with a pole that no continuous system has.
 
     ``found`` is the share that has a pole for the fast root of the short period, ``fast`` its median, 1/s;
     ``fourth`` the median of the fourth singular value over the noise floor. ``refused`` is the share of runs that the
@@ -88,7 +88,7 @@ class Window:
         seeds: int = SEEDS,
         decimate: int = 1,
     ) -> Trial:
-        """Return what ``seeds`` noises make of one estimator and suite; decimation filters at 0.8 of its Nyquist."""
+        """Return results of one estimator and suite over ``seeds`` noises; decimation filters at 0.8 of its Nyquist."""
         lost, fast, fourth, refused = [], [], [], 0
         for seed in range(1, seeds + 1):
             record = self.half(suite, seed, decimate, 40.0 / decimate if decimate > 1 else None)

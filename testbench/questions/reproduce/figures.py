@@ -1,4 +1,4 @@
-"""One way of drawing for all figures of the reproduction: panels of lines, points and marks."""
+"""One form for all figures of the reproduction: panels of lines, points and marks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """One curve or, with a ``marker``, one set of points; the same ``label`` looks the same in every panel.
+    """One curve or, with a ``marker``, one set of points; a ``label`` looks the same in every panel.
 
     ``colour`` is a number of the palette, or "ink", "measured" or "quiet".
     """

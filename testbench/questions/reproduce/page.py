@@ -113,7 +113,7 @@ def answers(chapters: Sequence[Chapter]) -> list[tuple[str, str]]:
 
 
 def print_reproduction(chapters: Sequence[Chapter], console: Console, folder: Path | str) -> None:
-    """Print the answer, how many comparisons came out how, and where the page is."""
+    """Print the answer, the number of comparisons with each verdict, and where the page is."""
     from rich.text import Text
 
     for chapter in chapters:

@@ -1,4 +1,4 @@
-"""The papers' own numbers: what our aircraft take over from them, and whether they fit together."""
+"""The papers' own numbers: which of them our aircraft use, and whether they fit together."""
 
 from __future__ import annotations
 

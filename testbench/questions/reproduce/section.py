@@ -1,4 +1,4 @@
-"""What a reproduction consists of: sections with findings in words, printed numbers beside ours, tables and figures."""
+"""The parts of a reproduction: sections with findings in words, printed numbers beside ours, tables and figures."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ class Section:
         title: what it is about.
         findings: sentences, the most important first.
         comparisons: printed beside ours.
-        checks: printed numbers beside what other printed numbers make of them.
-        tables, plates: what the findings rest on; their names carry the section's, so that files do not collide.
+        checks: printed numbers beside those that follow from other printed numbers.
+        tables, plates: the data behind the findings; their names carry the section's, so that files do not collide.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Taurus paper: which of filter, log of 8 Hz and doublet of 2 s keeps the short period away; and the loop."""
+"""Taurus paper: whether filter, log at 8 Hz or doublet of 2 s hides the short period; and the loop."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def distances(poles: Mapping[Setting, complex | None], short_period: complex) ->
 
 
 def cause(found: Mapping[Setting, float]) -> tuple[str, dict[str, float]]:
-    """Return which single change from PAPER brings the pole nearest to the short period, and the distance of each."""
+    """Return the single change from PAPER that brings the pole nearest to the short period, and all distances."""
     single = {
         "no filter": found[PAPER[0], PAPER[1], None],
         f"a log of {RATES_HZ[1]:g} Hz": found[PAPER[0], RATES_HZ[1], PAPER[2]],

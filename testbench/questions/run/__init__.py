@@ -1,1 +1,1 @@
-"""One flight experiment: fly, measure, identify, judge. What do this input and these sensors tell?"""
+"""One flight experiment: fly, measure, identify, judge. What can this input and these sensors tell?"""

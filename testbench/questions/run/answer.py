@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
     """Return found against printed values, then the findings of the run, doubts last; verdicts if there are none.
 
-    Beyond ``most_doubts`` only the number of the other doubts is given.
+    After ``most_doubts`` doubts, only the number of the others is given.
     """
     advice = tuple(a for case in result.cases for a in case.model.advice)
     findings = [text for text in result.findings if not text.endswith(advice)] if advice else list(result.findings)

@@ -36,7 +36,7 @@ _RANGE_PERCENT = (0.1, 1000.0)  # a free run that diverges, or a copy of what wa
 
 
 def answer_plates(result: RunResult) -> list[Plate]:
-    """Return error per output and model, beside what the input shows of each mode if the truth is known; or nothing."""
+    """Return error per output and model and, if the truth is known, what the input shows of each mode; or nothing."""
     outputs, names = outputs_of(result.cases), case_names(result.cases)
     modes = [] if result.truth is None else sorted(result.truth.excitation, key=lambda e: abs(e.pole))[:_MOST_MODES]
     if not outputs:

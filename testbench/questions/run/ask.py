@@ -19,13 +19,13 @@ from testbench.sensors import SensorSuite, load_suite
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """What a run needs before it flies; made once where many runs share it, or change it.
+    """What a run needs before it flies; made once if many runs share it, or change it.
 
     Attributes:
-        aircraft: possibly not the one of the scenario's name.
-        suites: possibly not those of the scenario's names.
+        aircraft: it may differ from the one that the scenario names.
+        suites: they may differ from those that the scenario names.
         trimmed: at the scenario's condition and steady wind.
-        truth: of this aircraft and trim, or None if estimates need no truth beside them.
+        truth: of this aircraft and trim, or None if estimates are not compared with the truth.
         channels: of the truth to log; all if None.
     """
 
@@ -46,7 +46,7 @@ def run(
     """Fly, measure, identify and judge one scenario.
 
     Args:
-        scenario: what to do.
+        scenario: the scenario.
         seed: replaces the scenario's own.
         keep: called with a name and each record as soon as it exists, so that a later failure loses none of them.
         progress: called with a few words as each stage begins.

@@ -1,4 +1,4 @@
-"""What can be said of a scenario before it is flown: every law of aircraft, inputs and sensors that it breaks."""
+"""What can be checked in a scenario before it is flown: the laws of aircraft, inputs and sensors."""
 
 from __future__ import annotations
 

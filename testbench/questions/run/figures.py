@@ -53,7 +53,7 @@ _REACH = 0.6  # a diverging prediction may widen the axis by this much of the me
 
 
 def plates(result: RunResult) -> list[Plate]:
-    """Return every figure that ``result`` has the data for, in the order of the report."""
+    """Return every figure for which ``result`` has data, in the order of the report."""
     return [
         *answer_plates(result),
         *input_plates(result),

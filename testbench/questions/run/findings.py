@@ -21,7 +21,7 @@ def alpha_findings(cases: Sequence[Any]) -> list[str]:
     Only outputs that both suites sense are compared: a mean over different channels would compare unlike things.
 
     Args:
-        cases: objects with ``suite``, ``estimator``, ``model`` and ``evaluation`` (results.Case).
+        cases: objects with ``suite``, ``estimator``, ``model`` and ``evaluation`` (:class:`testbench.line.Case`).
     """
     out = []
     for name in dict.fromkeys(estimator_name(c.estimator) for c in cases):
@@ -86,9 +86,9 @@ def sampling_findings(
     """Say whether poles fitted output by output belong to a true mode, or to the input, the filter or the sampling.
 
     Args:
-        cases: results.Case objects; only those of transfer functions count.
+        cases: :class:`testbench.line.Case` objects; only those of transfer functions count.
         modes: true poles by name.
-        flight: results.Flight that the models were identified from.
+        flight: the :class:`testbench.line.Flight` from which the models were identified.
         lowpass_hz: edge of the noise filter, if any.
     """
     case = next((c for c in cases if c.estimator.method == "transfer_function"), None)

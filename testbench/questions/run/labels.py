@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def case_names(cases: Sequence[Case]) -> list[str]:
-    """Return a short and unique name per case: what differs of suite, method and order, then a number."""
+    """Return a short and unique name per case: suite, method and order as far as they differ, then a number."""
     suites, methods = {c.suite for c in cases}, {estimator_name(c.estimator) for c in cases}
     names = []
     for case in cases:

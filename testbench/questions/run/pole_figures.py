@@ -121,7 +121,7 @@ def _name(axes: Axes, name: str, pole: complex, others: Sequence[complex]) -> No
     wide, tall = (5.2 * len(name) + 14.0) * per_point[0], 20.0 * per_point[1]
 
     def cost(side: tuple[int, int]) -> float:
-        """Return how many poles the name covers on that side; a side that leaves the axes counts as ten or more."""
+        """Return how many poles the name covers on that side; a side outside the axes counts as ten or more."""
         x = sorted((pole.real, pole.real + side[0] * wide))
         y = sorted((pole.imag, pole.imag + side[1] * tall))
         covered = sum(x[0] <= p.real <= x[1] and y[0] <= p.imag <= y[1] for p in others)

@@ -1,4 +1,4 @@
-"""Tables of poles: true modes and what was found of them, every pole of every model, and printed references."""
+"""Tables of poles: true modes beside those found, every pole of every model, and printed references."""
 
 from __future__ import annotations
 

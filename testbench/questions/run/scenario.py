@@ -1,4 +1,4 @@
-"""The scenario of a run: what is flown, what is sensed, what is identified. It holds no code; keys carry their unit."""
+"""The scenario of a run: what is flown, sensed and identified. Keys carry their units."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from testbench.estimators.identification import Identification
 
 
 class Experiment(FlownInAir):
-    """What is flown and sensed, and what is done with the records; runs and comparisons have it in common."""
+    """What is flown and sensed, and how records are prepared: common to runs and comparisons."""
 
     manoeuvre: Annotated[tuple[Manoeuvre, ...], Field(min_length=1, strict=False)]
     suites: Annotated[tuple[SuiteName, ...], Field(min_length=1, strict=False)]

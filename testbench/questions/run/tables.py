@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def result_tables(result: RunResult) -> list[Table]:
-    """Return every table of what was found that ``result`` has the data for, in the order of the report."""
+    """Return every table for which ``result`` has data, in the order of the report."""
     made = [
         mrse_table(result),
         fit_table(result),
@@ -117,7 +117,7 @@ def _mean_score(case: Any, use: str, kind: str) -> float:
 
 
 def excitation_table(result: RunResult) -> Table | None:
-    """Return what the identification input does to every true mode, with the verdict; None without truth."""
+    """Return how the identification input excites every true mode, with the verdict; None without truth."""
     if result.truth is None or not result.truth.excitation:
         return None
     from testbench.evaluation.excitation import EXCITED_DB

@@ -1,4 +1,4 @@
-"""What the page must know to compute by itself: linearised aircraft with their free parameters, as seen by each suite.
+"""The data from which the page computes: linearised aircraft with free parameters, as each suite sees them.
 
     dx/dt = A x + B u,    y = C x + D u,    d[A B]/dp = E_p,    d[C D]/dp = P E_p
 
@@ -42,10 +42,10 @@ Json = dict[str, Any]
 
 
 def studio_models(aircraft: Sequence[str] = (), progress: Callable[[str], None] | None = None) -> Json:
-    """Return everything that the page computes from, in SI units and radians, ready for JSON.
+    """Return the data from which the page computes, in SI units and radians, ready for JSON.
 
     Args:
-        aircraft: names; all that there are if empty.
+        aircraft: names; all packaged aircraft if empty.
         progress: called with a few words as each aircraft begins.
 
     Raises:

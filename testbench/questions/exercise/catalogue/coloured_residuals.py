@@ -44,7 +44,7 @@ def hand_out(case: Case) -> Handout:
 
 
 def answer(case: Case) -> Mapping[str, Answer]:
-    """Return what the white-noise formula says of M_alpha, and by how much it is too small."""
+    """Return the standard error of M_alpha by the white-noise formula, and by how much it is too small."""
     J = sensitivities(case.hidden, _input(), _DT, ("alpha", "q"))
     said = standard_errors(J, _NOISE)["M_alpha"]
     real = coloured_errors(J, _NOISE, case["correlation"])["M_alpha"]

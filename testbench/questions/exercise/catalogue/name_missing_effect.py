@@ -59,7 +59,7 @@ def predict(d: Mapping[str, float], u: FloatArray, effect: str = "", size: float
 
 
 def draw(rng: Generator) -> Mapping[str, Any]:
-    """Draw the believed aircraft, which is told, and the effect that it lacks, which is not."""
+    """Draw the believed aircraft, which the student knows, and the effect that it lacks, which is hidden."""
     drawn = draw_short_period(rng, (3.0, 5.0), (0.35, 0.5), (-10.0, -7.0))
     believed = {name: round(drawn[name], 3) for name in ("Z_alpha", "M_alpha", "M_q", "M_de")}
     effect = list(_SIZES)[int(rng.integers(len(_SIZES)))]
@@ -138,7 +138,7 @@ def answer(case: Case) -> Mapping[str, Answer]:
 
 
 def solve(folder: Path) -> dict[str, float | str]:
-    """Fit the size of each effect on the naming record; the one that leaves least is named."""
+    """Fit the size of each effect on the naming record, and name the one that leaves least."""
     from scipy.optimize import minimize_scalar
 
     given = read_toml(folder / "given.toml")

@@ -29,7 +29,7 @@ decimate = 1
 
 
 def draw(rng: Generator) -> Mapping[str, Any]:
-    """Draw two to four modes, well apart, and how much each output feels of each."""
+    """Draw two to four modes, well apart, and the share of each mode in each output."""
     count = int(rng.integers(2, 5))
     f = [float(rng.uniform(0.7, 1.1))]
     for _ in range(count - 1):

@@ -1,4 +1,4 @@
-"""Trim flights at several speeds: the elevator's slope, the static margin, and the trim at a speed not flown."""
+"""Trim flights at several speeds: the slope of the elevator, the static margin, and the trim at another speed."""
 
 from __future__ import annotations
 
