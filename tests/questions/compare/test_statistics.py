@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from testbench.evaluation.proportion import proportion_interval
 from testbench.questions.compare.statistics import (
     holm,
     mean_interval,
@@ -16,7 +17,6 @@ from testbench.questions.compare.statistics import (
     root_mean_square,
     scatter_interval,
     seeds_needed,
-    share_interval,
 )
 
 
@@ -86,7 +86,7 @@ def test_misses_are_compared_by_an_exact_sign_test_of_the_pairs_that_differ() ->
 def test_interval_of_a_share_is_scipy_s() -> None:
     for k in (0, 3, 12):
         expected = stats.binomtest(k, 12).proportion_ci(0.95, method="exact")
-        assert share_interval(k, 12) == pytest.approx((expected.low, expected.high))
+        assert proportion_interval(k, 12, method="exact") == pytest.approx((expected.low, expected.high))
 
 
 def test_interval_of_misses_covers() -> None:
