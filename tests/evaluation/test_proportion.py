@@ -1,6 +1,7 @@
 """Intervals of a share that was counted."""
 
 import pytest
+from scipy.stats import binom
 
 from testbench.evaluation.proportion import proportion_interval
 
@@ -19,3 +20,10 @@ def test_the_exact_interval_is_the_wider_one_and_nothing_counted_says_nothing():
     exact_low, exact_high = proportion_interval(3, 20, method="exact")
     assert exact_low < low < 0.15 < high < exact_high
     assert proportion_interval(0, 0) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize("k", [1, 3, 12])
+def test_the_exact_interval_leaves_half_of_the_error_on_each_side(k):
+    low, high = proportion_interval(k, 20, method="exact")
+    assert binom.sf(k - 1, 20, low) == pytest.approx(0.025)
+    assert binom.cdf(k, 20, high) == pytest.approx(0.025)
