@@ -112,7 +112,7 @@ def faults(names: Sequence[str], suite: SensorSuite | None, beside: Path | None)
         suite: as believed; None if it is not known, and names of the library are not looked at.
         beside: the scenario's file.
     """
-    out = []
+    out: list[str] = []
     for name in names:
         try:
             if bring.is_brought(name):
