@@ -95,7 +95,7 @@ def fly_and_measure(
     trimmed: TrimmedFlight,
     name: str,
     inputs: Sequence[Input] | InputSignal,
-    duration_s: float,
+    duration_s: float = 0.0,
     *,
     log_rate_hz: float,
     settle_s: float = 0.0,
@@ -114,7 +114,7 @@ def fly_and_measure(
         trimmed: where it starts; gives the simulation rate.
         name: of the manoeuvre.
         inputs: entries of a scenario, or a signal at the simulation rate as changes from trim.
-        duration_s: of the inputs, s; a signal has its own.
+        duration_s: of entries of a scenario, s; a signal has its own.
         log_rate_hz: of the truth, Hz; divides the simulation rate.
         settle_s: undisturbed flight before the inputs, s.
         suites: each makes one measured record; none if the truth alone is wanted.

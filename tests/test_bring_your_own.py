@@ -74,6 +74,12 @@ def test_check_run_and_aircraft_take_names_of_the_project_folder(project):
     assert (project / "plain" / "mine" / "mine.xml").is_file()
 
 
+def test_the_studio_shows_ones_own_aircraft_through_ones_own_suites(project):
+    done = command("studio", "mine", "--write", "studio.html", cwd=project)
+    assert done.returncode == 0, done.stderr
+    assert "Mine: not packaged" in (project / "studio.html").read_text(encoding="utf-8")
+
+
 def test_names_are_looked_for_beside_the_scenario_from_wherever_it_is_asked(project, tmp_path_factory, monkeypatch):
     monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
     scenario = Scenario.load(project / "doublet.toml")

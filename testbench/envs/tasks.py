@@ -13,8 +13,9 @@ from testbench.aircraft import Aircraft, load_aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ScenarioError
 from testbench.core.record import FloatArray
-from testbench.flight import FlightCondition, TrimmedFlight, linearise, trim
+from testbench.flight import TrimmedFlight, linearise
 from testbench.information.modes import modes_of
+from testbench.line import trim_for
 from testbench.questions.design.build import limits_of, problem_of
 from testbench.questions.design.check import check
 from testbench.questions.design.problem import Problem
@@ -119,8 +120,7 @@ def prepare(name: str, wings: str = "rigid") -> Task:
     if faults:
         raise ScenarioError(faults)
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)
-    c = scenario.condition
-    trimmed = trim(aircraft, FlightCondition(c.V_m_s, c.h_m, c.gamma_deg * DEG_RAD), scenario.simulation.rate_hz)
+    trimmed = trim_for(scenario, aircraft)
     linear = linearise(aircraft, trimmed)
     suite = load_suite(scenario.suites[0])
     modes = modes_of(linear, aircraft, scenario.plane)

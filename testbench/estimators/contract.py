@@ -394,16 +394,25 @@ def tried(name: str) -> Iterator[tuple[str, str]]:
     """
     path, attribute = bring.find(name, None, FOLDER)
     what = bring.load(path, attribute)
-    names = what.__code__.co_varnames if hasattr(what, "__code__") else ()
-    if names[:1] == ("inputs",):
+    kind = kind_of(what)
+    if kind == "structure":
         yield from _each(STRUCTURE_LAWS, Make(path, attribute), path)
         return
-    if names[:1] != ("records",):
+    if not kind:
         raise EstimationError(
             f"'{bring.short(name)}' must be an estimator (records, inputs, outputs, settings, validation=()) or a "
-            f"structure's function (inputs, outputs, trim), got {type(what).__name__} ({', '.join(names[:3])})"
+            f"structure's function (inputs, outputs, trim), got {type(what).__name__} ({', '.join(_arguments(what)[:3])})"
         )
     yield from _each(LAWS, Trial(f"{path}:{attribute}", **_check_table(path)), path)
+
+
+def kind_of(what: object) -> str:
+    """Return "estimator" or "structure", as the first argument of a function tells; "" if it is neither."""
+    return {"records": "estimator", "inputs": "structure"}.get(next(iter(_arguments(what)), ""), "")
+
+
+def _arguments(what: object) -> tuple[str, ...]:
+    return tuple(getattr(getattr(what, "__code__", None), "co_varnames", ()))
 
 
 def _check_table(path: Path) -> dict[str, Any]:

@@ -47,7 +47,8 @@ def _in_python(name: str) -> tuple[str, list[Law]]:
         path, attribute = find(name, None, FOLDER)
     except ScenarioError:
         path, attribute = find(name, None, methods.FOLDER)
-    is_effect = isinstance(load(path, attribute), Effect)
+    what = load(path, attribute)
+    is_effect = isinstance(what, Effect)
     tried = effects.tried if is_effect else methods.tried
     laws = [Law(words, not failed, failed) for words, failed in tried(f"{path}:{attribute}")]
-    return "effect" if is_effect else "estimator", laws
+    return "effect" if is_effect else methods.kind_of(what), laws

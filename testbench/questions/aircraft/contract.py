@@ -61,7 +61,7 @@ def _flight(aircraft: Aircraft, trimmed: TrimmedFlight, control: str | None = No
     u = np.full((n, 1), 0.0 if control is None else _THROTTLE if control == "thr" else _SURFACE_RAD)
     signal = InputSignal(np.arange(n) / trimmed.rate_hz, u, (control or next(iter(aircraft.controls)),))
     log = trimmed.rate_hz / max(1, int(trimmed.rate_hz // _RATE_HZ))
-    return fly_and_measure(aircraft, trimmed, control or "nothing", signal, _SECONDS, log_rate_hz=log).flown
+    return fly_and_measure(aircraft, trimmed, control or "nothing", signal, log_rate_hz=log).flown
 
 
 def _rests(still: FlightRecord) -> bool:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.record import FloatArray
+from testbench.evaluation.proportion import proportion_interval
 from testbench.questions.campaign.scenario import Entry
 from testbench.questions.campaign.store import Row
 
@@ -233,17 +234,9 @@ def _accuracy(name: str, truth: str, columns: Mapping[str, FloatArray], done: ND
         if known.any():
             stated = float(np.sqrt(np.mean(std[known] ** 2)))
             inside = np.abs(error[known]) <= Z95 * std[known]
-            share, low, high = wilson(int(np.count_nonzero(inside)), int(np.count_nonzero(known)))
+            hits, of = int(np.count_nonzero(inside)), int(np.count_nonzero(known))
+            share, (low, high) = hits / of, proportion_interval(hits, of)
     true_mean = float(np.mean(true[have])) if n else math.nan
     rms = float(np.sqrt(np.mean(error**2))) if n else math.nan
     half = _half(scatter, n)
     return Accuracy(name, n, found.size - n, true_mean, bias, half, scatter, rms, stated, share, low, high)
-
-
-def wilson(hits: int, n: int) -> tuple[float, float, float]:
-    """Return hits / n and its 95 % interval (E. B. Wilson, JASA 22(158), 1927); it holds near 0 and 1 too."""
-    share = hits / n
-    z2 = Z95**2 / n
-    centre = (share + 0.5 * z2) / (1.0 + z2)
-    half = Z95 / (1.0 + z2) * math.sqrt(share * (1.0 - share) / n + 0.25 * z2 / n)
-    return share, max(0.0, centre - half), min(1.0, centre + half)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.record import FloatArray
+from testbench.evaluation.proportion import proportion_interval
 
 Test = Literal["wilcoxon", "t"]
 CONFIDENCE = 0.95
@@ -111,17 +112,10 @@ def paired_misses(before: NDArray[np.bool_], after: NDArray[np.bool_]) -> Paired
         return Paired(n, None, None)
     b, c = int(np.sum(before & ~after)), int(np.sum(~before & after))
     p = min(1.0, 2.0 * float(binom.cdf(min(b, c), b + c, 0.5)))
-    (b_low, b_high), (c_low, c_high) = (share_interval(k, n, 1.0 - 0.5 * (1.0 - CONFIDENCE)) for k in (b, c))
+    (b_low, b_high), (c_low, c_high) = (
+        proportion_interval(k, n, 1.0 - 0.5 * (1.0 - CONFIDENCE), "exact") for k in (b, c)
+    )
     return Paired(n, Interval(100.0 * (b - c) / n, 100.0 * (b_low - c_high), 100.0 * (b_high - c_low)), p)
-
-
-def share_interval(k: int, n: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return the interval of a probability after k of n (C. J. Clopper and E. S. Pearson, Biometrika 26, 1934)."""
-    from scipy.stats import beta
-
-    tail = 0.5 * (1.0 - confidence)
-    low = 0.0 if k == 0 else float(beta.ppf(tail, k, n - k + 1))
-    return low, 1.0 if k == n else float(beta.ppf(1.0 - tail, k + 1, n - k))
 
 
 def holm(p: Sequence[float]) -> list[float]:
@@ -145,12 +139,13 @@ def seeds_needed(questions: int, level: float) -> int:
 
 
 def _t(d: FloatArray) -> Paired:
-    from scipy.stats import t as student
+    from scipy.stats import ttest_1samp
 
-    found, se = mean_interval(d), float(np.std(d, ddof=1)) / math.sqrt(d.size)
-    if se == 0.0:
-        return Paired(d.size, found, 1.0 if found.value == 0.0 else 0.0)
-    return Paired(d.size, found, float(2.0 * student.sf(abs(found.value) / se, d.size - 1)))
+    if np.ptp(d) == 0.0:  # no scatter at all: certain, one way or the other
+        return Paired(d.size, mean_interval(d), 1.0 if d[0] == 0.0 else 0.0)
+    found = ttest_1samp(d, 0.0)
+    low, high = found.confidence_interval(CONFIDENCE)
+    return Paired(d.size, Interval(float(np.mean(d)), float(low), float(high)), float(found.pvalue))
 
 
 def _student(n: int) -> float:

@@ -15,10 +15,11 @@ from testbench.core.channels import CONTROLS
 from testbench.core.errors import ModelError, ScenarioError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.state_space import Trajectories
-from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
+from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, linearise, trim
 from testbench.flight.air import Air, Gust
 from testbench.flight.simulate import commands as absolute_commands
 from testbench.inputs.signal import InputSignal
+from testbench.line import fly_and_measure
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.effects.base import MetGust
 from testbench.questions.gap.evidence.commanded import commands, moves_laterally
@@ -317,7 +318,9 @@ def _flown(
     within = np.clip(u, [c.low - at for c, at in controls], [c.full - at for c, at in controls])
     signal = InputSignal(np.arange(size[0]) / key.rate_hz, within, names)
     aircraft = _beyond_limits(key.aircraft)
-    return fly(aircraft, trimmed, Manoeuvre("measured commands", signal, 0.0), log_hz, channels, air)
+    return fly_and_measure(
+        aircraft, trimmed, "measured commands", signal, log_rate_hz=log_hz, channels=channels, air=air
+    ).flown
 
 
 def _beyond_limits(aircraft: Aircraft) -> Aircraft:

@@ -85,10 +85,11 @@ def command(
             say("read records")
             held = hold_out or ()
             flights = load_flights(case, records or (), held, sensors, wings.value, airspeed, altitude, data)
-            folder = out / f"gap_{case}"
+            name = Path(case).name  # of the folder, where a path is given
+            folder = out / f"gap_{name}"
             check_folder(folder)
             result = run_flights(
-                case, flights, say, controls=controls, control_file=folder / CONTROLS, more_effects=effect or ()
+                name, flights, say, controls=controls, control_file=folder / CONTROLS, more_effects=effect or ()
             )
         else:
             refuse(context, "with a gap case, whose file says all; or give measured records, too", *FLIGHTS)

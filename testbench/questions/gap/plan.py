@@ -24,8 +24,8 @@ from testbench.core.errors import LimitError, TrimError, located
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, Input, Pulse, StandardMultistep, Sweep
-from testbench.flight import FlightCondition
 from testbench.inputs import build
+from testbench.line import condition_of
 from testbench.questions.gap.believed import Believed, priors_of
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import Effect, library
@@ -164,10 +164,9 @@ def plan_gap(scenario: Scenario, progress: Callable[[str], None] | None = None) 
     """
     say = progress or (lambda text: None)
     aircraft, suite = load_aircraft(scenario.aircraft, scenario.wings), load_suite(scenario.suites[0])
-    c = scenario.condition
     rate = scenario.simulation.rate_hz or aircraft.rate_hz
     with located(None, f"sensors '{suite.name}'"):
-        believed = Believed(aircraft, suite, FlightCondition(c.V_m_s, c.h_m, c.gamma_deg * DEG_RAD), rate)
+        believed = Believed(aircraft, suite, condition_of(scenario.condition), rate)
     effects = tuple(e for e in library(suite).values() if e.met is None)  # nobody plans to meet a gust
     records = [as_record(believed, spec) for spec in scenario.manoeuvre]
     priors = priors_of(records)

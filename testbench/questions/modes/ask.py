@@ -191,7 +191,6 @@ def fly_modes(
                 trimmed,
                 spec.name,
                 signal_of(spec, trimmed.rate_hz),
-                spec.duration_s,
                 log_rate_hz=log_rate(scenario.simulation, [suite]),
                 settle_s=spec.settle_s,
                 suites=[suite],

@@ -132,7 +132,6 @@ def _flight(
         point.trimmed,
         spec.name,
         signal,
-        spec.duration_s,
         log_rate_hz=log_rate_of(point.trimmed.rate_hz),
         settle_s=spec.settle_s,
         channels=channels,

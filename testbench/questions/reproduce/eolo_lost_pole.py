@@ -14,6 +14,7 @@ from testbench.estimators.identification import Estimator
 from testbench.estimators.prepare import prepare
 from testbench.estimators.settings import OutputError, PredictionError
 from testbench.evaluation.poles import match_poles
+from testbench.evaluation.proportion import proportion_interval
 from testbench.page.labels import number
 from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table
@@ -56,10 +57,7 @@ class Trial:
     @property
     def interval(self) -> tuple[float, float]:
         """Wilson's 95 % interval of ``lost``."""
-        n, p, z = self.runs, self.lost, 1.96
-        centre = (p + z**2 / (2 * n)) / (1 + z**2 / n)
-        half = z * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2)) / (1 + z**2 / n)
-        return max(0.0, centre - half), min(1.0, centre + half)
+        return proportion_interval(round(self.lost * self.runs), self.runs)
 
 
 class Window:

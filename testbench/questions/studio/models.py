@@ -9,13 +9,14 @@ sensitivities, and sums the Fisher information as :class:`testbench.information.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from testbench.aircraft import Aircraft, load_aircraft
-from testbench.core.errors import ScenarioError, TrimError, nearest
-from testbench.core.paths import aircraft_names, suite_names
+from testbench.core.errors import ScenarioError, TrimError
+from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, aircraft_names, resolve, suite_names
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import STEP
 from testbench.evaluation.modes import roots_of
@@ -45,29 +46,29 @@ def studio_models(aircraft: Sequence[str] = (), progress: Callable[[str], None] 
     """Return the data from which the page computes, in SI units and radians, ready for JSON.
 
     Args:
-        aircraft: names; all packaged aircraft if empty.
+        aircraft: names or folders; all packaged ones if empty. A packaged aircraft is seen through the packaged suites
+            for it, one of the user's own through those of the folder ``suites/``.
         progress: called with a few words as each aircraft begins.
 
     Raises:
         ScenarioError: an aircraft is not known, or no suite is for it.
     """
     say = progress or (lambda text: None)
-    known = aircraft_names()
-    for name in aircraft:
-        if name not in known:
-            raise ScenarioError([f"an aircraft must be one of {', '.join(known)}; got '{name}'{nearest(name, known)}"])
     out: Json = {"aircraft": {}, "phases": {str(n): phases(tuple(range(1, n + 1))).tolist() for n in LINES}}
-    for name in aircraft or known:
-        say(f"linearise {name}")
-        out["aircraft"][name] = _aircraft(name)
+    for name in [resolve(n, AIRCRAFT) for n in aircraft] or aircraft_names():
+        said = Path(name).name
+        say(f"linearise {said}")
+        out["aircraft"][said] = _aircraft(name)
     return out
 
 
 def _aircraft(name: str) -> Json:
     aircraft = load_aircraft(name)
-    suites = [s for s in suite_names() if s.startswith(name)]
+    packaged = name in aircraft_names()
+    suites = [s for s in suite_names() if s.startswith(name)] if packaged else SENSOR_SUITES.own(Path.cwd())
     if not suites:
-        raise ScenarioError([f"the studio needs a sensor suite whose name begins with '{name}'; there is none"])
+        where = f"whose name begins with '{name}'" if packaged else "in your folder suites/"
+        raise ScenarioError([f"the studio needs a sensor suite {where}; there is none"])
     h = aircraft.design_h_m
     points = {}
     for V in SPEEDS.get(name, (aircraft.design_V_m_s,)):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from testbench.questions.campaign.store import Row
-from testbench.questions.campaign.summary import summarise, wilson
+from testbench.questions.campaign.summary import summarise
 from testbench.questions.campaign.tables import runs_csv
 
 CASE = "suite, method"
@@ -98,13 +98,3 @@ def test_nothing_finished_is_no_error():
     found = summarise([])
     assert found.figures == found.accuracies == found.causes == ()
     assert found.failed == 0
-
-
-def test_wilsons_interval_solves_its_equation():
-    """Its ends solve (share - p)^2 = z^2 p (1 - p) / n (Brown, Cai, DasGupta, Stat. Sci. 16(2), 2001, equation 4)."""
-    share, low, high = wilson(8, 10)
-    assert share == 0.8
-    for p in (low, high):
-        assert (0.8 - p) ** 2 == pytest.approx(1.959964**2 * p * (1 - p) / 10, rel=1e-6)
-    assert wilson(10, 10)[2] == pytest.approx(1.0)
-    assert wilson(10, 10)[1] > 0.7

@@ -16,7 +16,6 @@ from testbench.questions.compare.statistics import (
     root_mean_square,
     scatter_interval,
     seeds_needed,
-    share_interval,
 )
 
 
@@ -81,12 +80,6 @@ def test_misses_are_compared_by_an_exact_sign_test_of_the_pairs_that_differ() ->
     assert paired_misses(before[:2], after[:2]).p is None
     back = paired_misses(after, before).difference
     assert (back.low, back.high) == pytest.approx((-found.difference.high, -found.difference.low))
-
-
-def test_interval_of_a_share_is_scipy_s() -> None:
-    for k in (0, 3, 12):
-        expected = stats.binomtest(k, 12).proportion_ci(0.95, method="exact")
-        assert share_interval(k, 12) == pytest.approx((expected.low, expected.high))
 
 
 def test_interval_of_misses_covers() -> None:

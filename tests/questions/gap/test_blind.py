@@ -18,9 +18,10 @@ from studies.blind.cases import Case, draw, opened, seal
 from studies.blind.flights import fly_truth
 from studies.blind.report import write_report
 from studies.blind.run import believe, look_again
-from studies.blind.score import judge, rates, wilson
+from studies.blind.score import judge, rates
 from studies.blind.truths import KINDS, parameter_errors
 
+from testbench.evaluation.proportion import proportion_interval
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.hidden import servos
@@ -148,10 +149,10 @@ def test_verdicts(right, said, verdict):
 
 def test_wilson_intervals():
     """Against R's binom.confint(method = "wilson"), figures from memory checked with the formula by hand."""
-    assert wilson(0, 30) == pytest.approx((0.0, 0.1135), abs=1e-4)
-    assert wilson(30, 30) == pytest.approx((0.8865, 1.0), abs=1e-4)
-    assert wilson(5, 10) == pytest.approx((0.2366, 0.7634), abs=1e-4)
-    assert wilson(0, 0) == (0.0, 1.0)
+    assert proportion_interval(0, 30) == pytest.approx((0.0, 0.1135), abs=1e-4)
+    assert proportion_interval(30, 30) == pytest.approx((0.8865, 1.0), abs=1e-4)
+    assert proportion_interval(5, 10) == pytest.approx((0.2366, 0.7634), abs=1e-4)
+    assert proportion_interval(0, 0) == (0.0, 1.0)
 
 
 def test_rates_count_what_they_say():

@@ -22,9 +22,9 @@ from studies.blind.score import (
     removed,
     set_size,
     sizes,
-    wilson,
 )
 
+from testbench.evaluation.proportion import proportion_interval
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import more_than_form
 
@@ -244,7 +244,7 @@ def _refused(row: Mapping[str, Any]) -> bool:
 
 
 def _line(rate: Rate, bars: bool) -> str:
-    low, high = wilson(rate.count, rate.of)
+    low, high = proportion_interval(rate.count, rate.of)
     value = f"{100 * rate.value:.0f} %" if rate.of else "not run"
     line = f"| {rate.name} | {rate.count} of {rate.of} | {value} | {100 * low:.0f} to {100 * high:.0f} % |"
     if not bars:
@@ -266,7 +266,7 @@ def _by_effect(six: Sequence[Score], two: Sequence[Score]) -> list[str]:
 
 
 def _interval(k: int, n: int) -> tuple[str, str]:
-    low, high = wilson(k, n)
+    low, high = proportion_interval(k, n)
     return f"{low:.3f}", f"{high:.3f}"
 
 

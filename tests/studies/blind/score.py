@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import statistics
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -60,18 +59,6 @@ def _fitting(name: str, right: Sequence[Sequence[str]]) -> int:
             parts.remove(match)
             found += 1
     return found
-
-
-def wilson(k: int, n: int, z: float = 1.959964) -> tuple[float, float]:
-    """Return the Wilson interval of a proportion k / n (E. B. Wilson, J. Am. Stat. Assoc. 22, 1927), 95 % for z = 1.96.
-
-    With n = 0 nothing is known: (0, 1).
-    """
-    if n == 0:
-        return 0.0, 1.0
-    p, z2 = k / n, z * z
-    middle, half = p + z2 / (2 * n), z * math.sqrt(p * (1.0 - p) / n + z2 / (4.0 * n * n))
-    return max(0.0, (middle - half) / (1.0 + z2 / n)), min(1.0, (middle + half) / (1.0 + z2 / n))
 
 
 FEWEST = 20  # cases, below which nothing is said of a bar

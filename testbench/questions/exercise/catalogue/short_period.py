@@ -13,8 +13,9 @@ from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient, load_aircr
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import load_record
 from testbench.evaluation.derivatives import dimensional_derivatives
-from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, linearise, trim
+from testbench.flight import FlightCondition, TrimmedFlight, linearise, trim
 from testbench.inputs.signal import InputSignal
+from testbench.line import fly_and_measure
 from testbench.questions.exercise.describe import description
 from testbench.questions.exercise.exercise import Answer, Case, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import doublet
@@ -59,8 +60,18 @@ def hand_out(case: Case) -> Handout:
     records = {}
     for k, (name, step_s, size_deg) in enumerate((("doublet", 0.25, 3.0), ("held_out", 0.4, -2.0))):
         u = doublet(n, 1.0 / _RATE, 0.0, step_s, size_deg * DEG_RAD)
-        manoeuvre = Manoeuvre(name, InputSignal(np.arange(n) / _RATE, u[:, None], ("de",)), _TRIM_S)
-        records[name] = _SUITE.measure(fly(aircraft, trimmed, manoeuvre, _SUITE.rate_hz), case.seed + k)
+        signal = InputSignal(np.arange(n) / _RATE, u[:, None], ("de",))
+        flight = fly_and_measure(
+            aircraft,
+            trimmed,
+            name,
+            signal,
+            log_rate_hz=_SUITE.rate_hz,
+            settle_s=_TRIM_S,
+            suites=[_SUITE],
+            seed=case.seed + k,
+        )
+        records[name] = flight.measured[_SUITE.name]
     channels = ["de", "alpha", "q"]
     text = description(
         EXERCISE.title, ["doublet"], channels, ["de"], channels[1:], _ESTIMATOR, _TRIM_S, held_out=["held_out"]

@@ -12,8 +12,9 @@ from numpy.random import Generator
 from testbench.aircraft import load_aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import load_record
-from testbench.flight import FlightCondition, Manoeuvre, fly, trim
+from testbench.flight import FlightCondition, trim
 from testbench.inputs.signal import InputSignal
+from testbench.line import fly_and_measure
 from testbench.questions.exercise.describe import description
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import multistep
@@ -63,7 +64,7 @@ def hand_out(case: Case) -> Handout:
     de = multistep(n, 1.0 / _RATE, 1.0, 0.3, 3.0 * DEG_RAD)
     de += multistep(n, 1.0 / _RATE, 8.0, 0.6, -2.0 * DEG_RAD, "211")
     thr = np.where((t > 14.0) & (t < 18.0), 0.15, 0.0)
-    manoeuvre = Manoeuvre("compatibility", InputSignal(t, np.column_stack([de, thr]), ("de", "thr")), 1.0)
+    signal = InputSignal(t, np.column_stack([de, thr]), ("de", "thr"))
     sensors = []
     for channel, noise in _NOISE.items():
         wrong = channel == case["channel"]
@@ -71,7 +72,17 @@ def hand_out(case: Case) -> Handout:
         scale = 1.0 + case["size"] if wrong and case["kind"] == "scale" else 1.0
         sensors.append(Sensor(channel, noise_std=noise, bias=bias, scale=scale))
     suite = SensorSuite("exercise", "six instruments", 50.0, tuple(sensors))
-    record = suite.measure(fly(aircraft, trimmed, manoeuvre, 50.0), case.seed)
+    flight = fly_and_measure(
+        aircraft,
+        trimmed,
+        "compatibility",
+        signal,
+        log_rate_hz=50.0,
+        settle_s=1.0,
+        suites=[suite],
+        seed=case.seed,
+    )
+    record = flight.measured[suite.name]
     text = description(EXERCISE.title, ["flight"], record.channels, ["ax"], ["q"], _ESTIMATOR, trim_s=1.0)
     return Handout({"flight": record}, {"g_m_s2": _GRAVITY}, {"which_sensor_lies.toml": text})
 

@@ -12,9 +12,10 @@ import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient, SetProperty, load_aircraft
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, trim
+from testbench.flight import FlightCondition, TrimmedFlight, trim
 from testbench.flight.air import Air
 from testbench.inputs.signal import InputSignal
+from testbench.line import fly_and_measure
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.sensors import SensorSuite
 
@@ -79,9 +80,18 @@ def fly_hidden(
         signal = InputSignal(
             np.arange(len(u)) / rate, _sent(truth, u, commands.controls, 1.0 / rate), commands.controls
         )
-        manoeuvre = Manoeuvre(commands.name, signal, commands.settle_s)
-        flown = fly(real, trimmed, manoeuvre, suite.rate_hz, None, commands.air)
-        measured = replace(sensors.measure(flown, commands.seed), provenance={"manoeuvre": commands.name})
+        flight = fly_and_measure(
+            real,
+            trimmed,
+            commands.name,
+            signal,
+            log_rate_hz=suite.rate_hz,
+            settle_s=commands.settle_s,
+            suites=[sensors],
+            seed=commands.seed,
+            air=commands.air,
+        )
+        measured = replace(flight.measured[sensors.name], provenance={"manoeuvre": commands.name})
         if as_issued:
             measured = _as_issued(measured, u, commands.controls, trimmed, commands.settle_s)
         out[commands.name] = measured if truth.spoil is None else _spoiled(measured, truth)
