@@ -76,9 +76,9 @@ def check(
 ) -> None:
     """Report every fault of files at once, with file, key, law and value; scenarios are not flown.
 
-    What you bring yourself, an aircraft folder, a sensor suite, an estimator, a structure or an effect, is held against
-    the laws that all of its kind keep. Examples: `testbench check my_scenario.toml`,
-    `testbench check aircraft/mine suites/my_suite.toml my_method.py:estimate`.
+    If you bring an aircraft folder, a sensor suite, an estimator, a structure or an effect, it is tried on the laws
+    that all of its kind keep. Examples: `testbench check my_scenario.toml`, `testbench check aircraft/mine
+    suites/my_suite.toml my_method.py:estimate`.
     """
     from testbench.questions.brought import laws_of
     from testbench.questions.files import check_file

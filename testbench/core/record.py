@@ -69,7 +69,7 @@ class FlightRecord:
         outcome: "completed", or "aborted" with ``reason``.
 
     Raises:
-        RecordError: shapes disagree, times do not increase, a value is not finite, kind or outcome is none of the
+        RecordError: shapes disagree, times do not increase, a value is not finite, kind or outcome is not one of the
             above, an aborted record gives no reason, or the provenance is not JSON.
         ChannelError: a channel is not in the table.
 

@@ -140,7 +140,7 @@ def run(
     Raises:
         ScenarioError: the file cannot be run.
         EstimationError: a setting breaks a law of its class, or the function returns no model.
-        BroughtCodeError: the function fails with an error that is none of the testbench's.
+        BroughtCodeError: the function fails with an error that is not one of the testbench.
         TestbenchError: as the function raises it.
     """
     from testbench.estimators.model import IdentifiedModel

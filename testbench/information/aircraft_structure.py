@@ -114,8 +114,8 @@ def aircraft_structure(
             enters -> weight.
 
     Raises:
-        EstimationError: a parameter is none of :func:`parameter_names`.
-        ChannelError: an input or output is none of the linear model.
+        EstimationError: a parameter is not one of :func:`parameter_names`.
+        ChannelError: an input or output is not in the linear model.
     """
     known = parameter_names(model.inputs, plane, modes)
     for name in free:

@@ -27,7 +27,8 @@ _FLOOR = 1e-2  # random errors below this share of the median count as that: no 
 class Problem(NamedTuple):
     """The values of some outputs: s (k,), H (k, p, m), the hold (k, m), weights and random errors (k, p, m).
 
-    ``zoh`` (m,): which inputs are held for ``dt_s``; ``held`` is what that does below the folding frequencies.
+    ``zoh`` (m,): which inputs are held for ``dt_s``; ``held`` is the response of that hold below the folding
+    frequencies.
     """
 
     s: ComplexArray

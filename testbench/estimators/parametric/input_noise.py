@@ -56,7 +56,7 @@ class Whitening:
         held: (m,) inputs that are held between samples.
         input_std: (m,) noise of the inputs, 0 for none.
         output_std: (p,) noise of the outputs.
-        taken: (N, p) root of the share of samples that there are; 1 for every one of them.
+        taken: (N, p) root of the share of samples that were taken; 1 if all were.
 
     Raises:
         EstimationError: the structure diverges over the record.

@@ -225,7 +225,7 @@ def named(names: Mapping[str, float] | None, inputs: tuple[str, ...], what: str)
     """Return the values of ``names`` in the order of ``inputs``, 0 where not named.
 
     Raises:
-        EstimationError: a name is none of the inputs.
+        EstimationError: a name is not one of the inputs.
     """
     for name in names or {}:
         if name not in inputs:

@@ -149,7 +149,7 @@ def held_inputs(inputs: Sequence[str], held: Sequence[str] | None) -> NDArray[np
     """Return which inputs are held from sample to sample: those named, or commands.
 
     Raises:
-        EstimationError: a name is none of the inputs.
+        EstimationError: a name is not one of the inputs.
     """
     if held is None:
         return np.array([name.endswith("_cmd") for name in inputs], bool)

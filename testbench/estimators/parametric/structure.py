@@ -159,7 +159,7 @@ class ModelStructure(ABC):
             prior_std: name -> standard deviation of the prior around the start value.
 
         Raises:
-            EstimationError: a name is none of the structure's parameters, or a value breaks its bounds.
+            EstimationError: a name is not one of the structure's parameters, or a value breaks its bounds.
         """
         values, bounds, prior_std = dict(values or {}), dict(bounds or {}), dict(prior_std or {})
         fixed, wanted = set(fixed), None if free is None else set(free)

@@ -49,7 +49,7 @@ def scale(
     With an offset or a trend to be estimated, the mean of each record is taken out first: it says nothing.
 
     Raises:
-        EstimationError: a channel is zero throughout, or ``offset`` is none of the table.
+        EstimationError: a channel is zero throughout, or ``offset`` is not in the table.
     """
     if offset not in LEAD:
         raise EstimationError(f"offset must be one of {', '.join(LEAD)}, got '{offset}'")

@@ -38,7 +38,7 @@ def campaign_run(
 ) -> None:
     """Fly a new campaign and write its store, tables, figures and report.html.
 
-    Example: `testbench campaign run taurus_scatter --workers 2`. What is interrupted, `campaign resume` goes on with.
+    Example: `testbench campaign run taurus_scatter --workers 2`. `campaign resume` continues an interrupted campaign.
     """
     _fly_campaign(campaign, out, False, workers, scheduler)
 
@@ -50,13 +50,13 @@ def campaign_resume(
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
 ) -> None:
-    """Go on with a campaign that was interrupted, or that has been given more runs; nothing finished is flown again."""
+    """Continue a campaign that was interrupted or has been given more runs; no finished run is flown again."""
     _fly_campaign(campaign, out, True, workers, scheduler)
 
 
 @command.command("status")
 def campaign_status(campaign: CampaignArgument, out: OutOption = Path("results")) -> None:
-    """Say how far a campaign is, what failed, and what a million runs like it would cost; also while it flies."""
+    """Say how far a campaign is, also while it flies: what failed, and what a million runs like it would cost."""
     from testbench.questions.campaign.load import load_campaign
     from testbench.questions.campaign.page import campaign_page
     from testbench.questions.campaign.result import read_campaign

@@ -21,8 +21,8 @@ def command(
 ) -> None:
     """Compare sensor suites over the same flights and noise: what each sensor buys, and what is more than chance.
 
-    Says the same by information without simulation, and finds the best stations for sensors along the wing where the
-    scenario has a `[placement]`. Examples: `testbench compare eolo_alpha`, `testbench compare eolo_wing`.
+    It predicts the same from information, without simulation. If the scenario has a `[placement]`, it finds the best
+    stations for sensors along the wing. Examples: `testbench compare eolo_alpha`, `testbench compare eolo_wing`.
     """
     from testbench.questions.compare.ask import compare
     from testbench.questions.compare.page import compare_page

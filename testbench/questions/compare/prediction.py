@@ -43,7 +43,7 @@ class Prediction:
     known: Accuracy
 
     def of(self, name: str) -> float | None:
-        """Return the standard error of a quantity, or None if it is none of this prediction's."""
+        """Return the standard error of a quantity, or None if it is not one of this prediction's."""
         return float(self.std[self.names.index(name)]) if name in self.names else None
 
     def near(self, name: str) -> bool:

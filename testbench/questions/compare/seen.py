@@ -1,4 +1,4 @@
-"""The linearised aircraft as a suite shows it, and the experiment that a manoeuvre makes of it."""
+"""The linearised aircraft as a suite shows it, and the experiment of a manoeuvre with it."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ class Known:
         aircraft, trimmed, linear: what flies.
         plane: which motion.
         modes: name -> pole of all modes of the plane, rad/s.
-        wanted_modes: names of the modes that are looked at, split roots by themselves.
-        wanted: names of the parameters that are looked at.
+        wanted_modes: names of the target modes, split roots by themselves.
+        wanted: names of the target parameters.
         free: all parameters that are unknown.
     """
 
@@ -72,7 +72,7 @@ def structure_seen(known: Known, sensors: Sequence[Sensor], inputs: Sequence[str
     """Return the linearised aircraft with what the sensors feel, lags and delays apart, as its outputs.
 
     Raises:
-        ChannelError: a sensor's channel is none of the linear model.
+        ChannelError: a sensor's channel is not in the linear model.
         EstimationError: an accelerometer feels more than accelerations.
     """
     model = model_seen(known.linear, sensors, known.trim)
@@ -112,7 +112,7 @@ def model_seen(linear: LinearModel, sensors: Sequence[Sensor], trim: Mapping[str
 
 
 def targets_of(known: Known, structure: AircraftStructure, accuracies: tuple[float, float] = (0.02, 0.02)) -> Targets:
-    """Return the parameters and modes that are looked at, as functions of the structure's parameters.
+    """Return the target parameters and modes, as functions of the structure's parameters.
 
     Parameters whose true value is zero are left out, because they have no relative error.
     """

@@ -39,8 +39,8 @@ def exercise_start(
 ) -> None:
     """Write a student's own version: text, records, and a template for the answers.
 
-    Example: `testbench exercise start short_period --student anna`. With a key of the teacher's own (--key-file) only
-    who has it can check or compute the truth.
+    Example: `testbench exercise start short_period --student anna`. With a key of the teacher's own (--key-file), only
+    its owner can check or compute the truth.
     """
     from testbench.questions.exercise.seal import read_key
     from testbench.questions.exercise.show import print_started

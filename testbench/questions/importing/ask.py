@@ -83,7 +83,7 @@ def read_described(path: Path, part: str | None = None) -> tuple[Log, tuple[Rule
 
     Raises:
         RecordError, ScenarioError: the description is incomplete, its data cannot be read, or it has several records
-            and ``part`` is none of them.
+            and ``part`` is not one of them.
     """
     description = RecordDescription.load(path)
     records = {name: record for name, _, record in read_records(description)}

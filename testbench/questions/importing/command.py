@@ -39,9 +39,9 @@ def command(
 ) -> None:
     """Show what a flight log holds, and with -o cut its manoeuvres into records ready for `testbench identify`.
 
-    Channels, rates, gaps and manoeuvres are listed, each conversion and what it assumes is said. Example:
-    `testbench import flight.ulg -o records --throw de=20`. A table whose columns have no names, or no times, must be
-    described first: `testbench import flight.mat --describe flight.toml`, fill in, `testbench import flight.toml`.
+    It lists channels, rates, gaps and manoeuvres, and every conversion with its assumptions. Example: `testbench import
+    flight.ulg -o records --throw de=20`. A table whose columns have no names, or no times, must be described first:
+    `testbench import flight.mat --describe flight.toml`, fill in, `testbench import flight.toml`.
     """
     if describe is not None:
         refuse(context, "with --describe, which cuts no records", "out", "rate", "throw", "lead", "tail", "record")

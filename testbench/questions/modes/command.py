@@ -37,9 +37,9 @@ def command(
 ) -> None:
     """Find modes from outputs alone, such as the accelerometers of a wing in turbulence, without any input.
 
-    Frequencies, damping ratios and shapes with their errors and a stabilisation diagram; where the flight is simulated,
-    beside the modes of the linearised aircraft. Examples: `testbench modes eolo_turbulence`,
-    `testbench modes flown/*.nc --band 2 40 --channels az_wing_1 --channels az_wing_11`.
+    It gives frequencies, damping ratios and shapes with their errors, and a stabilisation diagram; for a simulated
+    flight, beside the modes of the linearised aircraft. Examples: `testbench modes eolo_turbulence`, `testbench modes
+    flown/*.nc --band 2 40 --channels az_wing_1 --channels az_wing_11`.
     """
     from testbench.core.paths import find_scenario
     from testbench.page.write import record_keeper

@@ -94,7 +94,7 @@ def estimate(
         ``whiteness_p`` (p,), ``correlation`` (f, f).
 
     Raises:
-        EstimationError: a name is none of the structure's, no initial deviation can be told, or the filter diverges.
+        EstimationError: a name is not one of the structure's, no initial deviation can be told, or the filter diverges.
         ChannelError: a record lacks a channel.
     """
     return estimate_by(

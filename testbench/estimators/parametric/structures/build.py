@@ -44,7 +44,7 @@ def build(
 
     Raises:
         EstimationError: the structure has none of the outputs, a trim speed is not known, or a parameter, input or
-            output is none of the structure's.
+            output is not one of the structure's.
     """
     if is_brought(spec.structure):
         structure = _brought(spec, tuple(inputs), tuple(spec.outputs or outputs), records)

@@ -42,7 +42,7 @@ def short_period(
         start: parameter name -> start value.
 
     Raises:
-        EstimationError: an output or a parameter is none of the structure's.
+        EstimationError: an output or a parameter is not one of the structure's.
     """
     check_outputs("short_period", outputs, _OUTPUTS)
     d = control.removesuffix("_cmd")
