@@ -263,7 +263,7 @@ def _advice(
 ) -> list[str]:
     out = []
     for e in errors:
-        others = f"; it would explain these data as well if {', or if '.join(e.alternatives)}" if e.alternatives else ""
+        others = f"; these data also result if {', or if '.join(e.alternatives)}" if e.alternatives else ""
         out.append(f"{e.words} ({e.significance:.1f} standard errors){others}")
     if errors:
         out.append(
