@@ -44,7 +44,7 @@ def test_the_packaged_campaign_answers_its_question(flown):
     fair = sum(not a.biased for a in result.summary.accuracies)
     lead = said[0][1]
     assert lead.startswith(
-        f"{fair} of {len(result.summary.accuracies)} estimates show no bias beyond chance, the others"
+        f"{fair} of {len(result.summary.accuracies)} estimates show no bias beyond chance; the others"
     )
     for words in ("% of the true value", "from run to run they scatter", "states no errors to judge"):
         assert words in lead
