@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +12,15 @@ from sphinx.errors import ConfigError
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
 
+from testbench import __version__  # noqa: E402
+
 _MISSING = [n for n in ("furo", "latex2mathml", "myst_parser") if importlib.util.find_spec(n) is None]
 if _MISSING:
     raise ConfigError(f"the site needs {', '.join(_MISSING)}, not installed; pip install 'flight-testbench[docs]'")
 
 project = "flight-testbench"
 author = "the flight-testbench developers"
-version = release = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]["version"]
+version = release = __version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode"]
 exclude_patterns = ["_build"]
 html_theme = "furo"

@@ -37,12 +37,13 @@ def application(questions: Sequence[Question] = QUESTIONS) -> typer.Typer:
     asked = [(f"{q.command} {q.example}".strip(), q.words) for q in questions]
     first = [("list scenarios", "what there is to start from"), *asked]
     first.append(("check my_scenario.toml", "every fault of a file at once"))
+    wide = max(len(example) for example, _ in first)
     out = typer.Typer(
         no_args_is_help=True,
         add_completion=False,
         pretty_exceptions_enable=False,
         rich_markup_mode="markdown",
-        help=_HELP.format(examples="\n".join(f"    testbench {example:<28} # {words}" for example, words in first)),
+        help=_HELP.format(examples="\n".join(f"    testbench {example:<{wide}} # {words}" for example, words in first)),
     )
     for question in questions:
         command = import_module(f"{question.package}.command").command

@@ -222,7 +222,7 @@ def test_usage_errors_are_usage_errors():
 def test_an_aircraft_is_surveyed_reported_and_exported(tmp_path):
     done = command("aircraft", "taurus", "--out", tmp_path / "out", "--export", tmp_path / "root")
     assert done.returncode == 0, done.stderr
-    for word in ("Trims from", "short period", "Dutch roll", "report.html", "taurus.xml"):
+    for word in ("The aircraft trims from", "short period", "Dutch roll", "report.html", "taurus.xml"):
         assert word in done.stdout
     assert (tmp_path / "out" / "aircraft_taurus" / "report.html").stat().st_size > 10_000
     assert (tmp_path / "root" / "taurus" / "taurus.xml").is_file()
@@ -296,7 +296,7 @@ def test_a_table_is_imported_identified_from_and_its_model_exported(tmp_path):
         theta, q = theta + 0.02 * q, q - 0.02 * (2.0 * q + 3.0 * theta + 10.0 * de)
     (tmp_path / "flight.csv").write_text("\n".join(lines))
     shown = command("import", "flight.csv", "-o", "log", cwd=tmp_path)
-    assert "1 manoeuvres found, 1 begin and end quietly" in shown.stdout
+    assert "1 manoeuvre found; 1 can be cut out, with quiet flight before and after" in shown.stdout
     assert "flight_longitudinal.toml" in shown.stdout
     assert command("identify", "log/flight_longitudinal.toml", cwd=tmp_path).returncode == 0
     model = "results/flight_longitudinal/models/recorded_dsr_e.json"

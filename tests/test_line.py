@@ -140,7 +140,7 @@ def test_taurus_reports_fit_poles_and_the_sampling_limit(results):
     fit = dict(zip(case.model.outputs, case.evaluation.validation.fit_percent, strict=True))
     assert fit["theta"] > 60.0
     assert fit["u"] > 60.0
-    assert any("sampling limit 25.1" in finding for finding in result.findings)
+    assert any("the sampling limit is 25.1" in finding for finding in result.findings)
 
 
 def test_taurus_shows_good_fits_with_poles_that_are_no_mode(results):

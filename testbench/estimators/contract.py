@@ -401,7 +401,8 @@ def tried(name: str) -> Iterator[tuple[str, str]]:
     if not kind:
         raise EstimationError(
             f"'{bring.short(name)}' must be an estimator (records, inputs, outputs, settings, validation=()) or a "
-            f"structure's function (inputs, outputs, trim), got {type(what).__name__} ({', '.join(_arguments(what)[:3])})"
+            f"structure's function (inputs, outputs, trim), got {type(what).__name__} "
+            f"({', '.join(_arguments(what)[:3])})"
         )
     yield from _each(LAWS, Trial(f"{path}:{attribute}", **_check_table(path)), path)
 

@@ -15,8 +15,8 @@ def approximate(method: str, of: str = "its") -> tuple[str, ...]:
     if method not in HELD:
         return ()
     low, high, seeds = HELD[method]
-    share = f"{low} %" if low == high else f"{low} to {high} %, by quantity and aircraft,"
+    share = f"{low} % of the cases" if low == high else f"{low} to {high} % of the cases, by quantity and aircraft"
     return (
-        f"{of} 95 % intervals are approximate: over {seeds} simulated flights of each of two small aircraft they held "
-        f"the truth in {share} of the cases (results/estimators)",
+        f"{of} 95 % intervals are approximate: in {seeds} simulated flights of each of two small aircraft they held "
+        f"the truth in {share} (results/estimators)",
     )

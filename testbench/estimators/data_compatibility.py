@@ -248,9 +248,9 @@ def _unsteady_air(problem: Problem, rms: Mapping[str, float]) -> list[str]:
     if not wandering:
         return []
     return [
-        f"the residuals of {', '.join(wandering)} are more than {_WANDERING:g} times their samples' noise: the air "
-        "was not steady (turbulence), or something else is missing; errors may then be named that are none, above all "
-        "of these channels: repeat in calm air, or believe only what several records agree on"
+        f"the residuals of {', '.join(wandering)} are more than {_WANDERING:g} times the noise of their samples: the "
+        "air was not steady (turbulence), or something else is missing; some errors named may then be false, above all "
+        "those of these channels; repeat in calm air, or believe only what several records agree on"
     ]
 
 
@@ -263,27 +263,27 @@ def _advice(
 ) -> list[str]:
     out = []
     for e in errors:
-        others = f"; as well explained by: {' or '.join(e.alternatives)}" if e.alternatives else ""
+        others = f"; these data also result if {', or if '.join(e.alternatives)}" if e.alternatives else ""
         out.append(f"{e.words} ({e.significance:.1f} standard errors){others}")
     if errors:
         out.append(
-            f"take these errors out before the aerodynamics are estimated; where there were none, any would be found "
+            "remove these errors before you estimate the aerodynamics; on records without errors this search names one "
             f"with probability {false_alarm:g}"
         )
         hidden = [n for n in lost if any(e.name in lost[n] for e in errors)]
         if hidden:
             out.append(
-                f"these data do not tell {', '.join(hidden)}: if one is there, the errors named stand for it too; "
-                "manoeuvres that change attitude, speed and heading more would part them"
+                f"these data cannot tell {', '.join(hidden)} from the errors named, which stand for both; manoeuvres "
+                "that change attitude, speed and heading more would tell them apart"
             )
     small = [e.name for e in errors if e.name[:2] in ACCELEROMETERS and abs(e.estimate) < _LOCAL_GRAVITY]
     if small:
         out.append(
-            f"{', '.join(small)} may be gravity: {structure.gravity_m_s2:g} m/s2 was taken, and it varies by 0.05 over "
-            "the earth; give the local one"
+            f"{', '.join(small)} may be gravity: {structure.gravity_m_s2:g} m/s2 was assumed, and gravity varies by "
+            "0.05 m/s2 over the earth; give the local value"
         )
     if not fit.converged:
-        out.append("the search did not settle: the figures are rough; use shorter records or look for fewer errors")
+        out.append("the search did not converge: its values are rough; use shorter records or look for fewer errors")
     if fit.at_bound:
-        out.append(f"{', '.join(fit.at_bound)} ended on a bound: the value is the bound's, not the data's")
+        out.append(f"{', '.join(fit.at_bound)} ended on a bound: the bound sets the value, not the data")
     return out

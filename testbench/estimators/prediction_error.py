@@ -396,19 +396,19 @@ def _finish(
 def _advice(model: StateSpaceModel, white: FloatArray, layout: Layout) -> tuple[str, ...]:
     out, found = [], model.diagnostics
     if not found["converged"]:
-        out.append("the search did not settle: lower the order, start from another estimate or allow more iterations")
+        out.append("the search did not converge: lower the order, start from another estimate or allow more iterations")
     if found["undecided"]:
         out.append(
-            f"{found['undecided']} of {found['parameters']} directions are not decided by these data, and no error "
-            "covers them: the order is too high, or an input moves too little"
+            f"these data do not decide {found['undecided']} of {found['parameters']} directions, and the standard "
+            "errors leave them out: the order is too high, or an input moves too little"
         )
     coloured = [o for o, w in zip(model.outputs, white, strict=True) if w < _COLOURED]
     if coloured and layout.disturbances:
         out.append(f"innovations of {', '.join(coloured)} are not white: raise the order, or something is not linear")
     elif coloured:
         out.append(
-            f"residuals of {', '.join(coloured)} are not white: standard errors are corrected for it; with "
-            "disturbances estimated the weights would be right as well"
+            f"residuals of {', '.join(coloured)} are not white: standard errors are corrected for it; estimate the "
+            "disturbances to correct the weights as well"
         )
     return (*out, *approximate("prediction_error"))
 

@@ -254,8 +254,8 @@ def _advice(name: str, diagnostics: Mapping[str, Any], no_delay: bool) -> list[s
     out = []
     if not diagnostics["converged"]:
         out.append(
-            f"{name}: the instrumental variables did not converge: its coefficients are those of the smallest error "
-            "met; use fewer poles or zeros, or filter out what the model cannot follow"
+            f"{name}: the instrumental variables did not converge: its coefficients are those with the smallest error "
+            "found; use fewer poles or zeros, or filter out what the model cannot follow"
         )
     if diagnostics["condition"] > 1.0 / _DEFICIENT:
         out.append(
@@ -264,13 +264,14 @@ def _advice(name: str, diagnostics: Mapping[str, Any], no_delay: bool) -> list[s
         )
     if no_delay:
         out.append(
-            f"{name}: a refined delay ended at zero and was fixed there: there is none, or the structure takes it up"
+            f"{name}: a refined delay ended at zero and was fixed there: there is no delay, or other terms of the "
+            "structure stand for it"
         )
     if diagnostics["residual_percent"] > 100.0 * _SILENT and diagnostics["white_probability"] < WHITE:
         out.append(
             f"{name}: the residuals are coloured (Ljung-Box probability {diagnostics['white_probability']:.1e}): "
-            f"standard errors were corrected by {diagnostics['error_factor']:.1f}; if the colour comes from a term "
-            "that the model lacks, the coefficients are biased beyond them"
+            f"standard errors were corrected by a factor {diagnostics['error_factor']:.1f}; if the colour comes from a "
+            "term that the model lacks, the coefficients are biased by more than they say"
         )
     return out
 

@@ -64,14 +64,15 @@ def question_poles(
         if near.size:
             out.append(
                 f"{output}: poles at {_list(near)} rad/s lie within {100 * NEAR_PEAK:.0f} % "
-                f"of the peak of the spectrum of {given} ({peak:.2f} rad/s): the data, not the input, should decide; "
-                "check with an input of another spectrum"
+                f"of the peak of the spectrum of {given} ({peak:.2f} rad/s): the data, not the input, should decide "
+                "where they lie; check with an input of another spectrum"
             )
     fast = omega_rad_s > PART_OF_NYQUIST * nyquist
     if fast.any():
         out.append(
             f"{output}: poles at {_list(omega_rad_s[fast])} rad/s lie above half the Nyquist frequency "
-            f"({nyquist:.2f} rad/s): such poles come from noise and hold; log faster or use fewer poles"
+            f"({nyquist:.2f} rad/s): such poles come from noise and from holding the input; log faster or use fewer "
+            "poles"
         )
     low, high = excited_band(records, inputs)
     outside = ((omega_rad_s < low) | (omega_rad_s > high)) & ~fast

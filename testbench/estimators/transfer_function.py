@@ -305,9 +305,9 @@ def _advice(
     for name, fit in fits.items():
         if fit.taken < 1.0:
             out.append(
-                f"{name}: only {100 * fit.taken:.0f} % of its samples were taken, the sensor is slower than the log; "
-                "interpolated ones served in between, so poles near the sensor's rate are not to be trusted; "
-                "decimate to its rate"
+                f"{name}: only {100 * fit.taken:.0f} % of its samples were taken, because the sensor is slower than "
+                "the log, and the others were interpolated; do not trust poles near the sensor's rate; decimate to "
+                "that rate"
             )
         if fit.condition > 1.0 / _DEFICIENT:
             out.append(
@@ -325,8 +325,8 @@ def _advice(
         if fit.white < _WHITE:
             out.append(
                 f"{name}: the equation errors are coloured (Ljung-Box probability {fit.white:.1e}), as noise on the "
-                "output makes them: its coefficients are biased, which their standard errors do not tell; low-pass and "
-                "decimate, or use an output-error method"
+                "output makes them; the coefficients are biased, and their standard errors do not show it; low-pass "
+                "and decimate, or use an output-error method"
             )
         poles = continuous_poles(discrete_poles(fit.a), records[0].dt_s)[0]
         omega = np.asarray(np.unique(np.round(np.abs(poles), 12)), np.float64)

@@ -51,10 +51,10 @@ class ModeExcitation:
         verdict = "excited" if self.excited else "NOT excited"
         real = abs(self.pole.imag) <= REAL
         where = f"real, {self.pole.real:.2f} 1/s" if real else f"{wn:.2f} rad/s, {wn / (2 * np.pi):.2f} Hz"
+        snr = self.snr_db[sensor]
         return (
-            f"{self.mode} ({where}): {verdict}; "
-            f"{100 * self.input_share:.2g} % of the input's energy lies in its band, "
-            f"{self.snr_db[sensor]:+.0f} dB against the noise of {sensor}"
+            f"{self.mode} ({where}) is {verdict}: {100 * self.input_share:.2g} % of the input's energy lies in its "
+            f"band, and its response is {abs(snr):.0f} dB {'above' if snr >= 0.0 else 'below'} the noise of {sensor}"
         )
 
 

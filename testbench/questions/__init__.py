@@ -82,11 +82,11 @@ QUESTIONS = (
     Question(
         "import",
         "flight.ulg -o my_log",
-        "what a log holds, its manoeuvres",
+        "what a flight log holds",
         "ask:import_log",
         room="importing",
     ),
-    Question("export", "x.json --to mat", "a model for another program", "ask:export_record"),
+    Question("export", "x.json --to mat", "write a model for another program", "ask:export_record"),
     Question("compatibility", "my_records.toml", "do the instruments agree?", "ask:compatibility"),
     Question("response", "my_records.toml", "frequency responses", "ask:frequency_responses"),
     Question(
@@ -110,7 +110,7 @@ QUESTIONS = (
     Question(
         "design",
         "eolo_short_period",
-        "which input tells what is wanted",
+        "which input to fly",
         "ask:run_design",
         kind="design scenario",
         folder="design",

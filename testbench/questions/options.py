@@ -11,11 +11,11 @@ import typer
 ScenarioArgument = Annotated[
     Path, typer.Argument(help="Scenario file, or the name of a packaged one.", show_default=False)
 ]
-OutOption = Annotated[Path, typer.Option("--out", "-o", help="Folder that gets one folder of results per scenario.")]
+OutOption = Annotated[Path, typer.Option("--out", "-o", help="Folder for results; each scenario gets its own in it.")]
 DataOption = Annotated[
-    Path | None, typer.Option(help="Folder with the data files; replaces the one in the description.")
+    Path | None, typer.Option(help="Folder with the data files, instead of the one in the description.")
 ]
-SeedOption = Annotated[int | None, typer.Option("--seed", min=0, help="Replaces the seed of the scenario.")]
+SeedOption = Annotated[int | None, typer.Option("--seed", min=0, help="Seed, instead of the one in the scenario.")]
 
 UsageError: Any = typer.BadParameter.__base__  # click's, of whichever click typer brings
 

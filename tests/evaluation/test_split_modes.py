@@ -56,4 +56,4 @@ def test_the_band_of_a_real_root_is_that_of_a_lag():
     energy = (np.arctan(high / 2.0) - np.arctan(low / 2.0)) / 2.0 / np.pi
     noise = 0.1**2 * T * dt * (high - low) / np.pi
     assert found.snr_db["q"] == pytest.approx(10.0 * np.log10(energy / noise), abs=0.01)
-    assert "lag (real, -2.00 1/s): excited" in found.sentence
+    assert "lag (real, -2.00 1/s) is excited" in found.sentence

@@ -30,6 +30,7 @@ ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "build" / "same_bytes"
 NUMBERS = {".nc": "records", ".csv": "tables", ".json": "tables and models", ".jsonl": "rows", ".toml": "scenarios"}
 SHOWN = {".html": "pages", ".png": "figures", ".svg": "figures", ".pdf": "cards", ".txt": "texts", ".lua": "scripts"}
+WORDS = ("title", "caption", "advice")
 # Folder of scenarios -> the command that answers them.
 COMMANDS = {
     "": ["run"],
@@ -111,10 +112,11 @@ def hashes(folder: Path) -> dict[str, str]:
 
 
 def _numbers(path: Path) -> bytes:
+    """Return the content of a file without its words: title and caption of a table, advice of a model."""
     content = path.read_bytes()
-    if path.suffix == ".json" and path.parent.name == "tables":
+    if path.suffix == ".json" and path.parent.name in ("tables", "models"):
         table = json.loads(content)
-        return json.dumps({k: v for k, v in table.items() if k not in ("title", "caption")}, sort_keys=True).encode()
+        return json.dumps({k: v for k, v in table.items() if k not in WORDS}, sort_keys=True).encode()
     return content
 
 
@@ -176,7 +178,7 @@ def main() -> None:
     after = run_all(snapshot(here), here, todo, asked.workers)
     one = {p: h for j in todo for p, h in under(before, j).items()}
     two = {p: h for j in todo for p, h in under(after, j).items()}
-    sys.exit(compare(one, two, KEPT / "differences.csv"))
+    sys.exit(compare(one, two, (before, after)))
 
 
 def under(folder: Path, job: Job) -> dict[str, str]:
@@ -184,7 +186,7 @@ def under(folder: Path, job: Job) -> dict[str, str]:
     return {f"{job.name}/{path}": value for path, value in hashes(folder / job.name).items()}
 
 
-def compare(one: dict[str, str], two: dict[str, str], file: Path) -> int:
+def compare(one: dict[str, str], two: dict[str, str], folders: tuple[Path, Path]) -> int:
     """Print how many files of each kind are equal, write those that are not; return the exit status."""
     rows, numbers_differ = [], 0
     for suffix, words in {**NUMBERS, **SHOWN}.items():
@@ -194,11 +196,28 @@ def compare(one: dict[str, str], two: dict[str, str], file: Path) -> int:
             print(f"{words} ({suffix}): {len(paths) - len(other)} of {len(paths)} equal")
         rows += [(p, one.get(p, "missing")[:12], two.get(p, "missing")[:12]) for p in other]
         numbers_differ += len(other) if suffix in NUMBERS else 0
-    with file.open("w", newline="", encoding="utf-8") as out:
+    with (KEPT / "differences.csv").open("w", newline="", encoding="utf-8") as out:
         csv.writer(out).writerows([("file", "before", "after"), *rows])
     for path, _, _ in [r for r in rows if Path(r[0]).suffix in NUMBERS][:40]:
-        print(f"differs: {path}")
+        print(f"differs: {path}{_by_how_much(folders, path)}")
     return 1 if numbers_differ else 0
+
+
+def _by_how_much(folders: tuple[Path, Path], path: str) -> str:
+    """Return the largest relative difference of the numbers of two CSV files, in words; "" for other files."""
+    if not path.endswith(".csv") or not all((f / path).is_file() for f in folders):
+        return ""
+    cells = [[c for row in csv.reader((f / path).open(encoding="utf-8")) for c in row] for f in folders]
+    if len(cells[0]) != len(cells[1]):
+        return ": another number of cells"
+    largest = 0.0
+    for a, b in zip(*cells, strict=True):
+        if a != b:
+            try:
+                largest = max(largest, abs(float(a) - float(b)) / max(abs(float(a)), abs(float(b))))
+            except ValueError:
+                return f": '{a}' and '{b}'"
+    return f": by {largest:.1e} of the numbers at most"
 
 
 if __name__ == "__main__":

@@ -42,11 +42,12 @@ def too_long(structure: KinematicStructure, stretches: Sequence[Stretch], dt_s: 
             noise = noise_std(stretches, structure.outputs.index(name), False)
             if drift > _LONG * noise > 0.0:
                 drifts.append(
-                    f"that of {rate} moves {name} by {drift * factor:.2g} {unit} (its own noise: {noise * factor:.2g})"
+                    f"that of {rate} moves {name} by {drift * factor:.2g} {unit} (noise of {name}: "
+                    f"{noise * factor:.2g} {unit})"
                 )
     if not drifts:
         return []
     return [
         f"records of {T:.0f} s are long for output error, because noise of the rates adds up: {'; '.join(drifts)}; the "
-        "standard errors allow for it, shorter records would make them smaller"
+        "standard errors allow for it, and shorter records would make them smaller"
     ]

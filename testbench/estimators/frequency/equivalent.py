@@ -331,13 +331,13 @@ def _advice(name: str, note: Mapping[str, float], a: FloatArray, part: Frequency
     low, high = float(part.omega_rad_s[0]), float(part.omega_rad_s[-1])
     if note["cost"] > _POOR:
         out.append(
-            f"{name}: the mean cost {note['cost']:.0f} exceeds {_POOR:.0f}: no equivalent of this order; raise it, "
-            "narrow the band, or allow a delay"
+            f"{name}: the mean cost {note['cost']:.0f} exceeds {_POOR:.0f}: no equivalent of this order fits; raise "
+            "the order, narrow the band, or allow a delay"
         )
     elif 4.0 < note["misfit_ratio"] < np.inf:
         out.append(
-            f"{name}: the misfit is {note['misfit_ratio']:.1f} times what the random error explains (standard errors "
-            "were raised by it): the structure lacks something that the data show"
+            f"{name}: the misfit is {note['misfit_ratio']:.1f} times what the random error explains, and standard "
+            "errors were raised for it: the structure lacks something that the data show"
         )
     if note["condition"] > 1e7:
         out.append(

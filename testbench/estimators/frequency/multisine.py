@@ -333,6 +333,6 @@ def _advice(
             if share > 1e-3:
                 out.append(
                     f"{name}: nonlinear distortion ({100.0 * share:.1f} % of the response) exceeds the noise: H is the "
-                    "best linear approximation at this amplitude; more periods do not help, other phases do"
+                    "best linear approximation at this amplitude; more periods do not help, but other phases do"
                 )
     return (*out, *approximate("frequency response, multisine"))

@@ -290,7 +290,7 @@ def _advice(
     few = min(part.averages for part in parts)
     if few < 2.0 * m + 3.0:
         out.append(
-            f"only {few:.1f} independent averages stand behind the spectra: coherence is too high by up to about "
+            f"the spectra rest on only {few:.1f} independent averages: coherence is too high by up to about "
             f"{min(1.0, m / few):.2f} and the random error too small; shorten the window or give more data"
         )
     return (*out, *approximate("frequency response, windowed"))

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from testbench.estimators.operational.result import OperationalMode
 
 ASSUMPTION = (
-    "the air is taken for white noise that blows on every mode alike. Turbulence is coloured: poles of what shapes it, "
-    "and of the rigid motion, can come out as modes, and nothing in the outputs alone tells them apart"
+    "the method assumes that the air is white noise and excites every mode alike. Turbulence is coloured: poles of its "
+    "spectrum and of the rigid motion can come out as modes, and the outputs alone cannot tell them apart"
 )
 """What every result rests on; reports say it."""
 _HEAVY = 0.2  # damping ratio from which on a pole is rarely a structural mode alone
@@ -52,15 +52,16 @@ def advise(modes: Sequence[OperationalMode], blocks: int, short: int, wander: fl
         close = abs(one.frequency_hz - other.frequency_hz) < _CLOSE * other.frequency_hz
         if close and mac(one.scaled_shape, other.scaled_shape) > _SAME_SHAPE:
             out.append(
-                f"modes at {one.frequency_hz:.4g} and {other.frequency_hz:.4g} Hz have one shape: one mode split in "
-                "two (it may have changed during the flight), or two that these sensors cannot tell apart; add sensors"
+                f"modes at {one.frequency_hz:.4g} and {other.frequency_hz:.4g} Hz have the same shape: they are one "
+                "mode split in two (it may have changed during the flight), or two that these sensors cannot tell "
+                "apart; add sensors"
             )
     if blocks < _FEW_BLOCKS:
-        out.append(f"the errors come from {blocks} blocks of data alone and are themselves rough; give more data")
+        out.append(f"the errors come from only {blocks} blocks of data and are rough; give more data")
     if wander > _WANDER:
         out.append(
-            f"airspeed wandered by {100.0 * wander:.1f} % (one standard deviation): modes that change with it are "
-            "means over it, and their intervals know of chance alone; fly in calmer air or give records of one speed"
+            f"airspeed wandered by {100.0 * wander:.1f} % (one standard deviation): modes that change with airspeed "
+            "are means over it, and their intervals count chance alone; fly in calmer air or give records of one speed"
         )
     if short:
         out.append(f"records shorter than the lags did not count: {short}; raise the lowest frequency of the band")

@@ -54,8 +54,8 @@ def accuracy(
     lost = null_directions(J, size, [name for name, m in zip(names, moving, strict=True) if m])
     if lost:
         raise EstimationError(
-            f"these data do not tell {lost} apart, or not at all: not identifiable; fix or leave out some of them, or "
-            "fly an input that moves them"
+            f"these data do not tell {lost} apart, or do not show them: not identifiable; fix or leave out some of "
+            "them, or fly an input that moves them"
         )
     scaled = np.linalg.qr(J / size, mode="r")
     inverse = np.linalg.inv(scaled) / size[:, None]

@@ -36,11 +36,11 @@ def advice_in_words(model: Any) -> Any:
     free = model.structure.free
     values, errors = model.params[free], np.sqrt(np.diag(model.covariance))[free]
     if not found["converged"]:
-        out.append("the search did not settle: other start values, fewer free parameters or more iterations are needed")
+        out.append("the search did not converge: take other start values, fewer free parameters or more iterations")
     if found["at_bound"]:
         out.append(
-            f"{', '.join(found['at_bound'])} ended on a bound: the value is the bound's, not the data's, and has no "
-            "standard error; widen the bound or ask why the data want to leave it"
+            f"{', '.join(found['at_bound'])} ended on a bound: the bound sets the value, not the data, and it has no "
+            "standard error; widen the bound, or find out why the data lead beyond it"
         )
     # What is left of trim values may well be nothing; and rounding of noise-free records says nothing of a true zero.
     linear = isinstance(model.structure, LinearStructure)
@@ -56,13 +56,15 @@ def advice_in_words(model: Any) -> Any:
     if fast:
         out.append(
             f"poles of {', '.join(f'{w:.4g}' for w in fast)} rad/s lie beyond the Nyquist frequency of "
-            f"{np.pi / model.dt_s:.4g} rad/s: these samples say of them only that they are fast; fix what makes them so"
+            f"{np.pi / model.dt_s:.4g} rad/s: these samples show only that they are fast; fix the parameters that make "
+            "them so"
         )
     correlation = np.abs(np.triu(found["correlation"], 1))
     pairs = [f"{names[i]} and {names[j]} ({correlation[i, j]:.3f})" for i, j in np.argwhere(correlation > _TOGETHER)]
     if pairs:
         out.append(
-            f"these estimates stand for one another: {', '.join(pairs)}; fix one of each pair, or excite both apart"
+            f"these data cannot tell these estimates apart (correlation): {', '.join(pairs)}; fix one of each pair, or "
+            "excite them separately"
         )
     coloured = [o for o, p in zip(model.outputs, found["whiteness_p"], strict=True) if p < _COLOURED]
     if coloured:

@@ -40,7 +40,8 @@ _STEPS = 20
 _QUIET = 1e-2  # noise of a state below this share of its motion does not bias anything worth mentioning
 _STILL = 1e-10  # relative change of the parameters, in standard errors, that ends the steps
 _BIASED = (
-    "noise of the measured states biases equation error, and its standard errors do not tell; refine it by output error"
+    "noise of the measured states biases equation error, and the standard errors do not show that bias; refine the "
+    "estimate by output error"
 )
 
 

@@ -245,17 +245,16 @@ def _with_filter_advice(model: ParametricModel) -> ParametricModel:
     if worse:
         out.append(
             f"without its filter the model follows the records less well than the start values do: {', '.join(worse)}; "
-            "the process noise may explain what the model should: compare with output error, or give process noise to "
-            "other states"
+            "the process noise may explain what the model should explain; compare with output error, or give process "
+            "noise to other states"
         )
     if found["kc_eigenvalue"] > _BELIEVED:
         out.append(
             "the filter follows some channel nearly without reserve (largest eigenvalue of K C "
-            f"{found['kc_eigenvalue']:.4f}): it may be smoothed, or computed from others; try "
-            "without it"
+            f"{found['kc_eigenvalue']:.4f}): that channel may be smoothed, or computed from others; try without it"
         )
     if found["process_noise"] and len(found["process_noise_absent"]) == len(found["process_noise"]):
-        out.append("no process noise can be told from none: output error says the same with fewer unknowns")
+        out.append("the process noise cannot be told from zero: output error gives the same with fewer unknowns")
     out.extend(approximate("filter_error"))
     if not out:
         return model

@@ -107,8 +107,8 @@ def advise(
             partner = moving[int(np.argmax(row))]
             out.append(
                 f"{name}: nearly a combination of the other terms (variance inflation {found.vif[i]:.0f}, most like "
-                f"{partner}, correlation {row.max():.3f}): its estimate is theirs as well; excite them separately, "
-                "fix one by a prior or leave one out"
+                f"{partner}, correlation {row.max():.3f}), so that its estimate depends on theirs; excite them "
+                "separately, fix one by a prior or leave one out"
             )
     for i, name in enumerate(names):
         if name != BIAS and abs(theta[i]) < _T * std[i]:
@@ -125,7 +125,7 @@ def advise(
             )
             biased = True
     if biased:
-        out.extend(approximate("regression", "with noise in the terms the errors do not tell of it, and"))
+        out.extend(approximate("regression", "standard errors do not count noise in the terms, and"))
     if r2 < _R2:
         out.append(
             f"{target}: the terms explain {100 * max(r2, 0.0):.0f} % of it; look for terms that are missing, "
@@ -143,7 +143,7 @@ def noisy_terms(records: Sequence[RegressionData], names: Sequence[str]) -> tupl
             y = record[name][record.sampled([name])]
             if y.size >= _LEAST and noise_level(y) > _NOISY * float(np.std(y)):
                 return approximate(
-                    "regression", f"noise in {name} biases the estimates, the errors do not tell, and the"
+                    "regression", f"noise in {name} biases the estimates, standard errors do not count it, and the"
                 )
     return ()
 

@@ -83,8 +83,8 @@ def equation_error(
     r2 = 1.0 - float(v @ v) / energy if energy > 0.0 else 0.0
     found = advise(records, target, names, theta, std, r2, diagnostics)
     found += tuple(
-        f"{name}: data and prior differ by {far:.1f} standard deviations of their difference; check the prior's units "
-        "and sign, or the effects that are missing"
+        f"{name}: data and prior differ by {far:.1f} standard deviations of their difference; check the units and sign "
+        "of the prior, or look for effects that are missing"
         for name, far in zip(names, conflict, strict=True)
         if far > _CONFLICT
     )

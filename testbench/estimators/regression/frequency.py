@@ -95,8 +95,8 @@ def frequency_equation_error(
     taken = float(np.mean(np.concatenate([record.sampled([target, *names]) for record in records])))
     if taken < 1.0 - _INTERPOLATED:
         advice += (
-            f"{target}: {100 * (1 - taken):.0f} % of the samples were not taken and interpolated, which lowers "
-            "amplitudes near the sensors' rates; keep the band well below them",
+            f"{target}: {100 * (1 - taken):.0f} % of the samples were not taken but interpolated, which lowers "
+            "amplitudes near the sensors' rates; keep the band well below these rates",
         )
     advice += noisy_terms(records, names)
     advice += _uneven(target, [np.abs(y - x @ fit.theta) ** 2 for x, y in zip(rows, goals, strict=True)], weights)

@@ -244,12 +244,12 @@ def _result(
             f"the data never decide the terms {', '.join(terms)} within a memory of {memory_s:g} s; "
             "raise forgetting, excite more or leave terms out"
         )
-    advice += approximate("quiet regression", "of a single record the")
+    advice += approximate("quiet regression", "for a single record the")
     after = int(np.sum(tried_s >= t_s[0]))
     if t_s.size < after:
         advice += (
             f"{target}: from {t_s[0]:g} s on, {100 * (1 - t_s.size / after):.0f} % of the times have no estimate, "
-            "because what is remembered does not decide the terms; raise forgetting or excite throughout",
+            "because the samples in memory do not decide the terms; raise forgetting or excite throughout",
         )
     return RecursiveResult(
         target=target,

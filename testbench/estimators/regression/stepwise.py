@@ -272,12 +272,13 @@ def _search(
     _, _, free = _residuals(X, y, chosen)
     collinear = tuple(name for i, name in enumerate(names) if i not in chosen and not free[i])
     if collinear:
+        are = "are linear combinations" if collinear[1:] else "is a linear combination"
         said = (
-            f"{', '.join(collinear)}: linear combinations of the chosen terms {', '.join(result.terms)} in these "
-            "data, which cannot tell them apart; excite them separately",
+            f"in these data {', '.join(collinear)} {are} of the chosen terms {', '.join(result.terms)}, and the data "
+            "cannot tell them apart; excite them separately",
         )
         result = replace(result, status="warning", advice=result.advice + said)
-    worth = approximate("quiet structure search", "errors do not count that terms were chosen: the")
+    worth = approximate("quiet structure search", "standard errors do not count that terms were chosen, and the")
     if worth:
         result = replace(result, status="warning", advice=result.advice + worth)
     return StructureSearch(

@@ -84,12 +84,14 @@ def doubts(found: Mapping[str, Any], outputs: Sequence[str], J: int, L: int) -> 
     ]
     if poor:
         out.append(
-            f"the model leaves much of the records it was fitted to unexplained in free run ({', '.join(poor)}): "
+            f"in free run the model leaves much of the records that it was fitted to unexplained ({', '.join(poor)}): "
             "do not use it to predict"
         )
     if found["moved_poles"].size:
         z = ", ".join(f"{abs(z):.4g}" for z in found["moved_poles"])
-        out.append(f"poles of modulus {z} were moved inside the unit circle (stable = true): their damping is made up")
+        out.append(
+            f"poles of modulus {z} were moved inside the unit circle (stable = true): do not trust their damping"
+        )
     return tuple(out)
 
 

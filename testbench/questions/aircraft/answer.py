@@ -17,16 +17,16 @@ def aircraft_answer(survey: Survey) -> list[str]:
     envelope, found = survey.envelope, survey.range
     ends = [u.reason for u in found.beyond]
     out = [
-        f"trims from {found.slowest:g} to {found.fastest:g} m/s at {envelope.h_m:g} m"
-        + ("" if ends else ", all its limits allow")
+        f"the aircraft trims from {found.slowest:g} to {found.fastest:g} m/s at {envelope.h_m:g} m"
+        + ("" if ends else ", the whole range that its limits allow")
     ]
-    out += [f"beyond that: {reason}" for reason in ends]
+    out += [f"outside that range: {reason}" for reason in ends]
     if envelope.elastic:
         onsets = [envelope.onset(name) for name in envelope.elastic]
         unstable = sorted((o for o in onsets if o.V_m_s is not None), key=lambda o: o.V_m_s or 0.0)
-        out += [f"elastic instability, {o.sentence}" for o in unstable]
+        out += [f"the elastic mode {o.sentence.replace(f'{o.name}: ', f'{o.name} is ', 1)}" for o in unstable]
         if not unstable:
-            out.append(f"onset of instability of an elastic mode: none up to {envelope.speeds[-1]:g} m/s")
+            out.append(f"no elastic mode becomes unstable up to {envelope.speeds[-1]:g} m/s")
     out += [sentence for name in envelope.motion if (sentence := _rigid_instability(survey, name))]
     at = envelope.poles[envelope.design]
     said = []
@@ -34,7 +34,7 @@ def aircraft_answer(survey: Survey) -> list[str]:
         for pole in at[name]:
             wn, zeta = frequency_and_damping(pole)
             said.append(f"{name} {_motion_words(pole, wn, zeta)}")
-    out.append(f"at {envelope.speeds[envelope.design]:g} m/s: {'; '.join(said)}")
+    out.append(f"rigid modes at {envelope.speeds[envelope.design]:g} m/s: {'; '.join(said)}")
     return out
 
 
@@ -43,7 +43,7 @@ def _motion_words(pole: complex, wn: float, zeta: float) -> str:
         return f"{number(wn / (2.0 * math.pi))} Hz with damping ratio {number(zeta)}"
     if abs(pole.real) < 1e-9:
         return "neutral"
-    return f"{'doubling' if pole.real > 0.0 else 'halving'} in {number(math.log(2.0) / abs(pole.real))} s"
+    return f"{'doubles' if pole.real > 0.0 else 'halves'} in {number(math.log(2.0) / abs(pole.real))} s"
 
 
 def _rigid_instability(survey: Survey, name: str) -> str:
@@ -58,7 +58,7 @@ def _rigid_instability(survey: Survey, name: str) -> str:
     where = "at every speed" if len(speeds) == len(growth) else (
         f"at {speeds[0]:.3g} m/s" if len(speeds) == 1 else f"between {speeds[0]:.3g} and {speeds[-1]:.3g} m/s"
     )  # fmt: skip
-    return f"the {name} is unstable {where}, doubling in {number(math.log(2.0) / max(growth))} s at worst"
+    return f"the {name} is unstable {where}: its amplitude doubles in {number(math.log(2.0) / max(growth))} s at worst"
 
 
 def shapes_missing(survey: Survey) -> str:
@@ -70,4 +70,4 @@ def shapes_missing(survey: Survey) -> str:
     if not shaped:
         return "No mode shapes are drawn: the elastic modes of this aircraft are given without shapes along the wing."
     without = [name for name, i in envelope.elastic.items() if i not in shaped]
-    return f"Given without a shape along the wing, hence not drawn: {'; '.join(without)}." if without else ""
+    return f"Modes without a shape along the wing are not drawn: {'; '.join(without)}." if without else ""

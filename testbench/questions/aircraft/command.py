@@ -13,10 +13,12 @@ from testbench.questions.options import OutOption, Wings
 
 def command(
     name: Annotated[str, typer.Argument(help="Packaged aircraft, or a folder of your own.", show_default=False)],
-    wings: Annotated[Wings, typer.Option(help="Let the elastic modes move, or hold them.")] = Wings.flexible,
+    wings: Annotated[
+        Wings, typer.Option(help="Whether the elastic modes move (flexible) or are held (rigid).")
+    ] = Wings.flexible,
     out: OutOption = Path("results"),
     export: Annotated[
-        Path | None, typer.Option(help="Write the model for its design condition here as plain JSBSim XML.")
+        Path | None, typer.Option(help="Folder for the model at its design condition, as plain JSBSim XML.")
     ] = None,
 ) -> None:
     """Trim an aircraft over its speed range and show its modes, frequency responses and derivatives.

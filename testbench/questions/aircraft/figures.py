@@ -345,7 +345,7 @@ def _response_plate(survey: Survey) -> Plate:
 
     left_out = {u.V_m_s for u in survey.untrimmed if u not in survey.range.beyond}
     missing = (
-        f" Left out, as they cannot be trimmed: {', '.join(f'{V:g}' for V in sorted(left_out))} m/s."
+        f" Speeds that cannot be trimmed are left out: {', '.join(f'{V:g}' for V in sorted(left_out))} m/s."
         if left_out
         else ""
     )

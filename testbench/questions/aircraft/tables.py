@@ -47,14 +47,14 @@ def trim_table(survey: Survey) -> Table:
         rows.append((V, t.state["qbar"], *(held[c] for c in channels), *(t.state[c] for c in modal)))
     caption = f"Steady level flight at {envelope.h_m:g} m in the standard atmosphere; controls as commanded."
     if modal:
-        caption += " Deflections in the mode's own unit (table of elastic modes), only of symmetric modes."
+        caption += " Deflections are those of the symmetric modes, each in its own unit (table of elastic modes)."
     return Table("trim", "Trim over speed", caption, tuple(columns), tuple(rows))
 
 
 def untrimmed_table(survey: Survey) -> Table:
     """Return the speeds that cannot be flown, and why."""
     caption = (
-        "Speeds just beyond the range, and others that were asked for; the range was searched to "
+        "Speeds just outside the range, and others that were asked for. The ends of the range are known to "
         f"{survey.range.step_m_s:g} m/s."
     )
     columns = (Column("V", "V", "m/s", given=True, digits=5), Column("reason", "reason"))
@@ -81,8 +81,8 @@ def mode_table(survey: Survey) -> Table:
             half = math.log(2.0) / -real if real else None
             rows.append((root, motion, real, pole.imag, wn / (2.0 * math.pi), zeta, half))
     caption = (
-        "Poles of the linearised aircraft, longitudinal and lateral-directional motion apart, servo lags left out. T½: "
-        "time to half amplitude; negative: to double amplitude."
+        "Poles of the linearised aircraft without servo lags; longitudinal and lateral-directional motion are taken "
+        "separately. T½: time to half amplitude; negative: to double amplitude."
     )
     columns = (Column("mode", "mode"), Column("motion", "motion"), *_MODE_COLUMNS, Column("t_half", "T½", "s"))
     title = f"Modes at {envelope.speeds[envelope.design]:g} m/s"
@@ -135,8 +135,8 @@ def elastic_table(survey: Survey) -> Table:
         Column("onset", "onset of instability"),
     )
     caption = (
-        "Left: as a ground vibration test finds them. Right: the same modes coupled with air and flight at "
-        f"{envelope.speeds[envelope.design]:g} m/s, and the speed at which the damping of one becomes negative."
+        "Left: as a ground vibration test finds them. Right: the same modes coupled with the air and the rigid motion "
+        f"at {envelope.speeds[envelope.design]:g} m/s, and the speed at which the damping of a mode becomes negative."
     )
     return Table("elastic_modes", "Elastic modes", caption, columns, tuple(rows), wide=True)
 
@@ -183,8 +183,8 @@ def coefficient_table(aircraft: Aircraft) -> Table:
         Column("description", "description"),
     )
     caption = (
-        "As they stand in the JSBSim XML, without unit, angles in rad; where a coefficient is not one number, what it "
-        "is made of. The elastic modes add theirs."
+        "Values of the JSBSim XML, dimensionless, angles in rad. Where a coefficient is not one number, the table says "
+        "what it is made of. The elastic modes add coefficients of their own."
     )
     return Table("coefficients", "Aerodynamic coefficients", caption, columns, tuple(rows), wide=True)
 

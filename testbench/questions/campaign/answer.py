@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from testbench.page.labels import number
+from testbench.page.words import counted
 
 if TYPE_CHECKING:
     from testbench.questions.campaign.result import CampaignResult
@@ -45,7 +46,7 @@ def campaign_answer(result: CampaignResult) -> list[tuple[str, str]]:
         worst = max(lost, key=lambda a: a.missing)
         out.append(("doubt", f"{worst.name} was not found in {worst.missing} of {worst.n + worst.missing} runs"))
     if summary.causes and counts.done:
-        out.append(("doubt", f"most failures, {_cause(result)}"))
+        out.append(("doubt", _cause(result)))
     return out
 
 
@@ -55,7 +56,7 @@ def _lead(result: CampaignResult) -> str:
     if not counts.finished:
         return f"nothing is known yet: none of {counts.total} runs is finished"
     if not counts.done:
-        return f"nothing was identified: all {counts.failed} finished runs failed, {_cause(result)}"
+        return f"nothing was identified: all {counts.failed} finished runs failed; {_cause(result)}"
     judged = [a for a in summary.accuracies if a.n > 1]
     if len(judged) == 1:
         return _of_one(judged[0])
@@ -66,8 +67,8 @@ def _lead(result: CampaignResult) -> str:
         best = min(errors, key=lambda f: f.mean)
         scatter = f" and scatters by {number(best.std, 2)}" if best.n > 1 else ""
         return (
-            "no estimate was found twice beside a true value, so that there is no bias to tell; the smallest error of "
-            f"a prediction, {best.name}, is {number(best.mean)} on average{scatter}"
+            "the bias is unknown, because no estimate was found in two runs whose true value is known; the smallest "
+            f"prediction error, {best.name}, is {number(best.mean)} on average{scatter}"
         )
     names = [f.name for f in summary.figures]
     return f"nothing was identified in the {counts.done} runs that were flown" + (
@@ -94,7 +95,7 @@ def _of_many(judged: Sequence[Accuracy]) -> str:
     text = f"{fair or 'none'} of {len(judged)} estimates {'shows' if fair in (0, 1) else 'show'} no bias beyond chance"
     off = [100.0 * _relative(a) for a in judged if a.biased and a.true_mean]
     if off:
-        text += f", the others are off by {_span(off)} % of the true value"
+        text += f"; the others are off by {_span(off)} % of the true value"
     scatters = [100.0 * a.scatter / abs(a.true_mean) for a in judged if a.true_mean]
     if scatters:
         text += f"; from run to run they scatter by {_span(scatters)} % of it"
@@ -113,7 +114,7 @@ def _span(values: Sequence[float]) -> str:
 def _cause(result: CampaignResult) -> str:
     c = result.summary.causes[0]
     percent = 100.0 * c.count / max(result.counts.finished, 1)
-    return f"{c.count} ({number(percent, 2)} % of the runs): {c.example}"
+    return f"the most frequent cause of failure, in {counted(c.count, 'run')} ({number(percent, 2)} %): {c.example}"
 
 
 def _progress(result: CampaignResult) -> str:
@@ -121,7 +122,7 @@ def _progress(result: CampaignResult) -> str:
     failed = f", {counts.failed} failed" if counts.failed else ", none failed"
     text = f"{counts.done} of {counts.total} runs are done{failed}"
     if counts.finished < counts.total:
-        text += f"; {counts.total - counts.finished} are still to be flown, the figures are those of the others"
+        text += f"; {counts.total - counts.finished} are still to be flown and do not count yet"
     rule = result.campaign.spec.stop
     if rule is not None and result.stopped is not None:
         text += (
@@ -147,12 +148,12 @@ def cost_sentence(result: CampaignResult) -> str:
     """Return what a million runs would cost, if each cost as much as the finished ones."""
     n = result.counts.finished
     if n == 0:
-        return "nothing is finished yet, so that nothing can be said of the cost"
+        return "the cost is unknown, because no run is finished yet"
     each = result.seconds / n
     hours = each * _MILLION / 3600.0
     size, records = (number(x / n * _MILLION / 1e9, 2) for x in (result.size, result.records_size))
     histories = f" and {records} GB of time histories" if result.records_size else ""
     return (
-        f"a run takes {number(1e3 * each)} ms of one processor; a million like it {number(hours)} processor hours, "
-        f"{number(hours / 100.0)} h on 100 processors, and about {size} GB of store{histories}"
+        f"a run takes {number(1e3 * each)} ms of one processor; a million like it would take {number(hours)} processor "
+        f"hours, {number(hours / 100.0)} h on 100 processors, and about {size} GB of store{histories}"
     )

@@ -21,11 +21,11 @@ CampaignArgument = Annotated[
     Path, typer.Argument(help="Campaign file, or the name of a packaged one.", show_default=False)
 ]
 WorkersOption = Annotated[
-    int | None, typer.Option(min=1, help="Processes on this machine; one per processor if not given.")
+    int | None, typer.Option(min=1, help="Processes on this machine. Default: one per processor.")
 ]
 SchedulerOption = Annotated[
     str | None,
-    typer.Option(help="Fly on the workers of this dask scheduler, e.g. tcp://host:8786, and not on this machine."),
+    typer.Option(help="Fly on the workers of this dask scheduler (e.g. tcp://host:8786) instead of this machine."),
 ]
 
 
@@ -38,7 +38,7 @@ def campaign_run(
 ) -> None:
     """Fly a new campaign and write its store, tables, figures and report.html.
 
-    Example: `testbench campaign run taurus_scatter --workers 2`. `campaign resume` continues an interrupted campaign.
+    Example: `testbench campaign run taurus_scatter --workers 2`. If it is interrupted, go on with `campaign resume`.
     """
     _fly_campaign(campaign, out, False, workers, scheduler)
 
@@ -50,13 +50,13 @@ def campaign_resume(
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
 ) -> None:
-    """Continue a campaign that was interrupted or has been given more runs; no finished run is flown again."""
+    """Go on with a campaign that was interrupted or given more runs; finished runs are not flown again."""
     _fly_campaign(campaign, out, True, workers, scheduler)
 
 
 @command.command("status")
 def campaign_status(campaign: CampaignArgument, out: OutOption = Path("results")) -> None:
-    """Say how far a campaign is, also while it flies: what failed, and what a million runs like it would cost."""
+    """Say how far a campaign is, what failed and what a million such runs would cost; this works while it flies."""
     from testbench.questions.campaign.load import load_campaign
     from testbench.questions.campaign.page import campaign_page
     from testbench.questions.campaign.result import read_campaign

@@ -40,8 +40,8 @@ def campaign_plates(summary: Summary) -> list[Plate]:
         Plate(
             "distributions",
             "Distribution of the errors" if chosen else "Distribution of the prediction errors",
-            "Number of runs over " + what + ". Dashed: the mean, with its 95 % confidence interval shaded; where zero, "
-            "drawn as a black line, lies outside of it, the estimate is biased."
+            "Number of runs over " + what + ". Dashed: the mean, with its 95 % confidence interval shaded. The "
+            "estimate is biased if zero (black line) lies outside that interval."
             if chosen
             else "Number of runs over the value. Dashed: the mean, with its 95 % confidence interval shaded.",
             _panels(list(of_errors), lambda axes, name: _histogram(axes, of_errors[name], bool(chosen)), what, "runs"),
@@ -59,7 +59,7 @@ def campaign_plates(summary: Summary) -> list[Plate]:
             Plate(
                 "estimates",
                 "Estimates over true values",
-                f"One point per run, of at most {_POINTS} runs; on the line the estimate is the truth.",
+                f"One point per run, for at most {_POINTS} runs. On the line the estimate equals the truth.",
                 _panels(chosen, lambda axes, name: _scatter(axes, summary, name), "true value", "estimate"),
             ),
         )
@@ -91,7 +91,8 @@ def _failure_plate(summary: Summary) -> Plate:
         return figure
 
     caption = (
-        "Runs by the reason that they give, the most frequent ones; numbers in a reason are those of the first run."
+        "Number of runs for each of the most frequent reasons of failure; numbers in a reason are those of the first "
+        "run."
     )
     return Plate("failures", "Why runs failed", caption, make)
 

@@ -53,10 +53,10 @@ def accuracy_table(summary: Summary) -> Table:
         for a in summary.accuracies
     )
     caption = (
-        "Estimate minus truth of the same run. Bias: mean, with its 95 % confidence interval; scatter: standard "
-        "deviation. Stated error: what the estimator says of itself, root mean square; coverage: share of the runs "
-        "whose stated 95 % interval holds the truth, with the 95 % interval of that share (Wilson 1927); a dash where "
-        "the method states no errors."
+        "Estimate minus truth of the same run. Bias: mean, with its 95 % confidence interval. Scatter: standard "
+        "deviation. Stated error: root mean square of the standard errors that the estimator states. Coverage: share "
+        "of the runs whose stated 95 % interval holds the truth, with the 95 % interval of that share (Wilson 1927). A "
+        "dash: the method states no errors."
     )
     return Table("accuracy", "Estimates against the truth", caption, columns, rows)
 
@@ -75,7 +75,7 @@ def figure_table(summary: Summary) -> Table:
     rows: tuple[tuple[Value, ...], ...] = tuple(
         (f.name, f.n, f.missing, f.mean, f.mean_half, f.std, *f.quantiles) for f in summary.figures
     )
-    caption = "Every figure over the runs that are done; missing: it could not be found, or was infinite."
+    caption = "Every figure over the runs that are done. Missing: runs in which it was not found, or was infinite."
     return Table("figures", "Every figure over the runs", caption, columns, rows)
 
 
@@ -106,7 +106,8 @@ def grid_table(result: CampaignResult) -> Table:
             std = float(np.std(e, ddof=1)) if e.size > 1 else math.nan
             half = 1.96 * std / math.sqrt(e.size) if e.size else math.nan
             rows.append((*values, name, int(e.size), failed, mean, half, std))
-    return Table("grid", "Errors at every point of the grid", "As above, point by point.", columns, tuple(rows))
+    caption = "Estimate minus truth of the same run, at each point of the grid."
+    return Table("grid", "Errors at every point of the grid", caption, columns, tuple(rows))
 
 
 def cause_table(summary: Summary) -> Table:

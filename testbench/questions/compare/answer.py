@@ -70,7 +70,7 @@ def _by_simulation(result: CompareResult, suite: SensorSuite) -> str:
     worse = sorted((g for g in sure if _difference(g) <= 0.0), key=_share)
     text = (
         f"adding {added(result, suite)} to {result.suites[0].name} surely makes {len(better) or 'none'} of "
-        f"{len(gains)} errors smaller and {len(worse) or 'none'} larger"
+        f"{len(gains)} errors smaller and {len(worse) or 'none'} of them larger"
     )
     parts = []
     for kind, words in _KINDS.items():
@@ -90,8 +90,9 @@ def _meaning(result: CompareResult) -> str:
     s, tested = result.scenario, sum(g.p_holm is not None for g in result.gains)
     missed = " (McNemar's where modes are missed)" if any(g.quantity.kind == "missed" for g in result.gains) else ""
     return (
-        f'"surely" is beyond chance by {_TEST[s.test]}{missed} on up to {s.seeds} pairs of the same flight and noise: '
-        f"the chance of even one false finding among all {tested} questions is at most {100 * s.level:g} % (Holm)"
+        f'"surely" means beyond chance by {_TEST[s.test]}{missed} on up to {s.seeds} pairs of the same flight and '
+        f"noise: among all {tested} questions, the chance of even one false finding is at most {100 * s.level:g} % "
+        "(Holm)"
     )
 
 
@@ -118,12 +119,12 @@ def _by_information(result: CompareResult, suite: SensorSuite) -> str:
             if np.isfinite(a) and np.isfinite(b) and b > 0.0:
                 ratios.setdefault(quantity, []).append(float(a / b))
     if not ratios:
-        return f"by information, nothing can be told of {_listed([s.channel for s in suite.sensors])}"
+        return f"information gives no standard error through {_listed([s.channel for s in suite.sensors])}"
     mean = {q: float(np.exp(np.mean(np.log(r)))) for q, r in ratios.items()}
     best, least = max(mean, key=lambda q: mean[q]), min(mean, key=lambda q: mean[q])
     return (
-        f"by information, {added(result, suite)} divides the standard errors by {number(mean[least])} ({least}) to "
-        f"{number(mean[best])} ({best})"
+        f"by information, adding {added(result, suite)} divides the standard errors by {number(mean[least])} "
+        f"({least}) to {number(mean[best])} ({best})"
     )
 
 
@@ -132,16 +133,16 @@ def _agreement(result: CompareResult) -> list[str]:
     if not total:
         return []
     factor = max(most, 1.0 / least) if least > 0.0 else np.inf
-    level = f"more than chance, {100 * result.scenario.level:g} % for all {total} together (Holm)"
+    level = f"more than chance, at {100 * result.scenario.level:g} % for all {total} together (Holm)"
     verdict = (
         f"{apart} of them {'differs' if apart == 1 else 'differ'} by {level}" if apart else f"none differs by {level}"
     )
-    rest = f"; {far} are left out, because over their predicted errors the model is not linear" if far else ""
+    rest = f"; {far} are left out, because the model is not linear over their predicted errors" if far else ""
     return [
         f"information and simulation agree to a factor of {number(factor, 2)}: the scatter of the best case is "
-        f"{number(least, 2)} to {number(most, 2)} times the predicted standard error, the median {number(median, 2)}; "
-        f"{inside} of {total} predictions lie within its 95 % interval (by chance alone {0.95 * total:.0f} would), "
-        f"{verdict}{rest}"
+        f"{number(least, 2)} to {number(most, 2)} times the predicted standard error, {number(median, 2)} times in the "
+        f"median; {inside} of {total} predictions lie within its 95 % interval (by chance alone {0.95 * total:.0f} "
+        f"would); {verdict}{rest}"
     ]
 
 
@@ -165,17 +166,19 @@ def _biases(result: CompareResult) -> list[str]:
     if not off:
         return []
     text = (
-        f"of bias information knows nothing: {len(off)} of {len(signed)} mean errors of the best case lie beyond their "
+        f"information knows nothing of bias: {len(off)} of {len(signed)} mean errors of the best case lie beyond their "
         "95 % interval about zero"
     )
     if not result.of_flight:
-        return [f"{text} (a flight that is not quite linear, noise of measured inputs)"]
+        return [f"{text}; causes are a flight that is not quite linear and noise of the measured inputs"]
     known = [(s.mean, s.of_flight) for s in off if s.mean is not None and s.of_flight is not None]
     same = sum(mean.low <= error <= mean.high for mean, error in known)
     text += (
-        f"; {same} of these intervals hold the error from the same flight without any noise, which is not quite linear"
+        f"; {same} of these intervals hold the error that the same flight gives without any noise, because it is not "
+        "quite linear"
     )
-    return [text + ("" if same == len(off) else ": the rest is chance, or what noise makes of an estimate that is not")]
+    rest = "; the rest is chance, or noise in an estimate that is not linear in it"
+    return [text + ("" if same == len(off) else rest)]
 
 
 def worth(result: CompareResult, suite: SensorSuite) -> float | None:
@@ -217,7 +220,10 @@ def _for_the_price(result: CompareResult) -> list[str]:
             out.append(f"{best} per {unit} (divided by {number(rates[best])} for every 100 {unit})")
     if not out:
         return []
-    return [f"most for its cost, by information and on the geometric mean of all standard errors: {'; '.join(out)}"]
+    return [
+        "these suites divide the standard errors most for their cost, by information and in the geometric mean: "
+        + "; ".join(out)
+    ]
 
 
 def _placement(result: CompareResult) -> str:
@@ -225,9 +231,13 @@ def _placement(result: CompareResult) -> str:
     assert p is not None
     sure = zip(p.names, p.before, p.after, strict=True)
     errors = "; ".join(
-        f"{n} {number(float(b), 2)} to {number(float(a), 2)}{'' if n.startswith('zeta') else ' %'}" for n, b, a in sure
+        f"{n} from {number(float(b), 2)} to {number(float(a), 2)}{'' if n.startswith('zeta') else ' %'}"
+        for n, b, a in sure
     )
-    return f"best stations beside {p.base}: {', '.join(s.words for s in p.spots)}; standard errors {errors}"
+    return (
+        f"the best stations beside {p.base} are {', '.join(s.words for s in p.spots)}; they change the standard errors "
+        f"of {errors}"
+    )
 
 
 def _doubts(result: CompareResult) -> list[str]:
@@ -235,7 +245,7 @@ def _doubts(result: CompareResult) -> list[str]:
     if result.errors and result.too_few is not None:
         out.append(
             f"{result.scenario.seeds} repetitions cannot show anything beyond chance among {len(result.gains)} "
-            f"questions: {result.too_few} are needed at least; raise seeds, or ask for less"
+            f"questions: at least {result.too_few} are needed; raise seeds, or ask for less"
         )
     if result.failures:
         first = result.failures[0]
@@ -247,11 +257,11 @@ def _doubts(result: CompareResult) -> list[str]:
     if vague:
         out.append(
             f"information takes the model as linear over its errors; for some quantities through {_listed(vague)} it "
-            "is not, and what is said of them by information is an order of magnitude"
+            "is not, and information gives their order of magnitude only"
         )
     drifting = sorted({s.channel for x in result.suites for s in x.sensors if s.drift_std > 0.0 or s.bias_walk > 0.0})
     if drifting:
-        out.append(f"information takes noise as white: the drift of {_listed(drifting)} is not in its figures")
+        out.append(f"information takes noise as white: its figures leave out the drift of {_listed(drifting)}")
     return out
 
 

@@ -16,13 +16,14 @@ def command(
     out: OutOption = Path("results"),
     seed: SeedOption = None,
     information: Annotated[
-        bool, typer.Option("--information", help="By Fisher information alone: nothing is flown.")
+        bool, typer.Option("--information", help="Compare by Fisher information alone; nothing is flown.")
     ] = False,
 ) -> None:
     """Compare sensor suites over the same flights and noise: what each sensor buys, and what is more than chance.
 
-    It predicts the same from information, without simulation. If the scenario has a `[placement]`, it finds the best
-    stations for sensors along the wing. Examples: `testbench compare eolo_alpha`, `testbench compare eolo_wing`.
+    Fisher information answers the same question without simulation. If the scenario has a `[placement]`, the command
+    also finds the best stations for sensors along the wing. Examples: `testbench compare eolo_alpha`, `testbench
+    compare eolo_wing`.
     """
     from testbench.questions.compare.ask import compare
     from testbench.questions.compare.page import compare_page

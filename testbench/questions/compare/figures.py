@@ -60,10 +60,10 @@ def compare_plates(result: CompareResult) -> list[Plate]:
                 "errors",
                 "Errors through each suite",
                 f"Root mean square over {result.scenario.seeds} repetitions with 95 % interval, percent; damping "
-                "ratios in hundredths. Open signs: standard errors that information predicts, beside the estimator "
-                'that they speak of. "sure": the difference to the first suite is more than chance, all questions of '
-                "the comparison taken together. 9/12: found in 9 of 12 repetitions. What one suite alone predicts "
-                "stands in the table only.",
+                "ratios in hundredths. Open signs: standard errors that information predicts for the estimator beside "
+                'them. "sure": the difference to the first suite is beyond chance, over all questions of the '
+                "comparison together. 9/12: found in 9 of 12 repetitions. Quantities that only one suite predicts are "
+                "in the table.",
                 partial(_panels, _error_panels(result), suites),
             )
         )
@@ -72,7 +72,7 @@ def compare_plates(result: CompareResult) -> list[Plate]:
             Plate(
                 "information",
                 "Standard errors by information",
-                "Cramer-Rao bound through each suite, percent; damping ratios in hundredths. Nothing was flown.",
+                "Cramér-Rao bound through each suite, percent; damping ratios in hundredths. Nothing was flown.",
                 partial(_panels, _information_panels(result), suites),
             )
         )
@@ -81,8 +81,9 @@ def compare_plates(result: CompareResult) -> list[Plate]:
             Plate(
                 "placement",
                 "Where sensors along the wing tell most",
-                "Criterion that one sensor alone reaches beside the suite, by its station: lower is better, filled "
-                "signs are the stations of the best set. Then: criterion as the sensors of the best set are added.",
+                "Left: the criterion that one added sensor reaches, over its station; lower is better, and filled "
+                "signs are the stations of the best set. Right: the criterion as the sensors of the best set are added "
+                "one by one.",
                 partial(_placement, result.placed),
             )
         )

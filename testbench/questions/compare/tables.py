@@ -26,9 +26,9 @@ def suite_table(result: CompareResult) -> Table:
     return Table(
         "suites",
         "The sensor suites",
-        "Price and mass of all sensors, with mounting and cable; a dash where one is not known. By information, and on "
-        "the geometric mean of the standard errors that every suite tells: what the added sensors divide them by, and "
-        "what they would for 100 € or 100 g at the same rate.",
+        "Price and mass are those of all sensors with mounting and cable; a dash: not known. The last columns give, by "
+        "information, the factor by which the added sensors divide the standard errors (the geometric mean of those "
+        "that every suite gives), and the same factor for 100 € or 100 g.",
         (
             Column("suite", "suite"),
             Column("rate", "rate", "Hz", given=True),
@@ -63,11 +63,10 @@ def gain_table(result: CompareResult) -> Table:
         f"What each suite buys over {result.suites[0].name}",
         f"Size of the error with the first suite minus that with this one, in the same flight with the same noise: "
         f"{what} and 95 % interval. p: {test}; p corrected: for all questions of this table together (Holm). A gain is "
-        f"called sure where that is at most {s.level:g}. Information: ratio of the predicted standard errors, this "
-        "suite over the first. Where a mode is missed in some repetitions, how often is compared too, in percent: "
-        "McNemar's test, exact, and a 95 % interval of Clopper and Pearson. Errors of damping ratios are absolute, "
-        "all others percent of the true value; of "
-        "predictions, of the rms.",
+        f"sure where the corrected p is at most {s.level:g}. Information: ratio of the predicted standard errors, this "
+        "suite over the first. Where some repetitions miss a mode, the table also compares how often, in percent, by "
+        "McNemar's exact test with a 95 % interval of Clopper and Pearson. Errors of damping ratios are absolute. "
+        "Errors of predictions are percent of the rms, all others percent of the true value.",
         (
             Column("suite", "suite"),
             Column("input", "input"),
@@ -123,11 +122,11 @@ def error_table(result: CompareResult) -> Table:
         "Errors of every input, suite and estimator",
         f"Over {result.scenario.seeds} repetitions: root mean square with 95 % interval, mean (bias), the best case's "
         "error from the same flight without any noise, standard deviation (scatter), and the standard error that "
-        "information predicts for an estimator that knows the "
-        "aircraft's equations and its instruments; of that one, scatter over predicted with its 95 % interval, which "
-        "holds 1 where information and simulation agree. It is left empty where the model is not linear over the "
-        "predicted errors (terms of second order are more than half of them): there a linear bound says little. "
-        "Predictions are held against what the sensors would show without noise and biases.",
+        "information predicts for an estimator that knows the aircraft's equations and its instruments. For that "
+        "estimator the table gives scatter over predicted error with its 95 % interval, which holds 1 where "
+        "information and simulation agree. The ratio is left empty where the model is not linear over the predicted "
+        "errors (terms of second order are more than half of them): there a linear bound says little. Predictions are "
+        "compared with what the sensors would show without noise and biases.",
         (
             Column("input", "input"),
             Column("suite", "suite"),
@@ -181,8 +180,8 @@ def information_table(result: CompareResult) -> Table:
     return Table(
         "information",
         "Standard errors by information, without simulation",
-        "Cramer-Rao bound of the linearised aircraft with unknown derivatives and sensor offsets, noise of measured "
-        "inputs included; percent of the true value, absolute for damping ratios. A dash: nothing can be told.",
+        "Cramér-Rao bound of the linearised aircraft with unknown derivatives and sensor offsets; noise of measured "
+        "inputs is included. Percent of the true value; absolute for damping ratios. A dash: not identifiable.",
         (
             Column("input", "input"),
             Column("quantity", "standard error of"),
@@ -206,7 +205,8 @@ def worth_table(result: CompareResult) -> Table:
     return Table(
         "without_each",
         "What each sensor is worth by information",
-        "Factor by which standard errors grow if this sensor alone is left out of its suite. A dash: nothing is left.",
+        "Factor by which standard errors grow if this sensor alone is left out of its suite. A dash: without it the "
+        "quantity is not identifiable.",
         (
             Column("input", "input"),
             Column("suite", "suite"),
@@ -226,23 +226,23 @@ def placement_tables(result: CompareResult) -> list[Table]:
     if p is None:
         return []
     how = (
-        f"the best of all {p.sets} sets, each of them tried"
+        f"All {p.sets} sets were tried, and this one is the best"
         if p.all_tried
-        else f"found by adding and exchanging among {number(p.sets)} sets ({p.exchanged} exchanges), such that no "
-        "exchange of one sensor betters it"
+        else f"It was found by adding and exchanging among {number(p.sets)} sets ({p.exchanged} exchanges); no "
+        "exchange of one sensor improves it"
     )
     path = Table(
         "placement",
         f"Best stations along the wing, beside {p.base}",
-        f"In the order of their gain. Criterion {p.asked.criterion}: in units of {p.asked.wn_percent:g} % of a "
-        f"frequency and {p.asked.zeta:g} of a damping ratio; {how}.",
+        f"Sensors in the order of their gain. Criterion {p.asked.criterion}, in units of {p.asked.wn_percent:g} % of a "
+        f"frequency and {p.asked.zeta:g} of a damping ratio. {how}.",
         (Column("sensor", "sensor"), Column("criterion", "criterion with it", digits=3)),
         (("none", _finite(p.path[0])), *((s.words, _finite(c)) for s, c in zip(p.spots, p.path[1:], strict=True))),
     )
     errors = Table(
         "placement_errors",
         "Standard errors of the modes before and after",
-        "By information, commands exactly known; percent, absolute for damping ratios.",
+        "By information, with the commands known exactly. Percent; absolute for damping ratios.",
         (Column("quantity", "standard error of"), Column("before", p.base), Column("after", "with the placed sensors")),
         tuple((n, _finite(float(b)), _finite(float(a))) for n, b, a in zip(p.names, p.before, p.after, strict=True)),
     )
@@ -254,7 +254,7 @@ def failure_table(result: CompareResult) -> Table:
     return Table(
         "failures",
         "Identifications that gave no model",
-        "They count in no error.",
+        "These identifications count in none of the errors.",
         tuple(Column(k, k) for k in ("input", "suite", "estimator", "repetition", "reason")),
         tuple((*f.case, f.repetition + 1, f.reason) for f in result.failures),
         wide=True,

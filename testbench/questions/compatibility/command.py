@@ -16,12 +16,12 @@ def command(
     description: Annotated[Path, typer.Argument(help="Description of recorded flights (TOML).", show_default=False)],
     out: OutOption = Path("results"),
     data: DataOption = None,
-    gravity: Annotated[float, typer.Option(help="Gravity where it was flown, m/s2.")] = G0_M_S2,
+    gravity: Annotated[float, typer.Option(help="Local gravity, m/s2.")] = G0_M_S2,
 ) -> None:
-    """Ask whether the instruments of recorded flights agree with each other, and which of them err by how much.
+    """Test whether the instruments of recorded flights agree with each other, and by how much each of them errs.
 
-    Rates and accelerations are integrated and compared with airspeed, flow angles, attitude and height; bias, scale,
-    lag or delay are estimated where the data tell them. The corrected records are written. Example:
+    The command integrates rates and accelerations and compares them with airspeed, flow angles, attitude and height.
+    It estimates bias, scale, lag or delay where the data tell them, and writes the corrected records. Example:
     `testbench compatibility records/attas_full`.
     """
     from testbench.estimators import data_compatibility

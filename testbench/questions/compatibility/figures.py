@@ -43,7 +43,7 @@ def _plate(result: DataCompatibility, records: Records, parts: list[tuple[str, F
     outputs = result.structure.outputs
     caption = (
         "Grey: measured. Blue: rebuilt from the corrected rates and accelerations by the kinematics alone, as a "
-        "perfect instrument would have read it. What stands between them is the instrument's error, and noise."
+        "perfect instrument would have read it. The difference is the instrument's error and noise."
     )
 
     def make(wide: bool) -> Figure:

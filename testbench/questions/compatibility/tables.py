@@ -18,8 +18,8 @@ def compatibility_tables(result: DataCompatibility) -> list[Table]:
     errors = Table(
         "instrument_errors",
         "Errors of the instruments",
-        "An instrument reads scale times the true value of delay seconds ago, plus bias; wind is where the air moves "
-        "to. Significance: deviation from no error over its standard error. SI units and radians.",
+        "Reading = scale times the true value, delay seconds late, plus bias. Wind: where the air moves to. "
+        "Significance: deviation from no error over its standard error. SI units and radians.",
         (
             Column("error", "error"),
             Column("estimate", "estimate", digits=4),
@@ -34,14 +34,14 @@ def compatibility_tables(result: DataCompatibility) -> list[Table]:
     residuals = Table(
         "residuals",
         "Measured less rebuilt, root mean square",
-        "Before: no error allowed for. After: with the significant ones. SI units and radians.",
+        "Before: without corrections. After: with the significant errors corrected. SI units and radians.",
         (Column("output", "output"), Column("before", "before", digits=3), Column("after", "after", digits=3)),
         tuple((symbol(o), result.residual_before[o], result.residual_after[o]) for o in result.structure.outputs),
     )
     lost = Table(
         "not_identifiable",
         "What these data do not tell",
-        "Errors that were set aside: nothing is said about them.",
+        "Errors that these data cannot decide; they were left out of the search.",
         (Column("error", "error"), Column("reason", "reason")),
         tuple(result.not_identifiable.items()),
         wide=True,

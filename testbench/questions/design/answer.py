@@ -80,7 +80,7 @@ def design_sentences(result: DesignResult) -> list[str]:
             f"is {what}, which leaves {name} with a standard error of {error} where {wanted} is wanted"
         )
         if flights:
-            out.append(f"{flights} flights of it would do, for errors fall as the root of their number")
+            out.append(f"Flown {flights} times it would reach them: errors fall with the root of the number of flights")
     out += _shortest(result) + _against_classics(result) + _in_flight(result.best) + _in_the_way(result)
     out += _modes(result) + _other_suites(result)
     for onset in result.onsets:
@@ -96,8 +96,8 @@ def _shortest(result: DesignResult) -> list[str]:
         return []
     d = result.shortest.design
     return [
-        f"In a hurry: a record of {d.duration_s:.3g} s reaches the wanted accuracy already, by a switching signal "
-        f"({d.words}), peak {peak_words(d)}, in which the {controls_words(d)} moves for "
+        f"The shortest record that reaches the wanted accuracy lasts {d.duration_s:.3g} s: a switching signal "
+        f"({d.words}), peak {peak_words(d)}, moves the {controls_words(d)} for "
         f"{d.end_s - result.problem.start_s:.3g} s"
     ]
 
@@ -109,7 +109,7 @@ def _against_classics(result: DesignResult) -> list[str]:
         if ranked is not None and ranked is not result.best:
             ratio = ranked.design.cost / result.best.design.cost
             parts.append(f"the best single {family_label(family)} has {ratio:.2g} times its error")
-    return [f"Against the pilots' rules: {' and '.join(parts)}"] if parts else []
+    return [f"Compared with the pilots' usual inputs, {' and '.join(parts)}"] if parts else []
 
 
 def _in_flight(best: Ranked) -> list[str]:
@@ -121,8 +121,8 @@ def _in_flight(best: Ranked) -> list[str]:
     )
     if flown.breach:
         text += (
-            f"; at the amplitude that the linearised aircraft allows, {flown.breach}, so that the amplitude was "
-            f"taken to {100 * flown.factor:.0f} % of it"
+            f"; the amplitude was lowered to {100 * flown.factor:.0f} % of what the linearised aircraft allows, "
+            f"because at that amplitude {flown.breach}"
         )
     return [text]
 
@@ -131,8 +131,9 @@ def _in_the_way(result: DesignResult) -> list[str]:
     tried = [o for o in result.obstacles.tried if o.cost < 0.9 * result.best.design.cost][:3]
     if not tried:
         return []
-    parts = [f"without {o.words} to {100.0 * o.cost / result.best.design.cost:.2g} %" for o in tried]
-    return [f"What stands in the way of more: the error would fall {', '.join(parts)} of what it is"]
+    most, *others = [(o.words, f"{100.0 * o.cost / result.best.design.cost:.2g} %") for o in tried]
+    text = f"Without {most[0]} the error would fall to {most[1]} of what it is"
+    return [text + "".join(f"; without {words}, to {share}" for words, share in others)]
 
 
 def _modes(result: DesignResult) -> list[str]:
@@ -141,7 +142,7 @@ def _modes(result: DesignResult) -> list[str]:
     if not unseen:
         return ["It excites every mode of this plane above the noise of some sensor"]
     parts = [f"{m} ({energy.seen(m)[1]:+.0f} dB at {energy.seen(m)[0]})" for m in unseen]
-    return [f"It does not excite {'; '.join(parts)}: nothing is to be learnt of them from this flight"]
+    return [f"It does not excite {'; '.join(parts)}: this flight tells nothing of them"]
 
 
 def _other_suites(result: DesignResult) -> list[str]:
@@ -150,7 +151,7 @@ def _other_suites(result: DesignResult) -> list[str]:
         k = worst_target(result, errors)
         verdict = "reaches" if errors[k] <= result.problem.targets.wanted[k] else "does not reach"
         out.append(
-            f"Through the suite {suite} the same input {verdict} the wanted accuracy: worst "
+            f"Through the suite {suite} the same input {verdict} the wanted accuracy: the worst error is that of "
             f"{result.problem.targets.names[k]}, {error_words(result, errors, k)} where {wanted_words(result, k)} is "
             "wanted"
         )

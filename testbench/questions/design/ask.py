@@ -148,7 +148,7 @@ def run_design(scenario: DesignScenario, seed: int | None = None, progress: Repo
     admissible = sorted((f for f in flown if f.admissible), key=lambda f: f.design.cost)
     if not admissible:
         raise LimitError(f"no design keeps the limits when it is flown: {flown[0].breach}; widen them")
-    say("find the shortest input that will do")
+    say("find the shortest input that reaches the wanted accuracy")
     shortest = _shortest(problem, ranked, admissible, aircraft, trimmed, envelope)
     best = admissible[0].design
     others = {

@@ -11,8 +11,8 @@ from testbench.questions.options import OutOption, ScenarioArgument, SeedOption
 def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: SeedOption = None) -> None:
     """Design the input that tells wanted parameters or modes through given sensors, inside given limits.
 
-    Screens every signal family, refines the best by information, flies the winners, ranks them and says what to fly;
-    writes scenarios ready for `testbench run` and the signals. Example: `testbench design eolo_modes`.
+    The command screens every signal family, refines the best ones by information, flies them, ranks them and says what
+    to fly. It writes the signals, and scenarios ready for `testbench run`. Example: `testbench design eolo_modes`.
     """
     from testbench.questions.design.ask import run_design
     from testbench.questions.design.page import design_page

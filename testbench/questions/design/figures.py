@@ -86,9 +86,9 @@ def _flight_plate(result: DesignResult) -> Plate:
         return figure
 
     caption = (
-        "The recommended input as the nonlinear simulator flies it, at its largest admissible amplitude: what is "
-        "commanded, what the surface does, and the channels that come nearest to their limits (dashed). Dot: the limit "
-        "that is used up most."
+        "The recommended input as the nonlinear simulator flies it at its largest admissible amplitude: command, "
+        "motion of the surface, and the channels that come nearest to their limits (dashed). The dot marks where a "
+        "limit is used up most."
     )
     return Plate("flight", f"The recommended input in flight: {family_label(design.family)}", caption, make)
 
@@ -161,10 +161,9 @@ def _spectrum_plate(result: DesignResult) -> Plate:
         return figure
 
     caption = (
-        "Energy spectra of the commands, means over narrow bands, each design at its own largest admissible "
-        "amplitude. Vertical lines: the "
-        "modes of this plane (green: rigid, over their half-power bands; purple: elastic). A mode where a spectrum has "
-        "little energy is not excited by that input."
+        "Energy spectra of the commands, as means over narrow bands; each design has its own largest admissible "
+        "amplitude. Vertical lines: the modes of this plane (green: rigid, over their half-power bands; purple: "
+        "elastic). An input does not excite a mode where its spectrum has little energy."
     )
     return Plate("spectra", "Where each input puts its energy", caption, make)
 
@@ -228,9 +227,8 @@ def _error_plate(result: DesignResult) -> Plate:
         return figure
 
     caption = (
-        "Predicted standard errors of every target over what is wanted of it: left of the dashed line is good enough. "
-        "Bars stand in the order of the legend. The figure behind the first bar is the error of the recommended input "
-        "itself."
+        "Predicted standard error of every target over the wanted one: left of the dashed line is good enough. Bars "
+        "stand in the order of the legend. The number beside the first bar is the error of the recommended input."
     )
     return Plate("errors", "What each input tells", caption, make)
 

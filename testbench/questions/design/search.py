@@ -98,15 +98,16 @@ def search(
 
 
 def _untold(problem: Problem, ranked: list[Screened]) -> str:
-    """Return which targets no candidate tells anything of."""
+    """Return the error that says which targets no candidate tells."""
     lost: set[str] = set(problem.targets.names)
     for entry in ranked:
         errors = problem.targets.errors(accuracy(problem.experiment.information(entry.candidate.u)))
         lost &= {n for n, e in zip(problem.targets.names, errors, strict=True) if not np.isfinite(e)}
         if not lost:
             break
-    which = f"nothing of {', '.join(sorted(lost))}" if lost else "not all targets apart from one another"
+    which = f"anything of {', '.join(sorted(lost))}" if lost else "all targets apart from one another"
     return (
-        f"no signal of any family on {', '.join(problem.controls)} tells {which} through the sensors "
-        f"{', '.join(problem.experiment.structure.outputs)}; leave targets out, or add sensors or controls"
+        f"a design needs a signal that tells all targets, but through the sensors "
+        f"{', '.join(problem.experiment.structure.outputs)} no signal of any family on {', '.join(problem.controls)} "
+        f"tells {which}; leave targets out, or add sensors or controls"
     )

@@ -50,9 +50,9 @@ def ranking_table(result: DesignResult) -> Table:
     for flown in result.rejected:
         rows.append(("rejected", *_ranking_row(result, flown.design), *_flown_cells(flown)))
     caption = (
-        f"Each at its largest admissible amplitude in the nonlinear simulator. Criterion {result.scenario.criterion}: "
-        "in units of the wanted errors, 1 or less reaches them. Standard errors are Cramér-Rao bounds for these "
-        "sensors with unknown offsets, every other free parameter estimated along."
+        f"Each design has its largest admissible amplitude in the nonlinear simulator. Criterion "
+        f"{result.scenario.criterion}, in units of the wanted errors: at 1 or less they are reached. Standard errors "
+        "are Cramér-Rao bounds for these sensors; sensor offsets and all other free parameters are estimated too."
     )
     return Table("ranking", "Designs, ranked", caption, tuple(columns), tuple(rows), wide=True)
 
@@ -117,7 +117,7 @@ def screening_table(result: DesignResult) -> Table:
     rows = tuple((family_label(f), n, cost, snr) for f, (n, cost, snr) in result.families.items())
     caption = (
         f"{result.screened[0]} candidates over the free quantities of every family, each at the largest amplitude that "
-        "the linearised aircraft allows: by spectral energy at the sensors, and by information."
+        "the linearised aircraft allows. They are judged by their spectral energy at the sensors, and by information."
     )
     return Table("screening", "Screening", caption, columns, rows)
 
@@ -132,9 +132,10 @@ def obstacle_table(result: DesignResult) -> Table:
         Column("share", "of what it is", "%", digits=2),
     )
     caption = (
-        "The same input, one hindrance taken away at a time: a sensor's noise to a hundredth, or the binding limit."
+        "The same input with one obstacle less: either one sensor has a hundredth of its noise, or the limit that "
+        "binds is gone."
     )
-    return Table("obstacles", "What stands in the way of more", caption, columns, rows)
+    return Table("obstacles", "What keeps the error from falling further", caption, columns, rows)
 
 
 def short_ranking(result: DesignResult) -> Table:

@@ -95,7 +95,7 @@ def verdict(question: Question, given: Any, right: Answer) -> Verdict:
 def _choice(question: Choice, given: Any, right: Answer) -> Verdict:
     word = str(given).strip()
     if word not in question.options:
-        return Verdict(question, word, "wrong", f"none of the words listed{nearest(word, question.options)}")
+        return Verdict(question, word, "wrong", f"not one of the words listed{nearest(word, question.options)}")
     if word == right.value:
         return Verdict(question, word, "right", "")
     why = next((m.why for m in right.mistakes if m.value == word), right.hint)
@@ -130,7 +130,7 @@ def off_by(value: float, truth: float, unit: str) -> str:
     if 0.5 < ratio < 2.0:
         return f"{'too large' if ratio > 1.0 else 'too small'} by {100.0 * abs(ratio - 1.0):.0f} %"
     if value == 0.0:
-        return "too small: not zero"
+        return "too small: the value is not zero"
     return f"too large by a factor of {ratio:.3g}" if ratio > 1.0 else f"too small by a factor of {1.0 / ratio:.3g}"
 
 
@@ -174,6 +174,6 @@ def slips(question: Number, truth: float) -> Iterator[Mistake]:
     if unit == "1":
         yield Mistake(truth * 100.0, "this is in percent; it is asked for as a fraction of one")
     signs = ": elevator is positive trailing edge down (nose down), z points down" if unit in _SIGNED else ""
-    yield Mistake(-truth, f"right but for the sign{signs}")
+    yield Mistake(-truth, f"right except for the sign{signs}")
     yield Mistake(2.0 * truth, "twice the right value: was a whole taken for a half, or a variance for something else?")
     yield Mistake(0.5 * truth, "half the right value: was a half taken for a whole?")

@@ -15,7 +15,7 @@ command = typer.Typer(no_args_is_help=True, help="Teaching exercises: records to
 KeyOption = Annotated[
     Path | None,
     typer.Option(
-        help="File with the teacher's own key; else TESTBENCH_EXERCISE_KEY, else a public one.", dir_okay=False
+        help="File with the teacher's own key. Default: TESTBENCH_EXERCISE_KEY, or else a public key.", dir_okay=False
     ),
 ]
 
@@ -31,7 +31,9 @@ def exercise_list() -> None:
 @command.command("start")
 def exercise_start(
     name: Annotated[str, typer.Argument(help="Exercise; see `testbench exercise list`.", show_default=False)],
-    student: Annotated[str, typer.Option(help="Name or number: each student gets another truth.", show_default=False)],
+    student: Annotated[
+        str, typer.Option(help="Name or number; each student gets a different truth.", show_default=False)
+    ],
     out: Annotated[
         Path | None, typer.Option("--out", "-o", help="New folder; NAME_STUDENT if not given.", show_default=False)
     ] = None,
@@ -51,7 +53,9 @@ def exercise_start(
 
 @command.command("check")
 def exercise_check(
-    folders: Annotated[list[Path], typer.Argument(help="Folder that `start` wrote; or several.", show_default=False)],
+    folders: Annotated[
+        list[Path], typer.Argument(help="Folder that `start` wrote, or several folders.", show_default=False)
+    ],
     key_file: KeyOption = None,
 ) -> None:
     """Judge answers.toml: what is right, what is off by how much, and why. Exit status 1 if not all answers are right.

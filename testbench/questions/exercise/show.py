@@ -35,7 +35,7 @@ def print_started(started: Started, console: Console) -> None:
     """Print what was written and what to do next."""
     from rich.text import Text
 
-    console.print(Text(f"{started.exercise.title}: version of {started.student}", style="bold"))
+    console.print(Text(f"{started.exercise.title}: the version of {started.student}", style="bold"))
     for line in (
         f"Read:   {started.folder / 'README.md'}",
         *([f"Run:    {started.folder / 'notebook.ipynb'} (Jupyter)"] if started.exercise.notebook else []),

@@ -23,10 +23,12 @@ class Export(str, Enum):
 
 def command(
     file: Annotated[
-        Path, typer.Argument(help="Record (NetCDF), or model (models/*.json of a run).", show_default=False)
+        Path, typer.Argument(help="Record (NetCDF) or model (models/*.json of a run).", show_default=False)
     ],
     to: Annotated[Export, typer.Option(help="Format.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="File; by default beside the one exported.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File to write. Default: beside the one exported.")
+    ] = None,
 ) -> None:
     """Write a record (csv, mat, netcdf, parquet) or a model (these, control, json, jsbsim) for other programs.
 

@@ -16,10 +16,10 @@ def command(
     out: OutOption = Path("results"),
     data: DataOption = None,
 ) -> None:
-    """Run the same estimators, evaluation and report on recorded flights.
+    """Identify models from recorded flights, with the same estimators, evaluation and report as a run.
 
-    The description says which file, which column is which channel in which unit, and which time segments to use;
-    CSV, text, MAT, Parquet and NetCDF are read. Example: `testbench identify records/attas_short_period`.
+    The description names the files, the channel and unit of each column, and the time segments to use. CSV, text, MAT,
+    Parquet and NetCDF can be read. Example: `testbench identify records/attas_short_period`.
     """
     from testbench.page.write import record_keeper
     from testbench.questions.files import find

@@ -21,11 +21,12 @@ def command(
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for the records and descriptions; else only look.")
+        Path | None,
+        typer.Option("--out", "-o", help="Folder for the records and descriptions; without it nothing is written."),
     ] = None,
     rate: Annotated[float | None, typer.Option(help="Rate of the records, Hz.")] = None,
     throw: Annotated[
-        list[str] | None, typer.Option(help="Deflection at full command in deg, e.g. de=20; 25 if not given.")
+        list[str] | None, typer.Option(help="Deflection at full command, deg, e.g. de=20. Default: 25.")
     ] = None,
     lead: Annotated[float, typer.Option(help="Quiet flight to keep before each manoeuvre, s.")] = 2.0,
     tail: Annotated[float, typer.Option(help="Response to keep after each manoeuvre, s.")] = 5.0,
@@ -34,14 +35,15 @@ def command(
         typer.Option(help="Write a description of a table to this new .toml file, to fill in.", show_default=False),
     ] = None,
     record: Annotated[
-        str | None, typer.Option(help="Which record of a description that has several.", show_default=False)
+        str | None, typer.Option(help="Which record to read of a description that has several.", show_default=False)
     ] = None,
 ) -> None:
     """Show what a flight log holds, and with -o cut its manoeuvres into records ready for `testbench identify`.
 
-    It lists channels, rates, gaps and manoeuvres, and every conversion with its assumptions. Example: `testbench import
-    flight.ulg -o records --throw de=20`. A table whose columns have no names, or no times, must be described first:
-    `testbench import flight.mat --describe flight.toml`, fill in, `testbench import flight.toml`.
+    The command lists channels, rates, gaps and manoeuvres, and says what each conversion assumes. Example:
+    `testbench import flight.ulg -o records --throw de=20`. A table whose columns have no names, or no times, needs a
+    description: write one with `testbench import flight.mat --describe flight.toml`, fill it in, then run
+    `testbench import flight.toml`.
     """
     if describe is not None:
         refuse(context, "with --describe, which cuts no records", "out", "rate", "throw", "lead", "tail", "record")

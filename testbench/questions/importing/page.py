@@ -10,7 +10,7 @@ from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
 from testbench.page.labels import number
 from testbench.page.terminal import print_answer, print_rows
-from testbench.page.words import some
+from testbench.page.words import counted, some
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -29,9 +29,10 @@ def import_answer(imported: Imported) -> list[str]:
     usable = sum(m.cut_s is not None for m in imported.search.manoeuvres)
     out = [
         f"{log.file.name} is {log.kind}" + (f" ({facts})" if facts else ""),
-        f"{len(imported.channels)} channels over {number(record.duration_s, 4)} s, put on one clock at "
-        f"{number(imported.rate_hz)} Hz; {number(100.0 * float(record.valid.mean()))} % of its samples were taken",
-        f"{len(imported.search.manoeuvres)} manoeuvres found, {usable} begin and end quietly and can be cut out",
+        f"it holds {len(imported.channels)} channels over {number(record.duration_s, 4)} s, now on one clock at "
+        f"{number(imported.rate_hz)} Hz; {number(100.0 * float(record.valid.mean()))} % of the samples were taken",
+        f"{counted(len(imported.search.manoeuvres), 'manoeuvre')} found; {usable} can be cut out, with quiet flight "
+        "before and after",
     ]
     return [*out, *(f"damage or loss: {text}" for text in log.warnings)]
 
@@ -84,7 +85,7 @@ def print_import(imported: Imported, console: Console, paths: Sequence[Path] = (
             console.print()
             print_rows(console, heads, texts)
     unread = [f"{name} ({count})" for name, count in sorted(imported.log.unread.items(), key=lambda item: -item[1])]
-    also = [f"also in the log, not used: {some(unread, _MOST_UNREAD, ', ')}"] if unread else []
+    also = [f"the log also holds topics that are not used: {some(unread, _MOST_UNREAD, ', ')}"] if unread else []
     console.print()
     print_answer(console, [("finding", text) for text in (*imported.search.said, *also)])
     for path in paths:

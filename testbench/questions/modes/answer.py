@@ -23,13 +23,13 @@ def modes_answer(result: ModesResult) -> list[Line]:
     q = found.quantile
     pieces = [f"{_frequency(m, q)} with damping {_damping(m, q)}" for m in found.modes]
     many, outputs = counted(len(found.modes), "mode"), len(found.channels)
-    lead = f"{many} in {found.duration_s:.0f} s of {outputs} outputs, with 95 % intervals: {'; '.join(pieces)}"
+    lead = f"{many} found in {found.duration_s:.0f} s of {outputs} outputs, with 95 % intervals: {'; '.join(pieces)}"
     out = [_judged(match, q) for match in result.matches if match.true is not None and match.found is not None]
     band = found.settings["band_hz"]
     lost = [m.true for m in result.matches if m.found is None and m.true is not None]
     inside = [t.name for t in lost if band[0] <= abs(t.pole) / (2.0 * np.pi) <= band[1]]
     if inside:
-        out.append(f"not found, though inside the band: {'; '.join(inside)}")
+        out.append(f"inside the band, but not found: {'; '.join(inside)}")
     foreign = [m.found for m in result.matches if m.true is None and m.found is not None]
     out += [f"no mode of the linear model stands behind the one at {number(m.frequency_hz)} Hz" for m in foreign]
     text = ASSUMPTION
@@ -57,8 +57,8 @@ def _judged(match: ModeMatch, q: float) -> str:
         abs(match.found.frequency_hz - wn / (2.0 * np.pi)) <= q * match.found.frequency_std_hz,
         abs(match.found.damping - zeta) <= q * match.found.damping_std,
     ]
-    words = {2: "both inside", 1: "one of them outside", 0: "both outside"}[sum(inside)]
+    words = {2: "both inside the intervals", 1: "one of them outside its interval", 0: "both outside the intervals"}
     return (
-        f"{match.true.name}: the linear model has {number(wn / (2.0 * np.pi))} Hz and damping {number(zeta)}, {words} "
-        f"of the intervals; MAC of the shapes {match.mac:.3f}"
+        f"{match.true.name}: the linear model has {number(wn / (2.0 * np.pi))} Hz and damping {number(zeta)}, "
+        f"{words[sum(inside)]}; the MAC of the shapes is {match.mac:.3f}"
     )

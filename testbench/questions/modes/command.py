@@ -22,10 +22,12 @@ def command(
         ),
     ],
     channels: Annotated[
-        list[str] | None, typer.Option(help="Channel to find modes in; give it several times. All of the wing if none.")
+        list[str] | None,
+        typer.Option(help="Channel to find modes in; may be repeated. All channels of the wing if none is given."),
     ] = None,
     references: Annotated[
-        list[str] | None, typer.Option(help="Channel that all are correlated with; every one if none is given.")
+        list[str] | None,
+        typer.Option(help="Channel to correlate all others with; may be repeated. Every channel if none is given."),
     ] = None,
     band: Annotated[
         tuple[float, float] | None, typer.Option(help="Lowest and highest frequency, Hz.", show_default=False)
@@ -37,9 +39,9 @@ def command(
 ) -> None:
     """Find modes from outputs alone, such as the accelerometers of a wing in turbulence, without any input.
 
-    It gives frequencies, damping ratios and shapes with their errors, and a stabilisation diagram; for a simulated
-    flight, beside the modes of the linearised aircraft. Examples: `testbench modes eolo_turbulence`, `testbench modes
-    flown/*.nc --band 2 40 --channels az_wing_1 --channels az_wing_11`.
+    The report gives frequencies, damping ratios and shapes with their errors, and a stabilisation diagram. For a
+    simulated flight it compares them with the modes of the linearised aircraft. Examples: `testbench modes
+    eolo_turbulence`, `testbench modes flown/*.nc --band 2 40 --channels az_wing_1 --channels az_wing_11`.
     """
     from testbench.core.paths import find_scenario
     from testbench.page.write import record_keeper
@@ -61,7 +63,7 @@ def command(
             folder = out / f"{loaded.name}_modes"
             result = fly_modes(loaded, search_for(given, loaded.modes), seed, record_keeper(folder), say)
         else:
-            refuse(context, "with measured records, in which the noise is", "seed")
+            refuse(context, "with measured records, which hold their own noise", "seed")
             say("read records")
             result = read_modes(source, search_for(given), data, say)
             folder = out / f"{result.name}_modes"

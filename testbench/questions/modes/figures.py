@@ -47,9 +47,9 @@ def modes_plates(result: ModesResult) -> list[Plate]:
 def _stabilisation(result: ModesResult) -> Plate:
     truth = " Black ticks at the upper edge: modes of the linear model." if result.true else ""
     caption = (
-        "Every pole of every model order over its frequency. A mode comes back at order after order: coloured, with "
-        "its 95 % interval shaded. Rings: stable from one order to the next, but at too few orders or with too large "
-        f"errors. Dots: the rest, which is the noise's. Grey line: mean spectrum of the outputs.{truth}"
+        "Every pole of every model order over its frequency. Coloured: modes, which come back at order after order, "
+        "with their 95 % intervals shaded. Rings: stable from one order to the next, but at too few orders or with "
+        f"too large errors. Dots: the rest, which is noise. Grey line: mean spectrum of the outputs.{truth}"
     )
 
     def make(wide: bool) -> Figure:
@@ -128,8 +128,8 @@ def _handles(result: ModesResult) -> list[Any]:
 def _shapes(result: ModesResult) -> Plate:
     caption = (
         "Motion of each mode at the sensors along the span, turned to the phase in which it is largest and divided by "
-        "the largest; circles: accelerometers, squares: strain gauges. Black line: the mode of the linear model that "
-        "stands for it, with the MAC of the two. A sensor off the elastic axis feels twist as well as bending."
+        "the largest. Circles: accelerometers; squares: strain gauges. Black line: the matching mode of the linear "
+        "model, with the MAC of the two. A sensor off the elastic axis feels twist as well as bending."
     )
     modes = result.found.modes
     true = {m.index: m for m in result.matches if m.index is not None}

@@ -37,13 +37,12 @@ def modes_table(result: ModesResult) -> Table:
     )
     criteria = result.found.settings["criteria"]
     caption = (
-        f"Standard deviations from {result.found.blocks} blocks of data; an interval of 95 % is "
+        f"Standard deviations come from {result.found.blocks} blocks of data; a 95 % interval reaches "
         f"{result.found.quantile:.2f} of them either way. Orders: at how many of {len(result.found.views)} "
         f"orders the mode was stable (frequency within {100 * criteria['frequency']:g} %, damping within "
-        f"{100 * criteria['damping']:g} %, MAC at least "
-        f"{criteria['mac']:g} from order to order); fewer than {criteria['least_orders']} are not reported, nor modes "
-        f"whose errors exceed {100 * criteria['frequency_error']:g} % in frequency or "
-        f"{100 * criteria['damping_error']:g} % in damping."
+        f"{100 * criteria['damping']:g} %, MAC at least {criteria['mac']:g} from order to order). A mode is reported "
+        f"if it was stable at {criteria['least_orders']} orders or more and its standard deviations are at most "
+        f"{100 * criteria['frequency_error']:g} % in frequency and {100 * criteria['damping_error']:g} % in damping."
     )
     return Table("modes", "Modes found", caption, columns, rows, wide=True)
 
@@ -100,6 +99,7 @@ def _shape_table(result: ModesResult) -> Table:
         for i, name in enumerate(result.found.channels)
     )
     caption = (
-        "SI units of the channels, over the output that moves most for its rms. Phases near 0 or 180 deg: a real shape."
+        "SI units of the channels, divided by the output that moves most for its rms. Phases near 0 or 180 deg mean a "
+        "real shape."
     )
     return Table("shapes", "Mode shapes", caption, tuple(columns), rows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from testbench.page.words import counted, some
+from testbench.page.words import counted, listed, some
 from testbench.questions.plan.card_text import beyond_limits
 
 if TYPE_CHECKING:
@@ -39,7 +39,11 @@ def plan_answer(plan: Plan) -> list[tuple[str, str]]:
     beyond = [str(c.number) for c in plan.cards if c.status != "refused" and beyond_limits(c)]
     if beyond:
         out.append(
-            ("doubt", f"the 95 % band of the expected response reaches beyond a limit on card {', '.join(beyond)}")
+            (
+                "doubt",
+                f"the 95 % band of the expected response reaches beyond a limit on {'cards' if beyond[1:] else 'card'} "
+                f"{listed(beyond)}",
+            )
         )
     out += _accuracy_lines(plan)
     return out
@@ -105,7 +109,5 @@ def _accuracy_lines(plan: Plan) -> list[tuple[str, str]]:
 def _in_the_way(card: Card) -> str:
     """Return what keeps a card from telling more, in words."""
     if card.status == "scaled":
-        return f"what stands in the way is the limit on its amplitude ({card.met[0]})"
-    return (
-        f"what stands in the way is the noise of the sensors at this amplitude and duration, {card.spec.duration_s:g} s"
-    )
+        return f"the limit on its amplitude ({card.met[0]}) stands in the way"
+    return f"the noise of the sensors stands in the way at this amplitude and duration, {card.spec.duration_s:g} s"

@@ -279,9 +279,9 @@ def beyond_limits(card: Card) -> list[str]:
 
 def _notes(card: Card, plan: Plan) -> list[str]:
     scenario = plan.scenario
-    rough = f", turbulence of {scenario.turbulence_rms_m_s:g} m/s rms" if scenario.turbulence_rms_m_s else ""
+    rough = f", and from turbulence of {scenario.turbulence_rms_m_s:g} m/s rms" if scenario.turbulence_rms_m_s else ""
     out = [
-        "band: 95 %, from sensor noise, derivatives of the rigid motion each uncertain by "
+        "the 95 % band comes from sensor noise and from derivatives of the rigid motion that are each uncertain by "
         f"{scenario.uncertainty_percent:g} % (one standard deviation){rough}"
     ]
     beyond = beyond_limits(card)

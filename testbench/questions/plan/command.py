@@ -11,7 +11,8 @@ from testbench.questions.options import OutOption, ScenarioArgument, SeedOption
 def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: SeedOption = None) -> None:
     """Turn test points and manoeuvres into a campaign: build-up, flight cards, repeats, times, energy, scripts.
 
-    Every card is flown in the simulator first. Example: `testbench plan eolo_envelope`: 11 to 19 m/s towards flutter.
+    Every card is flown in the simulator first. Example: `testbench plan eolo_envelope` plans 11 to 19 m/s towards
+    flutter.
     """
     from testbench.questions.files import find
     from testbench.questions.plan.ask import make_plan

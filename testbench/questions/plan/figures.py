@@ -50,10 +50,10 @@ def _weakest(plan: Plan) -> list[str]:
 def _build_up(plan: Plan) -> Plate:
     names = _weakest(plan)
     caption = "Points are numbered in the order of flying. " + (
-        "Damping ratio of the least damped elastic modes; dashed: onset of instability and, where it is kept to, the "
-        "onset less the margin; dotted: least admissible damping."
+        "Damping ratio of the least damped elastic modes. Dashed: onset of instability and, where the plan keeps it, "
+        "the onset less the margin. Dotted: least admissible damping."
         if names
-        else "The aircraft has no elastic modes: nothing but its limits bounds the build-up."
+        else "The aircraft has no elastic modes: only its limits bound the build-up."
     )
 
     def make(wide: bool) -> Figure:

@@ -55,7 +55,7 @@ def runs_table(plan: Plan) -> Table:
         )
         for r in plan.runs
     ]
-    caption = "In the order of flying; times from take-off, energy since then until the end of the run."
+    caption = "Runs in the order of flying. Times and energy count from take-off; energy up to the end of the run."
     return Table("plan", "Runs", caption, columns, tuple(rows))
 
 
@@ -124,8 +124,8 @@ def points_table(plan: Plan) -> Table:
             )
         )
     caption = (
-        f"From slow to fast. NO-GO: the prediction for the next point is below the least admissible damping ratio, "
-        f"{least:g}. Else the next point is flown if the damping measured here allows it, by the cards."
+        "From slow to fast. NO-GO: the damping ratio predicted for the next point is below the least admissible one, "
+        f"{least:g}. Otherwise fly the next point if the damping measured here reaches the value on the card."
     )
     return Table("points", "Test points", caption, columns, tuple(rows), wide=True)
 
@@ -195,7 +195,7 @@ def cards_table(plan: Plan) -> Table:
         )
         for c in plan.cards
     ]
-    caption = "Every card was flown in the simulator; what breaks a limit there is scaled down or refused."
+    caption = "Every card was flown in the simulator; a card that breaks a limit there is scaled down or refused."
     return Table("cards", "Cards", caption, columns, tuple(rows), wide=True)
 
 
@@ -215,6 +215,7 @@ def modes_table(plan: Plan) -> Table:
         (p.number, p.V_m_s, p.h_m, m.name, m.f_hz, m.zeta, m.zeta_next, m.go) for p in plan.points for m in p.modes
     ]
     caption = (
-        "Of the linearised aircraft. A mode that has split into two roots has damping 1, or −1 if one of them diverges."
+        "Modes of the linearised aircraft. A mode that has split into two roots has damping 1, or −1 if one of them "
+        "diverges."
     )
     return Table("damping", "Predicted modes", caption, columns, tuple(rows))

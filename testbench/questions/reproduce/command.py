@@ -15,7 +15,7 @@ def command(
     what: Annotated[str, typer.Argument(help="taurus, eolo, b1 or all.")] = "all",
     out: OutOption = Path("results"),
 ) -> None:
-    """Reproduce the papers' figures and tables, and set every printed number beside ours.
+    """Reproduce the papers' figures and tables, and compare every printed number with ours.
 
     Writes tables, figures and one page, index.html, into `reproduction`, or `reproduction_NAME` for one aircraft alone.
     Example: `testbench reproduce taurus`.

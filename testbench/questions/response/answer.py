@@ -28,6 +28,6 @@ def response_answer(response: FrequencyResponse) -> list[str]:
         error = 100.0 * float(np.median(response.random_error[longest, i].max(axis=1)))
         out.append(
             f"{symbol(output)}: coherence of at least {COHERENT:g} from {number(float(w[longest[0]]))} to "
-            f"{number(float(w[longest[-1]]))} rad/s, random error there {number(error, 2)} % (median)"
+            f"{number(float(w[longest[-1]]))} rad/s, with a random error of {number(error, 2)} % (median)"
         )
     return [*out, *response.advice]

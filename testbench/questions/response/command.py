@@ -21,8 +21,8 @@ def command(
 ) -> None:
     """Estimate the frequency responses of recorded flights with coherence and random error.
 
-    All records of the description are taken together, with the inputs and outputs that it names. It is made for sweeps
-    and multisines. Example: `testbench response records/attas_short_period --window 5 --window 12`.
+    All records of the description are taken together; its identification table names inputs and outputs. The method is
+    made for sweeps and multisines. Example: `testbench response records/attas_short_period --window 5 --window 12`.
     """
     from testbench.logs.read import read_records
     from testbench.questions.files import find

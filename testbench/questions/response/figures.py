@@ -30,7 +30,7 @@ def _plate(response: FrequencyResponse, i: int, j: int) -> Plate:
     name = f"{symbol(output)} / {symbol(given)}"
     caption = (
         f"Response of {symbol(output)} to {symbol(given)} with one standard deviation of its random error on either "
-        f"side; shaded where the coherence reaches {COHERENT:g}. Beyond that band the response is not to be believed."
+        f"side. Shaded: coherence of at least {COHERENT:g}. Do not believe the response outside that band."
     )
 
     def make(wide: bool) -> Figure:

@@ -39,5 +39,5 @@ def response_table(response: FrequencyResponse) -> Table:
                         float(response.averages[k]),
                     )
                 )
-    caption = "SI units and radians. Coherence is partial: freed of what the other inputs explain."
+    caption = "SI units and radians. Coherence is partial: what the other inputs explain is removed."
     return Table("frequency_response", "Frequency responses", caption, columns, tuple(rows))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from testbench.page.words import Line, sentence
+from testbench.page.words import Line, counted, sentence
 from testbench.questions.run.labels import case_names
 from testbench.questions.run.pole_tables import reference_tables
 
@@ -30,7 +30,7 @@ def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
     if len(doubts) > most_doubts:
         doubts = [
             *doubts[:most_doubts],
-            f"{len(doubts) - most_doubts} more doubts stand in the report, with the models",
+            f"{counted(len(doubts) - most_doubts, 'more doubt')} in the report, with the models",
         ]
     lines = [Line("lead" if i == 0 else "finding", sentence(text)) for i, text in enumerate(found)]
     return lines + [Line("doubt", sentence(text)) for text in doubts]

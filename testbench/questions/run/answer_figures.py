@@ -42,13 +42,13 @@ def answer_plates(result: RunResult) -> list[Plate]:
     if not outputs:
         return []
     caption = (
-        "Error of prediction on the validation data (MRSE): to the left is better, 100 % (line) is no better than "
-        "predicting zero; at the edge: 0.1 % or less, 1000 % or more."
+        "Error of prediction on the validation data (MRSE): further left is better; 100 % (line) is no better than "
+        "predicting zero. A point at the edge means 0.1 % or less, or 1000 % or more."
     )
     if modes:
         caption += (
-            " Modes: the input's response over the noise of the best sensor, named at its end; filled from "
-            f"{EXCITED_DB:g} dB (line), excited."
+            " Modes: their response to the input over the noise of the sensor that shows them best, whose name is "
+            f"given. Filled: excited, from {EXCITED_DB:g} dB (line) on."
         )
 
     def make(wide: bool) -> Figure:

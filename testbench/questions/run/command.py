@@ -9,7 +9,7 @@ from testbench.questions.options import OutOption, ScenarioArgument, SeedOption
 
 
 def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: SeedOption = None) -> None:
-    """Fly a scenario, measure, identify, judge, and write records, tables, models and report.html.
+    """Fly a scenario, measure it, identify models and judge them; write records, tables, models and report.html.
 
     Example: `testbench run eolo_alpha` answers what an angle-of-attack vane buys.
     """

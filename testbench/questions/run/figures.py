@@ -80,9 +80,10 @@ def _history_plate(result: RunResult, parts: Sequence[tuple[str, int]], part: in
     channels = [*result.cases[0].model.inputs, *outputs_of(result.cases)]
     records = [getattr(result.cases[0], use)[i] for use, i in parts]
     caption = (
-        "Grey: measured, prepared for identification. Coloured: what each model predicts from the input alone, its "
-        "initial state fitted. Numbers above a panel, in the order of the legend: MRSE over that data set; 0 % is "
-        "perfect, 100 % is no better than predicting zero. The validation records took no part in the identification."
+        "Grey: measured, prepared for identification. Coloured: what each model predicts from the input alone, with "
+        "its initial state fitted. The numbers above a panel are the MRSE over that data set, in the order of the "
+        "legend: 0 % is perfect, 100 % is no better than predicting zero. The validation records took no part in the "
+        "identification."
     )
 
     def make(wide: bool) -> Figure:
@@ -168,9 +169,9 @@ def singular_value_plates(result: RunResult) -> list[Plate]:
     if not found:
         return []
     caption = (
-        "Singular values behind the choice of the model order; filled: kept, hollow: left out. Look for the step down "
-        "to the floor of noise at 1 (dotted). Values near that floor carry no information; hollow ones well above it "
-        "say that the data hold more than the model."
+        "Singular values from which the model order was chosen. Filled: kept; hollow: left out. Look for the step down "
+        "to the noise floor at 1 (dotted). Values near that floor carry no information; hollow ones well above it say "
+        "that the data hold more than the model."
     )
 
     def make(wide: bool) -> Figure:

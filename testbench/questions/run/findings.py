@@ -106,17 +106,18 @@ def sampling_findings(
         for o, poles in case.model.poles().items()
     }
     text = ", ".join(f"{o} {w:.1f}" for o, w in fast.items())
-    edge = f", edge of the noise filter {2.0 * np.pi * lowpass_hz:.1f}" if lowpass_hz else ""
+    edge = f", the noise filter ends at {2.0 * np.pi * lowpass_hz:.1f}" if lowpass_hz else ""
     out = [
-        f"fastest oscillatory pole fitted to each output, rad/s: {text}; true short period {true:.1f}, peak of the "
-        f"input's spectrum {peak:.1f}{edge}, sampling limit {nyquist:.1f}"
+        f"the fastest oscillatory poles of the outputs are, in rad/s: {text}; the true short period lies at "
+        f"{true:.1f}, the input's spectrum peaks at {peak:.1f}{edge}, and the sampling limit is {nyquist:.1f}"
     ]
     fit = case.evaluation.validation.fit_percent
     slow = frequency_of(modes, "phugoid") or 0.0
     low = [o for o, w in fast.items() if 1.5 * slow < w < 0.5 * true]
     if low:
         out.append(
-            f"the poles of {', '.join(low)} are not the short period but sit where the input and the filter leave "
-            f"energy, although the fits on validation data reach {np.max(fit):.0f} %: a good fit is no proof of a mode"
+            f"the poles of {', '.join(low)} are not the short period: they lie where the input and the filter leave "
+            f"energy. The fits on validation data reach {np.max(fit):.0f} % all the same: a good fit is no proof of a "
+            "mode"
         )
     return out

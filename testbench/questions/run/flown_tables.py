@@ -120,5 +120,5 @@ def sensor_table(suites: Sequence[SensorSuite]) -> Table:
         rows.append((axis_label(s.channel), where, *figures, rate_hz, s.part, s.source))
     caption = " ".join(f"{suite.name}: {suite.title}." for suite in suites)
     return Table(
-        "sensors", "Sensors", f"{caption} Figures in the unit of the channel.", columns, tuple(rows), wide=True
+        "sensors", "Sensors", f"{caption} Values are in the unit of the channel.", columns, tuple(rows), wide=True
     )

@@ -67,8 +67,9 @@ def _input_plate(result: RunResult, name: str) -> Plate:
     bands = " Green: rigid modes, shaded over their half-power bands; purple: elastic modes." if simulated else ""
     caption = (
         f"Above: {symbol(name)} as {'flown' if simulated else 'recorded'}, deviation from trim. Below: its energy "
-        f"spectrum. A mode where the spectrum has little energy cannot be identified from this input.{bands} Dashed: "
-        "95 % of the energy of the identification input lies below. Dotted: half the sample rate of the record."
+        "spectrum. A mode cannot be identified from this input if the spectrum has little energy there."
+        f"{bands} Dashed: 95 % of the energy of the identification input lies below this frequency. Dotted: half the "
+        "sample rate of the record."
     )
 
     def make(wide: bool) -> Figure:
@@ -190,7 +191,7 @@ def _bode_plate(result: RunResult, given: str) -> Plate:
     caption = (
         f"Response of each output to {symbol(given)}.{truth} Coloured: the identified models, up to half the sample "
         "rate. Shaded: the band that the identification input excites (at least 1 % of its peak energy density). "
-        "Outside it a model is extrapolation, whatever its curve looks like."
+        "Outside that band a model extrapolates, whatever its curve looks like."
         f"{' Dotted: true modes.' if result.truth else ''}"
     )
 

@@ -32,7 +32,7 @@ def parameter_plates(result: RunResult) -> list[Plate]:
     caption = (
         "Estimates with 95 % intervals, corrected for coloured residuals."
         f"{' Vertical line: true derivative of the linearised aircraft.' if known else ''} SI units and radians. "
-        "Constants are left out; they are in the table."
+        "Constants are in the table only."
     )
 
     def make(wide: bool) -> Figure:

@@ -32,13 +32,13 @@ def parameter_table(result: RunResult) -> Table | None:
     if not rows:
         return None
     caption = (
-        "Standard errors are corrected for residuals that are correlated in time; beside them what they would be were "
-        "the residuals white. Held parameters are in the model files. SI units and radians."
+        "Standard errors are corrected for residuals that are correlated in time. The column beside them gives the "
+        "errors that white residuals would have. Held parameters are in the model files. SI units and radians."
     )
     if known:
         caption += (
-            " True: derivatives of the linearised aircraft at trim, elastic modes following statically unless the "
-            "model has modes of its own. A model that is too simple may be many standard errors off: its errors tell "
-            "scatter, not form."
+            " True: derivatives of the linearised aircraft at trim; its elastic modes follow statically unless the "
+            "model has modes of its own. The values of a model that is too simple may be many standard errors off: "
+            "standard errors measure scatter, not the form of a model."
         )
     return Table("parameters", "Estimated parameters", caption, tuple(columns), tuple(rows))

@@ -62,7 +62,7 @@ def mode_table(result: RunResult) -> Table | None:
     if all(row[1] == "all outputs" for row in rows):
         columns, rows = [columns[0], *columns[2:]], [(row[0], *row[2:]) for row in rows]
     caption = (
-        "Each true mode and the pole of each model that stands for it; a dash: no pole lies near (within a factor of e "
+        "Each true mode and the pole of each model that stands for it. A dash: no pole lies near (within a factor of e "
         "in frequency or 57 deg of angle in the s-plane)."
     )
     return Table("modes", "Modes found and true", caption, tuple(columns), tuple(rows))
@@ -162,7 +162,7 @@ def _reference_table(result: RunResult, modes: Mapping[str, tuple[float, float |
                     own_wn, own_zeta = frequency_and_damping(pole)
                     found = [own_wn, own_zeta, 100.0 * (own_wn / wn - 1.0), None if zeta is None else own_zeta - zeta]
                 rows.append((mode, wn, zeta, name, _symbols(outputs), *found))
-    caption = f"Printed: {source}. Found: the oscillatory pole nearest to the printed one; a dash: none lies near."
+    caption = f"Printed: {source}. Found: the oscillatory pole nearest to the printed one. A dash: none lies near."
     return Table("reference", "Found and printed", caption, columns, tuple(rows))
 
 

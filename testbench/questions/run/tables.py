@@ -40,9 +40,9 @@ def mrse_table(result: RunResult) -> Table:
         "mrse",
         "MRSE",
         "Mean relative squared error (EOLO paper, equation 4): 100 % times the root of the error's energy over that of "
-        "the measured output, in free run. 0 % is perfect, 100 % no better than predicting zero. Noise alone: "
-        "what a perfect model would get, since the measured output is noisy. A dash: the suite does not sense that "
-        "output; means over different outputs do not compare.",
+        "the measured output, in free run. 0 % is perfect, 100 % no better than predicting zero. Noise alone: what a "
+        "perfect model would get, because the measured output is noisy. A dash: the suite does not sense that output. "
+        "Means over different outputs cannot be compared.",
     )
 
 
@@ -139,9 +139,9 @@ def excitation_table(result: RunResult) -> Table | None:
         verdict = "excited" if e.excited else "NOT excited"
         rows.append((e.mode, wn, wn / (2 * np.pi), -e.pole.real / wn, 100.0 * e.input_share, *ratios, verdict))
     caption = (
-        f"A mode counts as excited when the sensor that shows it best has its response {EXCITED_DB:g} dB "
-        "or more above the noise, both inside the mode's half-power band. Computed from the true linear model, the "
-        "input as flown and the noise of the suites."
+        f"A mode counts as excited when its response at the sensor that shows it best is {EXCITED_DB:g} dB or more "
+        "above the noise, both inside the mode's half-power band. Computed from the true linear model, the input as "
+        "flown and the noise of the suites."
     )
     return Table("excitation", "Does the input excite each mode?", caption, columns, tuple(rows))
 
@@ -159,8 +159,8 @@ def transfer_function_table(result: RunResult) -> Table:
         for output, given, above, below in polynomials(case.model.to_dict()):
             rows.append((name, f"{symbol(output)} / {symbol(given)}", polynomial(above), polynomial(below)))
     caption = (
-        "Discrete-time models in powers of the delay z⁻¹, at the sample time of the record; SI units and radians. Of a "
-        "state-space model all responses share one denominator. All digits are in the model files."
+        "Discrete-time models in powers of the delay z⁻¹, at the sample time of the record; SI units and radians. All "
+        "responses of a state-space model share one denominator. The model files hold all digits."
     )
     return Table("transfer_functions", "Identified transfer functions", caption, columns, tuple(rows), wide=True)
 
@@ -230,7 +230,7 @@ def bode_table(result: RunResult) -> Table | None:
             row += [float(bode.magnitude_db[k]), float(bode.relative_percent[k])] if known and bode else [None, None]
         rows.append(tuple(row))
     caption = (
-        "Root mean square over the band that the identification input excites: of the ratio of magnitudes in dB, and "
-        f"of the complex error over the true magnitude, which counts phase too. {'; '.join(bands)}."
+        "Root mean square over the band that the identification input excites. Magnitude: ratio of the magnitudes in "
+        f"dB. Complex: complex error over the true magnitude, which counts phase too. {'; '.join(bands)}."
     )
     return Table("bode", "Frequency response against the true aircraft", caption, tuple(columns), tuple(rows))

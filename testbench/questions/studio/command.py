@@ -11,15 +11,18 @@ from testbench.page.terminal import stages
 
 
 def command(
-    aircraft: Annotated[list[str] | None, typer.Argument(help="Aircraft; all if none is named.")] = None,
+    aircraft: Annotated[
+        list[str] | None, typer.Argument(help="Aircraft to offer; all of them if none is named.")
+    ] = None,
     write: Annotated[
-        Path | None, typer.Option(help="Write the page to this file instead; it needs no server.", show_default=False)
+        Path | None,
+        typer.Option(help="Write the page to this file instead of serving it.", show_default=False),
     ] = None,
     port: Annotated[int, typer.Option(help="Port on this machine; 0 for any that is free.")] = 8700,
 ) -> None:
-    """Serve the interactive page: drag an input, see its spectrum, the response and what could be known from it.
+    """Serve an interactive page: drag an input and see its spectrum, the response and the standard errors it gives.
 
-    The page answers on 127.0.0.1 only, until Ctrl-C. Example: `testbench studio eolo`.
+    The page is served on 127.0.0.1 only, until Ctrl-C. Example: `testbench studio eolo`.
     """
     from testbench.questions.studio.models import studio_models
     from testbench.questions.studio.page import studio_page

@@ -44,7 +44,7 @@ def test_the_packaged_campaign_answers_its_question(flown):
     fair = sum(not a.biased for a in result.summary.accuracies)
     lead = said[0][1]
     assert lead.startswith(
-        f"{fair} of {len(result.summary.accuracies)} estimates show no bias beyond chance, the others"
+        f"{fair} of {len(result.summary.accuracies)} estimates show no bias beyond chance; the others"
     )
     for words in ("% of the true value", "from run to run they scatter", "states no errors to judge"):
         assert words in lead
@@ -84,11 +84,11 @@ def test_the_terminal_and_the_cost(flown):
     text = console.export_text()
     assert "runs are done" in text
     assert "report.html" in text
-    assert re.search(r"(?i)a run takes \d.* ms of one processor; a million like it .* processor hours", text)
+    assert re.search(r"(?i)a run takes \d.* ms of one processor; a million like it would take .* processor hours", text)
     assert "time histories" not in text
     kept = replace(result, records_size=24 * 500_000)
     assert "GB of store and 500 GB of time histories" in cost_sentence(kept)
-    assert "nothing is finished yet" in cost_sentence(
+    assert "the cost is unknown, because no run is finished yet" in cost_sentence(
         type(result)(result.campaign, Counts(3), result.summary, None, 0, 0)
     )
 
@@ -127,7 +127,8 @@ def test_a_campaign_that_identified_nothing_says_what_failed_and_how_often(flown
     said = answer(nothing)
     assert said[0] == (
         "lead",
-        f"nothing was identified: all 24 finished runs failed, 24 (100 % of the runs): {cause.example}",
+        f"nothing was identified: all 24 finished runs failed; the most frequent cause of failure, in 24 runs (100 %): "
+        f"{cause.example}",
     )
     assert "0 of 24 runs are done, 24 failed" in said[1][1]
     page = campaign_page(nothing).write(tmp_path)[-1].read_text(encoding="utf-8")
@@ -139,7 +140,7 @@ def test_a_campaign_that_identified_nothing_says_what_failed_and_how_often(flown
     lost = replace(result, summary=replace(nothing.summary, causes=(), figures=figures))
     assert answer(lost)[0][1].startswith("nothing was identified in the 23 runs that were flown: taurus_8hz")
     unjudged = replace(result, summary=replace(result.summary, accuracies=()))
-    assert "the smallest error of a prediction, taurus_8hz, transfer_function: " in answer(unjudged)[0][1]
+    assert "the smallest prediction error, taurus_8hz, transfer_function: " in answer(unjudged)[0][1]
 
 
 def test_a_grid_gives_a_table_of_its_points(flown, tmp_path):

@@ -298,7 +298,7 @@ def test_what_a_suite_buys_for_its_price(tmp_path: Path) -> None:
     assert rows["b"]["per_100_g"] == pytest.approx(factor**10)  # and of 10 g
     assert rows["a"]["divides"] is None
     best = max("bc", key=lambda n: rows[n]["per_100_eur"])
-    assert f"standard errors: {best} per €" in " ".join(compare_sentences(result))
+    assert f"in the geometric mean: {best} per €" in " ".join(compare_sentences(result))
 
 
 def test_beta_vane_by_information() -> None:
@@ -375,7 +375,7 @@ def test_command_line(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["compare", "eolo_alpha", "--information", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output
     assert (tmp_path / "compare_eolo_alpha" / "report.html").is_file()
-    assert "By information, alpha" in done.output
+    assert "By information, adding alpha" in done.output
     for name in ("eolo_wing", "eolo_beta"):
         checked = CliRunner().invoke(app, ["check", f"compare/{name}"])
         assert "a valid comparison" in checked.output

@@ -243,8 +243,8 @@ def test_unreachable_targets_are_said_with_what_stands_in_the_way(tmp_path):
     assert result.shortest is None
     text = " ".join(design_sentences(result))
     assert text.startswith("No admissible input found in 10 s reaches every wanted accuracy; the best is the ")
-    assert f"{result.obstacles.flights} flights of it would do" in text
-    assert "without the noise of q" in text
+    assert f"Flown {result.obstacles.flights} times it would reach them" in text
+    assert "Without the noise of q" in text
     assert result.obstacles.flights == int(np.ceil(result.best.design.cost**2))
 
 

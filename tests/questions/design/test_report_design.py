@@ -36,7 +36,7 @@ def test_the_first_sentence_is_the_answer(designed):
     sentences = design_sentences(designed)
     assert sentences[0].startswith("Fly the designed switching on the elevator (")
     assert "it reaches every wanted accuracy" in sentences[0]
-    assert any(s.startswith("In a hurry: a record of ") for s in sentences)
+    assert any(s.startswith("The shortest record that reaches the wanted accuracy lasts ") for s in sentences)
     assert any("3-2-1-1 has" in s for s in sentences)
     assert any(s.startswith("Flown in the nonlinear simulator it uses") for s in sentences)
     assert not any(s.endswith(".") for s in sentences)

@@ -239,7 +239,7 @@ def test_many_doubts_are_counted_instead_of_listed(make_case, result) -> None:
     lines = run_answer(replace(result, cases=(many,)), most_doubts=3)
     doubts = [line.text for line in lines if line.kind == "doubt"]
     assert len(doubts) == 4
-    assert doubts[-1] == "6 more doubts stand in the report, with the models."
+    assert doubts[-1] == "6 more doubts in the report, with the models."
 
 
 def test_without_findings_the_verdicts_answer(make_result) -> None:

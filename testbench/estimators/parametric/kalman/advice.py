@@ -34,15 +34,15 @@ def advise_filter(model: Any) -> Any:
     ]
     if outside:
         out.append(
-            f"{', '.join(outside)} ended outside of the bounds, which a Kalman filter does not know; estimate by "
+            f"{', '.join(outside)} ended outside the bounds, because a Kalman filter does not keep them; estimate by "
             "output or filter error, or start nearer with a smaller initial deviation"
         )
     sizes = np.sqrt(found["normalised_innovations"])
     off = [f"{o} ({s:.2g})" for o, s in zip(model.outputs, sizes, strict=True) if s > _NIS or s * _NIS < 1.0]
     if off:
         out.append(
-            "innovations are not as large as the filter takes for granted (measured over expected deviation): "
-            f"{', '.join(off)}; its standard errors are off by about as much: correct measurement_noise or "
+            "the innovations do not have the size that the filter expects (measured over expected deviation): "
+            f"{', '.join(off)}; its standard errors are off by about as much; correct measurement_noise or "
             "process_noise"
         )
     coloured = [o for o, p in zip(model.outputs, found["whiteness_p"], strict=True) if p < _COLOURED]
