@@ -13,8 +13,9 @@ are imported when they are first used, so that ``import testbench`` and the comm
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from testbench.core.lazily import lazily
 
 if TYPE_CHECKING:
     from testbench.aircraft import load_aircraft
@@ -26,13 +27,13 @@ if TYPE_CHECKING:
     from testbench.line import fly_and_measure
     from testbench.logs.read import read_records
     from testbench.questions.aircraft.ask import survey
-    from testbench.questions.campaign.execute import fly_campaign
+    from testbench.questions.campaign.ask import fly_campaign
     from testbench.questions.campaign.load import load_campaign
     from testbench.questions.compare.ask import compare
     from testbench.questions.design.ask import run_design
     from testbench.questions.files import load
-    from testbench.questions.gap.ask import find_gap
-    from testbench.questions.gap.case import run_gap
+    from testbench.questions.gap.ask import run_gap
+    from testbench.questions.gap.workflow import find_gap
     from testbench.questions.identify.ask import identify, load_description
     from testbench.questions.modes.ask import fly_modes
     from testbench.questions.plan.ask import make_plan
@@ -54,10 +55,10 @@ _HOME = {
     "compare": "testbench.questions.compare.ask",
     "estimate": "testbench.estimators",
     "evaluate": "testbench.evaluation",
-    "find_gap": "testbench.questions.gap.ask",
+    "find_gap": "testbench.questions.gap.workflow",
     "fly": "testbench.flight",
     "fly_and_measure": "testbench.line",
-    "fly_campaign": "testbench.questions.campaign.execute",
+    "fly_campaign": "testbench.questions.campaign.ask",
     "identify": "testbench.questions.identify.ask",
     "linearise": "testbench.flight",
     "load": "testbench.questions.files",
@@ -70,7 +71,7 @@ _HOME = {
     "read_records": "testbench.logs.read",
     "run": "testbench.questions.run.ask",
     "run_design": "testbench.questions.design.ask",
-    "run_gap": "testbench.questions.gap.case",
+    "run_gap": "testbench.questions.gap.ask",
     "trim": "testbench.flight",
     "write_results": "testbench.questions.run.page",
 }
@@ -109,10 +110,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module 'testbench' has no attribute '{name}'")
-    return getattr(import_module(_HOME[name]), name)
+__getattr__ = lazily("testbench", **{name: home.removeprefix("testbench.") for name, home in _HOME.items()})
 
 
 def __dir__() -> list[str]:

@@ -17,7 +17,7 @@ _SERVER.set_forkserver_preload(
     [
         "testbench.cli",
         "testbench.questions.run.ask",
-        "testbench.questions.gap.ask",
+        "testbench.questions.gap.workflow",
         "testbench.questions.design.search",
         "testbench.questions.run.figures",
         "matplotlib.backends.backend_agg",

@@ -118,7 +118,7 @@ def test_the_hidden_truth_and_the_library_of_effects_share_no_code():
         if path.name != "contract.py":  # which tries effects in flight
             assert not {m for m, _ in imports(path) if m.startswith("testbench.questions.gap") and "effects" not in m}
     for path in gap.rglob("*.py"):
-        if path.parent.name != "hidden" and path.name not in ("case.py", "scenario.py"):  # a case makes its records
+        if path.parent.name != "hidden" and path.name not in ("ask.py", "scenario.py"):  # a case makes its records
             assert not {m for m, _ in imports(path) if m.startswith((hidden, "studies.blind"))}, path.name
     naming = {m for m, _ in imports(blind / "run.py")}
     assert not {m for m in naming if m.startswith(hidden) or m in own - {"studies.blind.flights"}}, (

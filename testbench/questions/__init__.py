@@ -102,7 +102,7 @@ QUESTIONS = (
         "gap",
         "flexible_wings",
         "what the simulation lacks",
-        "case:run_gap",
+        "ask:run_gap",
         kind="gap scenario",
         folder="gap",
         schema="scenario:GapScenario",
@@ -138,15 +138,15 @@ QUESTIONS = (
         "campaign",
         "run taurus_scatter",
         "a scenario many times",
-        "execute:fly_campaign",
+        "ask:fly_campaign",
         kind="campaign",
         folder="campaign",
         schema="scenario:CampaignSpec",
     ),
     Question("aircraft", "eolo", "trims, modes, derivatives", "ask:survey"),
-    Question("studio", "", "drag an input in a browser", "models:studio_models"),
+    Question("studio", "", "drag an input in a browser", "ask:studio_models"),
     Question("reproduce", "all", "the papers' figures and ours", "ask:reproduce"),
-    Question("exercise", "list", "exercises for students", "start:start"),
+    Question("exercise", "list", "exercises for students", "ask:start"),
 )
 """All questions, in the order of the help."""
 BY_COMMAND = {q.command: q for q in QUESTIONS}

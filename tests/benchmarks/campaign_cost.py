@@ -22,7 +22,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import psutil
 from campaign_speed import AIRCRAFT, campaign
 
-from testbench.questions.campaign.execute import MOST_PER_BATCH, Progress, fly_campaign
+from testbench.questions.campaign.ask import MOST_PER_BATCH, Progress, fly_campaign
 from testbench.questions.campaign.flying import Job, Outcome, fly_batch
 from testbench.questions.campaign.load import versions
 from testbench.questions.campaign.store import Store

@@ -27,8 +27,8 @@ from testbench.estimators import estimate
 from testbench.flight.executive import Executive
 from testbench.flight.trim import place_at_trim
 from testbench.line import trim_for
+from testbench.questions.campaign.ask import fly_campaign
 from testbench.questions.campaign.draws import nominal_inputs
-from testbench.questions.campaign.execute import fly_campaign
 from testbench.questions.campaign.flying import Job, Outcome, fly_batch
 from testbench.questions.campaign.load import apply, load_campaign, versions
 from testbench.questions.campaign.store import Store

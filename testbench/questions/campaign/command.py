@@ -81,7 +81,7 @@ def campaign_summarise(campaign: CampaignArgument, out: OutOption = Path("result
 def _fly_campaign(campaign: Path, out: Path, resume: bool, workers: int | None, scheduler: str | None) -> None:
     from rich.console import Console
 
-    from testbench.questions.campaign.execute import fly_campaign
+    from testbench.questions.campaign.ask import fly_campaign
     from testbench.questions.campaign.load import load_campaign
     from testbench.questions.campaign.progress import show_progress
     from testbench.questions.files import find

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from testbench.questions.campaign.execute import Progress
+    from testbench.questions.campaign.ask import Progress
 
 
 @contextmanager

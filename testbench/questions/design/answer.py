@@ -13,8 +13,8 @@ from testbench.questions.design.flown import limit_words
 
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
-    from testbench.questions.design.ask import DesignResult, Ranked
     from testbench.questions.design.problem import Design
+    from testbench.questions.design.result import DesignResult, Ranked
 
 _LABELS = {"3211": "3-2-1-1", "211": "2-1-1", "123": "1-2-3", "prbs": "PRBS", "gbn": "binary noise"}
 

@@ -7,100 +7,31 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
-
-import numpy as np
 
 from testbench.aircraft import Aircraft, load_aircraft
 from testbench.core.errors import LimitError, located
 from testbench.core.record import FloatArray
-from testbench.evaluation.envelope import Onset
 from testbench.flight import LinearModel, TrimmedFlight, linearise
 from testbench.information.fisher import accuracy
 from testbench.information.modes import modes_of
-from testbench.inputs.signal import energy_spectrum
 from testbench.line import trim_for
 from testbench.questions.design.build import limits_of, onsets_of, problem_of
 from testbench.questions.design.flown import Envelope, Flown, fly_design
 from testbench.questions.design.limits import Limits
-from testbench.questions.design.obstacles import Obstacles, obstacles
+from testbench.questions.design.obstacles import obstacles
 from testbench.questions.design.problem import Design, Problem
 from testbench.questions.design.refine import minimum_time
+from testbench.questions.design.result import DesignResult, Ranked
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.design.search import best_of_families, screen, search
-from testbench.questions.design.spectral_energy import SpectralEnergy
 from testbench.sensors import SensorSuite, load_suite
 
 Report = Callable[[str], None]
 
 _FLOWN = 7  # designs that are flown,
 _CLASSICS = ("doublet", "3211")  # and these for comparison
-
-
-@dataclass(frozen=True, eq=False)
-class Ranked:
-    """One design as it was flown, and what it does to the modes."""
-
-    flown: Flown
-    energy: SpectralEnergy
-
-    @property
-    def design(self) -> Design:
-        """The design at its flown amplitude."""
-        return self.flown.design
-
-
-@dataclass(frozen=True, eq=False)
-class DesignResult:
-    """Everything a design found.
-
-    Attributes:
-        scenario: what was asked.
-        aircraft, trimmed, linear: what is flown.
-        problem: what was optimised.
-        modes: name -> pole of all modes of the plane.
-        screened: how many candidates, and how long that took in s.
-        families: family -> (candidates, lowest cost, best signal-to-noise ratio of the worst mode, dB).
-        ranking: designs flown and admissible, best first.
-        rejected: designs that kept breaking a limit.
-        shortest: the shortest input that reaches the wanted accuracy, as flown, or None.
-        others: further suite -> standard errors that it would give the best design.
-        obstacles: what prevents more accuracy.
-        onsets: elastic modes that become unstable at some speed.
-    """
-
-    scenario: DesignScenario
-    aircraft: Aircraft
-    trimmed: TrimmedFlight
-    linear: LinearModel
-    suite: SensorSuite
-    problem: Problem
-    modes: Mapping[str, complex]
-    limits: Limits
-    envelope: Envelope
-    screened: tuple[int, float]
-    families: Mapping[str, tuple[int, float, float]]
-    ranking: tuple[Ranked, ...]
-    rejected: tuple[Flown, ...]
-    shortest: Ranked | None
-    others: Mapping[str, FloatArray]
-    obstacles: Obstacles
-    onsets: tuple[Onset, ...]
-
-    @property
-    def name(self) -> str:
-        """Names the results folder."""
-        return self.scenario.name
-
-    @property
-    def best(self) -> Ranked:
-        """The best design."""
-        return self.ranking[0]
-
-    def spectrum(self, design: Design, omega: FloatArray) -> FloatArray:
-        """Return the energy spectral density of a design's commands, all controls together; (k,)."""
-        return np.asarray(energy_spectrum(design.u, 1.0 / self.problem.rate_hz, omega).sum(axis=1))
 
 
 def run_design(scenario: DesignScenario, seed: int | None = None, progress: Report | None = None) -> DesignResult:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from testbench.questions.design.ask import DesignResult, Ranked
+    from testbench.questions.design.result import DesignResult, Ranked
 
 _RIGID, _ELASTIC = "#00664a", "#8a4f74"
 _LIMIT, _DASHED = "#b34700", (0, (4, 2))

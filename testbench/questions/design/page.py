@@ -11,7 +11,7 @@ from testbench.questions.design.ready import ready_to_fly
 from testbench.questions.design.tables import design_tables, short_ranking
 
 if TYPE_CHECKING:
-    from testbench.questions.design.ask import DesignResult
+    from testbench.questions.design.result import DesignResult
 
 
 def design_page(result: DesignResult) -> Page:

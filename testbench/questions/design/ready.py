@@ -13,8 +13,8 @@ from testbench.questions.design.answer import family_label, is_ratio
 
 if TYPE_CHECKING:
     from testbench.page.page import Content
-    from testbench.questions.design.ask import DesignResult
     from testbench.questions.design.problem import Design
+    from testbench.questions.design.result import DesignResult
 
 _DEFAULTS = {"start_s", "repeats", "spacing", "fade_s", "periods", "stride", "first", "powers", "bits", "seed"}
 

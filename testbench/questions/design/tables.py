@@ -11,8 +11,8 @@ from testbench.page.tables import Column, Table, Value
 from testbench.questions.design.answer import family_label, is_ratio, peak_words
 
 if TYPE_CHECKING:
-    from testbench.questions.design.ask import DesignResult, Ranked
     from testbench.questions.design.problem import Design
+    from testbench.questions.design.result import DesignResult, Ranked
 
 _MOST_COLUMNS = 5  # targets beyond which a terminal shows the criterion alone
 

@@ -1,5 +1,9 @@
-"""Teaching exercises: a text, records of an aircraft of each student's own, answers as TOML, and a checker.
+"""What does an identification experiment feel like? Exercises, each student with an aircraft of their own.
 
-An exercise is one module and one text in ``catalogue/``, and one line in :data:`.names.NAMES`. TEACHING.md in this
-folder is for the teacher.
+An exercise is one module and one text in ``catalogue/``, and one line in :data:`.names.NAMES`. A student gets a text,
+records and a file for the answers, which is checked. TEACHING.md beside this file is for the teacher.
 """
+
+from testbench.core.lazily import lazily
+
+__getattr__ = lazily(__name__, start="ask", load_exercise="names")

@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 from testbench.core.errors import TestbenchError, nearest
 from testbench.questions.exercise.answers import ANSWERS, read_answers
+from testbench.questions.exercise.ask import Started, reopen
 from testbench.questions.exercise.exercise import Answer, Choice, Mistake, Number, Question
-from testbench.questions.exercise.start import Started, reopen
 
 Outcome = Literal["right", "near", "wrong", "missing"]
 _NEAR = 3.0  # times the tolerance: a wrong number, but no wrong idea

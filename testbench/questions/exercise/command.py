@@ -44,9 +44,9 @@ def exercise_start(
     Example: `testbench exercise start short_period --student anna`. With a key of the teacher's own (--key-file), only
     its owner can check or compute the truth.
     """
+    from testbench.questions.exercise.ask import start
     from testbench.questions.exercise.seal import read_key
     from testbench.questions.exercise.show import print_started
-    from testbench.questions.exercise.start import start
 
     print_started(start(name, student, read_key(key_file), out), console())
 

@@ -14,8 +14,8 @@ from testbench.questions.exercise.names import NAMES, load_exercise
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from testbench.questions.exercise.ask import Started
     from testbench.questions.exercise.check import Result
-    from testbench.questions.exercise.start import Started
 
 _MARKS = {"right": ("right", "green"), "near": ("near", "yellow"), "wrong": ("wrong", "red"), "missing": ("–", "dim")}
 

@@ -74,7 +74,7 @@ def command(
         raise RecordError("the aircraft that is believed must be named, with its records, or a gap case, got nothing")
     from testbench.core.paths import aircraft_names
     from testbench.page.write import check_folder, record_keeper
-    from testbench.questions.gap.case import run_flights, run_gap
+    from testbench.questions.gap.ask import run_flights, run_gap
     from testbench.questions.gap.page import gap_page
     from testbench.questions.gap.records import load_flights
     from testbench.questions.gap.search.parallel import cores, processes

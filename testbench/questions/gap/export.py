@@ -22,7 +22,7 @@ from testbench.questions.gap.effects.base import MetGust
 from testbench.sensors import suite_toml
 
 if TYPE_CHECKING:
-    from testbench.questions.gap.case import GapResult
+    from testbench.questions.gap.ask import GapResult
 
 AIRFRAME = "airframe.xml"  # of a folder whose modes are in aircraft.toml: the same model without their equations
 _HEADER = re.compile(r"^\s*\[\[?([^\]]+)\]\]?", re.MULTILINE)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from testbench.core.record import FloatArray
-    from testbench.questions.gap.case import GapResult
+    from testbench.questions.gap.ask import GapResult
     from testbench.questions.gap.evidence.locate import ResidualMap
     from testbench.questions.gap.result import Shrink
 

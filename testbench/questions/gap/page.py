@@ -12,7 +12,7 @@ from testbench.questions.gap.plan_figures import plan_plates
 from testbench.questions.gap.tables import gap_tables, plan_tables
 
 if TYPE_CHECKING:
-    from testbench.questions.gap.case import GapResult
+    from testbench.questions.gap.ask import GapResult
     from testbench.questions.gap.plan import GapPlan
 
 

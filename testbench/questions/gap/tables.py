@@ -13,7 +13,7 @@ from testbench.questions.gap.evidence.forces import follows
 from testbench.questions.gap.plan import ALIKE, NEEDED
 
 if TYPE_CHECKING:
-    from testbench.questions.gap.case import GapResult
+    from testbench.questions.gap.ask import GapResult
     from testbench.questions.gap.controls import Controls
     from testbench.questions.gap.plan import GapPlan
 

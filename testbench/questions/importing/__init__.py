@@ -1,1 +1,9 @@
-"""What is in a flight log, and where are its manoeuvres?"""
+"""What is in a flight log, and where are its manoeuvres?
+
+PX4, ArduPilot and SIDPAC logs and tables are read. The answer lists channels with rates and gaps and what was assumed;
+the manoeuvres become records with a description that `testbench identify` takes.
+"""
+
+from testbench.core.lazily import lazily
+
+__getattr__ = lazily(__name__, import_log="ask", write_import="ask")

@@ -1,1 +1,11 @@
-"""Which modes do outputs show if nobody knows the input, as of a wing in turbulence?"""
+"""Which modes do outputs show whose input nobody knows, such as a wing in turbulence?
+
+Takes records, a description of recorded flights, or a scenario of flight in turbulence that it flies itself. The answer
+gives frequencies, damping ratios and shapes with their errors.
+"""
+
+from testbench.core.lazily import lazily
+
+__getattr__ = lazily(
+    __name__, fly_modes="ask", find_modes="ask", ModesScenario="scenario", ModesResult="result", modes_page="page"
+)

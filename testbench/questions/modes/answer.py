@@ -14,7 +14,7 @@ from testbench.page.words import Line, counted
 if TYPE_CHECKING:
     from testbench.estimators.operational import OperationalMode
     from testbench.evaluation.operational import ModeMatch
-    from testbench.questions.modes.ask import ModesResult
+    from testbench.questions.modes.result import ModesResult
 
 
 def modes_answer(result: ModesResult) -> list[Line]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,11 +15,12 @@ from testbench.core.record import FlightRecord, load_record
 from testbench.core.schema import parse
 from testbench.estimators.operational import Criteria, OperationalModes, estimate
 from testbench.estimators.prepare import prepared
-from testbench.evaluation.operational import ModeMatch, TrueMode, match_modes, true_modes
+from testbench.evaluation.operational import TrueMode, match_modes, true_modes
 from testbench.flight import TrimmedFlight, linearise
 from testbench.flight.air import air_of, scale_lengths
 from testbench.inputs import InputSignal, build
 from testbench.line import fly_and_measure, log_rate, trim_for
+from testbench.questions.modes.result import ModesResult
 from testbench.questions.modes.scenario import ModeSearch, ModesScenario, TurbulentFlight
 from testbench.sensors import load_suite
 
@@ -29,33 +29,6 @@ if TYPE_CHECKING:
 
 WING = ("az_wing_", "strain_wing_")
 """How the channels begin that modes are sought in where none are named."""
-
-
-@dataclass(frozen=True, eq=False)
-class ModesResult:
-    """The modes that were found, and what is known of the aircraft.
-
-    Attributes:
-        name, title, question: for the report.
-        found: modes with errors.
-        records: name -> record that they come from.
-        source: text of the scenario or description, empty for bare records.
-        true: the linear model's oscillatory modes; empty for recorded flights.
-        matches: found and true modes that stand for each other; empty for recorded flights.
-        corners_hz: frequencies V / (2 pi L) at which the spectra of the turbulence u, v, w bend; empty if not known.
-        stations_m: place of each channel along the wing, None where it has none.
-    """
-
-    name: str
-    title: str
-    question: str
-    found: OperationalModes
-    records: Mapping[str, FlightRecord]
-    source: str = ""
-    true: tuple[TrueMode, ...] = ()
-    matches: tuple[ModeMatch, ...] = ()
-    corners_hz: tuple[float, ...] = ()
-    stations_m: tuple[float | None, ...] = ()
 
 
 def search_for(given: Mapping[str, Any], otherwise: ModeSearch | None = None) -> ModeSearch:

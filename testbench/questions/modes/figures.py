@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from testbench.evaluation.operational import TrueMode
-    from testbench.questions.modes.ask import ModesResult
+    from testbench.questions.modes.result import ModesResult
 
 _DECADES = 5.0  # of the spectrum that are shown
 _FEWEST = 3  # stations along the wing from which on a shape is drawn

@@ -11,7 +11,7 @@ from testbench.questions.modes.figures import modes_plates
 from testbench.questions.modes.tables import modes_table, modes_tables
 
 if TYPE_CHECKING:
-    from testbench.questions.modes.ask import ModesResult
+    from testbench.questions.modes.result import ModesResult
 
 
 def modes_page(result: ModesResult) -> Page:

@@ -9,7 +9,7 @@ import numpy as np
 from testbench.page.tables import Column, Table, Value
 
 if TYPE_CHECKING:
-    from testbench.questions.modes.ask import ModesResult
+    from testbench.questions.modes.result import ModesResult
 
 
 def modes_tables(result: ModesResult) -> list[Table]:

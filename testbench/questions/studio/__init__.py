@@ -1,3 +1,8 @@
-"""The studio: one interactive page that shows at once what an input does and tells, before anything is flown."""
+"""What does an input do and tell, while I drag it in a browser?
 
-from __future__ import annotations
+One interactive page computes spectrum, response and the errors to expect by itself, before anything is flown.
+"""
+
+from testbench.core.lazily import lazily
+
+__getattr__ = lazily(__name__, studio_models="ask")

@@ -24,7 +24,7 @@ def command(
 
     The page is served on 127.0.0.1 only, until Ctrl-C. Example: `testbench studio eolo`.
     """
-    from testbench.questions.studio.models import studio_models
+    from testbench.questions.studio.ask import studio_models
     from testbench.questions.studio.page import studio_page
     from testbench.questions.studio.serve import HOST, serving
 

@@ -18,7 +18,7 @@ from short_campaigns import SHORT
 
 from testbench.core.errors import CampaignError, EstimationError
 from testbench.core.record import load_record
-from testbench.questions.campaign.execute import DIED, fly_campaign
+from testbench.questions.campaign.ask import DIED, fly_campaign
 from testbench.questions.campaign.flying import Job, Outcome, fly_batch
 from testbench.questions.campaign.load import load_campaign
 from testbench.questions.campaign.store import Row, Store
@@ -191,7 +191,7 @@ class Deadly:
 @pytest.mark.parametrize(("times", "deaths"), [(1, 5), (4, 8)])
 def test_the_fatal_run_of_a_batch_is_found_with_few_deaths(short, tmp_path, monkeypatch, times, deaths):
     """A batch of four, its half of two, and three times alone; or the batch and the run, four times each."""
-    from testbench.questions.campaign import execute
+    from testbench.questions.campaign import ask as execute
 
     deadly = Deadly(times)
     monkeypatch.setattr(execute, "local_workers", lambda count: contextlib.nullcontext(deadly))

@@ -14,7 +14,7 @@ from rich.console import Console
 from testbench.core.paths import SCENARIOS
 from testbench.questions.campaign.answer import campaign_answer as answer
 from testbench.questions.campaign.answer import cost_sentence
-from testbench.questions.campaign.execute import Progress, fly_campaign
+from testbench.questions.campaign.ask import Progress, fly_campaign
 from testbench.questions.campaign.load import load_campaign
 from testbench.questions.campaign.page import campaign_page
 from testbench.questions.campaign.progress import show_progress

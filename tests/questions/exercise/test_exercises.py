@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 from testbench.core.record import load_record
+from testbench.questions.exercise.ask import Started, case_of, start
 from testbench.questions.exercise.check import Result, judge
 from testbench.questions.exercise.exercise import Choice, Number
 from testbench.questions.exercise.names import CATALOGUE, NAMES, load_exercise
 from testbench.questions.exercise.seal import PUBLIC_KEY, seal
-from testbench.questions.exercise.start import Started, case_of, start
 
 NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _FOLDERS: dict[tuple[str, str], Started] = {}

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from testbench.questions.exercise.ask import start
 from testbench.questions.exercise.names import NAMES, NOTEBOOKS, load_exercise
 from testbench.questions.exercise.seal import PUBLIC_KEY, VARIABLE
-from testbench.questions.exercise.start import start
 
 nbformat = pytest.importorskip("nbformat", reason="the notebooks are run with nbformat: install the extra 'teaching'")
 nbclient = pytest.importorskip("nbclient", reason="the notebooks are run with nbclient: install the extra 'teaching'")

@@ -11,11 +11,11 @@ from scipy.stats import chi2
 
 from testbench.aircraft import load_aircraft
 from testbench.core.errors import ScenarioError
-from testbench.questions.gap.ask import _shrink
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.compared import left_out, not_compared
 from testbench.questions.gap.evidence.locate import locate, locate_regions, structure
 from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.workflow import _shrink
 from testbench.sensors import Sensor, SensorSuite, load_suite
 
 EDGE = 1e-5  # probability that noise alone leaves each of the two sides

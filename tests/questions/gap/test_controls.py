@@ -14,7 +14,6 @@ from gap_flights import believe, measure
 import testbench.questions.gap.controls as controls_module
 from testbench.core.errors import LimitError, RecordError
 from testbench.core.record import FlightRecord
-from testbench.questions.gap.ask import find_gap
 from testbench.questions.gap.believed import PRIORS, Believed
 from testbench.questions.gap.controls import Control, Controls, fly_control, fly_controls, without_false_alarms
 from testbench.questions.gap.decide import Naming
@@ -24,6 +23,7 @@ from testbench.questions.gap.evidence.air import measure as measure_air
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.workflow import find_gap
 
 STILL = AirFound(False, 0.0, 547.0, 0.0, 9.55, 4.0)
 

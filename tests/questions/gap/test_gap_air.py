@@ -13,7 +13,6 @@ from gap_flights import ELEVATOR, THROTTLE, believe, measure
 from scipy.linalg import solve_discrete_are
 
 from testbench.flight.air import scale_lengths
-from testbench.questions.gap.ask import in_measured_air
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence import air
@@ -24,6 +23,7 @@ from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.screening import screen
+from testbench.questions.gap.workflow import in_measured_air
 
 RMS = 0.25
 

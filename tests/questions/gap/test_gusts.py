@@ -15,7 +15,6 @@ from testbench.core.record import FlightRecord
 from testbench.core.scenario.air import AirSpec
 from testbench.core.schema import read_toml
 from testbench.flight.air import Gust
-from testbench.questions.gap.ask import find_gap
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.base import MetGust
@@ -28,6 +27,7 @@ from testbench.questions.gap.search.gust_search import GustSearch, sought
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.screening import screen
+from testbench.questions.gap.workflow import find_gap
 
 GUST = EFFECTS["gust"]
 FEW = {n: EFFECTS[n] for n in ("gust", "actuator_lag", "alpha_scale", "rate_limit")}
@@ -181,7 +181,7 @@ def test_manoeuvres_held_out_and_the_aircraft_are_untouched(finding, held_out):
 
 
 def test_the_air_is_written_as_a_scenario_reads_it(finding, tmp_path):
-    from testbench.questions.gap.case import GapResult
+    from testbench.questions.gap.ask import GapResult
     from testbench.questions.gap.export import write_amended
 
     result = GapResult("case", "title", "", "taurus", {}, finding)

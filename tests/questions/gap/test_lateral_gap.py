@@ -21,9 +21,8 @@ from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
 from testbench.flight import FlightCondition
-from testbench.questions.gap.ask import find_gap, in_measured_air
+from testbench.questions.gap.ask import run_gap
 from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed, priors_of
-from testbench.questions.gap.case import run_gap
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS, library
 from testbench.questions.gap.evidence.air import listen
@@ -39,6 +38,7 @@ from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.screening import screen
+from testbench.questions.gap.workflow import find_gap, in_measured_air
 from testbench.sensors import load_suite
 
 CONDITIONS = {"eolo": FlightCondition(16.0, 547.0), "taurus": FlightCondition(15.0, 100.0)}
@@ -276,7 +276,7 @@ def test_what_moves_roll_and_yaw_alone_is_not_immaterial():
 
 @pytest.mark.slow
 def test_records_of_rudder_and_aileron_are_read_from_files_and_named(tmp_path, monkeypatch):
-    import testbench.questions.gap.ask as workflow
+    import testbench.questions.gap.workflow as workflow
 
     lib = library(load_suite("eolo_gap_lateral"))
     monkeypatch.setattr(

@@ -10,10 +10,10 @@ import pytest
 from gap.gap_flights import among, believe, measure
 from rich.console import Console
 
-import testbench.questions.gap.ask as workflow
 import testbench.questions.gap.plan as plan_module
+import testbench.questions.gap.workflow as workflow
 from testbench.aircraft import load_aircraft
-from testbench.questions.gap.case import run_flights
+from testbench.questions.gap.ask import run_flights
 from testbench.questions.gap.controls import Control, Controls
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.figures import gap_plates

@@ -12,15 +12,14 @@ import numpy as np
 import pytest
 from gap.gap_flights import among
 
-import testbench.questions.gap.ask as workflow
+import testbench.questions.gap.workflow as workflow
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.core.record import FlightAborted
 from testbench.flight import FlightCondition
 from testbench.page.write import record_keeper
-from testbench.questions.gap.ask import find_gap
+from testbench.questions.gap.ask import run_flights, run_gap
 from testbench.questions.gap.believed import PRIORS, Believed
-from testbench.questions.gap.case import run_flights, run_gap
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.evidence.commanded import quiet_samples
@@ -30,6 +29,7 @@ from testbench.questions.gap.records import load_flights
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.workflow import find_gap
 from testbench.sensors import load_suite
 
 CASES = {

@@ -20,7 +20,7 @@ from testbench.information.modes import modes_of
 from testbench.information.targets import needed_parameters
 from testbench.inputs import build
 from testbench.questions.run.scenario import Scenario
-from testbench.questions.studio import models as studio
+from testbench.questions.studio import ask as studio
 from testbench.questions.studio.page import studio_page
 from testbench.questions.studio.serve import HOST, serving
 

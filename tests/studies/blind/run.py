@@ -11,7 +11,6 @@ from studies.blind.flights import RATE_HZ, condition, suite
 
 from testbench.aircraft import load_aircraft
 from testbench.core.record import FlightRecord
-from testbench.questions.gap.ask import search
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, Rest, judged, rest
@@ -21,6 +20,7 @@ from testbench.questions.gap.evidence.air import listen
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.workflow import search
 
 
 def believe(aircraft: str) -> Believed:

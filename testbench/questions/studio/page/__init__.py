@@ -10,7 +10,7 @@ _HERE = Path(__file__).resolve().parent
 
 
 def studio_page(models: dict[str, Any]) -> str:
-    """Return the page that computes from ``models``, see :func:`testbench.questions.studio.models.studio_models`."""
+    """Return the page that computes from ``models``, see :func:`testbench.questions.studio.ask.studio_models`."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
     from markupsafe import Markup
 

@@ -1,0 +1,267 @@
+"""The gap workflow: locate, name, amend, and judge on manoeuvres that were used for neither."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from testbench.core.errors import RecordError, located
+from testbench.core.record import FlightRecord
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.controls import fly_controls, without_false_alarms
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.decide import Naming, judged, noise_limit
+from testbench.questions.gap.effects import Effect, library
+from testbench.questions.gap.evidence.air import (
+    AirFound,
+    in_air,
+    listen,
+    listen_again,
+    listen_in_flight,
+    measure,
+    misfit,
+)
+from testbench.questions.gap.evidence.check import check_data
+from testbench.questions.gap.evidence.forces import equation_errors
+from testbench.questions.gap.evidence.locate import (
+    ResidualMap,
+    Structure,
+    largest_errors,
+    locate,
+    locate_regions,
+    structure,
+)
+from testbench.questions.gap.parameters import wrong_parameters
+from testbench.questions.gap.plan import separate
+from testbench.questions.gap.result import GapFinding, Shrink
+from testbench.questions.gap.search.gauss_newton import retune
+from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.name import name_effect
+from testbench.questions.gap.search.parallel import Ahead
+
+SAME_AIR = 0.15  # the search is made again if the rms of turbulence changes by more than this share of it
+
+
+def find_gap(
+    believed: Believed,
+    records: Mapping[str, FlightRecord],
+    held_out: Mapping[str, FlightRecord],
+    progress: Callable[[str], None] | None = None,
+    check: bool = False,
+    effects: Mapping[str, Effect] | None = None,
+    controls: int = 0,
+    control_file: Path | None = None,
+) -> GapFinding:
+    """Find what the believed model lacks.
+
+    The instruments are checked against each other, the air is listened to, the library is searched, and what is found
+    is judged on the manoeuvres held out: what makes them worse is not named. The air is listened to again beside what
+    was named; where it turns out to move otherwise than believed, the search is made again in it. Within
+    ``testbench.questions.gap.search.parallel.processes(n)`` the same is found sooner, in n processes.
+
+    Args:
+        believed: aircraft, sensors and condition as believed.
+        records: name -> measured record, used to locate and to name.
+        held_out: name -> measured record, used only to judge.
+        progress: called with a few words as each stage begins.
+        check: check the instruments against each other first; takes about as long as the search itself.
+        effects: the library, by name; that of the suite if not given.
+        controls: number of control flights without any effect to search beside; if they gain as much, nothing is named.
+        control_file: keeps each of them, so that none is flown twice.
+
+    Raises:
+        RecordError: a record is not measured, or lacks a channel of the believed suite; or that file cannot be used.
+        FlightAborted, LimitError, TrimError: the believed aircraft cannot fly these commands.
+
+    Example:
+        >>> import testbench as tb
+        >>> finding = tb.find_gap(believed, {"doublet": record}, {"sweep": held_out})  # doctest: +SKIP
+        >>> finding.sentences  # doctest: +SKIP
+    """
+    say, as_believed = progress or (lambda text: None), believed
+    for name, record in {**records, **held_out}.items():
+        if record.kind != "measured":
+            raise RecordError(f"the gap workflow takes measured records only, got '{name}' of kind '{record.kind}'")
+        with located(None, f"record '{name}'"):
+            believed.check_commands(record)
+            believed.predict(record)  # what cannot be flown, of those held out too, is to be known before the search
+    naming_records = list(records.values())
+    checked, instruments = None, partial(check_data, believed, naming_records)
+    with Ahead() as ahead:
+        if check:
+            say("check the instruments against each other")
+            ahead.begin("check", instruments)  # the search needs nothing of it
+            checked = ahead.take("check", instruments) if ahead.most == 1 else None
+        say("listen to the air")
+        air = listen(believed, naming_records)
+        believed, naming, air = search(believed, naming_records, air, say, effects)
+        if check and checked is None:
+            checked = ahead.take("check", instruments)
+    if naming.best is not None:
+        say("look at what is left")
+    known = library(believed.suite) if effects is None else effects
+    naming, unexplained = judged(naming, believed, naming_records, list(held_out.values()), known)
+    beside = None
+    if controls:
+
+        def again(flown: Sequence[FlightRecord], heard: AirFound) -> Naming:
+            """Search a control flight as the measured ones were searched."""
+            return search(as_believed, flown, heard, lambda stage: None, effects)[1]
+
+        beside = fly_controls(as_believed, naming_records, air, naming, controls, again, say, control_file)
+        naming = without_false_alarms(naming, beside)
+    parameters = wrong_parameters(naming, believed, list(held_out.values()))
+    if naming.best is not None:
+        amended = naming.best.added_to(believed)
+    else:
+        amended = believed.with_nuisances(naming.nuisances) if parameters else believed
+    say("locate the residual")
+    maps = tuple(_map(believed, name, record) for name, record in records.items())
+    left, taken = zip(*((believed.residuals(r), believed.taken(r)) for r in naming_records), strict=True)
+    regions = locate_regions(naming_records, left, believed.outputs, taken)
+    plain = replace(believed, whiten=None)
+    forces = tuple(e for n, r in records.items() if (e := equation_errors(plain, n, r)) is not None)
+    next_flight = ""
+    if naming.outcome == "set":
+        say("seek the manoeuvre that would tell the rest apart")
+        alike = [f for f in naming.ranking if f.effect.name in naming.names]
+        next_flight = separate(believed, naming_records, alike)
+    say("judge on held-out manoeuvres")
+    shrink = tuple(_shrink(believed, amended, name, record) for name, record in held_out.items())
+    errors = largest_errors(believed, [*naming_records, *held_out.values()])
+    named = naming.best is not None and not naming.best.scatter_s  # scattered commands leave what no model has
+    uneven = _left(amended, naming_records) if named else None
+    return GapFinding(
+        believed=believed,
+        amended=amended,
+        maps=maps,
+        naming=naming,
+        shrink=shrink,
+        air=air,
+        regions=regions,
+        forces=forces,
+        next_flight=next_flight,
+        check=checked,
+        parameters=parameters,
+        errors=errors,
+        left=uneven,
+        rest=None if naming.best is None else unexplained,
+        controls=beside,
+    )
+
+
+def search(
+    believed: Believed,
+    records: Sequence[FlightRecord],
+    air: AirFound,
+    say: Callable[[str], None],
+    effects: Mapping[str, Effect] | None = None,
+) -> tuple[Believed, Naming, AirFound]:
+    """Return the believed model in the air that was found, the naming, and the air.
+
+    ``effects`` is the library, that of the suite if not given.
+
+    The rms of turbulence found beside a gap holds some of the gap, and the turbulence works on flights that the gap has
+    changed. What comes nearest at first is taken out; if the rms changes, or more than noise is left, the search is
+    made once more, in the air beside it and along its flights. What explains little may owe that to an rms that holds
+    most of it: if in the air beside it something is named, that is the answer.
+    """
+    if air.moves:
+        say("measure the air")
+    flown_in, air = in_measured_air(believed, records, air)
+    naming = name_effect(flown_in, records, say, effects)
+    if naming.noise_left and not air.moves:
+        return flown_in, naming, air
+    say("listen to the air again")
+    tuned = believed.with_nuisances(naming.nuisances)
+    near = next((f for f in naming.ranking if f.significant and f.flown and f.gain > CRITERIA.weak), None)
+    if air.moves and near is not None and near.share < CRITERIA.enough_alone:
+        hidden = _hidden_by_air(believed, tuned, near.added_to(believed), records, air, say, effects)
+        if hidden is not None:
+            return hidden
+        near = None  # what explains so little is not what is missing: what it would take out may be the air's
+    beside = tuned if near is None else near.added_to(believed)
+    gain = max((f.gain for f in naming.ranking), default=0.0)
+    again = listen_again(tuned, beside, records, air, gain)
+    same = again.moves == air.moves and abs(again.rms_m_s - air.rms_m_s) <= SAME_AIR * air.rms_m_s
+    if same and (near is None or not air.moves or near.chi2 <= noise_limit(flown_in, naming.samples)):
+        return flown_in, naming, air
+    if near is None and again.moves:  # coefficients that were re-tuned in another air are not those of this one
+        beside = _retuned(believed, in_air(believed, again, beside), records)
+        again = measure(beside, records, again)
+    flown_in = in_air(believed, again, beside)
+    return flown_in, name_effect(flown_in, records, say, effects), again
+
+
+def _hidden_by_air(
+    believed: Believed,
+    tuned: Believed,
+    beside: Believed,
+    records: Sequence[FlightRecord],
+    air: AirFound,
+    say: Callable[[str], None],
+    effects: Mapping[str, Effect] | None,
+) -> tuple[Believed, Naming, AirFound] | None:
+    """Return what :func:`search` does, if in the air beside an effect something is named; None if not.
+
+    Args:
+        believed: model.
+        tuned: the same, re-tuned without an effect.
+        beside: the same, with an effect that explains little.
+        records: those that are named from.
+        air: what was heard.
+        say: called with a few words as each stage begins.
+        effects: the library.
+    """
+    again = measure(beside, records, air)
+    if misfit(tuned, records, measure(tuned, records, air)) - misfit(beside, records, again) <= CRITERIA.weak:
+        return None
+    flown_in = in_air(believed, again, beside)
+    naming = name_effect(flown_in, records, say, effects)
+    return (flown_in, naming, again) if naming.names else None
+
+
+def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: AirFound) -> tuple[Believed, AirFound]:
+    """Return the believed model in the air that was heard, measured over all records, and that air.
+
+    Turbulence works on the flights of the aircraft as it is, so that coefficients are re-tuned first.
+    """
+    if not air.moves:
+        return believed, air
+    tuned = _retuned(believed, in_air(believed, air), records)
+    air = listen_in_flight(tuned, records, air)
+    return in_air(believed, air, tuned), air
+
+
+def _retuned(believed: Believed, flown_in: Believed, records: Sequence[FlightRecord]) -> Believed:
+    """Return the believed model with the coefficients that suit the records best in the air of ``flown_in``."""
+    return believed.with_nuisances(retune(Hypothesis.at(flown_in, flown_in, tuple(records))).by_name)
+
+
+def _left(amended: Believed, records: Sequence[FlightRecord]) -> Structure | None:
+    """Return what the amended model leaves that is not white; in moving air residuals are white as far as its model."""
+    if amended.whiten is not None:
+        return None
+    residuals, taken = zip(*((amended.residuals(r), amended.taken(r)) for r in records), strict=True)
+    return structure(residuals, amended.outputs, records[0].dt_s, CRITERIA.false_alarm, taken)
+
+
+def _map(believed: Believed, name: str, record: FlightRecord) -> ResidualMap:
+    return locate(name, believed.residuals(record), believed.outputs, record.dt_s, believed.taken(record))
+
+
+def _shrink(believed: Believed, amended: Believed, name: str, record: FlightRecord) -> Shrink:
+    measured, taken = record.columns(believed.outputs), believed.taken(record)
+    count = taken.sum(axis=0).astype(float)
+    predictions, energy, maps = [], [], []
+    for model in (believed, amended):
+        y = model.predict(record)
+        residuals = model.in_noise_units(record, measured - y)
+        predictions.append(y + ((measured - y) * taken).sum(axis=0) / np.maximum(count, 1.0))
+        energy.append((residuals**2).sum(axis=0) / np.maximum(count, 1.0))
+        maps.append(locate(name, residuals, model.outputs, record.dt_s, taken))
+    return Shrink(name, record, predictions[0], predictions[1], energy[0], energy[1], count, maps[0], maps[1])

@@ -1,0 +1,41 @@
+"""What a search for modes found, and what is known of the aircraft beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from testbench.core.record import FlightRecord
+from testbench.estimators.operational import OperationalModes
+from testbench.evaluation.operational import ModeMatch, TrueMode
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass(frozen=True, eq=False)
+class ModesResult:
+    """The modes that were found, and what is known of the aircraft.
+
+    Attributes:
+        name, title, question: for the report.
+        found: modes with errors.
+        records: name -> record that they come from.
+        source: text of the scenario or description, empty for bare records.
+        true: the linear model's oscillatory modes; empty for recorded flights.
+        matches: found and true modes that stand for each other; empty for recorded flights.
+        corners_hz: frequencies V / (2 pi L) at which the spectra of the turbulence u, v, w bend; empty if not known.
+        stations_m: place of each channel along the wing, None where it has none.
+    """
+
+    name: str
+    title: str
+    question: str
+    found: OperationalModes
+    records: Mapping[str, FlightRecord]
+    source: str = ""
+    true: tuple[TrueMode, ...] = ()
+    matches: tuple[ModeMatch, ...] = ()
+    corners_hz: tuple[float, ...] = ()
+    stations_m: tuple[float | None, ...] = ()
