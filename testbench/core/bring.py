@@ -19,7 +19,7 @@ from typing import Any
 from testbench.core.errors import ScenarioError, nearest
 
 MARK = ".py:"
-"""What tells a name that is brought from a packaged one."""
+"""The sign in the name of a user's file that packaged names do not have."""
 
 
 def is_brought(name: object) -> bool:

@@ -279,7 +279,7 @@ LAWS: tuple[Callable[[Trial], None], ...] = (
     too_little_data_are_refused,
     missing_channels_are_refused,
 )
-"""What any estimator must do."""
+"""The laws of estimators."""
 
 
 # --- structures -------------------------------------------------------------------------------------------------------
@@ -375,7 +375,7 @@ STRUCTURE_LAWS: tuple[Callable[[Make], None], ...] = (
     its_parameters_are_recovered,
     a_structure_survives_pickling,
 )
-"""What any structure must do."""
+"""The laws of structures."""
 
 
 # --- the command ------------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from testbench.page.labels import number
 
 Value = str | float | int | bool | None
 MISSING = "–"
-"""Of a value that is not there, as the page shows it."""
+"""A missing value, as the page shows it."""
 
 
 @dataclass(frozen=True)

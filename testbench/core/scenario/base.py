@@ -40,7 +40,7 @@ class Asked(Strict):
     """
 
     unnamed: ClassVar[str] = "scenario"
-    """Name of what comes from no file."""
+    """Name of a scenario that comes from no file."""
     checked_by: ClassVar[str] = ""
     """Function, "module:name", that takes it and returns every law that it breaks beyond its schema."""
 

@@ -17,7 +17,7 @@ ASSUMPTION = (
     "the method assumes that the air is white noise and excites every mode alike. Turbulence is coloured: poles of its "
     "spectrum and of the rigid motion can come out as modes, and the outputs alone cannot tell them apart"
 )
-"""What every result rests on; reports say it."""
+"""The assumptions of every result; reports state them."""
 _HEAVY = 0.2  # damping ratio from which on a pole is rarely a structural mode alone
 _FEW_BLOCKS = 30
 _WANDER = 0.03  # of the airspeed: 6 % in dynamic pressure

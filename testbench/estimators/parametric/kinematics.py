@@ -33,8 +33,9 @@ INPUTS: dict[Motion, tuple[str, ...]] = {
     "vertical": ("q", "az", "V"),
     "lateral": ("p", "q", "r", "ay", "V", "alpha", "theta"),
 }
-"""What drives each kind of motion. "longitudinal" holds v = phi = p = r = 0; "vertical" does so without ax and takes
-the airspeed as it was measured; "lateral" takes airspeed, angle of attack and pitch angle as they were measured."""
+"""The channels that drive each kind of motion. "longitudinal" holds v = phi = p = r = 0; "vertical" does so without ax
+and takes the airspeed as it was measured; "lateral" takes airspeed, angle of attack and pitch angle as they were
+measured."""
 _STATES: dict[Motion, tuple[str, ...]] = {
     "full": ("u", "v", "w", "phi", "theta", "psi", "h"),
     "longitudinal": ("u", "w", "theta", "h"),
@@ -47,7 +48,7 @@ OUTPUTS: dict[Motion, tuple[str, ...]] = {
     "vertical": ("alpha", "theta", "h", "hdot"),
     "lateral": ("beta", "phi", "psi"),
 }
-"""What each kind of motion may be compared with."""
+"""The channels with which each kind of motion may be compared."""
 _NEEDED: dict[Motion, tuple[str, ...]] = {
     "full": ("V", "alpha", "beta", "phi", "theta"),
     "longitudinal": ("V", "theta"),

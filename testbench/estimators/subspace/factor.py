@@ -17,7 +17,7 @@ from testbench.estimators.subspace.order import EXACT
 RANK = 1e-12
 """Truncation of projections of noise-free data, relative to the largest singular value."""
 RANK_NOISY = 1e-8
-"""Truncation with noise: weaker directions only let the noise in."""
+"""Truncation with noise: weaker directions add only noise."""
 _HIDDEN = 0.6  # directions of the past that move no output by more than this share of its noise are left out
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from testbench.line import Keep, Report
 
 WING = ("az_wing_", "strain_wing_")
-"""How the channels begin that modes are sought in where none are named."""
+"""Beginnings of the names of channels in which modes are sought if none are named."""
 
 
 def search_for(given: Mapping[str, Any], otherwise: ModeSearch | None = None) -> ModeSearch:

@@ -20,7 +20,7 @@ from testbench.questions.plan.scenario import PlannedManoeuvre, PlanScenario
 from testbench.sensors import SensorSuite, load_suite
 
 Survey = Callable[[Aircraft, Sequence[float], float], Envelope]
-"""What finds trims and modes over speed: :func:`testbench.evaluation.envelope.fly_envelope`."""
+"""The function that finds trims and modes over speed: :func:`testbench.evaluation.envelope.fly_envelope`."""
 
 _BEYOND = 1.6  # the onset is looked for up to this multiple of the fastest planned speed
 _BEYOND_SPEEDS = 12

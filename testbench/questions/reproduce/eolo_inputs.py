@@ -23,7 +23,7 @@ CHOSEN, NONE, FIVE = "6 3-2-1-1 of 0.4 s", "eolo_no_alpha", "eolo_five_accelerom
 EXCITED_DB = 10.0
 """Response over noise from which a mode counts as excited."""
 Shares = tuple[float, float, float]
-"""Percent of energy below 10 rad/s, frequency that 95 % lie below (rad/s), octaves within 10 dB of the peak."""
+"""Percent of energy below 10 rad/s, frequency below which 95 % lie (rad/s), octaves within 10 dB of the peak."""
 
 
 def section(say: Say) -> Section:
