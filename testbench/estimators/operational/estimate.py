@@ -42,7 +42,7 @@ def estimate(
     Covariance-driven stochastic subspace identification at orders 2, 4, ... ``order``, modes by their stability over
     the orders, errors by first-order perturbation of the covariances (see covariances.py, realise.py, stabilise.py).
     It takes the excitation as white noise: poles of the filter that shapes it, and of the rigid motion, come out as
-        modes too.
+    modes too.
 
     Args:
         records: measured, of one sample time, of any length; samples marked as not taken do not count.
