@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -110,6 +112,55 @@ def test_the_installed_command_finds_its_scenarios(installed, tmp_path):
     assert checked.returncode == 0, checked.stderr
     assert "eolo_alpha: a valid scenario" in checked.stdout
     assert not list(tmp_path.iterdir())
+
+
+MINE = """
+title = "Mine"
+aircraft = "mine"
+suites = ["logger"]
+condition = { V_m_s = 12.0, h_m = 100.0 }
+
+[[manoeuvre]]
+name = "doublet"
+use = "split"
+duration_s = 8.0
+input = [{ signal = "doublet", control = "de", amplitude_deg = 3.0, period_s = 1.0 }]
+
+[identification]
+inputs = ["de_cmd"]
+outputs = ["q", "theta"]
+estimators = [{ method = "one_step.py:estimate" }]
+"""
+ONE_STEP = """
+import numpy as np
+from testbench.estimators.state_space import StateSpaceModel
+
+def estimate(records, inputs, outputs):
+    n = len(outputs)
+    xu = np.vstack([np.hstack([r.columns(outputs), r.columns(inputs)])[:-1] for r in records])
+    x = np.vstack([r.columns(outputs)[1:] for r in records])
+    a = np.linalg.lstsq(xu, x, rcond=None)[0].T
+    return StateSpaceModel(method="one step", inputs=tuple(inputs), outputs=tuple(outputs), dt_s=records[0].dt_s,
+        A=a[:, :n], B=a[:, n:], C=np.eye(n), D=np.zeros((n, len(inputs))))
+"""
+
+
+def test_what_a_user_brings_is_flown_by_the_installed_package(installed, tmp_path):
+    data = installed / "testbench" / "data"
+    shutil.copytree(data / "aircraft_models" / "taurus", tmp_path / "aircraft" / "mine")
+    for folder in ("suites", "estimators"):
+        (tmp_path / folder).mkdir()
+    suites = installed / "testbench" / "sensors" / "suites"
+    shutil.copy(suites / "taurus_8hz.toml", tmp_path / "suites" / "logger.toml")
+    (tmp_path / "estimators" / "one_step.py").write_text(ONE_STEP, encoding="utf-8")
+    (tmp_path / "mine.toml").write_text(MINE, encoding="utf-8")
+    main = ("-c", "from testbench.cli import main; main()")
+    checked = in_empty_folder(installed, tmp_path, *main, "check", "mine.toml", "aircraft/mine", "suites/logger.toml")
+    assert checked.returncode == 0, checked.stderr
+    ran = in_empty_folder(installed, tmp_path, *main, "run", "mine.toml")
+    assert ran.returncode == 0, ran.stderr
+    (model,) = (tmp_path / "results" / "mine" / "models").glob("*.json")
+    assert json.loads(model.read_text(encoding="utf-8"))["provenance"]["estimator"]["file"].endswith("one_step.py")
 
 
 def test_the_command_has_the_name_of_the_readme(installed):
