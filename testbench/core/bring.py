@@ -192,6 +192,7 @@ def load(path: Path, attribute: str) -> Any:
     name = f"brought_{path.stem}_{told}"
     module = sys.modules.get(name)
     if module is None:
+        declared(path)  # says what is wrong with its syntax, with the line
         spec = importlib.util.spec_from_file_location(name, path)
         assert spec is not None
         assert spec.loader is not None
@@ -206,7 +207,8 @@ def load(path: Path, attribute: str) -> Any:
         finally:
             sys.path.remove(str(path.parent))
     if not hasattr(module, attribute):
-        public = [n for n in vars(module) if not n.startswith("_")]
+        own = declared(path)
+        public = [n for n in (*own.functions, *own.classes, *own.values) if not n.startswith("_")]
         raise ScenarioError([f"{path.name} must define '{attribute}'{nearest(attribute, public)}"])
     return getattr(module, attribute)
 

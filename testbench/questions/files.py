@@ -46,11 +46,11 @@ def kinds_of(file: Path) -> list[Question]:
     """Return the questions to which a file may belong, in the order of the table; mostly there is one.
 
     A file belongs to the question that knows most of its keys; a misspelt key that is near one of the question's counts
-    half. If two questions know equally many, the file belongs to the one with fewer required keys missing. A scenario
-    to run may also be a comparison: both take the same keys, unless the file gives one that only a comparison has.
+    half. A file with none but common keys is taken for a scenario to run. A scenario to run may also be a comparison:
+    both take the same keys, unless the file gives one that only a comparison has.
 
     Raises:
-        RecordError, ScenarioError: the file cannot be read, is not TOML or is empty.
+        RecordError, ScenarioError: the file cannot be read, is not TOML, is empty or has no key of any question.
     """
     content = read_toml(file)
     if not content:
@@ -59,15 +59,21 @@ def kinds_of(file: Path) -> list[Question]:
         )
     scores = {q.command: _score(q, content.keys()) for q in WITH_FILES}
     best = max(scores.values())
+    if not best:
+        raise ScenarioError(
+            [
+                f"{file} must have the keys of a question, but no question has a key like {', '.join(content)}; "
+                "`testbench list scenarios` has examples"
+            ]
+        )
     return [q for q in WITH_FILES if scores[q.command] == best]
 
 
-def _score(question: Question, given: Collection[str]) -> tuple[float, int]:
-    """Return how many of the given keys a question knows, and how many of its required ones are missing, negative."""
-    known = float(len(question.keys & set(given)))
-    known += 0.5 * sum(bool(get_close_matches(key, question.keys, 1, _NEAR)) for key in set(given) - question.keys)
-    required = {name for name, field in question.file_class.model_fields.items() if field.is_required()}
-    return known, -len(required - set(given))
+def _score(question: Question, given: Collection[str]) -> float:
+    """Return how many of the given keys a question knows, one that is near a key of it as a half."""
+    strange = set(given) - question.keys
+    near = sum(bool(get_close_matches(key, question.keys, 1, _NEAR)) for key in strange)
+    return len(given) - len(strange) + 0.5 * near
 
 
 def load(path: Path | str) -> Asked:

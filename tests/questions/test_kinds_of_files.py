@@ -51,6 +51,19 @@ def test_a_misspelt_key_does_not_change_the_kind(tmp_path, example, old, new, ki
         check_file(file)
 
 
+def test_a_file_without_any_known_key_is_of_no_question(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text("x = 1\n", encoding="utf-8")
+    with pytest.raises(ScenarioError, match=r"must have the keys of a question, but no question has a key like x;"):
+        check_file(file)
+
+
+def test_a_file_that_is_just_begun_is_a_scenario_to_run(tmp_path):
+    file = tmp_path / "mine.toml"
+    file.write_text('title = "Mine"\naircraft = "taurus"\n', encoding="utf-8")
+    assert kinds_of(file)[0].command == "run"
+
+
 def test_a_file_of_another_question_names_the_command_that_takes_it():
     with pytest.raises(ScenarioError, match=r"is a comparison: use testbench compare"):
         find(SCENARIOS / "compare" / "eolo_alpha.toml", "run")
