@@ -103,7 +103,7 @@ def run(job: Job, package: Path, folder: Path) -> str:
 
 
 def hashes(folder: Path) -> dict[str, str]:
-    """Return path -> SHA-256 of all files below a folder; of tables as JSON without title and caption."""
+    """Return path -> SHA-256 of all files below a folder; of tables and models as JSON without their words."""
     return {
         p.relative_to(folder).as_posix(): hashlib.sha256(_numbers(p)).hexdigest()
         for p in sorted(folder.rglob("*"))
@@ -114,9 +114,9 @@ def hashes(folder: Path) -> dict[str, str]:
 def _numbers(path: Path) -> bytes:
     """Return the content of a file without its words: title and caption of a table, advice of a model."""
     content = path.read_bytes()
-    if path.suffix == ".json" and path.parent.name in ("tables", "models"):
-        table = json.loads(content)
-        return json.dumps({k: v for k, v in table.items() if k not in WORDS}, sort_keys=True).encode()
+    said = json.loads(content) if path.suffix == ".json" else None
+    if isinstance(said, dict):
+        return json.dumps({k: v for k, v in said.items() if k not in WORDS}, sort_keys=True).encode()
     return content
 
 
