@@ -56,8 +56,8 @@ def leaves_far_more(best: EffectFit, left: float) -> str:
     """The best effect leaves ``left`` of chi-square above the noise."""
     return (
         f"unexplained: {best.effect.title} comes nearest, but chi-square exceeds the noise by "
-        f"{best.gain + left:.0f}, and this effect leaves {left:.0f} of that: the true effect is a relative of it, or another "
-        "effect acts beside it"
+        f"{best.gain + left:.0f}, and this effect leaves {left:.0f} of that: the true effect is a relative of it, or "
+        "another effect acts beside it"
     )
 
 
@@ -98,7 +98,8 @@ def refuted(fits: Sequence[EffectFit], raised: Sequence[float]) -> str:
     titles, each = [f.effect.title for f in fits], ", ".join(f"{r:.4g}" for r in raised)
     return (
         f"unexplained: {' or '.join(titles)} would fit, but the manoeuvres held out refute "
-        f"{'them all: there each' if titles[1:] else 'it: there it'} raises chi-square, by {each} against the model without it"
+        f"{'them all: there each' if titles[1:] else 'it: there it'} raises chi-square, by {each} "
+        "against the model without it"
     )
 
 
