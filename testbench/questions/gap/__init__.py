@@ -1,6 +1,6 @@
 """What does the simulation lack that the aircraft has?
 
-Measured records are held against the believed aircraft. Where they disagree, effects of a library are fitted and
+Measured records are compared with the believed aircraft. Where they disagree, effects of a library are fitted and
 compared by likelihood. One that explains the residual is named, added to the model, and judged on flights that were not
 used. evidence/ says what the residuals show, search/ tries hypotheses, decide.py keeps or refutes a name, tell.py has
 the words.

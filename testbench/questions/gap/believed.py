@@ -27,9 +27,9 @@ from testbench.questions.gap.evidence.compared import DRIFT_OVER_S, left_out, no
 from testbench.questions.gap.evidence.gusts import linear_response, record_key
 from testbench.sensors import SensorSuite
 
-# A nuisance is a coefficient of the believed aircraft that is estimated along with every hypothesis ("re-tuned"); its
-# value counts in multiples of the believed one. Its prior is what is believed of it before any flight: Gaussian about 1
-# with the relative standard deviation given here. The sizes are estimates of what handbook methods reach.
+# A nuisance is a coefficient of the believed aircraft that is estimated along with every hypothesis ("re-tuned"). Its
+# value is a multiple of the believed one. Its prior, before any flight, is Gaussian about 1 with the relative standard
+# deviation given here. These deviations are estimates of what handbook methods reach.
 PRIORS: Mapping[str, float] = {
     "CL_alpha": 0.05,
     "CD": 0.10,
@@ -37,7 +37,7 @@ PRIORS: Mapping[str, float] = {
     "Cm_q": 0.15,
     "Cm_de": 0.10,
 }
-# The same of the lateral motion, re-tuned only where aileron or rudder moves. Cross derivatives are known less well.
+# The same for the lateral motion, re-tuned only if aileron or rudder moves. Cross derivatives are known less well.
 LATERAL_PRIORS: Mapping[str, float] = {
     "CY_beta": 0.15,
     "Cl_beta": 0.15,
@@ -50,18 +50,18 @@ LATERAL_PRIORS: Mapping[str, float] = {
     "Cn_da": 0.30,
     "Cn_dr": 0.10,
 }
-BEYOND = 0.25  # share of the range between its limits by which a hypothesis may leave them to either side
+BEYOND = 0.25  # share of the range between its limits by which a hypothesis may exceed them on either side
 
 
 @dataclass(frozen=True, eq=False)
 class Believed:
     """What is believed of a flight: aircraft, sensor suite and the condition that the manoeuvres start from.
 
-    ``shapes`` say what the commands become before the linear prediction, see :class:`effects.base.Effect`; ``at_rest``
-    is the aircraft that is linearised, without the amendments that shapes stand for. ``whiten`` takes a record and
-    residuals (n, outputs) in units of the noise and returns as many of which each is white with variance one, for
-    residuals that something other than sensor noise colours (turbulence); it must be linear. ``gusts`` are those that
-    single records met: every other record is predicted in still air.
+    ``shapes`` say what the commands become before the linear prediction, see :class:`effects.base.Effect`. ``at_rest``
+    is the aircraft that is linearised, without the amendments that shapes stand for. ``whiten`` serves if turbulence
+    colours the residuals: it takes a record and residuals (n, outputs) in units of the noise and returns as many, each
+    white with variance one; it must be linear. ``gusts`` are those that single records met: every other record is
+    predicted in still air.
 
     Raises:
         ScenarioError: the suite has no channel to compare, or one without any noise.
@@ -309,9 +309,10 @@ def _flown(
 ) -> FlightRecord:
     """Fly the commands ``held`` (the bytes of an array of ``size``), deviations from trim at every frame.
 
-    A hypothesis may have its trim where they would leave the range of a control, half the drag with a throttle near
-    idle: the control stops there, so that a search can pass by. The belief is checked (``check_commands``). For the
-    same reason a flight may leave the limits of the aircraft by BEYOND, as one does that stalls too early.
+    The trim of a hypothesis may lie where the commands would leave the range of a control: half the drag, say, trims
+    with a throttle near idle. The control then stops at its end, so that a search can pass by. For the same reason a
+    flight may exceed the limits of the aircraft by BEYOND, as one does that stalls too early. The believed aircraft
+    itself is checked (``check_commands``).
     """
     trimmed, u = _trimmed(key), np.frombuffer(held).reshape(size)
     controls = [(key.aircraft.controls[n], trimmed.controls[n]) for n in names]
@@ -347,7 +348,7 @@ def _shaped(
 def priors_of(records: Sequence[FlightRecord]) -> Mapping[str, float]:
     """Return the nuisances of hypotheses about these records -> relative standard deviation of the prior.
 
-    The lateral ones are among them only if an aileron or rudder command moves: a symmetric aircraft in still air shows
-    nothing of them otherwise, and records of elevator and throttle must not pay for them.
+    Lateral nuisances are among them only if an aileron or rudder command moves. Otherwise a symmetric aircraft in still
+    air shows nothing of them, and records of elevator and throttle must not pay for them.
     """
     return {**PRIORS, **LATERAL_PRIORS} if moves_laterally(records) else PRIORS

@@ -18,7 +18,7 @@ FOLDER = "effects"
 
 
 class BroughtCodeError(TestbenchError):
-    """An error that was raised in a user's file and is none of the testbench's: kind, text, file and line."""
+    """An error of the code in a user's file, not of the testbench; it says kind, text, file and line."""
 
 
 @dataclass(frozen=True)
@@ -84,9 +84,9 @@ def choose(
         effect = load_effect(path, attribute)
         if effect.name in {**known, **chosen}:
             name_of_its_own = f"an effect that is brought must have a name of its own, got '{effect.name}' of {name}"
-            raise ScenarioError([f"{name_of_its_own}, which another has"])
+            raise ScenarioError([f"{name_of_its_own}, which another effect has"])
         chosen[effect.name] = effect
-        notes.append(f"the effect '{effect.name}' is code of {path}, which was run (SHA-256 {bring.sha256(path)})")
+        notes.append(f"the effect '{effect.name}' is code of {path}; that file was run (SHA-256 {bring.sha256(path)})")
     return Choice(chosen, tuple(notes))
 
 
@@ -105,11 +105,11 @@ def load_effect(path: Path, attribute: str) -> Effect:
 
 
 def faults(names: Sequence[str], suite: SensorSuite | None, beside: Path | None) -> list[str]:
-    """Return what is wrong with names of effects, as far as texts tell; nothing is run.
+    """Return what is wrong with names of effects, as far as the text of their files tells; nothing is run.
 
     Args:
         names: of the library, or ``FILE.py:NAME``.
-        suite: as believed; None if it is not known, and names of the library are not looked at.
+        suite: as believed; if None, names of the library are not checked.
         beside: the scenario's file.
     """
     out: list[str] = []
@@ -131,10 +131,10 @@ def _packaged(name: str, known: Mapping[str, Effect]) -> Effect:
 
 
 def _look_at(path: Path, attribute: str) -> None:
-    """Check by its text that a file defines an effect of that name; what is made by a call is known when it runs."""
+    """Check by its text that a file defines that name; what a call makes of it is known only when the file runs."""
     file = bring.declared(path)
     file.need(attribute)
     value = file.values.get(attribute)
     wrong = attribute in {**file.functions, **file.classes} or isinstance(value, (ast.Constant, ast.List, ast.Dict))
     if wrong:
-        raise ScenarioError([f"{path.name}:{attribute} must be an Effect(...), got another thing of that name"])
+        raise ScenarioError([f"{path.name}:{attribute} must be an Effect(...), got something else"])

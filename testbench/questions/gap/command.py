@@ -11,51 +11,54 @@ from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
 from testbench.questions.options import OutOption, SeedOption, Wings, refuse
 
-CONTROLS = "controls.jsonl"  # of a folder of results: control flights that need not be flown again
+CONTROLS = "controls.jsonl"  # in a folder of results: control flights, which are not flown again
 FLIGHTS = ("sensors", "hold_out", "wings", "airspeed", "altitude", "data")  # what is said of measured records
 
 
 def command(
     context: typer.Context,
     case: Annotated[
-        str | None, typer.Argument(help="The aircraft that is believed, or a gap case.", show_default=False)
+        str | None, typer.Argument(help="The believed aircraft, or a gap case.", show_default=False)
     ] = None,
     records: Annotated[
         list[Path] | None,
         typer.Argument(help="Measured records (.nc) or descriptions of them (.toml).", show_default=False),
     ] = None,
     sensors: Annotated[
-        str | None, typer.Option(help="Believed sensor suite; that of the records if not given.")
+        str | None, typer.Option(help="Believed sensor suite; if not given, the one that the records name.")
     ] = None,
     hold_out: Annotated[
-        list[Path] | None, typer.Option("--hold-out", help="Record to judge on and not to name with; may be repeated.")
+        list[Path] | None, typer.Option("--hold-out", help="Record to judge on, not to name with; may be repeated.")
     ] = None,
     wings: Annotated[Wings, typer.Option(help="Whether the believed aircraft's elastic modes move.")] = Wings.flexible,
     airspeed: Annotated[float | None, typer.Option("--V", help="Airspeed at the start, m/s.")] = None,
     altitude: Annotated[float | None, typer.Option("--h", help="Altitude at the start, m.")] = None,
     data: Annotated[Path | None, typer.Option(help="Folder of the files that descriptions name.")] = None,
     plan: Annotated[
-        Path | None, typer.Option(help="Scenario: which effects could its manoeuvres tell apart, and what to add?")
+        Path | None, typer.Option(help="Scenario: which effects could its manoeuvres tell apart, and which to add?")
     ] = None,
     out: OutOption = Path("results"),
     seed: SeedOption = None,
     effect: Annotated[
         list[str] | None,
-        typer.Option("--effect", help="Effect of your own to search, too, FILE.py:NAME; may be repeated."),
+        typer.Option(
+            "--effect", help="Effect of your own to search beside the library, FILE.py:NAME; may be repeated."
+        ),
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes that search; as many as there are cores if not given.")
+        int | None, typer.Option(min=1, help="Processes that search; if not given, one for each core.")
     ] = None,
     controls: Annotated[
         int,
         typer.Option(
-            min=0, help="Control flights without any effect to search beside, each as long as a search; 20 say much."
+            min=0,
+            help="Control flights without any effect, searched like the records. Each takes as long; 20 say much.",
         ),
     ] = 0,
 ) -> None:
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
-    Measured manoeuvres are held against the believed aircraft and sensors: `testbench gap eolo flown/*.nc --sensors
+    Measured manoeuvres are compared with the believed aircraft and sensors: `testbench gap eolo flown/*.nc --sensors
     eolo_gap --wings rigid --hold-out flown/doublets.nc`. A case makes its own flights from a hidden truth: `testbench
     gap flexible_wings`. The instruments are checked against each other first. Before flight, `testbench gap --plan
     eolo_alpha` says which effects the manoeuvres of a scenario could not tell apart.
@@ -71,7 +74,7 @@ def command(
         _plan_gap(find(plan, "run"), out)
         return
     if case is None:
-        raise RecordError("the aircraft that is believed must be named, with its records, or a gap case, got nothing")
+        raise RecordError("the believed aircraft must be given with its records, or a gap case, got nothing")
     from testbench.core.paths import aircraft_names
     from testbench.page.write import check_folder, record_keeper
     from testbench.questions.gap.ask import run_flights, run_gap

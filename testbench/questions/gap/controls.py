@@ -1,9 +1,9 @@
 """Control flights: does the search find a gap where there is none, with these commands, these sensors and this air?
 
-Thresholds hold as far as residuals are white in the air that was found and the library's tests are all the tests there
-are. Control flights ask the search itself: the believed aircraft, its coefficients drawn from their priors, flies the
-measured commands through the same air, is measured with the believed sensors, and the whole search is made of it. With
-k of n control flights as far from noise as the measured ones, the probability of that without any effect is estimated
+The thresholds hold if residuals are white in the air that was found, and if the library's tests are all the tests there
+are. Control flights test the search itself. The believed aircraft, its coefficients drawn from their priors, flies the
+measured commands through the same air; the believed sensors measure it; the whole search is made on these records. If k
+of n control flights lie as far from noise as the measured ones, the probability of that without any effect is estimated
 by (k + 1) / (n + 1), which never understates it on average (B. Phipson and G. K. Smyth, Statistical Applications in
 Genetics and Molecular Biology 9, 2010, article 39).
 """
@@ -32,7 +32,7 @@ from testbench.questions.gap.search.parallel import Ahead
 
 Search = Callable[[Sequence[FlightRecord], AirFound], Naming]
 _CUT = 2.0  # standard deviations at which drawn coefficients are cut: beyond them a name is refused
-_DRAWS = 10  # of coefficients with which the believed aircraft survives the commands
+_DRAWS = 10  # of coefficients that are tried until the believed aircraft survives the commands
 
 
 @dataclass(frozen=True)
@@ -79,12 +79,12 @@ class Controls:
 
     @property
     def by_gain(self) -> float:
-        """Probability with which an effect gains as much as here where there is none, as the control flights say it."""
+        """Probability that an effect gains as much as here although there is none, estimated by the control flights."""
         return self._share([c.gain >= self.gain for c in self.flown])
 
     @property
     def by_misfit(self) -> float:
-        """Probability with which as much is left after re-tuning where nothing is missing."""
+        """Probability that as much is left after re-tuning although nothing is missing."""
         return self._share([c.chi2 >= self.chi2 for c in self.flown])
 
     @staticmethod
@@ -100,11 +100,10 @@ class Controls:
         most, left = max(c.gain for c in self.flown), max(c.chi2 for c in self.flown)
         lost = len(self.flights) - n
         return (
-            f"{'one control flight' if n == 1 else f'{n} control flights'} of the believed model, same commands, "
-            "sensors and air, no effect: "
-            f"{self.called or 'none'} called a gap; effects gain {most:.3g} there at most, {self.gain:.4g} here "
-            f"(probability without an effect, as far as so many flights tell: {self.by_gain:.2g}); re-tuned, "
-            f"chi-square is {left:.0f} there at most, {self.chi2:.0f} here ({self.by_misfit:.2g})"
+            f"{'one control flight' if n == 1 else f'{n} control flights'} of the believed model (same commands, "
+            f"sensors and air, no effect): the search calls {self.called or 'none'} a gap; effects gain at most "
+            f"{most:.3g} there and {self.gain:.4g} here (estimated probability without an effect: {self.by_gain:.2g}); "
+            f"chi-square after re-tuning is at most {left:.0f} there and {self.chi2:.0f} here ({self.by_misfit:.2g})"
             + (f"; {lost} more could not be flown" if lost else "")
         )
 
@@ -112,12 +111,12 @@ class Controls:
 def fly_control(
     believed: Believed, air: AirFound, records: Sequence[FlightRecord], number: int
 ) -> list[FlightRecord] | None:
-    """Return records as the believed sensors would have made them of a flight without any effect.
+    """Return records that the believed sensors make of a flight without any effect.
 
-    Sample times, commands and samples that were not taken are those of ``records``; coefficients are drawn from their
-    priors, cut at two standard deviations, and the turbulence has the rms and height of ``air``.
+    Sample times, commands and missing samples are those of ``records``. Coefficients are drawn from their priors, cut
+    at two standard deviations. The turbulence has the rms and height of ``air``.
 
-    Returns None if the believed aircraft survives the commands with none of ten draws of its coefficients.
+    Returns None if the believed aircraft does not survive the commands with any of ten draws of its coefficients.
     """
     priors = priors_of(records)
     for attempt in range(_DRAWS):
@@ -164,10 +163,10 @@ def fly_controls(
     Args:
         believed: the model as believed, before any air was found.
         records: the measured records that were named from.
-        air: what was found of it.
+        air: the air that was found.
         naming: what was found in the measured records.
         count: number of control flights.
-        search: of records that were heard in some air.
+        search: names the gap in records, given the air that was heard in them.
         say: called with a few words as each begins.
         file: keeps each as it ends, so that none is flown twice; those of other records or beliefs in it do no harm.
 
@@ -203,7 +202,7 @@ def _control(
 
 
 def without_false_alarms(naming: Naming, controls: Controls) -> Naming:
-    """Return ``naming`` without names if control flights that hold no effect gain as much."""
+    """Return ``naming`` without names if any control flight, which holds no effect, gains as much."""
     reached = sum(c.gain >= controls.gain for c in controls.flown)
     if not naming.names or not reached:
         return naming
@@ -212,7 +211,7 @@ def without_false_alarms(naming: Naming, controls: Controls) -> Naming:
         naming,
         outcome="no gap",
         names=(),
-        sentence=f"no gap that flights without one do not show: {title} gains {controls.gain:.4g}, and so much is "
+        sentence=f"no gap beyond what flights without one show: {title} gains {controls.gain:.4g}, and so much is "
         f"gained in {reached} of {len(controls.flown)} control flights without any effect",
     )
 
@@ -227,7 +226,7 @@ def _fingerprint(believed: Believed, records: Sequence[FlightRecord], air: AirFo
 
 @dataclass(frozen=True)
 class _Log:
-    """A file that holds control flights, a line each, of one fingerprint and of others."""
+    """A file that holds control flights, one a line; those of other fingerprints are skipped."""
 
     file: Path | None
     key: str

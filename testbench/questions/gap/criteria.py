@@ -1,9 +1,9 @@
-"""All thresholds that decide whether something is named, each with where it is from.
+"""All thresholds that decide whether something is named, each with its source.
 
-derived: it follows from a probability or a definition. calibrated: the value stands since a draw of the blind test was
-opened, by the seed of that draw (results/README.md says what each draw showed). judged: somebody's judgement.
+Derived: it follows from a probability or a definition. Calibrated: it was set after a draw of the blind test was
+opened; the seed is that of the draw (results/README.md says what each draw showed). Judged: somebody's judgement.
 
-Thresholds that decide how long is searched stand where the search is: what is followed, what is given up.
+Thresholds that decide how long the search goes on stand in search/: what is followed, what is given up.
 """
 
 from __future__ import annotations
@@ -24,49 +24,53 @@ class Criteria:
         false_alarm: probability of naming any effect where there is none, all effects of the library together. Judged.
         air_false_alarm: probability of hearing turbulence in still air. Judged.
         instrument_false_alarm: probability of finding any error of an instrument where there is none. Judged.
-        visible: standard deviations of the noise's chi-square that an excess must stand above it to be shared out.
-            Judged.
+        visible: an excess is shared out only if it stands so many standard deviations of the noise's chi-square above
+            the noise. Judged.
         moving_air: share of the samples by which chi-square may be larger in turbulence, whose model is not exact.
             Calibrated, seed 20261125.
-        least: gain below which nothing is named: noise reaches it less often than any threshold. Calibrated, seed
+        least: gain below which nothing is named; noise reaches it less often than any threshold. Calibrated, seed
             20261208.
-        weak: the same of a second effect, or of moving air, beside an effect that leaves noise already. Calibrated,
+        weak: the same for a second effect, or for moving air, beside an effect that already leaves noise. Calibrated,
             seed 20261124.
-        strained: probability of nuisances as far off, drawn from their priors, from which on they are strained. Without
-            any effect that, or more than noise left, means that something the model lacks has pulled at them: effects
-            are sought from the believed values, too. An effect that strains them does not fit what is believed and is
-            not named. Judged: a true effect does so once in a hundred.
-        end_of_range: share of a parameter's range from whose end a size is taken to lie at it. Judged.
-        form: share of what an effect gains to which no form is right: what gains no more beside it is no other effect.
-            Calibrated, seed 20261122.
-        form_in_place: the same where a second effect acts in the same place. Calibrated, seed 20261128.
-        form_of_whole: the same where the first one alone leaves noise: what more a second one finds there is form, too.
-            Calibrated, seed 20261130.
+        strained: nuisances are strained if values drawn from their priors lie as far off with less than this
+            probability. If they are strained without any effect, or more than noise is left, something that the model
+            lacks has pulled at them; effects are then sought from the believed values, too. An effect that strains them
+            is not named. Judged: a true effect does so once in a hundred.
+        end_of_range: a size lies at the end of its range if it is nearer to it than this share of the range. Judged.
+        form: no form is quite right: another effect must gain more than this share of the first one's gain. Calibrated,
+            seed 20261122.
+        form_in_place: the same for an effect that acts in the same place as the first. Calibrated, seed 20261128.
+        form_of_whole: the same beside a first effect that alone leaves noise; what a second one gains there is mostly
+            form. Calibrated, seed 20261130.
         second: share of what a first effect leaves above the noise that a second one must gain. Judged.
-        rare: probability of the least that noise is thought to leave. Judged.
-        enough: share of the excess that a named effect must explain, unless it leaves noise, Calibrated, seed 20261128,
-        enough_alone: or this share where nothing but its own other forms. Calibrated, seed 20261128.
-        near: gains as much as this share of what it gains: its form may be off, but it is the only one of its kind.
-            Calibrated, seed 20261128.
-        too_close: a runner-up with this share of the best gain is not told apart while more than noise is left, judged,
-        twice: unless it leaves so many times what the best one leaves above the noise. Calibrated, seed 20261130.
-        many: more names than these are no answer. Judged.
-        remainder: what leaves more than so many standard deviations of the noise's chi-square,
-        remaining_share: and this share of what it gains, is not the whole: a relative of it, or an effect beside it,
-            leaves as much. Both calibrated, seed 20261208.
-        gust_after_s: the answer to a command lasts about a short period beyond it. Judged.
-        gust_rings_s: and so does the answer to a gust. Judged.
-        gust_proven: share of its gain that a gust beside a command may leave: other pulses leave more. Calibrated, seed
-            20261127,
-        gust_left: at an upper bound that holds but with this probability. Judged.
-        scatter_left: a delay that leaves what noise exceeds with this probability is asked whether it scatters. Judged.
-        scatter_leads: share of the excess that its mean alone explains at least. Judged.
-        scatter_most: share of the delay that its scatter may be: commands would overtake each other, or another effect
-            is the truth. Calibrated, seed 20261206.
-        scatter_form: share of what both gain that they may leave: lateness is linear only within a sample. Calibrated,
-            seed 20261206.
-        off, far: a nuisance is off, or wrong, by more than so many times what is believed of it. Judged,
-        sure: and by more than so many standard errors, which must be smaller than what is believed of it. Judged.
+        rare: chi-square that noise falls short of with this probability is the least that noise leaves. Judged.
+        enough: share of the excess that a named effect must explain, unless it leaves noise. Calibrated, seed 20261128.
+        enough_alone: the same if the effect is the only one of its kind: its form may be off, but no effect of another
+            kind comes ``near``. Calibrated, seed 20261128.
+        near: an effect comes near if it gains more than this share of the best gain. Calibrated, seed 20261128.
+        too_close: a runner-up with this share of the best gain is not told apart while more than noise is left. Judged.
+        twice: it is told apart all the same if it leaves so many times what the best one leaves above the noise.
+            Calibrated, seed 20261130.
+        many: so many effects that come close to the best are no answer. Judged.
+        remainder: an effect is not the whole if it leaves more than so many standard deviations of the noise's
+            chi-square, and more than ``remaining_share``. Calibrated, seed 20261208.
+        remaining_share: share of its gain that an effect may leave above the noise; a relative of the true effect, or
+            one of two effects, leaves more. Calibrated, seed 20261208.
+        gust_after_s: time by which the answer to a command outlasts it, about a short period. Judged.
+        gust_rings_s: time by which the answer to a gust outlasts it. Judged.
+        gust_proven: share of its gain that a gust beside a command may leave; other pulses leave more. Calibrated, seed
+            20261127.
+        gust_left: probability with which the upper bound of what a gust leaves fails. Judged.
+        scatter_left: a delay is tried with scatter if noise alone leaves as much with less than this probability.
+            Judged.
+        scatter_leads: share of the excess that the mean delay alone must explain. Judged.
+        scatter_most: largest scatter, as a share of the delay; beyond it commands would overtake each other, or another
+            effect is the true one. Calibrated, seed 20261206.
+        scatter_form: share of their common gain that delay and scatter may leave; lateness is linear only within a
+            sample. Calibrated, seed 20261206.
+        off: a nuisance is off if it lies more than so many standard deviations of its prior from 1. Judged.
+        far: a nuisance is wrong if it lies more than so many standard deviations of its prior from 1. Judged.
+        sure: both need a distance from 1 of so many standard errors, which must be smaller than the prior's. Judged.
     """
 
     false_alarm: float = FALSE_ALARM

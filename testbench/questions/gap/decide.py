@@ -1,8 +1,8 @@
 """The rules that keep or refute a name, in the order in which they are asked; all thresholds stand in criteria.py.
 
 :func:`decide` holds the fits against noise, their priors and each other. A gust that it names must not be what a
-command explains (:func:`doubted`), held-out manoeuvres must not refute a name (:func:`confirmed`), and what it leaves
-must not ask for another effect (:func:`judged`). Control flights have the last word (controls.py).
+command explains (:func:`doubted`), held-out manoeuvres must not refute a name (:func:`confirmed`), and what the name
+leaves must not ask for another effect (:func:`judged`). Control flights have the last word (controls.py).
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class Naming:
 
     @property
     def noise_left(self) -> bool:
-        """True if what is left, beside the effect that is added if there is one, is noise in still air."""
+        """True if only noise in still air is left, once the effect that is named, if any, is added."""
         left = self.chi2_tuned if self.best is None else self.best.chi2
         return left <= float(chi2.isf(CRITERIA.false_alarm, self.samples))
 
@@ -78,12 +78,12 @@ def noise_limit(believed: Believed, samples: int) -> float:
 
 
 def believable(fit: EffectFit) -> bool:
-    """Return whether a fit strains no coefficient and asks for no more of its effect than there can be."""
+    """Return whether a fit strains no coefficient and needs no size beyond what is physically possible."""
     return fit.within >= CRITERIA.strained and not fit.beyond
 
 
 def leaves_noise(fit: EffectFit, noise: float) -> bool:
-    """Return whether a fit explains all: chi-square is within that of ``noise``, and no coefficient is strained."""
+    """Return whether a fit explains all: chi-square is no more than ``noise``, and no coefficient is strained."""
     return fit.chi2 <= noise and fit.within >= CRITERIA.strained
 
 
@@ -93,7 +93,7 @@ def leaves_far_more(fit: EffectFit, floor: float) -> bool:
 
 
 def is_special_case(fit: EffectFit, general: EffectFit) -> bool:
-    """Return whether ``general`` is a more general form of ``fit`` that gains no more than noise, or form, would."""
+    """Return whether ``general`` is a more general form of ``fit`` and gains only what noise or form account for."""
     if not general.effect.generalises(fit.effect):
         return False
     extra = max(len(general.values) - len(fit.values), 1)
@@ -147,10 +147,10 @@ def decide(
 
 
 def _foremost(significant: Sequence[EffectFit], samples: int) -> EffectFit:
-    """Return the best of some fits in the order of their scores: the first one, or what does as well in its place.
+    """Return the foremost of some fits, which come in the order of their scores.
 
-    Where the first is not believable, that is one that is and trails it by no more than chance would; of either, a
-    special case that gains no less than noise or form would make it.
+    That is the first one. If it is not believable, it is the first believable one that trails it by no more than chance
+    would. A special case of either takes its place, if it gains no less than noise or form account for.
     """
     best = significant[0]
     sound = [f for f in significant if believable(f)]
@@ -160,9 +160,9 @@ def _foremost(significant: Sequence[EffectFit], samples: int) -> EffectFit:
 
 
 def _common(best: EffectFit, close: Sequence[EffectFit], ranking: Sequence[EffectFit]) -> EffectFit | None:
-    """Return the fit of what several sets of effects have in common, if they are told apart by nothing else.
+    """Return the fit of the effects that all of several sets have in common, if there is one that explains enough.
 
-    Where it alone explains enough, that each of several others beside it explains the rest speaks for none of them.
+    If each of several others explains the rest beside it, that speaks for none of them.
     """
     parts = [{p.name for p in f.effect.singles} for f in (best, *close)]
     common = set.intersection(*parts)
@@ -179,11 +179,11 @@ def _of_one_kind(a: Effect, b: Effect) -> bool:
 def _indistinct(fit: EffectFit, best: EffectFit, samples: int, is_noise: bool) -> bool:
     """Return whether ``fit`` may be the truth although ``best`` leads.
 
-    If the best effect leaves noise only, likelihoods decide: a wrong effect leads the true one by TOLD_APART with a
-    probability of FALSE_ALARM at most (Markov's bound on a likelihood ratio, effects of given size). If more than noise
-    is left, the form of the best one is not quite right, and then what they gain and leave is all there is to go by. A
-    more general form of the best one is another name only if its further parameters gain more than noise or form would;
-    a special case of it is none.
+    If the best effect leaves only noise, the likelihood ratio decides: a wrong effect leads the true one by TOLD_APART
+    with a probability of FALSE_ALARM at most (Markov's bound on a likelihood ratio, effects of given size). If more
+    than noise is left, the form of the best one is not quite right, and only what the two gain and leave can be
+    compared. A more general form of the best one is another name only if its further parameters gain more than noise or
+    form would. A special case of the best one is no other name.
     """
     if fit.effect.generalises(best.effect):
         return not is_special_case(best, fit)
@@ -195,7 +195,7 @@ def _indistinct(fit: EffectFit, best: EffectFit, samples: int, is_noise: bool) -
 
 
 def worth_of_form(single: EffectFit, other: Effect, noise: float) -> float:
-    """Return the gain beside ``single`` that ``other`` may owe to the form of its effects.
+    """Return the gain of ``other`` beside ``single`` that the form of ``single`` may account for.
 
     ``noise`` is the chi-square that noise alone hardly exceeds.
     """
@@ -207,13 +207,13 @@ def worth_of_form(single: EffectFit, other: Effect, noise: float) -> float:
 
 
 def leads(both: EffectFit, single: EffectFit, samples: int, noise: float) -> bool:
-    """Return whether ``both`` lead ``single`` clearly; beside one that leaves noise, by as much as a name takes."""
+    """Return whether ``both`` lead ``single`` clearly; if ``single`` leaves noise, the lead must be worth a name."""
     lead = score(both, samples) - score(single, samples)
     return lead > (CRITERIA.weak if leaves_noise(single, noise) else CRITERIA.told_apart)
 
 
 def does_without(joint: EffectFit, less: EffectFit, samples: int, noise: float) -> bool:
-    """Return whether ``less`` is ``joint`` without one of its parts and loses no more by that than form would."""
+    """Return whether ``less`` is ``joint`` without one of its parts, which gains no more than form accounts for."""
     kept = {e.name for e in less.effect.singles}
     missing = [e for e in joint.effect.singles if e.name not in kept]
     if len(missing) != 1 or len(kept) != len(joint.effect.singles) - 1:
@@ -224,12 +224,12 @@ def does_without(joint: EffectFit, less: EffectFit, samples: int, noise: float) 
 
 
 def doubted(naming: Naming, believed: Believed, records: Sequence[FlightRecord]) -> Naming:
-    """Return ``naming`` without a gust that may as well be an answer to a command which no effect of the library is.
+    """Return ``naming`` without a gust that may as well be an answer to a command that the library does not hold.
 
-    An effect of the aircraft that only one manoeuvre is large or fast enough for looks like a gust that came with the
-    command. A gust that blows while a command is out, or less than AFTER_S later, is named only if its form is proven:
-    what may be left of the residual around it, noise taken out (upper bound of probability 1 - LEFT), is less than
-    PROVEN times what it gains.
+    If only one manoeuvre is large or fast enough to show an effect of the aircraft, the effect looks like a gust that
+    came with the command. A gust that blows while a command is out, or less than ``gust_after_s`` later, is therefore
+    named only if its form is proven. It is proven if what may be left of the residual around it, noise taken out (upper
+    bound of probability 1 - ``gust_left``), is less than ``gust_proven`` times what it gains.
     """
     for fit in (f for f in naming.ranking if f.effect.name in naming.names):
         model = fit.added_to(believed)
@@ -246,16 +246,16 @@ def doubted(naming: Naming, believed: Believed, records: Sequence[FlightRecord])
 
 
 def _commanded(record: FlightRecord, gust: Gust) -> bool:
-    """Return whether a command is away from where it began while the gust blows, or was so less than AFTER_S before."""
+    """Return whether a command is out while the gust blows, or was less than ``gust_after_s`` before."""
     t, u = record.t_s - record.t_s[0], commands(record)[1]
     near = (t > gust.start_s - CRITERIA.gust_after_s) & (t < gust.start_s + float(gust.duration_s or 0.0))
     return bool((np.abs(u[near]) > MOVED).any())
 
 
 def _unproven(model: Believed, record: FlightRecord, gust: Gust) -> float:
-    """Return what may be left, beside noise, of the residual while the gust blows and RINGS_S after it.
+    """Return what may be left of the residual, beside noise, while the gust blows and ``gust_rings_s`` after it.
 
-    Noise that happens to be low proves nothing: it is not taken for less than it is in the mean.
+    Noise that happens to be low proves nothing, so the residual is taken to be no less than the mean of the noise.
     """
     t = record.t_s - record.t_s[0]
     blows = (t > gust.start_s) & (t < gust.start_s + float(gust.duration_s or 0.0) + CRITERIA.gust_rings_s)
@@ -264,11 +264,11 @@ def _unproven(model: Believed, record: FlightRecord, gust: Gust) -> float:
 
 
 def confirmed(naming: Naming, believed: Believed, held_out: Sequence[FlightRecord]) -> Naming:
-    """Return ``naming`` without the names that manoeuvres used for neither naming nor fitting refute.
+    """Return ``naming`` without the names that held-out manoeuvres refute.
 
-    A name is refuted if it raises the sum of squares there, against re-tuning alone or against the believed model as it
-    is, by more than it had to lower it by to be named: an effect that is there does not make worse what it was not
-    fitted to. What noise does to the sums is the same in all. Of a gust that one record met the others say nothing.
+    A true effect does not raise the sum of squares of records that it was not fitted to. A name is refuted if it raises
+    that sum by more than its threshold, against the better of two models without it: re-tuned, and as believed. Noise
+    changes all sums alike. A gust that one record met is never refuted, as other records say nothing of it.
     """
     fits = [next(f for f in naming.ranking if f.effect.name == name) for name in naming.names]
     if not fits or not held_out:
@@ -303,9 +303,9 @@ class Rest:
     """What another effect would explain of what a named one leaves.
 
     Attributes:
-        effect: the other one, that which would explain most of it.
-        gain: fall of chi-square that its best multiple promises beside the named one, coefficients re-tuned.
-        least: what noise, or the form of the named one, may be worth.
+        effect: the other effect; of all, it would explain most.
+        gain: fall of chi-square that its best multiple promises beside the named effect, coefficients re-tuned.
+        least: fall that noise, or the form of the named effect, may account for.
     """
 
     effect: Effect
@@ -316,15 +316,16 @@ class Rest:
     def sentence(self) -> str:
         """What that says of the name, in words."""
         return (
-            f"of what it leaves, {self.effect.title} beside it would explain {self.gain:.3g} of chi-square, where "
-            f"noise or its form are worth {self.least:.3g}: it is not the whole, or an effect like it is the truth"
+            f"{self.effect.title} beside it would explain another {self.gain:.3g} of chi-square, where noise or its "
+            f"form account for {self.least:.3g} at most: it is not the whole, or the true effect is a relative of it"
         )
 
 
 def more_than_form(left: float, gain: float) -> bool:
-    """Return whether another effect would explain more of what a name leaves, ``left``, than its form may leave.
+    """Return whether another effect would explain more, ``left``, than the form of the named effect may leave.
 
-    That refutes a name that gains ``gain``; both are falls of chi-square.
+    No form is quite right, so that a small rest refutes nothing. Both ``left`` and the ``gain`` of the named effect are
+    falls of chi-square.
     """
     return left > max(CRITERIA.least, CRITERIA.form_in_place * gain)
 
@@ -332,13 +333,13 @@ def more_than_form(left: float, gain: float) -> bool:
 def rest(
     best: EffectFit, believed: Believed, records: Sequence[FlightRecord], effects: Mapping[str, Effect]
 ) -> Rest | None:
-    """Return which effect of a library would explain most of what the named one leaves, if that is worth a word.
+    """Return which effect of a library would explain most of what the named one leaves, if it explains enough.
 
-    Every other effect is screened small beside it (:func:`.screening.screen`); forms of the named one have
-    been compared with it already. No form is quite right: what refutes a name is more than its form may leave.
+    Every other effect is screened at a small size beside the named one (:func:`.screening.screen`). Forms of the named
+    effect are left out: they have been compared with it already.
 
-    Returns None where a gust or a scattering delay is named, which leave what no model has, or the air moves: residuals
-    are white in it only as far as its model goes.
+    Returns None if a gust or a scattering delay is named, as these leave what no model has. Returns None, too, if the
+    air moves, as residuals are then white only as far as its model goes.
     """
     if best.scatter_s or best.effect.met is not None or believed.whiten is not None:
         return None
@@ -361,7 +362,7 @@ def judged(
     held_out: Sequence[FlightRecord],
     effects: Mapping[str, Effect],
 ) -> tuple[Naming, Rest | None]:
-    """Return ``naming`` without names that held-out flights or its own remainder refute, and what else that holds.
+    """Return ``naming`` without names that held-out flights or the remainder refute, and what the remainder holds.
 
     Args:
         naming: what was found in ``records``.

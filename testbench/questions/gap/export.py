@@ -1,4 +1,4 @@
-"""What was amended as files: a suite, an aircraft folder with a model that stock JSBSim loads, or the air."""
+"""Write the amendment as files: a suite, an aircraft folder with a model that stock JSBSim loads, or the air."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def write_amended(result: GapResult, folder: Path) -> list[Path]:
 def amended_files(result: GapResult) -> dict[str, str]:
     """Return path -> text of what was named and re-tuned: the sensor suite, and the aircraft's folder.
 
-    Of a gust it is the air of the manoeuvre that met it, and no aircraft. Each comes with a diff, and only if it
-    changed; nothing is returned if nothing was named and no parameter is wrong.
+    For a gust it is the air of the manoeuvre that met it, and no aircraft. Only what changed is returned, each with a
+    diff; nothing is returned if nothing was named and no parameter is wrong.
     """
     old, new = result.finding.believed, result.finding.amended
     if not result.finding.changed:
@@ -71,11 +71,11 @@ def _diff(before: str, after: str, old: str, new: str, context: int = 3) -> str:
 def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: FlightCondition) -> dict[str, str]:
     """Return path -> text of the folder of ``aircraft``, amendments included.
 
-    NAME.xml is the whole model: stock JSBSim loads and flies it, at ``rate_hz`` frames per second, since delays, servos
-    of second order, memories of the flow and elastic modes count frames; equations of elastic modes are made for
-    ``condition``. aircraft.toml makes a folder of the testbench of it; where
-    there are modes it lists them and names airframe.xml, which lacks their equations, as they are written anew for
-    every rate and condition.
+    NAME.xml is the whole model, which stock JSBSim loads. It must fly at ``rate_hz`` frames per second, as delays,
+    servos of second order, memories of the flow and elastic modes count frames. Equations of elastic modes are made for
+    ``condition``. With aircraft.toml the folder is an aircraft of the testbench. If there are modes, aircraft.toml
+    lists them and names airframe.xml. That model lacks their equations, as these are written anew for every rate and
+    condition.
 
     Args:
         aircraft: the amended aircraft.

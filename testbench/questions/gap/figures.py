@@ -98,8 +98,8 @@ def _answer_plate(result: GapResult) -> Plate:
 
     caption = (
         f"The manoeuvre '{shrink.manoeuvre}' was used neither to name nor to fit. Left: {symbol(outputs[k])}, in which "
-        "the believed model is furthest off. Right: residuals of all channels, open bars those of the believed model; "
-        "the dashed line is the noise floor."
+        "the believed model is furthest off. Right: residuals of all channels. Open bars are those of the believed "
+        "model, full bars those of the amended one; the dashed line is the noise floor."
     )
     return Plate("answer", "What the amendment does to a flight that it has not seen", caption, make)
 
@@ -128,9 +128,8 @@ def _region_plate(result: GapResult) -> Plate:
         return figure
 
     caption = (
-        "The same residuals by where in the flight envelope they were measured, all manoeuvres together: angle of "
-        "attack, airspeed, pitch rate, and the commands. A gap that sits at one end of a quantity depends on it; grey "
-        "holds too few samples."
+        "The same residuals over angle of attack, airspeed, pitch rate and the commands, all manoeuvres together. A "
+        "gap that sits at one end of a quantity depends on that quantity. Grey: too few samples."
     )
     return Plate("residual_regions", "Where in the flight region the residual sits", caption, make)
 
@@ -166,9 +165,14 @@ def _force_plate(result: GapResult) -> Plate:
         return figure
 
     caption = (
-        "The measured motion put into the believed equations at every instant: what they leave of the measured "
-        "accelerations, as coefficients. Grey: two standard deviations of it in the quiet flight before the commands."
-        + (f" The {_MOST_FORCES} manoeuvres with most of it." if len(forces) < len(result.finding.forces) else "")
+        "Equation errors: the measured motion is put into the believed equations at every instant, and this is what "
+        "they leave of the measured accelerations, as coefficients. Grey: two standard deviations of it in the quiet "
+        "flight before the commands."
+        + (
+            f" The {_MOST_FORCES} manoeuvres with the largest errors."
+            if len(forces) < len(result.finding.forces)
+            else ""
+        )
     )
     return Plate("equation_errors", "Forces and moments without a cause", caption, make)
 
@@ -198,8 +202,9 @@ def _map_plate(result: GapResult) -> Plate:
         return figure
 
     caption = (
-        "Measured minus believed, in units of the noise energy, for the manoeuvres that the effect was sought in: "
-        "channel by frequency band and by time. White is noise; dark is what the model does not know."
+        "Energy of measured minus predicted, in units of the noise energy, in the manoeuvres that the effect was "
+        "sought in: each channel over frequency bands and over time. White is noise; dark is what the model does not "
+        "explain."
     )
     return Plate("residual_maps", "Where the residual sits", caption, make)
 

@@ -20,7 +20,7 @@ class WrongParameter:
         name: coefficient, e.g. "Cm_alpha".
         factor: its value over the believed one, as the records alone say it.
         error: standard error of ``factor``.
-        prior: relative standard deviation that was believed of it.
+        prior: relative standard deviation of its prior.
     """
 
     name: str
@@ -33,20 +33,20 @@ class WrongParameter:
         """The finding in words."""
         return (
             f"the believed {self.name} is {'wrong' if self.deviations > CRITERIA.far else 'off'}: "
-            f"{with_error(self.factor, self.error)} times the believed value, {self.deviations:.1f} times what is "
-            f"believed of it ({100.0 * self.prior:.0f} %)"
+            f"{with_error(self.factor, self.error)} times the believed value, off by {self.deviations:.1f} standard "
+            f"deviations of its prior ({100.0 * self.prior:.0f} %)"
         )
 
     @property
     def deviations(self) -> float:
-        """How far it is off, over what is believed of it."""
+        """How far it is off, in standard deviations of its prior."""
         return abs(self.factor - 1.0) / self.prior
 
 
 def off_parameters(naming: Naming) -> tuple[WrongParameter, ...]:
     """Return the believed parameters that re-tuning without any effect finds off; none if an effect was named.
 
-    What re-tuning reaches beside an effect depends on its form.
+    Coefficients re-tuned beside an effect depend on the form of that effect, so they prove nothing.
     """
     if naming.best is not None:
         return ()
@@ -62,9 +62,9 @@ def off_parameters(naming: Naming) -> tuple[WrongParameter, ...]:
 def wrong_parameters(
     naming: Naming, believed: Believed, held_out: Sequence[FlightRecord] = ()
 ) -> tuple[WrongParameter, ...]:
-    """Return the believed parameters that are off by so much that they are wrong, unless held-out flights contradict.
+    """Return the believed parameters that are so far off that they are wrong.
 
-    They do if re-tuning makes them worse.
+    None if held-out flights contradict: re-tuning makes the residuals larger there.
     """
     wrong = tuple(p for p in off_parameters(naming) if p.deviations > CRITERIA.far)
     if not wrong or not held_out:

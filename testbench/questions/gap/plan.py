@@ -1,10 +1,10 @@
 """Before flight: which effects could these manoeuvres show, and which could they not tell apart?
 
-Every effect of the library leaves a signature, the change d of all predicted outputs in units of their noise, with what
-re-tuned coefficients can imitate of it taken out. |d|^2 is the noncentrality of the test that would find it; the share
-of |d|^2 that another effect can imitate, over all of its own signatures, says how alike the two are; and what is left,
-|d|^2 (1 - share), is the noncentrality of the test that would tell them apart. Nothing is flown with noise, and nothing
-is fitted: this is the isolability of fault diagnosis (E. Frisk and M. Krysander) for effects and flights.
+Every effect of the library leaves a signature d: the change of all predicted outputs in units of their noise, less what
+re-tuned coefficients can imitate. |d|^2 is the noncentrality of the test that would find the effect. The share of |d|^2
+that another effect can imitate, with all of its own signatures, says how alike the two are. What is left, |d|^2 (1 -
+share), is the noncentrality of the test that would tell them apart. Nothing is flown with noise, and nothing is fitted:
+this is the isolability of fault diagnosis (E. Frisk and M. Krysander) for effects and flights.
 """
 
 from __future__ import annotations
@@ -140,23 +140,23 @@ class GapPlan:
         pairs = [f"{a.title} for {b.title}" for a, b, _, left in found.confused() if left < NEEDED]
         if pairs:
             more = f", and {len(pairs) - 3} more" if len(pairs) > 3 else ""
-            out.append(f"they could take {'; '.join(pairs[:3])}{more}")
+            out.append(f"they could mistake {'; '.join(pairs[:3])}{more}")
         if found.unseen:
             out.append(f"they would not show {', '.join(e.title for e in found.unseen)}")
         best = self.additions[0] if self.additions else None
         if best is None or len(best.with_it.nameable) <= len(found.nameable):
-            out.append("no manoeuvre of the family tried would add an effect that can be named")
+            out.append("no manoeuvre that was tried would add an effect that can be named")
         else:
             had = {e.name for e in found.nameable}
             gained = [e.title for e in best.with_it.nameable if e.name not in had]
-            out.append(f"fly {best.words} too: {', '.join(gained)} could then be named")
+            out.append(f"fly {best.words} as well: {', '.join(gained)} could then be named")
         return (*out, *not_compared(self.believed.suite))
 
 
 def plan_gap(scenario: Scenario, progress: Callable[[str], None] | None = None) -> GapPlan:
     """Return what the manoeuvres of a scenario could show of the effects of the library, and what to add.
 
-    The first suite of the scenario is believed. Where it logs no commands, they are taken as known all the same.
+    The first suite of the scenario is believed. If it logs no commands, they are known all the same.
 
     Raises:
         ScenarioError, ModelError: aircraft or suite cannot be read.
@@ -290,8 +290,8 @@ class Grams:
 def separate(believed: Believed, records: Sequence[FlightRecord], fits: Sequence[EffectFit]) -> str:
     """Return, in words, which manoeuvre would tell apart effects that ``records`` do not.
 
-    Each of a family of manoeuvres is added to the records in turn; the one counts by which the two effects that are
-    most alike at their fitted sizes come furthest apart.
+    Each of a family of manoeuvres is added to the records in turn. The best one brings the two effects that are most
+    alike at their fitted sizes furthest apart.
     """
     effects = [f.effect for f in fits]
     sizes = {f.effect.name: list(f.values.values()) for f in fits}
@@ -312,11 +312,11 @@ def separate(believed: Believed, records: Sequence[FlightRecord], fits: Sequence
     now = flown.isolability(effects).closest
     if best < NEEDED:
         return (
-            f"no manoeuvre of the family tried would separate them (noncentrality {best:.3g} at most, {NEEDED:.0f} "
-            f"needed); what would: {effects[0].separated_by}"
+            f"no manoeuvre that was tried would separate them (noncentrality {best:.3g} at most, {NEEDED:.0f} "
+            f"needed); what would separate them: {effects[0].separated_by}"
         )
     return (
-        f"fly next: {words}; it brings the noncentrality between those most alike from {now:.3g} to {best:.3g} "
+        f"fly next: {words}; it raises the noncentrality between the two most alike from {now:.3g} to {best:.3g} "
         f"({NEEDED:.0f} needed)"
     )
 
@@ -331,7 +331,7 @@ def family(
 ) -> list[tuple[Manoeuvre, str]]:
     """Return manoeuvres that may be added, each with words for it, as large as the largest that is planned or flown.
 
-    Those of aileron and rudder are among them only if one of the two is planned or was flown.
+    Manoeuvres of aileron and rudder are among them only if one of these is planned or was flown.
     """
     rate = believed.suite.rate_hz
     largest = {"de": 2.0 * DEG_RAD, "da": 2.0 * DEG_RAD, "dr": 2.0 * DEG_RAD, "thr": 10.0 * PERCENT}

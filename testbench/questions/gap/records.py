@@ -1,4 +1,4 @@
-"""Measured flights as a user hands them in: files in, records and what is believed of them out, checked at once."""
+"""Measured flights as a user hands them in: files become records, checked, with what is believed of them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from testbench.sensors.sensor import whole_ratio
 
 SAME_SPEED = 0.05  # records must start within this share of one airspeed: the believed aircraft is trimmed once
 SAME_RATE = 0.01
-LATEST = 0.5  # of a sample: a record whose clock is no more off at its end is taken to have the suite's rate
+LATEST = 0.5  # samples by which a record's clock may be off at its end to be put right to the suite's rate
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,13 +95,15 @@ def load_flights(
     if not held and len(naming) > 1:
         last = list(naming)[-1]
         held[last] = naming.pop(last)
-        notes.append(f"nothing was held out, so the last record, '{last}', was: --hold-out chooses others")
+        notes.append(
+            f"no record was chosen to be held out, so the last record, '{last}', is; choose others with --hold-out"
+        )
     if not naming:
         raise RecordError(
             "at least one record must be left to name with, got none: give records beside those of --hold-out"
         )
     if not held:
-        notes.append("nothing is held out: whether the gap shrinks elsewhere is not known; give --hold-out")
+        notes.append("nothing is held out, so it is not known whether the gap shrinks elsewhere; give --hold-out")
     suite = _suite(sensors, {**naming, **held}, notes)
     records = check_records(suite, {**naming, **held}, notes)
     condition = _condition(believed_aircraft, suite, records, V_m_s, h_m, notes)
@@ -142,10 +144,12 @@ def _suite(sensors: str | None, records: Mapping[str, FlightRecord], notes: list
     stated = {str(r.provenance.get("suite", "")) for r in records.values()}
     if len(stated) == 1 and next(iter(stated)) in suite_names():
         name = stated.pop()
-        notes.append(f"the sensors are believed to be those that the records name, {name}: --sensors chooses others")
+        notes.append(
+            f"the sensors are believed to be those that the records name, {name}; choose others with --sensors"
+        )
         return load_suite(name)
     raise RecordError(
-        "what is believed of the sensors must be known, and these records do not say it; give --sensors with one of "
+        "the believed sensors must be known, but these records do not name them; give --sensors with one of "
         f"{', '.join(suite_names())}, or a suite file (.toml)"
     )
 
@@ -185,8 +189,8 @@ def check_records(
             if whole_ratio(1.0 / record.dt_s, suite.rate_hz) is None:
                 if notes is not None:
                     notes.append(
-                        f"the clock of '{name}' runs at {1.0 / record.dt_s:.7g} Hz, {off * len(record):.2g} samples "
-                        f"off at its end, and is taken for the sensors' {suite.rate_hz:g} Hz"
+                        f"the clock of '{name}' runs at {1.0 / record.dt_s:.7g} Hz, which is {off * len(record):.2g} "
+                        f"samples off at its end; the sensors' {suite.rate_hz:g} Hz is taken in its place"
                     )
                 record = replace(record, t_s=record.t_s[0] + np.arange(len(record)) / suite.rate_hz)
             quiet_samples(record)
@@ -206,8 +210,8 @@ def check_speeds(suite: SensorSuite, records: Mapping[str, FlightRecord], V_m_s:
         if at is not None and abs(speed - at) > SAME_SPEED * at:
             raise RecordError(
                 f"records must start within {100 * SAME_SPEED:g} % of one airspeed, got {speed:.2f} m/s in '{name}' "
-                f"and {at:.2f} m/s {'in the mean of all' if V_m_s is None else 'as the condition'}; ask for each speed "
-                "alone"
+                f"and {at:.2f} m/s {'in the mean of all' if V_m_s is None else 'as the condition'}; give the records "
+                "of each speed alone"
             )
     return speeds
 
@@ -242,7 +246,9 @@ def _condition(
         h = float(np.mean(heights))
     else:
         h = aircraft.design_h_m
-        notes.append(f"the altitude is not recorded and taken to be the aircraft's design altitude, {h:g} m: --h tells")
+        notes.append(
+            f"the altitude is not recorded, so the aircraft's design altitude, {h:g} m, is taken; give it with --h"
+        )
     if V_m_s is None:
         notes.append(f"the condition, {V:.4g} m/s and {h:.4g} m, is that of the quiet flight before the first commands")
     return FlightCondition(V, h)

@@ -19,7 +19,7 @@ from testbench.questions.gap.evidence.forces import EquationErrors
 from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
 from testbench.questions.gap.parameters import WrongParameter, off_parameters
 
-# What a simulator may be off in the short period and after a power change, in roll and yaw response and in a steady
+# By so much a simulator may err in the short period and after a power change, in roll and yaw response and in a steady
 # sideslip, 14 CFR 60, appendix A, table A2A; the pitch angle's tolerance is taken for the angle of attack.
 TOLERANCE = {
     "theta": 1.5 * DEG_RAD,
@@ -33,14 +33,14 @@ TOLERANCE = {
     "r": 2.0 * DEG_RAD,
 }
 _ALLOWED = (
-    "than a flight simulator for training may be off (1.5 deg, 2 deg/s, 0.10 g, 3 kt, 2 deg of bank, 1 deg of "
+    "than a flight simulator for training may err (1.5 deg, 2 deg/s, 0.10 g, 3 kt, 2 deg of bank, 1 deg of "
     "sideslip: 14 CFR 60, table A2A)"
 )
 
 
 @dataclass(frozen=True, eq=False)
 class Shrink:
-    """Before and after on one held-out manoeuvre, residuals in units of the noise.
+    """One held-out manoeuvre before and after the amendment; residuals in units of the noise.
 
     Attributes:
         manoeuvre: name.
@@ -76,7 +76,7 @@ class Shrink:
 
 @dataclass(frozen=True, eq=False)
 class GapFinding:
-    """What the gap workflow found, where, and what adding it did on held-out manoeuvres.
+    """What the gap workflow found, where the residual sits, and what the amendment does on held-out manoeuvres.
 
     Attributes:
         believed: what was believed, with the air that was found.
@@ -91,9 +91,9 @@ class GapFinding:
         check: what the instruments say of each other, or None if that was not asked.
         parameters: believed coefficients that re-tuning finds wrong, where no effect is named; ``amended`` is re-tuned.
         errors: channel -> largest error of the believed model over all records, about its mean in each, SI.
-        left: what the residuals of ``amended`` hold that is not white, where an effect is named in still air; None if
-            that may be noise.
-        rest: what another effect would explain of what is left, where that is more than noise and form are worth.
+        left: where the residuals of ``amended`` are not white, if an effect is named in still air; None if they may be
+            noise.
+        rest: what another effect would explain of what is left, if that is more than noise and form account for.
         controls: control flights without any effect, if any were asked for.
     """
 
@@ -127,13 +127,13 @@ class GapFinding:
         for s in self.shrink if self.changed else ():
             k = int(np.argmax(s.energy_before))
             out.append(
-                f"held-out {s.manoeuvre}: mean squared residual {s.energy_before.mean():.3g} before and "
-                f"{s.energy_after.mean():.3g} after, noise floor 1 (most in {self.believed.outputs[k]}: "
+                f"held-out {s.manoeuvre}: the mean squared residual is {s.energy_before.mean():.3g} before and "
+                f"{s.energy_after.mean():.3g} after, where the noise is 1 (largest in {self.believed.outputs[k]}: "
                 f"{s.energy_before[k]:.3g} and {s.energy_after[k]:.3g}); "
                 + (
-                    f"{100 * s.removed:.1f} % of the excess removed"
+                    f"{100 * s.removed:.1f} % of the excess is removed"
                     if s.visible
-                    else "too little excess to judge by here"
+                    else "the excess is too small to judge by"
                 )
             )
         if self.naming.outcome != "no gap":
@@ -147,9 +147,9 @@ class GapFinding:
     def immaterial(self) -> bool:
         """True if what was named changes no channel of a held-out manoeuvre by as much as TOLERANCE.
 
-        That is what flight simulators for training are allowed to be off; a channel without a tolerance must not change
-        by more than its noise. Where nothing is named but more than noise is left, or parameters are wrong: True if the
-        believed model errs by less than TOLERANCE in every record.
+        By so much a flight simulator for training may err. A channel without a tolerance must change by less than its
+        noise. If nothing is named, but more than noise is left or parameters are wrong, this is True if the believed
+        model errs by less than TOLERANCE in every record.
         """
         judged = [i for i, n in enumerate(self.believed.outputs) if n in TOLERANCE]
         if self.naming.best is None:
@@ -172,7 +172,7 @@ class GapFinding:
             off = [p.sentence for p in off_parameters(self.naming) if p.deviations <= CRITERIA.far]
             return [*off, words] if self.immaterial else off
         out = [
-            f"evidence: it lowers chi-square by {best.gain:.0f}, where noise alone reaches {best.threshold:.3g} once "
+            f"evidence: it lowers chi-square by {best.gain:.0f}; noise alone reaches {best.threshold:.3g} once "
             f"in {1.0 / CRITERIA.false_alarm:.0f} cases"
         ]
         others = [f for f in self.naming.ranking if f.effect.name not in self.naming.names]
@@ -187,19 +187,19 @@ class GapFinding:
         if self.immaterial:
             words = f"real but immaterial: in the manoeuvres held out it changes every channel by less {_ALLOWED}"
             if not set(self.believed.outputs) <= TOLERANCE.keys():
-                words += ", or where none is given by less than its noise"
+                words += "; a channel for which no tolerance is given changes by less than its noise"
             out.append(words)
         if best.effect.met is not None:
             out.append(
-                "it was in the air of that manoeuvre alone; what those held out gain is the work of the coefficients "
-                f"re-tuned beside it. It could be mistaken for {best.effect.mistaken_for}. What separates them: "
-                f"{best.effect.separated_by}"
+                "it was in the air of that manoeuvre alone; what the manoeuvres held out gain comes from the "
+                f"coefficients re-tuned beside it. It could be mistaken for {best.effect.mistaken_for}. "
+                f"What separates them: {best.effect.separated_by}"
             )
         priors = {**PRIORS, **LATERAL_PRIORS}
         far = [f"{n} {f:.3g}" for n, f in best.nuisances.items() if abs(f - 1.0) > 2.0 * priors[n]]
         if far:
             out.append(
-                f"re-tuned beside it by more than twice what is believed of them: {', '.join(far)} times the believed "
-                "value; the effect may not be the whole story"
+                "the effect may not be the whole story: beside it, re-tuning moves coefficients by more than two "
+                f"standard deviations of their priors, to {', '.join(far)} times the believed value"
             )
         return out

@@ -26,10 +26,10 @@ def gap_tables(result: GapResult) -> list[Table]:
     ranking = Table(
         "ranking",
         "The library of effects, ranked",
-        f"Gain: fall of chi-square ({naming.samples} samples) against the believed model with its uncertain "
-        f"coefficients re-tuned ({naming.chi2_tuned:.0f}; {naming.chi2_believed:.0f} before re-tuning). Significant: "
-        f"above what noise reaches with probability {FALSE_ALARM:g} for the whole library, in still air. Share: of the "
-        "excess over noise.",
+        f"Gain: fall of chi-square by the effect. Without it, chi-square of the believed model is "
+        f"{naming.chi2_tuned:.0f} with its uncertain coefficients re-tuned and {naming.chi2_believed:.0f} before, over "
+        f"{naming.samples} samples. Significant: the gain exceeds what noise reaches with a probability of "
+        f"{FALSE_ALARM:g} over the whole library, in still air. Share: of the excess over noise.",
         (
             Column("effect", "effect"),
             Column("size", "size, with standard error"),
@@ -60,9 +60,9 @@ def gap_tables(result: GapResult) -> list[Table]:
         out.append(
             Table(
                 "equation_errors",
-                "What the forces and moments without a cause follow",
-                "Share of the energy of each equation error, all manoeuvres together, that is in proportion to one "
-                "quantity alone; quantities move together, so that shares do not add up.",
+                "Which quantities the equation errors follow",
+                "Share of the energy of each equation error that is proportional to one quantity alone, all manoeuvres "
+                "together. The quantities move together, so the shares do not add up to 100 %.",
                 (
                     Column("coefficient", "error of"),
                     *(Column(q, "dα/dt" if q == "alphadot" else symbol(q), "%", decimals=0) for q in quantities),
@@ -78,8 +78,8 @@ def gap_tables(result: GapResult) -> list[Table]:
             Table(
                 "tuning",
                 "Coefficients re-tuned" + (" together with the effect" if best else ""),
-                "Factors on the believed coefficients"
-                + ("; far from 1 means that the effect is not the whole story." if best else "."),
+                "Factors on the believed coefficients."
+                + (" A factor far from 1 means that the effect is not the whole story." if best else ""),
                 (Column("coefficient", "coefficient"), Column("factor", "factor", decimals=3)),
                 tuple((best.nuisances if best else naming.nuisances).items()),
             )
@@ -90,7 +90,7 @@ def gap_tables(result: GapResult) -> list[Table]:
                 Table(
                     f"held_out_{k}",
                     f"Mean squared residual on the held-out manoeuvre: {shrink.manoeuvre}",
-                    "In units of the noise: 1 is the noise floor. Used neither to name nor to fit.",
+                    "In units of the noise: 1 is the noise floor. The manoeuvre was used neither to name nor to fit.",
                     (
                         Column("output", "output"),
                         Column("before", "before", decimals=3),
@@ -107,8 +107,8 @@ def _control_table(controls: Controls) -> Table:
     return Table(
         "controls",
         "Control flights without any effect",
-        "The believed aircraft, coefficients drawn from their priors, through the same commands and air, measured with "
-        "the same sensors and searched in the same way. Gain: largest fall of chi-square by any effect.",
+        "The believed aircraft, its coefficients drawn from their priors, flies the same commands through the same "
+        "air. Sensors and search are the same, too. Gain: largest fall of chi-square by any effect.",
         (
             Column("number", "flight"),
             Column("outcome", "what was said"),
@@ -133,8 +133,8 @@ def plan_tables(plan: GapPlan) -> list[Table]:
         Table(
             "additions",
             "What one more manoeuvre would change",
-            "Best first. Seen: enough to be found at the usual size. Told apart: seen, and not to be taken for any "
-            "other effect. Confusions: ordered pairs of which the first is seen and may be taken for the second."
+            "Best first. Seen: would be found at its usual size. Told apart: seen, and not to be mistaken for any "
+            "other effect. Confusions: ordered pairs of which the first is seen and may be mistaken for the second."
             + "".join(f" Not flown: {words} ({why})." for words, why in plan.skipped.items()),
             (
                 Column("manoeuvre", "manoeuvre"),
@@ -150,11 +150,11 @@ def plan_tables(plan: GapPlan) -> list[Table]:
         ),
         Table(
             "confused",
-            "What would be taken for what",
-            f"Told apart: noncentrality of the test between the two, which needs {NEEDED:.0f} to name the right one "
-            f"with a probability of 0.9 at a false name in 1000. Pairs alike by more than {100 * ALIKE:.0f} % are "
-            "listed even where that is reached: there the form of the effect decides, and no form is quite right."
-            + more,
+            "Which effects would be mistaken for which",
+            f"Told apart: noncentrality of the test between the two. It must reach {NEEDED:.0f} to name the right one "
+            "with a probability of 0.9, at one false name in 1000. Pairs that are alike by more than "
+            f"{100 * ALIKE:.0f} % are listed even if they reach it: there the form of the effect decides, and no form "
+            "is quite right." + more,
             (
                 Column("effect", "effect"),
                 Column("other", "taken for"),
@@ -168,8 +168,8 @@ def plan_tables(plan: GapPlan) -> list[Table]:
         Table(
             "visible",
             "How well each effect would show",
-            f"At its usual size, in multiples of which the smallest to be found is given (noncentrality {NEEDED:.0f}, "
-            "uncertain coefficients re-tuned).",
+            "Each effect at its usual size, uncertain coefficients re-tuned. The smallest size to be found "
+            f"(noncentrality {NEEDED:.0f}) is given in multiples of the usual one.",
             (
                 Column("effect", "effect"),
                 Column("size", "usual size"),

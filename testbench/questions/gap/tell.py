@@ -33,7 +33,7 @@ def strained(best: EffectFit) -> str:
     told = [o for o in off if o[0] > 0.5 * off[0][0]][:3]
     stretched = ", ".join(f"{n} {f:.3g} times the believed value ({z:.1f} standard deviations)" for z, n, f in told)
     return (
-        f"unexplained: {best.effect.title}, {best.size}, comes nearest, but only beside coefficients that are "
+        f"unexplained: {best.effect.title} ({best.size}) comes nearest, but it needs coefficients that lie "
         f"farther off than is believed of them: {stretched}"
     )
 
@@ -41,36 +41,37 @@ def strained(best: EffectFit) -> str:
 def beyond(best: EffectFit) -> str:
     """The records ask for more of the best effect than there can be."""
     return (
-        f"unexplained: {best.effect.title}, {best.size}, comes nearest, but the records ask for more of it than is "
+        f"unexplained: {best.effect.title} ({best.size}) comes nearest, but the records ask for more of it than is "
         f"physically possible: {', '.join(best.beyond)} lies at the end of its range"
     )
 
 
 def too_little(best: EffectFit) -> str:
     """The best effect explains too small a share of the excess."""
-    part = f"only {100 * best.share:.0f} % of the excess" if np.isfinite(best.share) else "too little of it"
-    return f"unexplained: {best.effect.title} comes nearest, but explains {part}"
+    part = f"only {100 * best.share:.0f} % of the excess" if np.isfinite(best.share) else "too little of the residual"
+    return f"unexplained: {best.effect.title} comes nearest, but it explains {part}"
 
 
 def leaves_far_more(best: EffectFit, left: float) -> str:
     """The best effect leaves ``left`` of chi-square above the noise."""
     return (
-        f"unexplained: {best.effect.title} comes nearest, but of {best.gain + left:.0f} of chi-square above the "
-        f"noise it leaves {left:.0f}: a relative of it, or another effect beside it, is the truth"
+        f"unexplained: {best.effect.title} comes nearest, but chi-square exceeds the noise by "
+        f"{best.gain + left:.0f}, and this effect leaves {left:.0f} of that: the true effect is a relative of it, or "
+        "another effect acts beside it"
     )
 
 
 def too_many(fits: Sequence[EffectFit]) -> str:
     """So many effects come near that no set of them is an answer."""
     near = ", ".join(f.effect.title for f in fits)
-    return f"unexplained: {len(fits)} effects come near and these data do not tell them apart: {near}"
+    return f"unexplained: {len(fits)} effects come near, and these data do not tell them apart: {near}"
 
 
 def in_common(alone: EffectFit) -> str:
     """One effect is all that several sets, which are not told apart, have in common."""
     return (
-        f"{alone.effect.title}: {alone.size}; explains {100 * alone.share:.1f} % of the excess over noise. What it "
-        f"leaves is either its form or one of several other effects, which these data cannot tell apart"
+        f"{alone.effect.title}: {alone.size}; it explains {100 * alone.share:.1f} % of the excess over noise. The "
+        f"rest is due either to its form or to one of several other effects, which these data cannot tell apart"
     )
 
 
@@ -86,11 +87,9 @@ def named(best: EffectFit, leaves_noise: bool) -> str:
     """One effect is named."""
     explained = "what is left is noise"
     if np.isfinite(best.share):
-        explained = f"explains {100 * best.share:.1f} % of the excess over noise"
+        explained = f"it explains {100 * best.share:.1f} % of the excess over noise"
     if not leaves_noise and not best.scatter_s:
-        explained += (
-            "; what it leaves is more than noise: its form is not quite right, or an effect like it is the truth"
-        )
+        explained += "; it leaves more than noise: its form is not quite right, or the true effect is a relative of it"
     return f"{best.effect.title}: {best.size}; {explained}"
 
 
@@ -98,8 +97,9 @@ def refuted(fits: Sequence[EffectFit], raised: Sequence[float]) -> str:
     """On held-out manoeuvres every name raises chi-square, by ``raised``."""
     titles, each = [f.effect.title for f in fits], ", ".join(f"{r:.4g}" for r in raised)
     return (
-        f"unexplained: {' or '.join(titles)} would fit, but on the manoeuvres held out "
-        f"{'each' if titles[1:] else 'it'} raises chi-square, by {each} against the model without it"
+        f"unexplained: {' or '.join(titles)} would fit, but the manoeuvres held out refute "
+        f"{'them all: there each' if titles[1:] else 'it: there it'} raises chi-square, by {each} "
+        "against the model without it"
     )
 
 
@@ -114,18 +114,18 @@ def refuted_but(kept: Sequence[EffectFit], out: Sequence[EffectFit]) -> str:
 def remainder(best: EffectFit, title: str, gain: float) -> str:
     """Another effect would explain more of what the best one leaves than its form may leave."""
     return (
-        f"unexplained: {best.effect.title}, {best.size}, comes nearest with {best.gain:.4g} of chi-square, but of what "
-        f"it leaves {title} beside it would explain {gain:.3g}, more than its form may leave: a "
-        "relative of it, or several effects, are the truth"
+        f"unexplained: {best.effect.title} ({best.size}) comes nearest and lowers chi-square by {best.gain:.4g}, but "
+        f"{title} beside it would explain another {gain:.3g}, more than its form may leave: the true effect is a "
+        "relative of it, or there are several"
     )
 
 
 def gust_beside_command(gust: EffectFit, part: float, kept: Sequence[EffectFit]) -> str:
     """A gust that blows while a command is out may leave a ``part`` of what it gains; ``kept`` are the other names."""
     why = (
-        f"{gust.effect.title} ({gust.size}) comes nearest, but a command is out at that time, and what is left "
-        f"around it may be {100.0 * part:.3g} % of what it explains: an answer to the command that the library "
-        f"does not hold could look like it. Fly the manoeuvre again: a gust does not come twice"
+        f"{gust.effect.title} ({gust.size}) comes nearest, but a command is out at that time, and up to "
+        f"{100.0 * part:.3g} % of what it explains may be left around it: an answer to the command that the library "
+        f"does not hold could look the same. Fly the manoeuvre again: a gust does not come twice"
     )
     told = "; ".join(f"{f.effect.title}, {f.size}" for f in kept)
     return f"{told}; {why}" if kept else f"unexplained: {why}"

@@ -43,7 +43,7 @@ from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.parallel import Ahead
 
-SAME_AIR = 0.15  # the search is made again if the rms of turbulence changes by more than this share of it
+SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
 
 def find_gap(
@@ -58,9 +58,9 @@ def find_gap(
 ) -> GapFinding:
     """Find what the believed model lacks.
 
-    The instruments are checked against each other, the air is listened to, the library is searched, and what is found
-    is judged on the manoeuvres held out: what makes them worse is not named. The air is listened to again beside what
-    was named; where it turns out to move otherwise than believed, the search is made again in it. Within
+    The instruments are checked against each other, the turbulence is measured, the library is searched, and what is
+    found is judged on the manoeuvres held out: what makes them worse is not named. The turbulence is measured again
+    beside what was named; if it differs, the search is made again in the new air. Within
     ``testbench.questions.gap.search.parallel.processes(n)`` the same is found sooner, in n processes.
 
     Args:
@@ -70,11 +70,12 @@ def find_gap(
         progress: called with a few words as each stage begins.
         check: check the instruments against each other first; takes about as long as the search itself.
         effects: the library, by name; that of the suite if not given.
-        controls: number of control flights without any effect to search beside; if they gain as much, nothing is named.
+        controls: number of control flights without any effect; if one of them gains as much, nothing is named.
         control_file: keeps each of them, so that none is flown twice.
 
     Raises:
-        RecordError: a record is not measured, or lacks a channel of the believed suite; or that file cannot be used.
+        RecordError: a record is not measured, or lacks a channel of the believed suite; or ``control_file`` cannot be
+            used.
         FlightAborted, LimitError, TrimError: the believed aircraft cannot fly these commands.
 
     Example:
@@ -165,10 +166,12 @@ def search(
 
     ``effects`` is the library, that of the suite if not given.
 
-    The rms of turbulence found beside a gap holds some of the gap, and the turbulence works on flights that the gap has
-    changed. What comes nearest at first is taken out; if the rms changes, or more than noise is left, the search is
-    made once more, in the air beside it and along its flights. What explains little may owe that to an rms that holds
-    most of it: if in the air beside it something is named, that is the answer.
+    A gap raises the rms of turbulence that is measured beside it, and it changes the flights that the turbulence works
+    on. So the effect that comes nearest is taken out, and the rms is measured again. If the rms changes, or more than
+    noise is left, the search is made once more, with the new rms and along the flights with the effect.
+
+    The first rms may hold most of a gap, so that the true effect seems to explain little. If the search names an effect
+    once the rms is measured beside the one that explained little, that is the answer.
     """
     if air.moves:
         say("measure the air")
@@ -183,14 +186,14 @@ def search(
         hidden = _hidden_by_air(believed, tuned, near.added_to(believed), records, air, say, effects)
         if hidden is not None:
             return hidden
-        near = None  # what explains so little is not what is missing: what it would take out may be the air's
+        near = None  # it explains too little to be what is missing: what it would take out may be turbulence
     beside = tuned if near is None else near.added_to(believed)
     gain = max((f.gain for f in naming.ranking), default=0.0)
     again = listen_again(tuned, beside, records, air, gain)
     same = again.moves == air.moves and abs(again.rms_m_s - air.rms_m_s) <= SAME_AIR * air.rms_m_s
     if same and (near is None or not air.moves or near.chi2 <= noise_limit(flown_in, naming.samples)):
         return flown_in, naming, air
-    if near is None and again.moves:  # coefficients that were re-tuned in another air are not those of this one
+    if near is None and again.moves:  # the coefficients were re-tuned in another air
         beside = _retuned(believed, in_air(believed, again, beside), records)
         again = measure(beside, records, again)
     flown_in = in_air(believed, again, beside)
@@ -206,7 +209,7 @@ def _hidden_by_air(
     say: Callable[[str], None],
     effects: Mapping[str, Effect] | None,
 ) -> tuple[Believed, Naming, AirFound] | None:
-    """Return what :func:`search` does, if in the air beside an effect something is named; None if not.
+    """Return what :func:`search` does if an effect is named once the air is measured beside another; else None.
 
     Args:
         believed: model.
@@ -228,7 +231,7 @@ def _hidden_by_air(
 def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: AirFound) -> tuple[Believed, AirFound]:
     """Return the believed model in the air that was heard, measured over all records, and that air.
 
-    Turbulence works on the flights of the aircraft as it is, so that coefficients are re-tuned first.
+    Turbulence works on the flights of the real aircraft, so coefficients are re-tuned first.
     """
     if not air.moves:
         return believed, air
@@ -243,7 +246,7 @@ def _retuned(believed: Believed, flown_in: Believed, records: Sequence[FlightRec
 
 
 def _left(amended: Believed, records: Sequence[FlightRecord]) -> Structure | None:
-    """Return what the amended model leaves that is not white; in moving air residuals are white as far as its model."""
+    """Return where the amended model's residuals are not white; None in moving air, whose model is not exact."""
     if amended.whiten is not None:
         return None
     residuals, taken = zip(*((amended.residuals(r), amended.taken(r)) for r in records), strict=True)

@@ -152,7 +152,7 @@ def test_probabilities_count_the_measured_flights_among_the_controls():
     controls = among(1.0, 5.0, 9.0)
     assert controls.by_gain == pytest.approx(1 / 4)  # none gains as much: no less than one in four can be said
     assert controls.by_misfit == pytest.approx(3 / 4)  # two leave as much
-    assert "none called a gap; effects gain 9 there at most, 30 here" in controls.sentence
+    assert "the search calls none a gap; effects gain at most 9 there and 30 here" in controls.sentence
     louder = among(1.0, 40.0, 9.0)
     assert (louder.by_gain, louder.called) == (pytest.approx(2 / 4), 1)
     lost = replace(controls, flights=(*controls.flights, Control(4, "not flown", (), 0.0, 0.0)))

@@ -58,7 +58,7 @@ def test_what_several_pairs_have_in_common_is_named_where_it_explains_enough(slo
     fits = tuple(replace(f, share=0.999, chi2=4_500.0) for f in pairs)
     outcome, names, sentence = decide((*fits, servo), 15_000.0, samples, samples)
     assert (outcome, names) == ("named", ("actuator_lag",)), sentence
-    assert "either its form or one of several other effects" in sentence
+    assert "either to its form or to one of several other effects" in sentence
     assert decide((fits[0], servo), 15_000.0, samples, samples)[1] == (fits[0].effect.name,)
     partial = replace(servo, share=0.5)
     assert decide((*fits, partial), 15_000.0, samples, samples)[0] == "set"

@@ -45,7 +45,7 @@ def test_the_answer_has_size_evidence_runner_up_place_and_shrink(result):
     for words in (
         "lag_rad_s =",
         "±",
-        "where noise alone reaches",
+        "; noise alone reaches",
         "runner-up",
         "over the flight region",
         "held-out again",
@@ -139,7 +139,7 @@ def test_a_channel_without_a_tolerance_may_not_change_by_more_than_its_noise(res
     monkeypatch.delitem(TOLERANCE, "V")
     assert not light.immaterial
     quiet = replace(light, shrink=(replace(shrink, before=shrink.after + 0.1 * off),))
-    assert any("or where none is given by less than its noise" in s for s in quiet.sentences)
+    assert any("a channel for which no tolerance is given changes by less than its noise" in s for s in quiet.sentences)
 
 
 def test_control_flights_stand_in_the_answer_and_in_a_table(result, tmp_path):

@@ -35,8 +35,8 @@ def thrust_coefficient() -> str:
 def followed(label: str, term: str, time_s: float, rate_hz: float) -> tuple[tuple[Insert, ...], Memory]:
     """Return the edits that make ``gap/LABEL`` follow ``term`` with a first-order lag, and the state that it is.
 
-    The value of the frame before is taken, one frame later than the aerodynamics of the same frame see it. While time
-    stands still it is ``term`` and ``gap/LABEL-ic``, with which a flight may begin away from rest.
+    It takes the value of the frame before, one frame later than the aerodynamics do. While time stands still it is
+    ``term`` plus ``gap/LABEL-ic``, with which a flight may begin away from rest.
     """
     a = math.exp(-1.0 / (rate_hz * time_s)) if time_s > 0.0 else 0.0
     name, start = f"gap/{label}", f"gap/{label}-ic"

@@ -14,7 +14,7 @@ from testbench.core.record import FloatArray
 from testbench.flight.air import Gust
 from testbench.sensors import SensorSuite
 
-# Where an effect acts, from the forces up to the pilot's command: what acts farther up passes through what is below it.
+# Where an effect acts, from the forces up to the pilot's command; what acts farther up passes through all below it.
 FORCES, LINKAGE, SERVO, GEARING, AUTOPILOT, LINK = range(6)
 
 
@@ -62,8 +62,8 @@ class Effect:
     Attributes:
         name: short name, as in results.
         title: name for people.
-        place: part of the aircraft or sensor that it acts in. A second effect in one place is likely the form of the
-            first, which is never quite right.
+        place: part of the aircraft or sensor that it acts in. A second effect found in the same place is likely due to
+            the form of the first, which is never quite right.
         physics: what happens, in two sentences.
         parameters: what a fit estimates.
         amend: returns aircraft and suite with the effect added; neither argument is changed.
@@ -72,16 +72,17 @@ class Effect:
         shape: (controls, commands (n, m) as deviations from trim, sample time, amended aircraft, values) -> what the
             commands become. It stands for dynamics between command and surface that a linearisation at rest does not
             see; only differences of linear predictions use it.
-        flown: True if what it changes shows in flights only, not in a linearisation at trim, or costs no flight.
-        lateral: True if only records whose aileron or rudder command moves are asked for it.
+        flown: True if its signature is taken from flights: a linearisation at trim does not show it, or it needs no
+            flight of its own.
+        lateral: True if it is sought only in records whose aileron or rudder command moves.
         contains: effects that are special cases of this one.
         parts: effects of which this one is put together (see :func:`together`); their parameters are this one's, called
             EFFECT.PARAMETER.
         met: values -> the gust that one record met; None for all effects that belong to aircraft or sensors.
         upstream: how far up the path from the pilot's command to the forces it acts (FORCES, LINKAGE, ...). Effects
             found together act in that order, whichever was found first.
-        looks: number of places that the effect was looked for at (records, times, components), of which the best was
-            taken: thresholds are Bonferroni's over all of them. 0 if it was not found at any.
+        looks: number of places (records, times, components) where the effect was sought, the best of which was taken;
+            thresholds are Bonferroni's over all of them. 0 if it was not found anywhere.
     """
 
     name: str

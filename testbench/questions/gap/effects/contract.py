@@ -1,4 +1,4 @@
-"""What every effect must do, as laws: the tests ask them of the whole library, a user asks them of one that is brought.
+"""What every effect must do, as laws: tests try them on the whole library, users on an effect of their own.
 
 They are tried on the rigid EOLO at 16 m/s with the suite eolo_gap at 50 Hz, on records of 8 s: elevator doublets of two
 sizes, an elevator sweep, and throttle with doublets and a pull-up.
@@ -168,7 +168,7 @@ def it_flies_at_its_usual_size(t: Trial) -> None:
 
 
 def without_size_it_changes_nothing(t: Trial) -> None:
-    """One part in 1e6 of what the motion spans: terms of size zero still round, and modes without effect still step."""
+    """Up to one part in 1e6 of what the motion spans: terms of size zero round, and modes without effect still move."""
     if t.vanishing is None:
         return
     record = commands()[0]

@@ -43,8 +43,9 @@ EFFECT = Effect(
     title="free play of the elevator with a surface that creeps",
     place="elevator",
     physics=(
-        "The servo takes up the play of worn hinges or rods, and air load or elastic rods draw the surface through it, "
-        "the slower the less is left of it (Norton's power law of creep). Quick inputs lose the play, slow ones less."
+        "The servo takes up the play of worn hinges or rods. Air load or elastic rods then draw the surface through "
+        "it, more slowly the less of it is left (Norton's power law of creep). Quick inputs lose the play, slow ones "
+        "less."
     ),
     parameters=(
         Parameter("width_rad", "rad", 0.0, WIDEST_RAD, (0.01, 0.03), none=0.0),

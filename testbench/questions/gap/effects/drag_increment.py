@@ -22,7 +22,7 @@ EFFECT = Effect(
     title="drag increment",
     place="drag",
     physics=(
-        "Something in the flow, as an open door, a probe or a rough surface, adds drag at every angle of attack. "
+        "Something in the flow, such as an open door, a probe or a rough surface, adds drag at every angle of attack. "
         "Trim needs more throttle, and speed settles faster after a disturbance."
     ),
     parameters=(Parameter("CD", "1", -0.03, 0.3, (0.02, -0.01), none=0.0),),

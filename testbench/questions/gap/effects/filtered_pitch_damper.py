@@ -22,7 +22,7 @@ EFFECT = Effect(
     place="pitching moment",
     physics=(
         "An autopilot turns the elevator in proportion to pitch rate, but behind a filter that keeps out the gyro's "
-        "noise and vibration. What comes late damps less and stiffens more, and may set off an oscillation."
+        "noise and vibration. Late feedback damps less and stiffens more; it may set off an oscillation."
     ),
     parameters=(
         Parameter("gain_s", "s", URGED, 1.0, (0.15, 0.5 * URGED), none=0.0),

@@ -32,7 +32,7 @@ EFFECT = Effect(
     ),
     parameters=(Parameter("k", "1", -0.5, 1.0, (0.2, -0.1), none=0.0),),
     amend=amend,
-    mistaken_for="an error of CL_alpha if the height stays the same; nothing at all well above the ground",
+    mistaken_for="an error of CL_alpha if the height stays the same; it does not show well above the ground",
     separated_by="the same manoeuvre at two heights, one of them below half a span",
     flown=True,
 )

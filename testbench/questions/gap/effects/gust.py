@@ -33,7 +33,7 @@ EFFECT = Effect(
     place="air",
     physics=(
         "In one manoeuvre the air moves as a 1-cosine for a second or so, along one axis. Every channel answers as to "
-        "a change of airspeed or angle of flow that no command asked for; the other manoeuvres know nothing of it."
+        "a change of airspeed or angle of flow that no command asked for; the other manoeuvres do not show it."
     ),
     parameters=(
         Parameter("amplitude_m_s", "m/s", -LARGEST_M_S, LARGEST_M_S, (1.0,), none=0.0),
@@ -42,8 +42,8 @@ EFFECT = Effect(
     ),
     amend=amend,
     mistaken_for=(
-        "an answer to a command at the same time that the model lacks (a servo that sticks once, a stall in the one "
-        "manoeuvre that reaches it); a shear of the wind; turbulence"
+        "a missing answer to a command at the same time (a servo that sticks once, a stall in the one manoeuvre that "
+        "reaches it); a shear of the wind; turbulence"
     ),
     separated_by="the same manoeuvre once more: a gust does not come twice, an effect of the aircraft does",
     met=partial(_met, "", "", "down"),

@@ -51,7 +51,7 @@ EFFECT = Effect(
     ),
     parameters=(Parameter("limit_rad_s", "rad/s", 0.02, 10.0, (1.5, 0.5, 0.15)),),
     amend=amend,
-    mistaken_for="a slower servo or a delay if all inputs are of one size; nothing at all if no command is fast enough",
+    mistaken_for="a slower servo or a delay if all inputs are of one size; it does not show without fast commands",
     separated_by="two amplitudes of the same input: a lag and a delay scale with it, a rate limit does not",
     shape=shape,
 )

@@ -73,8 +73,8 @@ EFFECT = Effect(
     title="elevator servo of second order",
     place="elevator",
     physics=(
-        "The servo's motor and the surface have inertia, so that deflection follows the command as a mass on a spring. "
-        "Beyond its frequency amplitude falls twice as fast as behind a first-order lag, and with it may overshoot."
+        "The servo's motor and the surface have inertia, so the deflection follows the command as a mass on a spring. "
+        "Beyond its frequency the amplitude falls twice as fast as behind a first-order lag; near it, it may overshoot."
     ),
     parameters=(
         Parameter("omega_rad_s", "rad/s", 4.0, 300.0, (25.0,)),

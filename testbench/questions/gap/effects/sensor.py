@@ -19,7 +19,7 @@ _KINDS = {
         "bias",
         Parameter("bias", "SI", -50.0, 50.0, (0.05,), none=0.0),
         "The sensor reads a constant too much or too little. All other channels agree with the model.",
-        "an error of the trim; and nothing at all where every channel is compared about its own mean",
+        "an error of the trim; it does not show where every channel is compared about its own mean",
         "a static check on the ground, or a kinematic compatibility check of the channels among each other",
     ),
     "scale": (

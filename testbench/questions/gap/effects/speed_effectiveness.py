@@ -30,7 +30,7 @@ EFFECT = Effect(
     place="pitching moment",
     physics=(
         "Compressibility, Reynolds number or a tail that twists under load changes the elevator's effectiveness with "
-        "speed. Beside the dynamic pressure, its moment depends on speed once more, in a line that may be curved."
+        "speed. Its moment then follows speed otherwise than the dynamic pressure does, along a line or a curve."
     ),
     parameters=(
         Parameter("k", "1", -5.0, 5.0, (0.5, -0.5), none=0.0),

@@ -46,8 +46,8 @@ EFFECT = Effect(
     title="stall (separation point)",
     place="lift",
     physics=(
-        "Near the stall the flow separates from the trailing edge forward: lift falls behind the straight line, drag "
-        "rises. The point of separation is a function of alpha alone."
+        "Near the stall the flow separates from the trailing edge forwards: lift falls below the straight line and "
+        "drag rises. The point of separation is a function of alpha alone."
     ),
     parameters=(
         Parameter("alpha_rad", "rad", 0.03, 0.6, (0.1, 0.14, 0.22)),

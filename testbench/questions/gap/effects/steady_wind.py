@@ -21,7 +21,7 @@ EFFECT = Effect(
     title="steady wind",
     place="air",
     physics=(
-        "The air moves over the ground. Airspeed, angles of flow and rates stay what they are in still air, ground "
+        "The air moves over the ground. Airspeed, angles of flow and rates stay what they are in still air; ground "
         "speed and climb rate do not."
     ),
     parameters=(
@@ -29,7 +29,7 @@ EFFECT = Effect(
         Parameter("up_m_s", "m/s", -5.0, 5.0, (0.2,), none=0.0),
     ),
     amend=amend,
-    mistaken_for="biases of ground speed and climb rate on one heading; nothing about means",
+    mistaken_for="biases of ground speed and climb rate on one heading; it does not show about means",
     separated_by="reciprocal headings, or a turn: the check of the data finds it there",
     flown=True,
 )

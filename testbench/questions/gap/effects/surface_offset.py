@@ -26,7 +26,7 @@ EFFECT = Effect(
     ),
     parameters=(Parameter("offset_rad", "rad", -0.2, 0.2, (0.02, -0.02), none=0.0),),
     amend=amend,
-    mistaken_for="an error of Cm0, exactly; and nothing at all where commands are compared as deviations from trim",
+    mistaken_for="an error of Cm0, exactly; it does not show where commands are deviations from trim",
     separated_by="the absolute command at trim at several speeds, beside a weighed centre of gravity",
     upstream=GEARING,
 )

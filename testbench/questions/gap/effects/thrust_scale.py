@@ -20,8 +20,8 @@ EFFECT = Effect(
     title="scale of the thrust",
     place="thrust",
     physics=(
-        "Motor, battery and propeller give another thrust than the bench said. The same step of the throttle changes "
-        "speed and climb by a multiple, while trim needs another throttle for the same thrust."
+        "Motor, battery and propeller give more or less thrust than on the bench. The same throttle step changes speed "
+        "and climb by a multiple of what is believed, and trim needs another throttle for the same thrust."
     ),
     parameters=(Parameter("scale", "1", 0.3, 3.0, (0.8, 1.3), none=1.0),),
     amend=amend,

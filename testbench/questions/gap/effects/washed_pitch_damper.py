@@ -21,8 +21,8 @@ EFFECT = Effect(
     title="pitch damper with washout",
     place="pitching moment",
     physics=(
-        "An autopilot turns the elevator in proportion to pitch rate, but lets a rate that lasts pass, so that it does "
-        "not work against a pull-up. The short period is damped more and the phugoid left as it is."
+        "An autopilot turns the elevator in proportion to pitch rate, but lets a lasting rate pass, so that it does "
+        "not work against a pull-up. The short period is damped more, and the phugoid stays as it is."
     ),
     parameters=(
         Parameter("gain_s", "s", URGED, 1.0, (0.15, 0.5 * URGED), none=0.0),

@@ -1,15 +1,15 @@
 """The air that was flown through: does it move, how much, and residuals as they would be had it stood still.
 
-Turbulence reaches every channel through the aircraft, so that a gap in still air and a gust look alike to a test that
-takes residuals for white noise. Two things tell them apart. A gap needs a command: in the quiet flight before the first
-one it does not show, turbulence does. And turbulence has a known spectrum (Dryden): in a Kalman filter of the believed
-aircraft flying through it, with no more than its rms and height to estimate, the innovations of the residual are white
-with covariance S, and S^(-1/2) times them is white noise of variance one (filter error; R. V. Jategaonkar, Flight
-Vehicle System Identification, 2nd ed., 2015, chapter 5). The filter is linear: what it takes out of a residual it takes
-out of an effect's signature, too, and the likelihoods of hypotheses remain comparable.
+Turbulence reaches every channel through the aircraft. To a test that takes residuals for white noise, a gap in still
+air and a gust therefore look alike. Two things tell them apart. A gap needs a command, so it does not show in the quiet
+flight before the first one; turbulence does. And turbulence has a known spectrum (Dryden), of which only rms and height
+are to be estimated. In a Kalman filter of the believed aircraft in turbulence, the innovations of the residual are
+white with covariance S, and S^(-1/2) times them is white noise of variance one (filter error; R. V. Jategaonkar, Flight
+Vehicle System Identification, 2nd ed., 2015, chapter 5). The filter is linear: it takes the same out of a residual and
+out of an effect's signature, so that the likelihoods of hypotheses remain comparable.
 
-Strength and height are found with a steady filter about trim, of which many are tried. Residuals are then whitened by a
-filter along each flight.
+Many filters are tried to find rms and height, so these are steady and about trim. A filter along each flight then
+whitens its residuals.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ class AirFound:
     """What the residuals say of the air.
 
     Attributes:
-        moves: True if turbulence was found in the quiet flight.
+        moves: True if turbulence was found.
         rms_m_s: vertical rms; 0 if it does not move.
-        height_m: above ground, as far as the scale lengths tell it.
-        gain: twice the log-likelihood that turbulence gains in the quiet flight.
+        height_m: above ground, as the scale lengths of the turbulence tell it.
+        gain: likelihood-ratio statistic of turbulence against none: twice the gain in log-likelihood.
         threshold: what noise alone exceeds with probability ``Criteria.air_false_alarm``.
         quiet_s: quiet flight that was listened to, all records together.
-        in_quiet: False if it was found over all of the records, where it explains more than any effect.
+        in_quiet: False if it was not found in the quiet flight but over all records, more likely than any effect.
     """
 
     moves: bool
@@ -58,29 +58,31 @@ class AirFound:
     @property
     def sentence(self) -> str:
         """What was found, in words."""
-        heard = f"twice the log-likelihood gains {self.gain:.3g}, threshold {self.threshold:.3g}"
+        heard = f"likelihood-ratio statistic {self.gain:.3g}, threshold {self.threshold:.3g}"
         if not self.moves:
             return (
                 f"no turbulence shows in the {self.quiet_s:.3g} s of quiet flight before the commands ({heard}); the "
-                "residuals are held against the noise of the sensors alone"
+                "residuals are compared with the noise of the sensors alone"
             )
         where = (
-            "the quiet flight before the commands" if self.in_quiet else "the residual, more than any effect explains,"
+            "the quiet flight before the commands shows turbulence"
+            if self.in_quiet
+            else "turbulence explains more of the residual than any effect"
         )
         return (
-            f"the air moved: {where} shows turbulence ({heard}); its rms is {self.rms_m_s:.2g} m/s; every "
-            "test is made on residuals whitened by a Kalman filter of the believed aircraft in it"
+            f"the air moved: {where} ({heard}); its vertical rms is {self.rms_m_s:.2g} m/s; a Kalman filter of the "
+            "believed aircraft in this turbulence whitens the residuals of every test"
         )
 
 
 def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
     """Look for turbulence in the quiet flight before the first commands.
 
-    How much of it there is is first taken from there, too: in the manoeuvres coefficients that are off and whatever is
-    missing add to it. :func:`listen_in_flight` and :func:`listen_again` measure it over all records.
+    Its rms is first taken from the quiet flight, too: in the manoeuvres, wrong coefficients and missing effects add to
+    it. :func:`listen_in_flight` and :func:`listen_again` measure it over all records.
 
-    The test is a likelihood ratio of turbulence against none, for which the rms 0 is the edge of what may be: half a
-    chi-square with one degree of freedom (Chernoff 1954). Trim errors and biases are free in both.
+    The test is a likelihood ratio of turbulence against none. As the rms 0 lies on the edge of its range, the statistic
+    is half a chi-square with one degree of freedom (Chernoff 1954). Trim errors and biases are free in both hypotheses.
 
     Raises:
         FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the measured commands.
@@ -98,8 +100,7 @@ def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
 def measure(model: Believed, records: Sequence[FlightRecord], heard: AirFound) -> AirFound:
     """Return ``heard`` with the rms and height that make the residuals of ``model`` on ``records`` likeliest.
 
-    Rms and height stand for each other in short records; the height is left as it is unless another one is clearly
-    likelier.
+    Short records hardly tell rms and height apart, so the height is kept unless another one is clearly likelier.
     """
     residuals = _plain_residuals(model, records)
     heights = dict.fromkeys((heard.height_m, *_HEIGHTS_M))
@@ -110,10 +111,10 @@ def measure(model: Believed, records: Sequence[FlightRecord], heard: AirFound) -
 
 
 def listen_in_flight(tuned: Believed, records: Sequence[FlightRecord], heard: AirFound) -> AirFound:
-    """Return ``heard`` as all of the records have it, re-tuned coefficients in ``tuned``.
+    """Return ``heard`` with the rms and height of all records, coefficients re-tuned in ``tuned``.
 
-    They tell more of the air than a few seconds of quiet flight, but a gap adds to what they tell: what the quiet
-    flight refutes is no air, and ``heard`` is left as it is.
+    All records tell more of the air than a few seconds of quiet flight, but a gap adds to their rms. If the quiet
+    flight refutes that rms, ``heard`` is returned as it is.
     """
     found = measure(tuned, records, heard)
     return heard if _refuted(tuned, records, found, heard) else found
@@ -124,10 +125,11 @@ def listen_again(
 ) -> AirFound:
     """Return what all of the records say of the air, once something was named.
 
-    Where turbulence was heard, its rms is measured anew beside what was named, as a gap adds to it. Where it was not,
-    light turbulence may still be all there is: it does not show in a second or two of quiet flight. It is taken for
-    the better explanation if it gains more likelihood on the believed model than what was named, and if the quiet
-    flight does not refute as much of it: a gap that no effect explains looks like turbulence from the first command on.
+    If turbulence was heard, its rms is measured anew beside what was named, as a gap adds to it. If it was not, light
+    turbulence may still be all there is, as it does not show in a second or two of quiet flight. It is the better
+    explanation if it gains more likelihood on the believed model than what was named, and if the quiet flight does not
+    refute that rms. The second condition is needed: a gap that no effect explains looks like turbulence from the first
+    command on.
 
     Args:
         believed: without what was named.
@@ -147,9 +149,9 @@ def listen_again(
 
 
 def misfit(model: Believed, records: Sequence[FlightRecord], air: AirFound) -> float:
-    """Return minus twice the log-likelihood of what ``model`` leaves on ``records``, if they were flown in ``air``.
+    """Return minus twice the log-likelihood of the residuals of ``model`` on ``records``, flown in ``air``.
 
-    But for a constant of the records.
+    A constant of the records is left out.
     """
     return _misfit(model, _plain_residuals(model, records), air)
 
@@ -160,7 +162,7 @@ def _misfit(believed: Believed, residuals: Sequence[tuple[FlightRecord, FloatArr
 
 
 def _refuted(believed: Believed, records: Sequence[FlightRecord], air: AirFound, other: AirFound) -> bool:
-    """Return whether the quiet flight is so much likelier in the ``other`` air that it was not in ``air``."""
+    """Return whether the quiet flight is so much likelier in the ``other`` air that ``air`` is ruled out."""
     quiet = _quiet(replace(believed, whiten=None), records)
     return _misfit(believed, quiet, air) - _misfit(believed, quiet, other) > CRITERIA.air_refuted
 

@@ -26,10 +26,9 @@ PIECE_S = (
     8.0  # records are cut into pieces of no more: the noise of the inertial unit, integrated, does not add up over
 )
 _INERTIAL = ("p", "q", "r", "ax", "ay", "az")
-# Of sensors that drift, sit ahead, sample slowly or keep another clock so many believed flights are measured, too, and
-_FLIGHTS = 3
-_BEYOND = 2.0  # an error is news beyond so many times the largest that these show
-_FELT = 1e-3  # part of another channel, or of its own, that a sensor which kinematics know all of does not feel
+_FLIGHTS = 3  # believed flights measured with sensors that drift, sit ahead, sample slowly or keep another clock
+_BEYOND = 2.0  # an error is news beyond so many times the largest one in those flights
+_FELT = 1e-3  # share of another channel that a sensor may feel, or of its own that it may lose, unknown to kinematics
 _GRAVITY = 0.05  # m/s2, by which an accelerometer's bias may be local gravity
 
 
@@ -40,8 +39,8 @@ class DataCheck:
     Attributes:
         result: errors of the instruments, or None if the records cannot be checked.
         why_not: why they cannot.
-        news: errors that the believed suite does not hold, and what it holds: biases and scales beyond those believed,
-            lags and delays as a whole.
+        news: (error, what is believed of it) for errors that the believed suite does not hold. Biases and scales are
+            what exceeds the believed ones, lags and delays are the whole.
     """
 
     result: DataCompatibility | None
@@ -55,17 +54,17 @@ class DataCheck:
             return (f"the instruments could not be checked against each other: {self.why_not}",)
         checked = ", ".join((*self.result.structure.inputs, *self.result.structure.outputs))
         if not self.news:
-            out = [f"the instruments ({checked}) agree with each other, but for errors that are believed already"]
+            out = [f"the instruments ({checked}) agree with each other, apart from errors that are believed already"]
         else:
             out = [
                 f"kinematics alone, without any aerodynamics, say that {error.words} "
                 f"({_beside(error.name, value)}{error.significance:.1f} standard errors)"
-                + (f"; as well explained by: {' or '.join(error.alternatives)}" if error.alternatives else "")
+                + (f"; equally well explained by: {' or '.join(error.alternatives)}" if error.alternatives else "")
                 for error, value in self.news
             ]
         untold = [n for n in self.result.not_identifiable if n.rpartition("_")[2] in ("scale", "lag", "delay")]
         if untold:
-            out.append(f"these manoeuvres do not tell {', '.join(untold)}")
+            out.append(f"these manoeuvres do not determine {', '.join(untold)}")
         return (*out, *(a for a in self.result.advice if "not steady" in a or "did not settle" in a))
 
     def says(self, channel: str) -> tuple[str, ...]:
@@ -74,16 +73,16 @@ class DataCheck:
 
 
 def check_data(believed: Believed, records: Sequence[FlightRecord]) -> DataCheck:
-    """Hold the records against rigid-body kinematics, less what is believed of the biases and scales of the sensors.
+    """Compare the records with rigid-body kinematics, the believed biases and scales of the sensors taken out.
 
-    A lag and a delay are taken together: kinematics tell their sum better than either. Without a forward accelerometer,
-    a vane and an attitude that are off by the same angle look like an aircraft turned by it, almost: the attitude is
-    believed then. Where aileron or rudder moves, kinematics that hold the wings level would blame the instruments:
-    those of the lateral motion are taken, or of all axes if every channel for them is there.
+    A lag and a delay are taken together, as kinematics tell their sum better than either. Without a forward
+    accelerometer, a vane and an attitude that are off by the same angle look much like an aircraft turned by that
+    angle; the attitude is believed then. If aileron or rudder moves, kinematics of level wings would blame the
+    instruments, so those of the lateral motion are used, or of all axes if every channel for them is there.
 
-    Kinematics know bias, scale, lag and delay of sensors at the centre of gravity of a rigid body. What believed
-    sensors do beside that, drift, sit ahead, sample slowly, looks like one of these errors. Where there is any of it,
-    the believed flights are measured with the believed sensors, too, and what these show is no news.
+    Kinematics know bias, scale, lag and delay of sensors at the centre of gravity of a rigid body. Believed sensors may
+    also drift, sit ahead or sample slowly, which looks like one of these errors. If they do, believed flights are
+    measured with them, too, and errors that show there are no news.
     """
     try:
         result = _estimated(believed, records)

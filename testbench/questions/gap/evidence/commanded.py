@@ -12,7 +12,7 @@ from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
 
 LATERAL_COMMANDS = ("da_cmd", "dr_cmd")
-MOVED = 1e-3  # rad, or share of the throttle, by which a command that moves does at least
+MOVED = 1e-3  # rad, or share of the throttle, by which a command must change to count as moved
 
 
 def moves_laterally(records: Sequence[FlightRecord]) -> bool:

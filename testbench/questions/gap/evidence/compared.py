@@ -6,11 +6,11 @@ import re
 
 from testbench.sensors import SensorSuite
 
-# The believed flight begins northwards in still air, and no state of its linear predictions is a heading or a place.
+# The believed flight begins northwards in still air, and its linear predictions hold neither heading nor place.
 _OF_PLACE = ("psi", "north", "east", "v_north", "v_east")
 _OF_STATION = re.compile(r"(az|strain)_wing_\d+")
-DRIFT = 0.2  # a bias that wanders by more than this share of the noise within a manoeuvre
-DRIFT_OVER_S = 20.0  # of such a length is no noise that a residual is white beside
+DRIFT = 0.2  # a bias that wanders by more than this share of the noise within DRIFT_OVER_S colours the residual
+DRIFT_OVER_S = 20.0  # length of a manoeuvre
 
 
 def left_out(suite: SensorSuite) -> dict[str, str]:

@@ -1,14 +1,14 @@
-"""Equation errors: the force and moment that the aircraft felt and the believed model, put into its place, does not.
+"""Equation errors: forces and moments that the aircraft felt and the believed model does not explain.
 
-The measured motion is put into the believed equations, linear about trim, at every instant, and what they leave of the
+The measured motion is put into the believed equations, linear about trim, at every instant. What they leave of the
 measured accelerations is a force or moment without a cause (equation error; V. Klein and E. A. Morelli, Aircraft System
 Identification, 2006, chapter 5):
 
     dC_Z = m (az - az_model) / (qbar S),    dC_m = Iyy (qdot - qdot_model) / (qbar S cbar).
 
-Nothing is integrated, so that an error stays where it arises; but noise of the vanes enters, and what lies between
-command and surface shows as a moment. What the believed sensors, where they sit, would have read of the believed flight
-leaves a remainder in the same equations, too: that of the sensors' errors and of what is not linear. It is taken off.
+Nothing is integrated, so an error stays where it arises. But noise of the vanes enters, and what lies between command
+and surface shows as a moment. Readings of the believed sensors, in the believed flight, leave a remainder in the same
+equations, too: sensor errors and what is not linear. This remainder is subtracted.
 """
 
 from __future__ import annotations

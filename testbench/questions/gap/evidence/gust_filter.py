@@ -1,7 +1,7 @@
 """Kalman filters of the believed aircraft in turbulence: innovations of residuals, white with variance one.
 
-The filter about trim is cheap to set up, and tells how much turbulence there is. The one along the flight of each
-record is what hypotheses are held against.
+The filter about trim is cheap to set up; it tells how much turbulence there is. The filter along the flight of each
+record whitens the residuals of hypotheses.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.gust_model import GustModel
 from testbench.questions.gap.evidence.gusts import record_key
 
-_INDEPENDENT = 1e-6  # share of the largest singular value below which free columns are none of their own
+_INDEPENDENT = 1e-6  # share of the largest singular value below which free columns depend on each other
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """The believed aircraft in Dryden turbulence as a linear model: about trim, or along the flight of a record.
 
-What turbulence does to an aircraft depends on where in a manoeuvre it meets it: at another airspeed or angle of attack
-the same gust moves it otherwise. To a filter about trim that difference looks like effects that are curved in either.
+The same gust moves an aircraft differently at another airspeed or angle of attack, so the answer to turbulence changes
+within a manoeuvre. To a filter about trim that change looks like an effect that is curved in speed or angle of attack.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class GustModel:
 
     @classmethod
     def along(cls, believed: Believed, height_m: float, record: FlightRecord) -> GustModel:
-        """Put it there along its flight through the commands of a record, linear about every sample."""
+        """Do the same along the aircraft's flight through the commands of a record, linear about every sample."""
         names, flown = _moving(believed), believed.flown(record)
         A, C, outputs = linearise_along(believed.aircraft, believed.trimmed, flown, names)
         return cls._of(believed, height_m, record.dt_s, names, A, C, outputs, flown["theta"])
@@ -104,7 +104,7 @@ class GustModel:
 def _moving(believed: Believed) -> tuple[str, ...]:
     """Return the states of the aircraft that turbulence moves and the outputs show.
 
-    Servos are among them where something is fed back to their commands, which is so in some amended aircraft.
+    Servos are among them if something is fed back to their commands, as in some amended aircraft.
     """
     outputs, modes = set(believed.outputs), believed.aircraft.flown_modes()
     count = 0 if modes is None else len(modes)

@@ -42,8 +42,8 @@ class ResidualMap:
         window, channel = np.unravel_index(int(np.argmax(self.by_time)), self.by_time.shape)
         band = BANDS_HZ[int(np.argmax(self.by_band[:, channel]))]
         return (
-            f"{self.manoeuvre}: largest in {self.channels[int(channel)]}, {window * self.window_s:.0f} to "
-            f"{(window + 1) * self.window_s:.0f} s, {band[0]:g} to {band[1]:g} Hz, "
+            f"{self.manoeuvre}: the residual is largest in {self.channels[int(channel)]}, at "
+            f"{window * self.window_s:.0f} to {(window + 1) * self.window_s:.0f} s and {band[0]:g} to {band[1]:g} Hz: "
             f"{self.by_time[window, channel]:.3g} times the noise"
         )
 
@@ -58,7 +58,7 @@ def locate(
 ) -> ResidualMap:
     """Return where the residuals (n, p), in units of the noise, have their energy.
 
-    ``taken`` (n, p) says which samples were; the others are zero. A window without any has no energy.
+    ``taken`` (n, p) says which samples were taken; the others are zero. A window without any has no energy.
     """
     n, p = residuals.shape
     counted = np.ones((n, p), bool) if taken is None else taken
@@ -83,7 +83,7 @@ def _periodogram(residuals: FloatArray, dt_s: float) -> tuple[FloatArray, FloatA
 
 @dataclass(frozen=True)
 class Structure:
-    """Where residuals hold more energy than white noise would, all manoeuvres together.
+    """Where residuals hold more energy than white noise, all manoeuvres together.
 
     Attributes:
         channel: output.
@@ -103,8 +103,8 @@ class Structure:
         low, high = self.band_Hz
         return (
             f"what it leaves is not white: {self.channel} holds {self.energy:.3g} times the noise between {low:g} and "
-            f"{high:g} Hz, which noise alone would once in {1.0 / max(self.probability, 1e-99):.2g} cases. Its form is "
-            "not quite right, or an effect that works like it is the truth"
+            f"{high:g} Hz; noise alone does so once in {1.0 / max(self.probability, 1e-99):.2g} cases. Its form is not "
+            "quite right, or the true effect is a relative of it"
         )
 
 
@@ -118,9 +118,9 @@ def structure(
     """Return the channel and band in which residuals (n, p) are least like white noise; None if they may be noise.
 
     Periodograms of white noise of unit variance are half a chi-square of two degrees of freedom in each bin between
-    mean and Nyquist frequency, independent of one another (Priestley 1981, section 6.1); their sums over a band are
-    compared with that, p times the number of bands at once. Of a channel of which samples were not taken, see
-    :func:`locate`, the bins are not independent, and it is not looked at.
+    mean and Nyquist frequency, independent of one another (Priestley 1981, section 6.1). Their sums over a band are
+    compared with that, in all p channels and bands at once. A channel with samples that were not taken, see
+    :func:`locate`, is left out, as its bins are not independent.
     """
     whole = [k for k in range(len(channels)) if all(t[:, k].all() for t in taken or ())]
     if not whole:
@@ -145,7 +145,7 @@ _REGIONS = ("alpha", "V", "q", "de_cmd", "thr_cmd")
 _LATERAL_REGIONS = ("beta", "p", "r", "da_cmd", "dr_cmd")
 _BINS = 6
 _SMOOTH_S = 0.2  # the measured region is smoothed over this time: its own noise must not pick the bin
-_FEWEST = 20  # samples in a bin that says anything
+_FEWEST = 20  # samples that a bin needs to say anything
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,8 +183,9 @@ class RegionMap:
         unit = channel(self.quantity).unit
         factor, shown = (1.0 / DEG_RAD, unit.replace("rad", "deg")) if unit.startswith("rad") else (1.0, unit)
         return (
-            f"over the flight region it is largest at {self.quantity} from {low * factor:.3g} to {high * factor:.3g}"
-            f"{'' if shown == '1' else ' ' + shown}: {self.energy[b, c]:.3g} times the noise in {self.channels[int(c)]}"
+            f"over the flight region the residual is largest at {self.quantity} from {low * factor:.3g} to "
+            f"{high * factor:.3g}{'' if shown == '1' else ' ' + shown}: {self.energy[b, c]:.3g} times the "
+            f"noise in {self.channels[int(c)]}"
         )
 
 

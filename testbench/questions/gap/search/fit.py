@@ -17,10 +17,10 @@ from testbench.questions.gap.search.gauss_newton import Descent, descend, within
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.screening import Screened
 
-HOPELESS = 0.7  # a fit that gains less than this share of the best one's gain is not followed to its end,
-HOPELESS_BESIDE_NOISE = 0.9  # or less than this share where the best one leaves noise only
-HOPELESS_AT_FIRST = 0.5  # which must promise this share before its first flight, from its best start
-STARTS = 2  # the most promising starts of an effect with several parameters are fitted, of one with one the best
+HOPELESS = 0.7  # a fit that gains less than this share of the best gain is not followed to its end
+HOPELESS_BESIDE_NOISE = 0.9  # the same if the best fit leaves only noise
+HOPELESS_AT_FIRST = 0.5  # share of the best gain that a fit must then promise before its first flight
+STARTS = 2  # number of starts that are fitted for an effect with several parameters; with one parameter, only the best
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +40,8 @@ class EffectFit:
         flown: False if the fit was given up as hopeless on linear predictions, without a flight.
         within: probability that nuisances drawn from their priors lie as far from the believed values as ``nuisances``.
         settled: False if it was given up, flown or not, before it came to rest.
-        scatter_s: standard deviation of a delay from command to command, see :mod:`.scatter`; ``chi2`` is
-            then -2 ln of the likelihood, as far as it differs from that of noise alone.
+        scatter_s: standard deviation of a delay from command to command, see :mod:`.scatter`. If it is not 0, ``chi2``
+            is -2 ln of the likelihood, but for the constant that noise alone has.
     """
 
     effect: Effect
@@ -85,8 +85,8 @@ class EffectFit:
     def beyond(self) -> tuple[str, ...]:
         """Sizes that came to rest at the end of what is physically possible: the data ask for more.
 
-        Only of parameters that say how much of an effect there is, those with a value without effect. The ends of the
-        others (a damping, a sharpness, a share between two forms) are forms of their own.
+        A size is a parameter that has a value without effect. The ends of the other parameters (a damping, a sharpness,
+        a share between two forms) are forms of their own.
         """
         return tuple(
             p.name
@@ -169,7 +169,7 @@ def summarise(effect: Effect, best: Descent, chi2_tuned: float, tested: int, bas
 
 
 def share_of_excess(chi2_tuned: float, left: float, samples: int) -> float:
-    """Return the share, 0 to 1, of what ``chi2_tuned`` exceeds the noise by that is gone where ``left`` is left.
+    """Return the share, 0 to 1, of the excess of ``chi2_tuned`` over the noise that is gone if ``left`` is left.
 
     NaN if it exceeds the noise by no more than four standard deviations of the noise's chi-square.
     """

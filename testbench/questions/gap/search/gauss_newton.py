@@ -15,22 +15,22 @@ from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.parallel import spread
 
-FRESH_TANGENTS = (2, 5)  # before these rounds tangents of the nuisances are taken anew, where the descent has come to
+FRESH_TANGENTS = (2, 5)  # rounds before which tangents of the nuisances are taken anew, at the point reached
 MAX_ROUNDS = 14  # rounds of fitting on linear differences and flying the result
-AT_REST = 0.1  # the rounds end when another one promises to lower chi-square by no more: far below any threshold,
-AT_REST_SHARE = 1e-3  # or by no more than this share of what is left above the noise
-KEPT = 0.9  # share of a promised gain that a step must reach to be content with its tangents
+AT_REST = 0.1  # the rounds end when another one promises to lower chi-square by less, far below any threshold
+AT_REST_SHARE = 1e-3  # the rounds also end when it promises less than this share of what is left above the noise
+KEPT = 0.9  # share of a promised gain that a step must reach for its tangents to be kept
 SHORTENED = (1.0, 0.5, 0.2)  # shares of a step that are tried in turn until one flies and lowers chi-square
-OFF_BOUND = 0.1  # share of its start by which a parameter is moved off a bound before a round: there it feels no slope
+OFF_BOUND = 0.1  # share of its start by which a parameter is moved off a bound before a round: at it there is no slope
 DIFFERENCE = 1e-3  # step of differences, of a parameter's start
-IDLE = 3  # the rounds end, too, when so many in turn have found nothing better
+IDLE = 3  # the rounds also end when so many in turn have found nothing better
 
 
 @dataclass(frozen=True, eq=False)
 class Descent:
     """Where a descent came to rest: parameters, nuisances, Jacobian (rows, p) and the sum of squares with priors.
 
-    ``within`` is the probability of :func:`within_priors` there; ``settled`` is False if it was given up before.
+    ``within`` is the probability of :func:`within_priors` there. ``settled`` is False if the descent was given up.
     """
 
     x: FloatArray
@@ -57,11 +57,11 @@ def descend(
     Args:
         signature: what the effect changes, from the point that the descent begins at.
         start: parameters (p,) to begin with.
-        hopeless: chi-square that a descent must promise to get below, this round or with one more like the last.
-        patience: rounds before that is asked.
-        near: the start is thought to be near the best fit: the first point flown is the start itself, if that is better
-            than the point without the effect.
-        at_first: chi-square that the first round must promise to get below, however much patience there is.
+        hopeless: chi-square that a descent must promise to get below, in this round or in one more like the last.
+        patience: rounds before that promise is required.
+        near: the start is thought to be near the best fit. The first point flown is then the start itself, if that is
+            better than the point without the effect.
+        at_first: chi-square that the first round must promise to get below, whatever ``patience`` is.
 
     Returns None if nothing on the way could be flown.
     """
@@ -139,24 +139,24 @@ def descend(
 
 
 def _spread_out(objective: Callable[[FloatArray], FloatArray], points: Iterable[FloatArray]) -> list[FloatArray]:
-    """Return the objective at several points, those that its slopes are taken from, on all processes that there are."""
+    """Return the objective at the points that its slopes are taken from, computed on all processes."""
     return spread([partial(objective, z) for z in points])
 
 
 def _none(effect: Effect, x: FloatArray) -> FloatArray:
-    """Return parameters ``x`` (p,), but for those that have a value without effect: of them that one."""
+    """Return parameters ``x`` (p,), each at its value without effect if it has one."""
     return np.array([v if p.none is None else p.none for v, p in zip(x, effect.parameters, strict=True)])
 
 
 def _flyable(signature: Signature, start: FloatArray) -> FloatArray:
-    """Return as much of a start (p,), counted from no effect, as can be flown; all of it if nothing of it can."""
+    """Return the largest share of a start (p,), counted from no effect, that can be flown; all of it if none can."""
     none = _none(signature.effect, start)
     shares = (none + share * (start - none) for share in SHORTENED)
     return next((x for x in shares if signature.at(x) is not None), start)
 
 
 def _rebased(signature: Signature, known: FloatArray, here: Hypothesis) -> tuple[Signature, FloatArray, Hypothesis]:
-    """Return what the effect changes at the coefficients of ``here``, that change, and the point with own tangents.
+    """Return the signature at the coefficients of ``here``, the change there, and the point with tangents of its own.
 
     All of it is flown: linear predictions are taken about trim and see neither the memory of a feedback nor curvature.
     """
@@ -168,7 +168,7 @@ def _rebased(signature: Signature, known: FloatArray, here: Hypothesis) -> tuple
 
 
 class _GiveUp:
-    """Ends a fit on linear differences that more than three steps like its last one would not save."""
+    """Ends a fit on linear differences that three more steps like its last one would not save."""
 
     def __init__(self, hopeless: float) -> None:
         self.hopeless, self.last = hopeless, np.inf
@@ -183,7 +183,7 @@ class _GiveUp:
 def _shortened(
     signature: Signature, here: Hypothesis, x: FloatArray | None, x_new: FloatArray, nuisances: FloatArray
 ) -> tuple[Hypothesis, FloatArray, bool] | None:
-    """Fly the step that linear predictions ask for, or as much of it as flies and lowers chi-square.
+    """Fly the step that linear predictions ask for, or the largest share of it that flies and lowers chi-square.
 
     Args:
         signature: the effect, from the point that the descent began at.
@@ -192,8 +192,8 @@ def _shortened(
         x_new: those asked for.
         nuisances: those asked for, (k,).
 
-    Returns the point, its parameters, and whether it is the whole step; None if nothing of it can be flown. A step that
-    cannot be made to lower chi-square is made whole, if it flies: the rounds after it may still.
+    Returns the point, its parameters, and whether it is the whole step; None if nothing of it can be flown. If no share
+    lowers chi-square, the whole step is taken, provided that it flies: later rounds may still lower it.
     """
     effect, whole = signature.effect, None
     aim = here.chi2 + (0.0 if x is None else float(np.sum(effect.prior_residuals(x) ** 2)))
@@ -210,9 +210,9 @@ def _shortened(
 def _lower(
     step: tuple[Hypothesis, FloatArray, bool] | None, signature: Signature, here: Hypothesis, wanted: FloatArray
 ) -> tuple[Hypothesis, FloatArray, bool] | None:
-    """Return ``step``, or the effect whole with the coefficients left where they are, if that is lower.
+    """Return ``step``, or the whole effect with the coefficients left where they are, if chi-square is lower there.
 
-    Coefficients that are asked far off may stand in for an effect that has hardly begun.
+    Coefficients that lie far off may stand in for an effect that has hardly begun.
     """
     whole = here.moved(signature.model(wanted), here.nuisances)
     if whole is None:
@@ -228,7 +228,7 @@ def _lower(
 class _Objective:
     """Weighted residuals at parameter values, nuisances re-tuned, followed by those of the priors.
 
-    Of scaled values z = (x - origin) / scale, which are 1 or more, so that relative steps do not vanish near a bound.
+    It takes scaled values z = (x - origin) / scale, which are 1 or more: relative steps do not vanish near a bound.
     """
 
     signature: Signature
@@ -253,8 +253,8 @@ class _Objective:
 def retune(base: Hypothesis) -> Hypothesis:
     """Re-tune the nuisances of the model of ``base`` until they rest; return the best point.
 
-    With tangents of linear predictions at first, then with flown ones: where those of a linearisation about trim would
-    rest, a few units of chi-square may be left for an effect to gain that is none.
+    It uses tangents of linear predictions first and flown ones then. Tangents of a linearisation about trim may rest a
+    few units of chi-square too high, which a false effect would gain.
     """
     here = _rest(base)
     return _rest(here.afresh(True))
@@ -279,10 +279,10 @@ def _rest(here: Hypothesis) -> Hypothesis:
 
 
 def _broken(before: float, promised: float, flown: float) -> bool:
-    """Return whether a step gained so much less than linear predictions promised that they need new tangents.
+    """Return whether a step gained so much less than linear predictions promised that new tangents are needed.
 
-    Chi-square before it (infinite if that is not known, as for the first step), as promised and as flown.
-    With those of the beginning re-tuning may swing from one side of the best point to the other for all its rounds.
+    Its arguments are chi-square before the step (infinite if not known, as for the first step), as promised, and as
+    flown. With old tangents, re-tuning may swing about the best point for all its rounds.
     """
     return before - flown < KEPT * (before - promised)
 
@@ -290,7 +290,8 @@ def _broken(before: float, promised: float, flown: float) -> bool:
 def within_priors(point: Hypothesis) -> float:
     """Return the probability that nuisances drawn from their priors lie as far from the believed values as here.
 
-    Far are all of them together (chi-square) or one of them alone; Bonferroni's bound holds for both tests.
+    Two tests are made, of all of them together (chi-square) and of the farthest one alone; Bonferroni's bound covers
+    both.
     """
     z = point.deviations
     one = 2.0 * z.size * float(norm.sf(np.max(np.abs(z))))

@@ -7,9 +7,9 @@ shifted by s, means over the record taken out, the gain of the best amplitude (s
     z(s) = (r'R_s)^2 / (R_s'R_s - (T'R_s)' A^-1 (T'R_s)),
 
 and all correlations over s are one pass of Fourier transforms. Without a gust every z(s) is chi-square with one degree
-of freedom; Bonferroni's bound over all records, starts, durations and components keeps the largest below the threshold
-with probability 1 - FALSE_ALARM. Starts closer than a fifth of the shortest duration would hardly be tests of their
-own; the bound is safe however alike they are.
+of freedom. Bonferroni's bound over all records, starts, durations and components keeps the largest below the threshold
+with probability 1 - FALSE_ALARM. It is safe however alike the tests are; starts much closer than the shortest duration
+would add few tests of their own.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from testbench.questions.gap.search.hypothesis import Hypothesis
 
 DURATIONS_S = (0.3, 0.45, 0.65, 0.9, 1.3, 1.8, 2.6, 3.7)
 STEP_S = 0.1  # between the starts that are looked at
-LEAST_SHARE = 0.5  # of the excess over the noise that a gust must promise: less comes from a gap in several records
+LEAST_SHARE = 0.5  # share of the excess that a gust must promise: one that explains less is a gap in several records
 _LATERAL = {"beta", "v", "p", "r", "phi", "ay"}
 _LEAST = 1e-3  # information on the amplitude, (m/s)^-2, below which a start (at the very end) is not looked at
 
@@ -151,13 +151,12 @@ def _responses(point: Hypothesis, record: FlightRecord, places: Sequence[tuple[A
 
 
 def sought(point: Hypothesis, effect: Effect) -> Effect:
-    """Return ``effect`` where screening finds it: a gust in the record, along the axis and at the time that it explains
-    most of the residual of ``point`` with; every other effect as it is.
+    """Return a gust placed where it explains most of the residual of ``point``; every other effect as it is.
 
-    A gust that does not stand out, or promises too small a share of what is above the noise, stays without a place and
-    is not fitted. In turbulence none is looked for: the whitening filter takes moving air out of the residuals, and one
-    more gust of it is not another effect. For the same reason one in the quiet flight before the commands, where the
-    air is listened to, is heard as turbulence.
+    Its place is a record, an axis and a time. A gust that does not stand out, or promises too small a share of the
+    excess over the noise, stays without a place and is not fitted. In turbulence no gust is sought: the whitening
+    filter takes moving air out of the residuals, and one more gust of it is not another effect. For the same reason a
+    gust in the quiet flight before the commands counts as turbulence.
     """
     if effect.met is None or point.believed.whiten is not None or point.model.gusts:
         return effect

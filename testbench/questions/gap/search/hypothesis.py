@@ -1,4 +1,4 @@
-"""A hypothesis flown in JSBSim, and what an effect changes around it, by linear predictions where they will do."""
+"""A hypothesis flown in JSBSim, and the signatures of effects about it, from linear predictions if they suffice."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from testbench.questions.gap.search.parallel import spread
 _LINEAR_STEP = 0.02
 _FLOWN_STEP = 0.01
 _MAX_STEP = 0.15  # largest change of a nuisance per round, so that thrust and trim stay within reach
-_MAX_LATERAL_STEP = 0.5  # the same of lateral nuisances, of which neither depends
+_MAX_LATERAL_STEP = 0.5  # the same for lateral nuisances, on which neither depends
 _NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
 
 
@@ -34,8 +34,8 @@ class Hypothesis:
         priors: nuisance -> relative standard deviation of its prior.
         nuisances: (k,) values of the nuisances, multiples of what is believed, in the order of ``priors``.
         exact: (samples,) residuals flown in JSBSim, in units of the noise; 0 where no sample was taken.
-        slopes: (samples, k) tangents taken over from another point, or None. Slopes that are a little off slow a
-            descent and shift where it comes to rest by a share of the errors; the residuals there are JSBSim's still.
+        slopes: (samples, k) tangents taken over from another point, or None. If they are a little off, a descent takes
+            longer and rests a fraction of the standard errors away; the residuals there are still JSBSim's.
     """
 
     believed: Believed
@@ -107,7 +107,7 @@ class Hypothesis:
 
     @property
     def lost(self) -> FloatArray:
-        """Residuals that stand for a hypothesis that cannot be flown: ten times those of here."""
+        """Residuals that stand for a hypothesis that cannot be flown: ten times those of this point."""
         return 10.0 * np.concatenate([self.exact, self.deviations])
 
     @cached_property
@@ -116,15 +116,15 @@ class Hypothesis:
         return _linear(self.model.with_nuisances(self.by_name), self.records)
 
     def prepare(self) -> None:
-        """Find the linear prediction and the tangents now: several processes that ask for them would each do so."""
+        """Compute linear prediction and tangents now; several processes that need them would each compute them."""
         _ = self.linear, self._normal
 
     @cached_property
     def tangents(self) -> FloatArray:
         """Return d residuals / d nuisances, (samples, k): ``slopes``, or central differences of linear predictions.
 
-        Where the model has no trim on one side, the difference is that to the other one; where it has none on either, a
-        nuisance has no tangent (0) and stays where it is.
+        If the model has no trim on one side, the difference to the other side is taken. If it has none on either side,
+        the tangent is 0 and the nuisance stays where it is.
         """
         if self.slopes is not None:
             return self.slopes
@@ -146,7 +146,7 @@ class Hypothesis:
             return None
 
     def afresh(self, flown: bool) -> Hypothesis:
-        """Return the point with tangents of its own: of linear predictions, or ``flown``, at several times the cost."""
+        """Return the point with tangents of its own, from linear predictions or, at several times the cost, flown."""
         if not flown:
             return replace(self, slopes=None)
         steps = _FLOWN_STEP * np.eye(self.nuisances.size)
@@ -171,12 +171,12 @@ class Hypothesis:
         return r + J @ d, self.nuisances + d
 
     def measured(self) -> Mapping[str, tuple[float, float]]:
-        """Return nuisance -> (value, standard error) as the records say it, its own prior left out.
+        """Return nuisance -> (value, standard error) from the records, the nuisance's own prior left out.
 
-        Where re-tuning rests, the posterior is Gaussian about the values f with information A = J'J + S^-2, S the
-        deviations of the priors. Without the prior of nuisance i, A_i = A - e e' / s^2, and f_i becomes
-        1 + (f_i - 1) (A_i^-1)_ii / (A^-1)_ii. Its variance is that of A_i^-1 (C + S_i^-2) A_i^-1 with the score's
-        covariance C of residuals that are as large and as coloured as those here.
+        If re-tuning rests here, the posterior is Gaussian about the values f with information A = J'J + S^-2, where S
+        holds the deviations of the priors. Without the prior of nuisance i, A_i = A - e e' / s^2, and f_i becomes
+        1 + (f_i - 1) (A_i^-1)_ii / (A^-1)_ii. Its variance is that of A_i^-1 (C + S_i^-2) A_i^-1, where C is the
+        covariance of the score for residuals as large and as coloured as those here.
         """
         p, k = len(self.believed.outputs), self.nuisances.size
         ends = np.cumsum([len(r) * p for r in self.records])[:-1]
@@ -223,9 +223,9 @@ class Hypothesis:
 class Signature:
     """What an effect changes in the residuals of a point, its nuisances held.
 
-    The difference of two linear predictions is right to second order although neither prediction is. Effects that a
-    linearisation at trim does not see, and those of sensors, which need no flight of their own, are taken from flights.
-    ``known`` holds what was asked for before, by the bytes of the parameter values.
+    The difference of two linear predictions is right to second order, although neither prediction is. Flights are used
+    for effects that a linearisation at trim does not see, and for those of sensors, which need no flight of their own.
+    ``known`` holds earlier results, by the bytes of the parameter values.
     """
 
     base: Hypothesis

@@ -30,13 +30,13 @@ from testbench.questions.gap.search.scatter import scattered
 from testbench.questions.gap.search.screening import Screened, flown_best, promising, screen, screen_all, screen_closely
 from testbench.questions.gap.search.several import several_at_once
 
-FOLLOWED = 0.25  # effects that promise less than this share of what the best one promises are not fitted,
-FOLLOWED_FAR = 0.1  # of effects with several parameters, of which screening tries few combinations, less than this
-PROMISING = 5.0  # nor are effects that promise a smaller gain than this, a third of any threshold; but
-AT_LEAST = 3  # this many always are
-FROM_BELIEVED = 6  # so many of them,
-PATIENCE = 2  # and descents from there are given two rounds to settle before they may be called hopeless,
-PATIENCE_BESIDE_NOISE = 1  # or one if another effect leaves noise only
+FOLLOWED = 0.25  # share of the best promise that an effect with one parameter must promise to be fitted
+FOLLOWED_FAR = 0.1  # the same for several parameters, of which screening tries few combinations
+PROMISING = 5.0  # gain that an effect must promise to be fitted, a third of any threshold
+AT_LEAST = 3  # number of effects that are fitted whatever they promise
+FROM_BELIEVED = 6  # most effects that are fitted from the believed coefficients
+PATIENCE = 2  # rounds before a descent from there may be called hopeless
+PATIENCE_BESIDE_NOISE = 1  # the same for any descent if another effect leaves only noise
 
 
 def name_effect(
@@ -48,20 +48,20 @@ def name_effect(
 ) -> Naming:
     """Fit every effect of the library to ``records`` and decide which, if any, the believed model lacks.
 
-    The noise is known from the sensor suite, so that twice the gain in log-likelihood is chi-square distributed with as
-    many degrees of freedom as the effect has parameters if there is no effect (Wilks 1938); Bonferroni's bound over
-    all effects that these records could show makes FALSE_ALARM hold for all of them. This holds in still air, or in
-    turbulence if ``believed.whiten`` makes the residuals white.
+    The noise is known from the sensor suite. If there is no effect, twice the gain in log-likelihood is therefore
+    chi-square distributed, with as many degrees of freedom as the effect has parameters (Wilks 1938). Bonferroni's
+    bound over all effects that these records could show makes FALSE_ALARM hold for all of them together. This holds in
+    still air, or in turbulence if ``believed.whiten`` makes the residuals white.
 
-    Every effect is screened on linear predictions: what it would change at its starts, nuisances re-tuned, is set
-    against the residual. Those that promise most are fitted.
+    Every effect is screened on linear predictions: its signature at its starts, nuisances re-tuned, is compared with
+    the residual. The effects that promise most are fitted.
 
     Args:
         believed: aircraft, sensors and condition as believed.
         records: measured records.
         progress: called with a few words as each stage begins.
         effects: the library, by name; that of the suite if not given.
-        pairs: where no single effect explains enough, two at once are tried.
+        pairs: if no single effect explains enough, try two at once.
 
     Raises:
         FlightAborted, TrimError, LimitError: the believed aircraft itself does not survive the measured commands.
@@ -114,7 +114,7 @@ def _fit_promising(
 
     Args:
         tuned: the believed model re-tuned.
-        start: the believed model as it is, to descend from there, too; None if re-tuning was not strained.
+        start: the believed model as it is, from which effects are fitted, too; None if re-tuning was not strained.
         screened: every effect, screened at ``tuned``.
         tested: number of effects that are tested.
         rejected: effect -> why it was not fitted; added to.
@@ -125,10 +125,10 @@ def _fit_promising(
     if start is not None:  # these first: where one of them explains all, what re-tuning had to stretch for is soon left
         there = screen_all([(start, s.effect) for s in screened], far=True)
         afresh = promising(there, FOLLOWED, FOLLOWED_FAR, AT_LEAST)[:FROM_BELIEVED]
-        # What relieves re-tuned coefficients that explain all but lie far from what is believed promises nothing there.
+        # An effect whose work re-tuned coefficients do, far from their priors, promises nothing beside them.
         relief = [s.effect for s in followed[:AT_LEAST]]
-        # Nor does an effect whose work they do, from where they stand: what does most alone may find it out of reach
-        # for them, as an elevator that is weak by coefficients cannot be trimmed.
+        # It may also promise nothing at the believed values. The one that gains most with coefficients held is fitted
+        # all the same: they may not reach as far, as an elevator that is weak by coefficients cannot be trimmed.
         relief += [s.effect for s in sorted(there, key=lambda s: -s.alone)[:1]]
         afresh += [s for s in there if s.seen and s.effect in relief and s not in afresh]
         queue = [(replace(one, starts=one.starts[:1]), PATIENCE) for one in afresh] + queue
@@ -164,7 +164,7 @@ def _fit_promising(
 
 
 class _Asked(NamedTuple):
-    """What a fit is told of those before it, in the order of the arguments of :func:`.fit.fit`."""
+    """What a fit takes from the fits before it, in the order of the arguments of :func:`.fit.fit`."""
 
     best_gain: float
     patience: int
@@ -173,13 +173,13 @@ class _Asked(NamedTuple):
 
 
 def _asked(one: Screened, patience: int, fits: Mapping[str, EffectFit], noise: float) -> _Asked | str:
-    """Return what a fit is told when ``fits`` have been made, or why there is to be none; "" if there is one."""
+    """Return what a fit takes from ``fits``, or why it is not made; "" if that needs no saying."""
     name = one.effect.name
     best = min(fits.values(), key=lambda f: f.chi2, default=None)
     best_gain = 0.0 if best is None else best.gain
     if best is not None and best is fits.get(name) and best.settled:
         return ""  # from the other base it would come to rest at the same place
-    # Where one leaves noise and strains nothing, nothing can explain more: what could explain as much?
+    # If one leaves noise and strains nothing, no other can explain more. Those that may explain as much are fitted.
     if best is None or not leaves_noise(best, noise):
         return _Asked(best_gain, patience, HOPELESS)
     share = FOLLOWED if len(one.effect.parameters) == 1 else FOLLOWED_FAR
@@ -199,10 +199,11 @@ def _refit_special_cases(
     fits: dict[str, EffectFit],
     say: Callable[[str], None],
 ) -> None:
-    """Fit the special cases of the best effect to their end, whatever they promise; replaces what ``fits`` has of them.
+    """Fit the special cases of the best effect to their end, whatever they promise; replace their entries in ``fits``.
 
-    A general form may find its way to a special case, or near one, that the special case itself was given up on, or
-    where it came to rest elsewhere: it begins anew beside the coefficients that the general form has found.
+    A general form may come to rest at a special case, or near one, although the fit of the special case itself was
+    given up or came to rest elsewhere. The special case then begins anew beside the coefficients that the general form
+    found.
     """
     best = min(fits.values(), key=lambda f: f.chi2, default=None)
     if best is None:

@@ -1,4 +1,4 @@
-"""Bring fits to rest on flown tangents: those of linear predictions may rest some units of chi-square too high."""
+"""Bring fits to rest on flown tangents; on those of linear predictions, chi-square may rest some units too high."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ from testbench.questions.gap.search.gauss_newton import AT_REST, SHORTENED
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.parallel import spread
 
-_CLOSE = 2.0 * CRITERIA.told_apart  # fits that trail the best one by no more are polished: tangents cost less than half
-_SEEN = 0.5 * CRITERIA.weak  # gain below which no polish makes a name of a fit
+_CLOSE = 2.0 * CRITERIA.told_apart  # fits that trail the best by less are polished; tangents cost less than half of it
+_SEEN = 0.5 * CRITERIA.weak  # gain below which polishing cannot make a name of a fit
 _ROUNDS = 3
 _STEP = 0.1  # of differences, in standard errors
 _WIDEST, _NARROWEST = 1e-2, 1e-6  # of them, of a parameter's range
 
 
 def polished(base: Hypothesis, ranking: Sequence[EffectFit], chi2_tuned: float) -> list[EffectFit]:
-    """Return the fits of ``ranking``, of which those that compete for the first place have come to rest as flown.
+    """Return the fits of ``ranking``; those that compete for the first place are brought to rest on flown tangents.
 
     Args:
         base: a point without any effect.

@@ -1,4 +1,4 @@
-"""A link that hands every command on late, each by another time: the scatter beside the mean delay."""
+"""A link that hands on every command late, each by a time of its own: the scatter beside the mean delay."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from testbench.questions.gap.search.gauss_newton import AT_REST, SHORTENED
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.polish import slopes
 
-_SCATTERS = ("transport_delay",)  # effects whose delay may be another one for every command
+_SCATTERS = ("transport_delay",)  # effects whose delay may differ from command to command
 _COMMAND = "de_cmd"
-_SMALL = 1e-2  # share of the largest change of a command: what changes by less, noise of a measured one, is none
+_SMALL = 1e-2  # share of the largest change of a command below which a change is noise of the measured command
 _ROUNDS = 8
 
 
 def scattered(base: Hypothesis, fits: Sequence[EffectFit], chi2_tuned: float) -> EffectFit | None:
-    """Return the fit of a delay with the scatter that its remainder asks for; None if noise is not what that leaves.
+    """Return the fit of a delay with the scatter that its remainder asks for; None if more than noise is left then.
 
-    Only a delay that alone explains most of the excess, but leaves more than noise, is asked for it.
+    Scatter is tried only for a delay that alone explains most of the excess but leaves more than noise.
 
-    Command k changes by du_k and arrives d_k later than the others do. With the response h of the residuals to the
-    elevator, what that adds is -sum_k h(t - t_k) du_k d_k. With independent Gaussian d_k of deviation s the residuals'
+    Command k changes by du_k and arrives d_k later than the mean. With the response h of the residuals to the
+    elevator, that adds -sum_k h(t - t_k) du_k d_k to them. With independent Gaussian d_k of deviation s the residuals'
     covariance is V = I + s^2 J J', J the columns -h(t - t_k) du_k. Parameters and coefficients minimise r' V^-1 r,
     s minimises r' V^-1 r + ln det V (marginal likelihood), which takes the place of chi-square.
 
@@ -87,9 +87,9 @@ class _Scattered:
 
     @property
     def error(self) -> FloatArray:
-        """Standard error of the delay (1,): of the mean of delays that scatter only so much is known.
+        """Standard error of the delay (1,), which is the mean of delays that scatter.
 
-        Its slope is the sum of those of all commands, as V takes them for linear.
+        Its slope is the sum of the slopes of all commands, as V takes them to be linear.
         """
         normal, _ = self.normal(self.spread.together[:, None], self.point.tangents)
         return np.sqrt(np.diag(np.linalg.inv(normal))[:1])

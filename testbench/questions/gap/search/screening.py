@@ -15,8 +15,8 @@ from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.parallel import spread
 
-SMALL = 0.1  # share of its usual start at which an effect is screened where it can only be small
-INVISIBLE = 1e-2  # chi-square by which an effect changes the predictions at its starts: less cannot be seen
+SMALL = 0.1  # share of its usual start at which an effect is screened if it can only be small
+INVISIBLE = 1e-2  # chi-square of what an effect changes at its starts, below which it cannot be seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +46,12 @@ class Screened:
 
 
 def screen(base: Hypothesis, effect: Effect, share: float = 1.0, far: bool = False) -> Screened:
-    """Set what ``effect`` changes at its starts, d, against the residual r, nuisances re-tuned in both.
+    """Compare the signature d of ``effect`` at its starts with the residual r, nuisances re-tuned in both.
 
     A start promises the larger of |r|^2 - |r + d|^2 and (r'd)^2 / d'd, the gain of the best multiple of d (score test).
-    Where one parameter is a size that may have either sign, the start is moved to that multiple; such a start is taken
-    at a ``share`` of its size. From a base that is ``far`` from rest both signs are flown: to other flights than those
-    of the base, one does not change the residuals by minus what the other does.
+    If one parameter is a size that may have either sign, the start is taken at a ``share`` of that size and then moved
+    to the best multiple. From a base that is ``far`` from rest both signs are flown, as the flights change so much that
+    the signature of one sign is not minus that of the other.
     """
     signature, size = Signature(base, effect), _size(effect)
     if effect.lateral and not base.lateral:
@@ -102,17 +102,18 @@ def screen_all(tasks: Sequence[tuple[Hypothesis, Effect]], share: float = 1.0, f
 def _parts(
     base: Hypothesis, effect: Effect, share: float, far: bool
 ) -> tuple[dict[bytes, FloatArray | None], tuple[tuple[FloatArray, ...], float, str, float]]:
-    """Return of what an effect promises all that the searching process does not have."""
+    """Return those parts of a :class:`Screened` that the searching process does not have."""
     s = screen(base, effect, share, far)
     return s.signature.known, (s.starts, s.promise, s.why, s.alone)
 
 
 def screen_closely(base: Hypothesis, screened: Sequence[Screened]) -> list[Screened]:
-    """Return for each effect what it promises at a small size, flown, if that is more; otherwise what it did.
+    """Screen each effect at a small size, flown; return the better of that result and the one given.
 
-    Where little more than noise is left no effect is large, and one that works like re-tuned coefficients is what they
-    leave of it: a pitch damper of some thousandths is Cm_q to a few parts in a thousand. So small a difference is lost
-    at a size at which the aircraft flies another flight, and in what linear predictions get wrong.
+    If little more than noise is left, no effect is large. Of an effect that works like coefficients, only the part that
+    re-tuning cannot imitate is left: a pitch damper of some thousandths is Cm_q to a few parts in a thousand. So small
+    a difference is lost at the usual size, at which the aircraft flies another flight, and in the errors of linear
+    predictions.
     """
     sized = [i for i, s in enumerate(screened) if s.seen and _size(s.effect) is not None]
     close = screen_all([(base, replace(screened[i].effect, flown=True)) for i in sized], SMALL)
@@ -157,8 +158,8 @@ def _multiplied(x: FloatArray, effect: Effect, size: int, multiple: float) -> Fl
 def promising(screened: Sequence[Screened], followed: float, followed_far: float, at_least: int) -> list[Screened]:
     """Return those worth a fit, the most promising first.
 
-    Followed are the first ``at_least`` and those that promise a share ``followed`` of what the best one promises, or of
-    effects with several parameters, of which screening tries a few combinations only, ``followed_far``.
+    These are the first ``at_least``, and all that promise more than a share ``followed`` of what the best one promises.
+    The share is ``followed_far`` for effects with several parameters, of which screening tries few combinations.
     """
     order = sorted((s for s in screened if s.seen), key=lambda s: -s.promise)
     return [

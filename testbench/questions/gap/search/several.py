@@ -20,15 +20,15 @@ from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.parallel import Ahead, spread
 from testbench.questions.gap.search.screening import SMALL, Screened, flown_best, promising, screen, screen_all
 
-LEADS = 0.4  # of two effects, the first alone explains this share of the excess at least
-PROMISED = 0.5  # and worth a fit from this share of what it must gain, as tangents tell relief badly
-COMPANY = 5  # so many second effects are fitted
-# A fit that leaves more than noise beside coefficients that lie so far off with no more than this probability may have
-# them do what another effect does: that one is sought beside the believed values, too.
+LEADS = 0.4  # share of the excess that the first of two effects must explain alone
+PROMISED = 0.5  # share of what a second effect must gain that it must promise beside doubtful coefficients
+COMPANY = 5  # most second effects that are fitted
+# Coefficients are doubtful if values drawn from their priors lie as far off with less than this probability, and more
+# than noise is left. They may then do what another effect does, so that one is sought beside the believed values, too.
 DOUBTFUL = 0.05
-SWAPPED = 0.5  # what alone gains this share of what the first does may take its place beside the second
-PATIENCE = 2  # rounds before a descent of several may be given up: it begins far from rest,
-PATIENCE_FAR = 6  # and if coefficients are strained, or what came to rest alone is to do so beside another, it is far
+SWAPPED = 0.5  # share of the first effect's gain with which another may take its place beside the second
+PATIENCE = 2  # rounds before a descent of several effects may be given up, as it begins far from rest
+PATIENCE_FAR = 6  # the same if coefficients are strained, or a fit that rested alone must rest beside another effect
 
 
 def several_at_once(
@@ -42,9 +42,9 @@ def several_at_once(
 ) -> list[EffectFit]:
     """Return fits of the best effect and a second one, or of three, all parameters together, if they leave only noise.
 
-    What was named first is swapped for what may do as well beside the second, and where the best pair leaves more than
-    noise, a third is sought. Of what is found each part is left out again and the rest refitted: it may have been named
-    only because the others were not known yet, or because these came to rest beside it that had not when alone.
+    The first effect is swapped for others that may do as well beside the second. If the best pair leaves more than
+    noise, a third effect is sought. Then each part is left out again and the rest refitted. A part may have been found
+    only because the others were not known yet, or because they came to rest beside it and had not done so alone.
     """
     noise = noise_limit(base.believed, samples)
     search = _Joint(base, chi2_tuned, screened, samples, tested, noise, say)
@@ -65,13 +65,13 @@ def several_at_once(
     if best is not None:
         simpler = search.simpler(best)
         found += simpler
-        # A special case may take the work of another part over, and then lets that one be left out.
+        # A special case may take over the work of another part, which can then be left out.
         whole = [best, *sorted(simpler, key=lambda f: f.chi2)[:1]]
         while whole:
             rest = spread([partial(search.without, f, part, noise) for f in whole for part in f.effect.parts])
             less = [f for f in rest if f is not None and f.settled]
             found += less
-            # Of three, all but one may have been company on the way of that one to where it rests.
+            # Of three effects, two may only have helped the third to find where it rests.
             whole = [f for f in less if f.effect.parts and leaves_noise(f, noise)]
             whole = sorted(whole, key=lambda f: f.chi2)[:1]
         found = [f for f in found if not any(does_without(f, less, samples, noise) for less in (*ranking, *found))]
@@ -93,18 +93,18 @@ class _Joint:
     def beside(self, known: EffectFit, first: Effect, rival: EffectFit) -> list[EffectFit]:
         """Return joint fits of an effect and one more that are clearly better than ``rival``.
 
-        A form of the first that is not quite right finds company, too: the further effect must gain more than noise
-        would, more than it takes to tell two effects apart, and most of what ``rival`` leaves. A rival that strains
-        what is believed of the coefficients has shown that it is not the whole.
+        If the form of the first is not quite right, another effect gains beside it, too. The further effect must
+        therefore gain more than noise would, more than it takes to tell two effects apart, and a large part of what
+        ``rival`` leaves. A rival that strains the coefficients is not the whole.
 
         Args:
-            known: fit whose values and re-tuning are begun from.
-            first: its effect, or a part of it: what the further effect is sought beside.
-            rival: what must be beaten; its effects are not tried.
+            known: fit whose values and re-tuned coefficients the search begins from.
+            first: its effect, or a part of it, beside which the further effect is sought.
+            rival: fit that must be beaten; its effects are not tried.
         """
         found: list[EffectFit] = []
         self.say(f"seek another effect beside {first.title}")
-        # What explains as much as re-tuned coefficients far from what is believed may promise nothing where they are.
+        # An effect whose work re-tuned coefficients do, far from their priors, may promise nothing beside them.
         bases = [self._nuisances(known)] + ([np.ones(len(self.base.priors))] if self._doubtful(rival) else [])
         for nuisances in bases:
             self._beside_at(nuisances, known, first, rival, found)
@@ -134,13 +134,13 @@ class _Joint:
         share = PROMISED if doubtful else 1.0
         worth = [s for s in others if s.promise > share * least[s.effect.name] + re_tuned - rival.chi2]
         queue = promising(worth, 0.5, 0.5, 1)
-        # Nor does an effect promise much whose work coefficients do even from the believed values: it does most alone.
+        # It may promise little at the believed values, too. The one that gains most with coefficients held is tried.
         relief = [max(others, key=lambda s: s.alone)] if doubtful and others and believed else []
         others_first = relief + [s for s in queue if s not in relief]
         patience = PATIENCE_FAR if doubtful else PATIENCE
 
         def task(other: Screened) -> tuple[tuple[str, float], Callable[[], EffectFit | None]]:
-            """Return what a fit of one more effect depends on, of all that was found before it, and the fit."""
+            """Return a fit of one more effect, behind a key: the effect, and what the fits found before it require."""
             others_found = (f.chi2 + CRITERIA.told_apart for f in found if f.within >= CRITERIA.strained)
             lowest = min([rival.chi2 - least[other.effect.name], *others_found])
             begin = np.concatenate([values, other.starts[0]])
@@ -178,7 +178,7 @@ class _Joint:
         taken = {p.name for p in pair.effect.parts}
         rivals = [f for f in ranking if not f.effect.parts and f.effect.name not in taken]
         rivals = [f for f in rivals if f.gain > SWAPPED * lead.gain]
-        # What alone was given up is known by its promise only, and beside the second effect it may keep it.
+        # A fit that was given up is known only by its promise, which it may keep beside the second effect.
         given_up = [f for f in rivals if not f.flown and len(f.values) == 1][:COMPANY]
         begun = []
         for rival in [*[f for f in rivals if f.flown][:COMPANY], *given_up]:
