@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from testbench.core.bring import said
+from testbench.core.errors import TestbenchError
 
 
 class Law(NamedTuple):
@@ -16,3 +21,33 @@ class Law(NamedTuple):
     def sentence(self) -> str:
         """The law; if it does not hold, also why."""
         return self.words if self.holds else f"{self.words}: {self.why}"
+
+
+class LawError(Exception):
+    """A law is broken: what was expected, what was got."""
+
+
+def need(holds: bool, otherwise: str) -> None:
+    """Raise :class:`LawError` with these words unless something holds."""
+    if not holds:
+        raise LawError(otherwise)
+
+
+def tried_on(case: Any, laws: Sequence[Callable[[Any], None]], path: Path) -> Iterator[Law]:
+    """Try laws one by one and yield what becomes of each; its name says it in words.
+
+    Args:
+        case: what every law is called with.
+        laws: functions that raise if they do not hold.
+        path: the user's file, whose line is said if its code raises an error of another kind.
+    """
+    for law in laws:
+        words = law.__name__.replace("_", " ")
+        try:
+            law(case)
+        except (LawError, TestbenchError) as error:
+            yield Law(words, False, str(error))
+        except Exception as error:
+            yield Law(words, False, said(error, path))
+        else:
+            yield Law(words, True)

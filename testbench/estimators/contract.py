@@ -20,6 +20,7 @@ from scipy.signal import cont2discrete
 
 from testbench.core import bring
 from testbench.core.constants import DEG_RAD
+from testbench.core.contract import Law, LawError, need, tried_on
 from testbench.core.errors import ChannelError, EstimationError, TestbenchError, nearest
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators import estimate
@@ -120,16 +121,6 @@ class Trial:
         """Return the model of these records; another flight is kept back for validation."""
         names = self.outputs if outputs is None else outputs
         return estimate(self.method, records, INPUTS, names, [flight(99)], **self.settings)
-
-
-class LawError(Exception):
-    """A law is broken: what was expected, what was got."""
-
-
-def need(holds: bool, words: str) -> None:
-    """Raise LawError unless it holds."""
-    if not holds:
-        raise LawError(words)
 
 
 # --- the laws ---------------------------------------------------------------------------------------------------------
@@ -381,8 +372,8 @@ STRUCTURE_LAWS: tuple[Callable[[Make], None], ...] = (
 # --- the command ------------------------------------------------------------------------------------------------------
 
 
-def tried(name: str) -> Iterator[tuple[str, str]]:
-    """Yield each law in words, and what failed ("" if nothing), for what a user brings as ``FILE.py:NAME``.
+def tried(name: str) -> Iterator[Law]:
+    """Yield every law and whether it holds, for what a user brings as ``FILE.py:NAME``.
 
     A function whose first argument is ``records`` is tried as an estimator, one of (inputs, outputs, trim) as a
     structure. A table ``CHECK`` in the file says with what an estimator is tried: "settings", "exact" (largest relative
@@ -396,7 +387,7 @@ def tried(name: str) -> Iterator[tuple[str, str]]:
     what = bring.load(path, attribute)
     kind = kind_of(what)
     if kind == "structure":
-        yield from _each(STRUCTURE_LAWS, Make(path, attribute), path)
+        yield from tried_on(Make(path, attribute), STRUCTURE_LAWS, path)
         return
     if not kind:
         raise EstimationError(
@@ -404,7 +395,7 @@ def tried(name: str) -> Iterator[tuple[str, str]]:
             f"structure's function (inputs, outputs, trim), got {type(what).__name__} "
             f"({', '.join(_arguments(what)[:3])})"
         )
-    yield from _each(LAWS, Trial(f"{path}:{attribute}", **_check_table(path)), path)
+    yield from tried_on(Trial(f"{path}:{attribute}", **_check_table(path)), LAWS, path)
 
 
 def kind_of(what: object) -> str:
@@ -427,16 +418,3 @@ def _check_table(path: Path) -> dict[str, Any]:
     if "outputs" in table:
         table["outputs"] = tuple(table["outputs"])
     return table
-
-
-def _each(laws: Sequence[Callable[[Any], None]], case: Any, path: Path) -> Iterator[tuple[str, str]]:
-    for law in laws:
-        words = law.__name__.replace("_", " ")
-        try:
-            law(case)
-        except (LawError, TestbenchError) as error:
-            yield words, str(error)
-        except Exception as error:
-            yield words, bring.said(error, path)
-        else:
-            yield words, ""

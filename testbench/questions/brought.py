@@ -48,7 +48,6 @@ def _in_python(name: str) -> tuple[str, list[Law]]:
     except ScenarioError:
         path, attribute = find(name, None, methods.FOLDER)
     what = load(path, attribute)
-    is_effect = isinstance(what, Effect)
-    tried = effects.tried if is_effect else methods.tried
-    laws = [Law(words, not failed, failed) for words, failed in tried(f"{path}:{attribute}")]
-    return "effect" if is_effect else methods.kind_of(what), laws
+    if isinstance(what, Effect):
+        return "effect", list(effects.tried(path, attribute))
+    return methods.kind_of(what), list(methods.tried(f"{path}:{attribute}"))

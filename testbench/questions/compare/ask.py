@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from testbench.flight import linearise
 from testbench.flight.air import air_of
 from testbench.information.modes import modes_of
 from testbench.information.targets import needed_parameters
-from testbench.line import fly_and_measure, log_rate, trim_for
+from testbench.line import Report, fly_and_measure, log_rate, trim_for
 from testbench.questions.compare.best_case import best_estimate, lagged_structure
 from testbench.questions.compare.judge import errors_of, model_errors
 from testbench.questions.compare.placement import Placed, place, templates
@@ -27,7 +27,6 @@ from testbench.questions.compare.scenario import BEST_CASE, CompareScenario, Pla
 from testbench.questions.compare.seen import Known, sensors_of, unknowns, wanted_modes
 from testbench.sensors import SensorSuite, load_suite
 
-Report = Callable[[str], None]
 _FAST_MODE = {"longitudinal": "short period", "lateral": "Dutch roll"}
 
 

@@ -6,7 +6,7 @@ screen every family -> refine by information -> fly -> scale -> rank
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +16,7 @@ from testbench.core.record import FloatArray
 from testbench.flight import LinearModel, TrimmedFlight, linearise
 from testbench.information.fisher import accuracy
 from testbench.information.modes import modes_of
-from testbench.line import trim_for
+from testbench.line import Report, trim_for
 from testbench.questions.design.build import limits_of, onsets_of, problem_of
 from testbench.questions.design.flown import Envelope, Flown, fly_design
 from testbench.questions.design.limits import Limits
@@ -27,8 +27,6 @@ from testbench.questions.design.result import DesignResult, Ranked
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.design.search import best_of_families, screen, search
 from testbench.sensors import SensorSuite, load_suite
-
-Report = Callable[[str], None]
 
 _FLOWN = 7  # designs that are flown,
 _CLASSICS = ("doublet", "3211")  # and these for comparison

@@ -9,7 +9,7 @@ from pathlib import Path
 from testbench.aircraft import load_aircraft
 from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord, load_record
-from testbench.line import condition_of
+from testbench.line import Keep, condition_of
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose
 from testbench.questions.gap.evidence.compared import not_compared
@@ -19,8 +19,6 @@ from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.gap.workflow import find_gap
 from testbench.sensors import load_suite
-
-Keep = Callable[[str, FlightRecord], None]
 
 
 @dataclass(frozen=True, eq=False)

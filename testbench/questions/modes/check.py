@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from testbench.aircraft import load_aircraft
 from testbench.core.errors import Faults, nearest
 from testbench.flight.simulate import stride
 from testbench.line import log_rate
+from testbench.questions.modes.ask import WING, signal_of
 from testbench.questions.modes.scenario import ModesScenario
 from testbench.sensors import load_suite
-
-if TYPE_CHECKING:
-    pass
-from testbench.questions.modes.ask import WING, signal_of
 
 
 def check(scenario: ModesScenario) -> list[str]:

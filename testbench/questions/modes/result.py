@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from testbench.core.record import FlightRecord
 from testbench.estimators.operational import OperationalModes
 from testbench.evaluation.operational import ModeMatch, TrueMode
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
 
 from testbench.aircraft import Aircraft, load_aircraft
 from testbench.core.errors import Faults, nearest
@@ -14,9 +13,6 @@ from testbench.questions.plan.response import limits_of
 from testbench.questions.plan.scenario import PlanScenario
 from testbench.questions.run.check import check_amplitude
 from testbench.sensors import load_suite
-
-if TYPE_CHECKING:
-    pass
 
 
 def check(scenario: PlanScenario) -> list[str]:

@@ -13,7 +13,7 @@ from commands import command
 from testbench.core.errors import ScenarioError
 from testbench.questions.gap.brought import BroughtCodeError, choose, faults, load_effect
 from testbench.questions.gap.effects import library
-from testbench.questions.gap.effects.contract import LAWS, check_effect
+from testbench.questions.gap.effects.contract import LAWS, tried
 from testbench.questions.gap.scenario import GapScenario
 from testbench.sensors import load_suite
 
@@ -51,7 +51,7 @@ def test_the_effect_of_the_guide_is_searched_from_an_empty_folder_and_whose_code
 
 
 def test_the_effect_of_the_guide_keeps_every_law(folder):
-    told = check_effect(folder / "my_effect.py", "EFFECT")
+    told = list(tried(folder / "my_effect.py", "EFFECT"))
     assert len(told) == len(LAWS)
     assert [(law, why) for law, kept, why in told if not kept] == []
 
@@ -59,7 +59,7 @@ def test_the_effect_of_the_guide_keeps_every_law(folder):
 def test_a_law_that_is_broken_is_told_with_its_reason(folder):
     changed(folder, "It hangs low, so that it also pitches the nose down.", "")
     changed(folder, "return aircraft.amended(", "return values['size'] and aircraft.amended(")
-    told = {law: why for law, kept, why in check_effect(folder / "my_effect.py", "EFFECT") if not kept}
+    told = {law: why for law, kept, why in tried(folder / "my_effect.py", "EFFECT") if not kept}
     assert "two sentences" in told["it says in words what it is"]
     flies = told["it flies at its usual size"]
     assert re.search(r"amend of 'banner' must work, got KeyError: 'size' \(my_effect\.py, line \d+\)", flies), flies

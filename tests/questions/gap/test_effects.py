@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import lsim
 
 from testbench.aircraft import load_aircraft
+from testbench.core.contract import LawError
 from testbench.core.record import FlightRecord
 from testbench.flight import FlightCondition, linearise, trim
 from testbench.questions.gap.believed import PRIORS, Believed
@@ -119,7 +120,7 @@ def test_effects_that_break_a_law_are_told_which(believed):
     ):
         case = contract.Trial(broken)
         case.__dict__["believed"] = believed
-        with pytest.raises(contract.LawError, match=words):
+        with pytest.raises(LawError, match=words):
             law(case)
     with pytest.raises(Exception, match="pickle"):
         contract.it_goes_from_process_to_process(contract.Trial(replace(good, amend=lambda a, s, v: (a, s))))

@@ -15,12 +15,11 @@ from pathlib import Path
 import numpy as np
 
 from testbench.aircraft import load_aircraft
-from testbench.core import bring
-from testbench.core.errors import TestbenchError
-from testbench.core.record import FlightAborted, FlightRecord
+from testbench.core.contract import Law, need, tried_on
+from testbench.core.record import FlightRecord
 from testbench.flight import FlightCondition, trim
 from testbench.questions.gap.believed import PRIORS, Believed
-from testbench.questions.gap.brought import FOLDER, load_effect
+from testbench.questions.gap.brought import load_effect
 from testbench.questions.gap.effects.base import LINK, Effect
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
@@ -31,16 +30,6 @@ CONDITION = FlightCondition(16.0, 547.0)
 RATE_HZ = 100.0
 _LOG_HZ = 50.0
 _SAMPLES = 400
-
-
-class LawError(AssertionError):
-    """A law that an effect breaks, in words."""
-
-
-def need(holds: bool, otherwise: str) -> None:
-    """Raise :class:`LawError` with these words unless something holds."""
-    if not holds:
-        raise LawError(otherwise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,54 +189,31 @@ def it_is_found_again_in_data_that_it_made(t: Trial) -> None:
         )
 
 
-Law = Callable[[Trial], None]
-OF_WORDS: tuple[Law, ...] = (
+Check = Callable[[Trial], None]
+OF_WORDS: tuple[Check, ...] = (
     it_says_in_words_what_it_is,
     it_names_where_it_acts,
     its_parameters_have_units_and_start_within_their_bounds,
 )
 """What every effect must say."""
-OF_AIRCRAFT: tuple[Law, ...] = (
+OF_AIRCRAFT: tuple[Check, ...] = (
     it_changes_aircraft_or_sensors_and_leaves_what_it_was_given,
     it_flies_at_its_usual_size,
     without_size_it_changes_nothing,
     it_goes_from_process_to_process,
 )
 """What every effect of an aircraft or its sensors must do; a gust is of one record's air."""
-LAWS: tuple[Law, ...] = (*OF_WORDS, *OF_AIRCRAFT, it_is_found_again_in_data_that_it_made)
+LAWS: tuple[Check, ...] = (*OF_WORDS, *OF_AIRCRAFT, it_is_found_again_in_data_that_it_made)
 """What an effect that is brought must do."""
 
 
 # --- the command ------------------------------------------------------------------------------------------------------
 
 
-def check_effect(path: Path, attribute: str) -> list[tuple[str, bool, str]]:
-    """Return (law, whether it is kept, why not) of every law, for the effect of that name in a user's file.
+def tried(path: Path, attribute: str) -> Iterator[Law]:
+    """Yield every law and whether it holds, for the effect of that name in a user's file.
 
     Raises:
         ScenarioError: the file cannot be run, or what it names is no effect.
     """
-    return [(law, not why, why) for law, why in _each(Trial(load_effect(path, attribute)), path)]
-
-
-def tried(name: str) -> Iterator[tuple[str, str]]:
-    """Yield each law in words, and what failed ("" if nothing), for an effect ``FILE.py:NAME``.
-
-    Raises:
-        ScenarioError: the file is not found, cannot be run, or what it names is no effect.
-    """
-    path, attribute = bring.find(name, None, FOLDER)
-    yield from _each(Trial(load_effect(path, attribute)), path)
-
-
-def _each(trial: Trial, path: Path) -> Iterator[tuple[str, str]]:
-    for law in LAWS:
-        words = law.__name__.replace("_", " ")
-        try:
-            law(trial)
-        except (LawError, TestbenchError, FlightAborted) as error:
-            yield words, str(error)
-        except Exception as error:
-            yield words, bring.said(error, path)
-        else:
-            yield words, ""
+    yield from tried_on(Trial(load_effect(path, attribute)), LAWS, path)
