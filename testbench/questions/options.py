@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 ScenarioArgument = Annotated[
     Path, typer.Argument(help="Scenario file, or the name of a packaged one.", show_default=False)
@@ -25,6 +26,16 @@ class Wings(str, Enum):
 
     flexible = "flexible"
     rigid = "rigid"
+
+
+class ShowByDefault(TyperGroup):
+    """A group of commands whose name may be followed by what is shown: ``aircraft eolo`` is ``aircraft show eolo``."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put ``show`` before arguments that begin with no command of the group."""
+        if args and args[0] not in {*self.commands, "--help"}:
+            args = ["show", *args]
+        return super().parse_args(ctx, args)
 
 
 def refuse(context: typer.Context, why: str, *parameters: str) -> None:

@@ -8,10 +8,17 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import OutOption, Wings
+from testbench.questions.options import OutOption, ShowByDefault, Wings
+
+command = typer.Typer(
+    cls=ShowByDefault,
+    no_args_is_help=True,
+    help="Show an aircraft: any JSBSim model, packaged, your own, or one that ships with JSBSim.",
+)
 
 
-def command(
+@command.command()
+def show(
     name: Annotated[str, typer.Argument(help="Packaged aircraft, or a folder of your own.", show_default=False)],
     wings: Annotated[
         Wings, typer.Option(help="Whether the elastic modes move (flexible) or are held (rigid).")
