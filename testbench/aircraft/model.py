@@ -10,10 +10,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from testbench.aircraft.adapter import THROTTLE, Adapter
 from testbench.aircraft.airframe import WingStation
 from testbench.aircraft.amend import Amendment, Memory
 from testbench.aircraft.elastic import ElasticMode, ElasticModel, WingShape, add_modes
 from testbench.aircraft.outline import Outline
+from testbench.core.channels import CHANNELS
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, JSBSIM_LENGTH_M, LBF_N, SLUG_KG
 from testbench.core.errors import ModelError, ScenarioError
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, aircraft_names, resolve
@@ -46,16 +48,31 @@ class MassProperties:
 
 @dataclass(frozen=True)
 class Control:
-    """A control channel: the JSBSim property that commands it (-1 to 1, or 0 to 1) and what 1 means in SI."""
+    """A control channel and the JSBSim property that commands it.
+
+    Attributes:
+        name: "de", "da", "dr" or "thr".
+        command: JSBSim property.
+        full: highest admissible value: rad, or 1 for the throttle.
+        least: lowest admissible value of a surface that moves less far to that side; -full if not given.
+        unit: what 1 of the property means in SI; ``full`` if not given.
+    """
 
     name: str
     command: str
     full: float
+    least: float | None = None
+    unit: float | None = None
 
     @property
     def low(self) -> float:
         """Lowest admissible value: rad, or 0 for the throttle."""
-        return 0.0 if self.name == "thr" else -self.full
+        return 0.0 if self.name == "thr" else -self.full if self.least is None else self.least
+
+    @property
+    def scale(self) -> float:
+        """What 1 of the property means in SI."""
+        return self.full if self.unit is None else self.unit
 
 
 @dataclass(frozen=True)
@@ -76,6 +93,8 @@ class Aircraft:
         amendments: changes applied to ``xml``, from the forces up to the command, otherwise in order.
         outline: what it looks like, for drawings only, or None if nobody has said.
         wing_stations: places on the wing where instruments may sit.
+        adapter: how a model that somebody else wrote is commanded and started; None for one in the testbench's own
+            form.
     """
 
     name: str
@@ -93,6 +112,7 @@ class Aircraft:
     amendments: tuple[Amendment, ...] = ()
     outline: Outline | None = None
     wing_stations: tuple[WingStation, ...] = ()
+    adapter: Adapter | None = None
 
     def with_rigid_wings(self) -> Aircraft:
         """Return the aircraft with its modes frozen at zero deflection."""
@@ -124,12 +144,29 @@ class Aircraft:
             ModelError: an amendment does not fit the model.
         """
         tree = ET.fromstring(self.xml)
+        if self.adapter is not None:
+            self.adapter.apply(tree)
         for amendment in sorted(self.amendments, key=lambda a: a.upstream):
             amendment.apply(tree)
         elastic = self.flown_modes()
         if elastic is not None and len(elastic):
             add_modes(tree, elastic, 1.0 / rate_hz, qbar_Pa, V_m_s)
         return tree
+
+    def source_of(self, channel: str) -> tuple[str | None, float]:
+        """Return the JSBSim property that a channel of the table is read from, and the factor to SI."""
+        c = CHANNELS[channel]
+        if self.adapter is not None:
+            link = self.adapter.link(channel.removesuffix("_cmd"))
+            if link is not None:
+                return (link.command if channel.endswith("_cmd") else link.surface), 1.0
+            if channel in {"de", "da", "dr", "de_cmd", "da_cmd", "dr_cmd"}:
+                return None, 1.0
+            if channel in {"thr", "thr_cmd"}:
+                return (THROTTLE if self.adapter.throttles else None), 1.0
+            if channel == "thrust":
+                return "forces/fbx-prop-lbs", LBF_N  # of all engines
+        return c.jsbsim_property, c.factor / self.mass.mass_kg if c.per_mass else c.factor
 
     def flown_modes(self) -> ElasticModel | None:
         """Return the modes that the written model carries, those added by amendments included."""

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 from testbench.core.errors import ScenarioError, nearest
@@ -28,6 +30,26 @@ SUITES = _PACKAGE / "sensors" / "suites"
 def aircraft_names() -> list[str]:
     """Return the names of the aircraft folders, sorted."""
     return sorted(p.parent.name for p in AIRCRAFT_MODELS.glob("*/aircraft.toml"))
+
+
+STOCK = "jsbsim:"
+"""What the name of an aircraft begins with that comes with JSBSim itself: ``jsbsim:f16``."""
+
+
+@cache
+def stock_root() -> Path | None:
+    """Return the root directory of models that JSBSim was installed with; None without it. JSBSim is not imported."""
+    found = find_spec("jsbsim")
+    root = Path(found.origin).parent if found is not None and found.origin else None
+    return root if root is not None and (root / "aircraft").is_dir() else None
+
+
+@cache
+def stock_names() -> tuple[str, ...]:
+    """Return the names of the models that come with JSBSim."""
+    root = stock_root()
+    folders = () if root is None else sorted((root / "aircraft").iterdir())
+    return tuple(p.name for p in folders if (p / f"{p.name}.xml").is_file())
 
 
 def suite_names() -> list[str]:

@@ -218,7 +218,7 @@ def _run(
     rows = (u.shape[0] - 1) // step + 1
     raw = np.empty((rows, len(names)))
     raw[0] = [read() for read in readers]
-    scale = np.array([fdm.aircraft.controls[n].full for n in controls])
+    scale = np.array([fdm.aircraft.controls[n].scale for n in controls])
     columns = [column.tolist() for column in (u / scale).T]
     changed = np.any(np.diff(np.vstack([at_trim, at_trim, u[1:]]), axis=0) != 0.0, axis=1).tolist()
     writers = [fdm.command_nodes[n].set_double_value for n in controls]
