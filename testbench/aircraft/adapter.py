@@ -204,6 +204,13 @@ def _drive(target: str, terms: Sequence[tuple[Link, Drive]]) -> ET.Element:
     if len(terms) == 1:
         link, drive = terms[0]
         (low, at_low), (high, at_high) = drive.points[0], drive.points[-1]
+        gain = at_high / high if high else 0.0
+        if len(drive.points) == 2 and abs(at_low - gain * low) <= 1e-9 * abs(at_high - at_low):
+            out = ET.Element("pure_gain", {"name": name})
+            ET.SubElement(out, "input").text = link.surface
+            ET.SubElement(out, "gain").text = repr(gain)
+            ET.SubElement(out, "output").text = target
+            return out
         if len(drive.points) == 3 and drive.points[1] == (0.0, 0.0):
             out = ET.Element("aerosurface_scale", {"name": name})
             ET.SubElement(out, "input").text = link.surface

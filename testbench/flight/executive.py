@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 import tempfile
 import weakref
 import xml.etree.ElementTree as ET
@@ -51,6 +52,17 @@ class _QuietLogger(jsbsim.FGLogger):
             self.lines.append(text.strip())
 
 
+class UndefinedProperties(ModelError):
+    """A model reads properties that nothing defines; ``missing`` holds their names."""
+
+    def __init__(self, message: str, missing: Sequence[str]) -> None:
+        super().__init__(message)
+        self.missing = tuple(missing)
+
+
+_NAMED_MISSING = re.compile(r"propert(?:y|ies)[^/\w]+(/?[\w/\-\[\]]+)[\s\"']+does not exist|(/?[\w\-]+/[\w/\-\[\]]+)[\s\"']+does not exist")
+
+
 class Executive:
     """One JSBSim executive with one freshly loaded model, ready at time zero with the engines running.
 
@@ -90,10 +102,10 @@ class Executive:
             if loaded:
                 self.fdm.run_ic()
         except RuntimeError as error:
-            raise ModelError(f"JSBSim refuses the model of {aircraft.name}: {error}") from error
+            raise self._refusal(str(error)) from error
         if not loaded:
             said = "; ".join(self._logger.lines[-3:]) or "no reason given"
-            raise ModelError(f"JSBSim refuses the model of {aircraft.name}: {said}")
+            raise self._refusal(said)
         for name in INTEGRATORS:
             self.set(f"simulation/integrator/{name}", ADAMS_BASHFORTH_3)
         if aircraft.adapter is not None:
@@ -110,6 +122,13 @@ class Executive:
         self.propellers = Propellers(self, self.fdm.get_propulsion().get_num_engines())
         self._wind = np.zeros(3)
 
+    def _refusal(self, said: str) -> ModelError:
+        """Return the error of a model that JSBSim refuses, in JSBSim's own words."""
+        said = " ".join(said.split())
+        message = f"JSBSim refuses the model of {self.aircraft.name}: {said}"
+        missing = [name for found in _NAMED_MISSING.findall(said) for name in found if name]
+        return UndefinedProperties(message, missing) if missing else ModelError(message)
+
     def _refuse_unknown_properties(self, read: frozenset[str]) -> None:
         """Raise ModelError if a function reads a property that nothing defines.
 
@@ -120,9 +139,10 @@ class Executive:
         for name in missing:
             self.fdm.set_property_value(name, 0.0)
         if missing:
-            raise ModelError(
-                f"JSBSim refuses the model of {self.aircraft.name}: every property that a function reads must be "
-                f"defined, got {', '.join(missing)}"
+            raise UndefinedProperties(
+                f"every property that a function reads must be defined, but nothing in the model of "
+                f"{self.aircraft.name} defines {', '.join(missing)}",
+                missing,
             )
 
     def _source(self, name: str) -> tuple[str, str | None, float]:
