@@ -60,7 +60,8 @@ class UndefinedProperties(ModelError):
         self.missing = tuple(missing)
 
 
-_NAMED_MISSING = re.compile(r"propert(?:y|ies)[^/\w]+(/?[\w/\-\[\]]+)[\s\"']+does not exist|(/?[\w\-]+/[\w/\-\[\]]+)[\s\"']+does not exist")
+_NAME = r"(/?[\w-]+(?:/[\w\[\]-]+)+)"
+_NAMED_MISSING = re.compile(rf"{_NAME}[\s\"']+does not exist")
 
 
 class Executive:
@@ -86,6 +87,7 @@ class Executive:
         modes = aircraft.flown_modes()
         self.mode_count = len(modes) if modes else 0
         # See evaluate(). The gains of the loops that it closes are 2e-2 (alphadot) and some 1e-5 (static elasticity).
+        self._read = written.properties
         self._iterations, self._to_rest = (5, 12) if "aero/alphadot-rad_sec" in written.properties else (2, 5)
         if aircraft.adapter is not None:
             self._iterations = max(3, self._iterations)  # throttle: command, position, thrust
@@ -126,7 +128,7 @@ class Executive:
         """Return the error of a model that JSBSim refuses, in JSBSim's own words."""
         said = " ".join(said.split())
         message = f"JSBSim refuses the model of {self.aircraft.name}: {said}"
-        missing = [name for found in _NAMED_MISSING.findall(said) for name in found if name]
+        missing = _NAMED_MISSING.findall(said)
         return UndefinedProperties(message, missing) if missing else ModelError(message)
 
     def _refuse_unknown_properties(self, read: frozenset[str]) -> None:
@@ -155,6 +157,10 @@ class Executive:
     def has(self, name: str | None) -> bool:
         """Return whether the model has a property."""
         return name is not None and self._manager.hasNode(name)
+
+    def reads(self, name: str) -> bool:
+        """Return whether a function of the model reads a property."""
+        return name in self._read
 
     def node(self, name: str) -> Any:
         """Return the property node ``name``.

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 ADAMS_BASHFORTH_3 = 4
 _NONE = 0
 INTEGRATORS = ("rate/rotational", "rate/translational", "position/rotational", "position/translational")
-_GLANCE_S = 1e-6  # a frame so short that nothing moves, from which the acceleration is read
 _LONGEST_S = 0.05
 _FRAMES = 3000
 _SETTLED = 1e-10  # of the speed, from frame to frame
@@ -40,6 +39,8 @@ class Propellers:
         fdm: executive that holds the model, engines running.
         count: number of engines.
     """
+
+    GLANCE_S = 1e-6  # a frame so short that nothing moves, from which a rate is read
 
     def __init__(self, fdm: Executive, count: int) -> None:
         self._fdm = fdm
@@ -63,11 +64,15 @@ class Propellers:
         """Return the speeds (n,), rad/s."""
         return np.array([node.get_double_value() for node in self._nodes]) * RPM_RAD_S
 
+    def glance(self, dt_s: float = GLANCE_S) -> None:
+        """Let a frame pass in which nothing but the engines moves; a very short one, if not told otherwise."""
+        self._frame(dt_s)
+
     def accelerations(self) -> FloatArray:
         """Return the rates of change of the speeds (n,), rad/s2, at the state that was placed last."""
         before = self.speeds()
-        self._frame(_GLANCE_S)
-        return np.asarray((self.speeds() - before) / _GLANCE_S)
+        self.glance()
+        return np.asarray((self.speeds() - before) / self.GLANCE_S)
 
     def settle(self) -> None:
         """Bring every propeller to the speed at which engine and air turn it with the same torque.
@@ -99,16 +104,6 @@ class Propellers:
                 dt = max(0.5 * dt, 0.1 * frame)
             last = float(change[k]) * dt / was
         self._step_s = dt
-
-    def turn_to(self, speeds_rad_s: FloatArray) -> None:
-        """Put the speeds where they are wanted, (n,) rad/s; throttles may be anywhere meanwhile."""
-        for _ in range(4):
-            rates = self.accelerations()
-            away = speeds_rad_s - self.speeds()
-            k = int(np.argmax(np.abs(away)))
-            if abs(away[k]) <= _SETTLED * max(abs(speeds_rad_s[k]), 1.0) or rates[k] == 0.0:
-                break
-            self._frame(away[k] / rates[k])
 
     def _frame(self, dt_s: float) -> None:
         """Let one frame of this length pass in which nothing moves but what turns, and put the rest back."""

@@ -21,7 +21,7 @@ import numpy as np
 from testbench.core.errors import ChannelError, EstimationError, nearest
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
-from testbench.flight.linearise import LinearModel
+from testbench.flight.linear_model import LinearModel
 
 Plane = Literal["longitudinal", "lateral"]
 _STATES = {"longitudinal": ("u", "w", "q", "theta", "h"), "lateral": ("v", "p", "r", "phi")}

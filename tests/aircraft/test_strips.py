@@ -19,10 +19,9 @@ from strips import (
     symmetric_modes,
 )
 
-from testbench.aircraft import load_aircraft
 from testbench.core.errors import TrimError
 from testbench.evaluation.modes import longitudinal_modes
-from testbench.flight import FlightCondition, linearise, trim
+from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = 1e-9

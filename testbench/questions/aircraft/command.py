@@ -32,7 +32,7 @@ def show(
 
     Example: `testbench aircraft eolo --export root/aircraft` also writes a model that stock JSBSim loads from `root`.
     """
-    from testbench.aircraft import load_aircraft
+    from testbench.flight import load_aircraft
     from testbench.questions.aircraft.ask import survey
     from testbench.questions.aircraft.export import export_aircraft
     from testbench.questions.aircraft.page import aircraft_page, folder_name

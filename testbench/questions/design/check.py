@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from testbench.aircraft import load_aircraft
 from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.errors import Faults, ScenarioError, TestbenchError, nearest
+from testbench.flight import load_aircraft
 from testbench.flight.simulate import stride
 from testbench.information.aircraft_structure import parameter_names
 from testbench.information.modes import RIGID_MODES, elastic_modes

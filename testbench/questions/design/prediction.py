@@ -13,7 +13,7 @@ from scipy.linalg import expm
 
 from testbench.core.errors import LimitError
 from testbench.core.record import FloatArray
-from testbench.flight.linearise import LinearModel
+from testbench.flight.linear_model import LinearModel
 from testbench.questions.design.limits import Limits
 
 _STILL = 1e-150  # a channel that does not move meets no limit

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import Faults, LimitError
+from testbench.flight import load_aircraft
 from testbench.flight.simulate import stride
 from testbench.inputs import build
 from testbench.line import log_rate
