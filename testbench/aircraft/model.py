@@ -173,6 +173,11 @@ class Aircraft:
                 return "forces/fbx-prop-lbs", LBF_N  # of all engines
         return c.jsbsim_property, c.factor / self.mass.mass_kg if c.per_mass else c.factor
 
+    def has_servo(self, control: str) -> bool:
+        """Return whether a servo moves a control: a surface without one is where its command is."""
+        name = self.servo_of(control) if control in SURFACES else None
+        return name is not None and (self.adapter is not None or name in self.xml)
+
     def servo_of(self, control: str) -> str | None:
         """Return the JSBSim property that holds the corner frequency of a servo, rad/s; None if there is none."""
         if self.adapter is None:

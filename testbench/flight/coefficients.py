@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.core.constants import FT_M, LBF_N
+from testbench.core.constants import FT_M
 from testbench.core.errors import TrimError
 from testbench.core.record import FloatArray
 from testbench.flight.condition import FlightCondition, TrimmedFlight

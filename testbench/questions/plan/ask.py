@@ -139,7 +139,7 @@ def _points(scenario: PlanScenario, envelopes: Sequence[Envelope]) -> tuple[Poin
                 h,
                 envelope.trims[k],
                 envelope.models[k],
-                level_power_W(scenario, envelope.trims[k]),
+                level_power_W(scenario, envelope.trims[k], envelope.aircraft.mass.mass_kg),
                 first_onset(envelope),
                 _modes_at(envelope, k, following, scenario.least_damping),
                 following,
