@@ -98,10 +98,8 @@ def modes() -> tuple[list[Shape], list[float], dict[bool, Modes]]:
     shapes, masses = [], []
     for symmetric, i, _, _, _, unit in GROUND_TEST:
         shape, m = found[symmetric].shapes[i], found[symmetric].masses[i]
-        tip = {
-            "tip": coupling.at_stations(WING, shape.bend, STATIONS)[-1] / cbar,
-            "twist": coupling.at_stations(WING, shape.twist, STATIONS)[-1],
-        }
+        bend, twist = (at_stations(WING, values, STATIONS)[-1] for values in (shape.bend, shape.twist))
+        tip = {"tip": bend / cbar, "twist": twist}
         size = tip.get(unit, shape.tail_roll)
         shapes.append(Shape(*(getattr(shape, n) / size for n in MOTION_FIELDS), symmetric=symmetric))
         masses.append(float(m / size**2))
