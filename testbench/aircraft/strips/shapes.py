@@ -21,12 +21,13 @@ class Wing:
 
     Attributes:
         span_m, root_chord_m, taper: plan form.
-        mass_kg: both sides; the mass per length goes with the square of the chord.
+        mass_kg: both sides; the mass per length goes with the square of the chord if ``mass_points`` do not say it.
         elastic_axis, centre_of_mass: fractions of the chord behind the leading edge.
         gyration: radius of gyration of a section about its centre of mass, fraction of the chord.
         lift_slope: per rad, of a strip.
         quarter_chord_m: X of the quarter chord in the plane of symmetry.
         sweep_rad: of the quarter-chord line, backwards.
+        mass_points: (y in m, kg/m) along the right wing, linear between them and constant beyond.
     """
 
     span_m: float
@@ -39,6 +40,7 @@ class Wing:
     lift_slope: float
     quarter_chord_m: float
     sweep_rad: float = 0.0
+    mass_points: tuple[tuple[float, float], ...] = ()
 
     @cached_property
     def y(self) -> FloatArray:
@@ -70,6 +72,8 @@ class Wing:
     @cached_property
     def mass_per_length(self) -> FloatArray:
         """Mass per length (n,), kg/m."""
+        if self.mass_points:
+            return np.asarray(np.interp(self.y, *np.transpose(self.mass_points)))
         return np.asarray(0.5 * self.mass_kg * self.chord**2 / np.sum(self.chord**2 * self.width))
 
     def both_sides(self, per_length: FloatArray) -> float:
@@ -158,3 +162,8 @@ def combine(shapes: list[Shape], weights: FloatArray) -> Shape:
     """Return the sum of shapes of one symmetry times ``weights``."""
     parts = [sum(w * getattr(s, name) for w, s in zip(weights, shapes, strict=True)) for name in _MOTIONS]
     return Shape(*parts, symmetric=shapes[0].symmetric)
+
+
+def scaled(shape: Shape, factor: float) -> Shape:
+    """Return the shape times a factor."""
+    return Shape(*(getattr(shape, name) * factor for name in _MOTIONS), symmetric=shape.symmetric)
