@@ -18,11 +18,10 @@ from typing import TYPE_CHECKING
 from testbench.core.lazily import lazily
 
 if TYPE_CHECKING:
-    from testbench.aircraft import load_aircraft
     from testbench.core.record import FlightRecord, load_record
     from testbench.estimators import METHODS, estimate
     from testbench.evaluation import evaluate
-    from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, trim
+    from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
     from testbench.inputs import InputSignal
     from testbench.line import fly_and_measure
     from testbench.logs.read import read_records
@@ -62,7 +61,7 @@ _HOME = {
     "identify": "testbench.questions.identify.ask",
     "linearise": "testbench.flight",
     "load": "testbench.questions.files",
-    "load_aircraft": "testbench.aircraft",
+    "load_aircraft": "testbench.flight",
     "load_campaign": "testbench.questions.campaign.load",
     "load_description": "testbench.questions.identify.ask",
     "load_record": "testbench.core.record",

@@ -7,8 +7,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 
-from testbench.aircraft import load_aircraft
-from testbench.flight import FlightCondition, trim
+from testbench.flight import FlightCondition, load_aircraft, trim
 
 EOLO_CONDITION = FlightCondition(16.0, 547.0)
 TAURUS_CONDITION = FlightCondition(12.0, 100.0)

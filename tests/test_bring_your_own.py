@@ -7,9 +7,9 @@ import shutil
 import pytest
 from commands import command
 
-from testbench.aircraft import load_aircraft
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import AIRCRAFT_MODELS, SUITES
+from testbench.flight import load_aircraft
 from testbench.questions.campaign.load import load_campaign
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import load_suite

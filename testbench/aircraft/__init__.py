@@ -2,7 +2,7 @@
 
 from testbench.aircraft.amend import Amendment, Insert, Memory, ScaleCoefficient, SetProperty, SetText
 from testbench.aircraft.elastic import ElasticMode, ElasticModel
-from testbench.aircraft.model import Aircraft, Control, load_aircraft
+from testbench.aircraft.model import Aircraft, Control, read_aircraft
 
 __all__ = [
     "Aircraft",
@@ -15,5 +15,5 @@ __all__ = [
     "ScaleCoefficient",
     "SetProperty",
     "SetText",
-    "load_aircraft",
+    "read_aircraft",
 ]

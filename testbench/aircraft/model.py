@@ -5,18 +5,21 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field
 
+from testbench.aircraft.adapter import SURFACES, THROTTLE, Adapter, Drive, Link
 from testbench.aircraft.airframe import WingStation
 from testbench.aircraft.amend import Amendment, Memory
 from testbench.aircraft.elastic import ElasticMode, ElasticModel, WingShape, add_modes
 from testbench.aircraft.outline import Outline
+from testbench.aircraft.source import read_source
+from testbench.core.channels import CHANNELS
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, JSBSIM_LENGTH_M, LBF_N, SLUG_KG
-from testbench.core.errors import ModelError, ScenarioError
-from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, aircraft_names, resolve
+from testbench.core.errors import Faults, ModelError, ScenarioError, nearest
 from testbench.core.schema import NonNegative, Positive, Strict, parse, read_toml
 
 _AREA_M2 = {"M2": 1.0, "FT2": FT_M**2}
@@ -46,16 +49,31 @@ class MassProperties:
 
 @dataclass(frozen=True)
 class Control:
-    """A control channel: the JSBSim property that commands it (-1 to 1, or 0 to 1) and what 1 means in SI."""
+    """A control channel and the JSBSim property that commands it.
+
+    Attributes:
+        name: "de", "da", "dr" or "thr".
+        command: JSBSim property.
+        full: highest admissible value: rad, or 1 for the throttle.
+        least: lowest admissible value of a surface that moves less far to that side; -full if not given.
+        unit: what 1 of the property means in SI; ``full`` if not given.
+    """
 
     name: str
     command: str
     full: float
+    least: float | None = None
+    unit: float | None = None
 
     @property
     def low(self) -> float:
         """Lowest admissible value: rad, or 0 for the throttle."""
-        return 0.0 if self.name == "thr" else -self.full
+        return 0.0 if self.name == "thr" else -self.full if self.least is None else self.least
+
+    @property
+    def scale(self) -> float:
+        """What 1 of the property means in SI."""
+        return self.full if self.unit is None else self.unit
 
 
 @dataclass(frozen=True)
@@ -76,6 +94,10 @@ class Aircraft:
         amendments: changes applied to ``xml``, from the forces up to the command, otherwise in order.
         outline: what it looks like, for drawings only, or None if nobody has said.
         wing_stations: places on the wing where instruments may sit.
+        adapter: how a model that somebody else wrote is commanded and started; None for one in the testbench's own
+            form.
+        perturbed: its aerodynamic coefficients at the design condition, as they are found by perturbing the model.
+        notes: what whoever flies it should know: what was found odd when it was loaded.
     """
 
     name: str
@@ -93,6 +115,9 @@ class Aircraft:
     amendments: tuple[Amendment, ...] = ()
     outline: Outline | None = None
     wing_stations: tuple[WingStation, ...] = ()
+    adapter: Adapter | None = None
+    notes: tuple[str, ...] = ()
+    perturbed: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
 
     def with_rigid_wings(self) -> Aircraft:
         """Return the aircraft with its modes frozen at zero deflection."""
@@ -124,12 +149,42 @@ class Aircraft:
             ModelError: an amendment does not fit the model.
         """
         tree = ET.fromstring(self.xml)
+        if self.adapter is not None:
+            self.adapter.apply(tree)
         for amendment in sorted(self.amendments, key=lambda a: a.upstream):
             amendment.apply(tree)
         elastic = self.flown_modes()
         if elastic is not None and len(elastic):
-            add_modes(tree, elastic, 1.0 / rate_hz, qbar_Pa, V_m_s)
+            surfaces = {x.control: x.surface for x in self.adapter.links} if self.adapter is not None else {}
+            add_modes(tree, elastic, 1.0 / rate_hz, qbar_Pa, V_m_s, surfaces)
         return tree
+
+    def source_of(self, channel: str) -> tuple[str | None, float]:
+        """Return the JSBSim property that a channel of the table is read from, and the factor to SI."""
+        c = CHANNELS[channel]
+        if self.adapter is not None:
+            link = self.adapter.link(channel.removesuffix("_cmd"))
+            if link is not None:
+                return (link.command if channel.endswith("_cmd") else link.surface), 1.0
+            if channel in {"de", "da", "dr", "de_cmd", "da_cmd", "dr_cmd"}:
+                return None, 1.0
+            if channel in {"thr", "thr_cmd"}:
+                return (THROTTLE if self.adapter.throttles else None), 1.0
+            if channel == "thrust":
+                return "forces/fbx-prop-lbs", LBF_N  # of all engines
+        return c.jsbsim_property, c.factor / self.mass.mass_kg if c.per_mass else c.factor
+
+    def has_servo(self, control: str) -> bool:
+        """Return whether a servo moves a control: a surface without one is where its command is."""
+        name = self.servo_of(control) if control in SURFACES else None
+        return name is not None and (self.adapter is not None or name in self.xml)
+
+    def servo_of(self, control: str) -> str | None:
+        """Return the JSBSim property that holds the corner frequency of a servo, rad/s; None if there is none."""
+        if self.adapter is None:
+            return f"fcs/{SURFACES[control]}-lag-rad_sec"
+        link = self.adapter.link(control)
+        return link.lag if link is not None and link.lag_rad_s is not None else None
 
     def flown_modes(self) -> ElasticModel | None:
         """Return the modes that the written model carries, those added by amendments included."""
@@ -144,22 +199,44 @@ class Aircraft:
         return self.wing_stations if elastic is None or all(m.shape for m in elastic.modes) else ()
 
     def coefficient(self, name: str) -> float:
-        """Return the number of ``aero/coefficient/NAME`` in the XML, e.g. "CL_alpha".
+        """Return an aerodynamic coefficient, e.g. "CL_alpha", amendments left out.
+
+        It is the number of ``aero/coefficient/NAME`` in the XML, where it has one; of any other model the derivative
+        that perturbing it at its design condition gives, see :mod:`testbench.flight.coefficients`.
 
         Raises:
-            ModelError: the XML has no such coefficient, or it is not a single number.
+            ModelError: there is no such coefficient, or the model does not trim at its design condition.
         """
         for function in ET.fromstring(self.xml).iter("function"):
             if function.get("name") == f"aero/coefficient/{name}":
                 values = function.findall("product/value")
                 if len(values) == 1:
                     return float(values[0].text or "nan")
-        raise ModelError(f"{self.name} must have a coefficient '{name}' with one value, got none")
+        try:
+            return self.perturbed[name]
+        except KeyError as error:
+            why = str(error.args[0]).partition(": ")[2]
+            raise ModelError(
+                f"{self.name} must have a coefficient '{name}', got none{f': {why}' if why else nearest(name, ())}"
+            ) from error
+
+
+_Points = dict[str, Annotated[tuple[Annotated[tuple[float, float], Field(strict=False)], ...], Field(strict=False)]]
 
 
 class _Controls(Strict):
-    command: str
+    command: str | None = None
     full_deflection_deg: Positive | None = None
+    throw_deg: Annotated[tuple[float, float], Field(strict=False)] | None = None
+    drives: _Points = {}
+    servo_lag_rad_s: Positive | None = None
+    servo_rate_limit_deg_s: Positive | None = None
+    engines: Annotated[tuple[str, ...], Field(strict=False)] = ()
+
+
+class _Adapter(Strict):
+    set: dict[str, float] = {}
+    declare: dict[str, float] = {}
 
 
 class _Shape(Strict):
@@ -205,42 +282,30 @@ class _AircraftFile(Strict):
     simulation: _SimulationFile
     controls: dict[Literal["de", "da", "dr", "thr"], _Controls]
     limits: dict[str, Annotated[tuple[float, float], Field(strict=False)]]
+    adapter: _Adapter | None = None
     elastic: _Elastic | None = None
     drawing: Outline | None = None
     wing_station: Annotated[tuple[_WingStation, ...], Field(strict=False)] = ()
 
 
-def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None = None) -> Aircraft:
-    """Read an aircraft from its folder.
+def read_aircraft(folder: Path, wings: str = "flexible") -> Aircraft:
+    """Read an aircraft from a folder with aircraft.toml; nothing is flown.
 
     Args:
-        name: a packaged aircraft, the path of a folder with aircraft.toml, or a name in the user's ``aircraft/``.
+        folder: its name is the aircraft's.
         wings: "flexible", or "rigid" to hold the elastic modes at zero.
-        folder: read this folder instead.
 
     Raises:
-        ModelError: the XML is damaged.
-        ScenarioError: no such aircraft, or aircraft.toml breaks its schema.
-
-    Example:
-        >>> import testbench as tb
-        >>> tb.load_aircraft("taurus").geometry.b_m
-        1.27
+        ModelError: the XML is damaged, or a file that it includes is missing.
+        ScenarioError: aircraft.toml breaks its schema.
     """
-    if folder is None:
-        named = resolve(str(name), AIRCRAFT)
-        folder = AIRCRAFT_MODELS / named if named in aircraft_names() else Path(named)
-        name = folder.name
     path = folder / "aircraft.toml"
     described, faults = parse(_AircraftFile, read_toml(path), path)
     if described is None or faults:
         raise ScenarioError(faults)
     xml_path = folder / described.model
-    try:
-        xml = xml_path.read_text(encoding="utf-8")
-        tree = ET.fromstring(xml)
-    except (OSError, ET.ParseError) as error:
-        raise ModelError(f"'{xml_path}' must be a JSBSim model, but it cannot be read: {error}") from error
+    source = read_source(xml_path)
+    xml, tree = source.xml, ET.fromstring(source.xml)
     geometry = Geometry(
         _quantity(tree, "metrics/wingarea", _AREA_M2, xml_path),
         _quantity(tree, "metrics/wingspan", JSBSIM_LENGTH_M, xml_path),
@@ -248,12 +313,9 @@ def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None
     )
     mass = MassProperties(
         _quantity(tree, "mass_balance/emptywt", _MASS_KG, xml_path),
-        *(_quantity(tree, f"mass_balance/{axis}", _INERTIA, xml_path) for axis in ("ixx", "iyy", "izz", "ixz")),
+        *(_quantity(tree, f"mass_balance/{axis}", _INERTIA, xml_path, 0.0) for axis in ("ixx", "iyy", "izz", "ixz")),
     )
-    controls: dict[str, Control] = {
-        n: Control(n, c.command, 1.0 if c.full_deflection_deg is None else c.full_deflection_deg * DEG_RAD)
-        for n, c in described.controls.items()
-    }
+    controls = _controls(described, path)
     limits = {}
     for key, (low, high) in described.limits.items():
         channel, factor = (key.removesuffix("_deg"), DEG_RAD) if key.endswith("_deg") else (key, 1.0)
@@ -266,7 +328,7 @@ def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None
                 [f"{path}, elastic.mode[{i}].shape: each list must have one entry per station, that is {len(stations)}"]
             )
     aircraft = Aircraft(
-        name=str(name),
+        name=folder.resolve().name,
         title=described.title,
         geometry=geometry,
         mass=mass,
@@ -276,10 +338,11 @@ def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None
         design_V_m_s=described.design_V_m_s,
         design_h_m=described.design_h_m,
         xml=xml,
-        engine_files={p.name: p.read_text(encoding="utf-8") for p in sorted((folder / "Engines").glob("*.xml"))},
+        engine_files=source.engine_files,
         elastic=ElasticModel(modes, geometry.S_m2, geometry.cbar_m, stations) if modes else None,
         outline=described.drawing,
         wing_stations=tuple(WingStation(s.y_m, s.x_m, s.height_m) for s in described.wing_station),
+        adapter=_adapter(described),
     )
     return aircraft.with_rigid_wings() if wings == "rigid" else aircraft
 
@@ -300,8 +363,64 @@ def _mode(m: _Mode) -> ElasticMode:
     )
 
 
-def _quantity(tree: ET.Element, path: str, units: Mapping[str, float], file: Path) -> float:
+def _controls(described: _AircraftFile, path: Path) -> dict[str, Control]:
+    """Return the controls, commanded by a property of the model, or through the adapter.
+
+    Raises:
+        ScenarioError: a control lacks what its form needs.
+    """
+    out: dict[str, Control] = {}
+    faults = Faults(path)
+    for n, c in described.controls.items():
+        if described.adapter is None:
+            if c.command is None:
+                faults.note(f"controls.{n}", "command must be the JSBSim property that commands it, got none")
+            for key in ("throw_deg", "drives", "servo_lag_rad_s", "servo_rate_limit_deg_s", "engines"):
+                if getattr(c, key):
+                    faults.note(f"controls.{n}.{key}", "it is for models with an [adapter] only; leave it out")
+            full = 1.0 if c.full_deflection_deg is None else c.full_deflection_deg * DEG_RAD
+            out[n] = Control(n, c.command or "", full)
+        elif n == "thr":
+            if not c.engines:
+                faults.note("controls.thr", "engines must list the throttle property of every engine, got none")
+            out[n] = Control(n, THROTTLE, 1.0)
+        else:
+            low, high = c.throw_deg or (0.0, 0.0)
+            if not low < high or not c.drives:
+                faults.note(f"controls.{n}", "throw_deg = [low, high] with low < high and drives must be given")
+            for name, points in c.drives.items():
+                if len(points) < 2 or any(b[0] <= a[0] for a, b in pairwise(points)):
+                    faults.note(f"controls.{n}.drives", f"deflections of '{name}' must ascend, at least two of them")
+            out[n] = Control(n, Link(n, ()).command, high * DEG_RAD, low * DEG_RAD, 1.0)
+    if faults:
+        raise ScenarioError(faults)
+    return out
+
+
+def _adapter(described: _AircraftFile) -> Adapter | None:
+    if described.adapter is None:
+        return None
+    links = []
+    for n, c in described.controls.items():
+        if n != "thr":
+            drives = (Drive(k, tuple((d * DEG_RAD, v) for d, v in points)) for k, points in c.drives.items())
+            limit = None if c.servo_rate_limit_deg_s is None else c.servo_rate_limit_deg_s * DEG_RAD
+            links.append(Link(n, tuple(drives), c.servo_lag_rad_s, limit))
+    thr = described.controls.get("thr")
+    return Adapter(
+        tuple(links),
+        thr.engines if thr is not None else (),
+        dict(described.adapter.set),
+        dict(described.adapter.declare),
+    )
+
+
+def _quantity(
+    tree: ET.Element, path: str, units: Mapping[str, float], file: Path, default: float | None = None
+) -> float:
     element = tree.find(path)
+    if element is None and default is not None:
+        return default  # JSBSim, too, takes what is missing as zero
     unit = (element.get("unit") or "").upper() if element is not None else ""
     if element is None or unit not in units:
         raise ModelError(

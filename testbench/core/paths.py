@@ -6,8 +6,10 @@ What a scenario names is a packaged name, a path, or a name in the project folde
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
 from testbench.core.errors import ScenarioError, nearest
@@ -28,6 +30,26 @@ SUITES = _PACKAGE / "sensors" / "suites"
 def aircraft_names() -> list[str]:
     """Return the names of the aircraft folders, sorted."""
     return sorted(p.parent.name for p in AIRCRAFT_MODELS.glob("*/aircraft.toml"))
+
+
+STOCK = "jsbsim:"
+"""What the name of an aircraft begins with that comes with JSBSim itself: ``jsbsim:f16``."""
+
+
+@cache
+def stock_root() -> Path | None:
+    """Return the root directory of models that JSBSim was installed with; None without it. JSBSim is not imported."""
+    found = find_spec("jsbsim")
+    root = Path(found.origin).parent if found is not None and found.origin else None
+    return root if root is not None and (root / "aircraft").is_dir() else None
+
+
+@cache
+def stock_names() -> tuple[str, ...]:
+    """Return the names of the models that come with JSBSim."""
+    root = stock_root()
+    folders = () if root is None else sorted((root / "aircraft").iterdir())
+    return tuple(p.name for p in folders if (p / f"{p.name}.xml").is_file())
 
 
 def suite_names() -> list[str]:
@@ -58,18 +80,23 @@ class Family:
         folder: of the user's project that holds members by name.
         packaged: names of the packaged members.
         inside: file that makes a folder a member; empty if members are TOML files.
+        others: whether a path without such a file is a member all the same.
+        stock: names of members that come with another program, written ``jsbsim:NAME``, or NAME alone if nothing else
+            has it.
     """
 
     words: str
     folder: str
     packaged: Callable[[], list[str]]
     inside: str = ""
+    others: Callable[[Path], bool] = lambda path: False
+    stock: Callable[[], Sequence[str]] = tuple
 
     def at(self, path: Path) -> Path | None:
         """Return the member that lies at a path, or None."""
         if self.inside:
             path = path.parent if path.name == self.inside else path
-            return path if (path / self.inside).is_file() else None
+            return path if (path / self.inside).is_file() or self.others(path) else None
         return path if path.suffix == ".toml" and path.is_file() else None
 
     def named(self, place: Path, name: str) -> Path | None:
@@ -78,11 +105,30 @@ class Family:
 
     def own(self, place: Path) -> list[str]:
         """Return the names of the members in the project folder ``place``."""
-        found = (place / self.folder).glob(f"*/{self.inside}" if self.inside else "*.toml")
-        return sorted(p.parent.name if self.inside else p.stem for p in found)
+        if self.inside:
+            return sorted(p.name for p in (place / self.folder).glob("*") if self.at(p))
+        return sorted(p.stem for p in (place / self.folder).glob("*.toml"))
 
 
-AIRCRAFT = Family("an aircraft", "aircraft", aircraft_names, "aircraft.toml")
+def is_jsbsim_model(path: Path) -> bool:
+    """Return whether a path is a JSBSim model: an XML file that begins with ``fdm_config``, or a folder that holds one.
+
+    Only the first part of a file is read.
+    """
+    if path.is_file():
+        return path.suffix.lower() == ".xml" and _holds_model(path)
+    return path.is_dir() and any(_holds_model(p) for p in sorted(path.glob("*.xml")))
+
+
+def _holds_model(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return b"<fdm_config" in file.read(100_000)
+    except OSError:
+        return False
+
+
+AIRCRAFT = Family("an aircraft", "aircraft", aircraft_names, "aircraft.toml", is_jsbsim_model, stock_names)
 SENSOR_SUITES = Family("a sensor suite", "suites", suite_names)
 
 
@@ -92,9 +138,16 @@ def resolve(name: str, family: Family, beside: Path | None = None) -> str:
     A path is taken from ``beside``, the folder of the scenario, then from the working directory; a name that is no path
     is looked for in the project folder of both.
 
+    What comes with another program is returned as ``jsbsim:NAME``.
+
     Raises:
         ScenarioError: there is nothing of that name, or both a packaged member and one of the user's own.
     """
+    if name.startswith(STOCK):
+        model = name.removeprefix(STOCK)
+        if model not in family.stock():
+            raise ScenarioError([f"no model '{model}' comes with JSBSim{nearest(model, family.stock())}"])
+        return name
     places = list(dict.fromkeys(p.resolve() for p in (beside, Path.cwd()) if p is not None))
     named = next((found for p in places if (found := family.named(p, name))), None)
     if name in family.packaged():
@@ -104,9 +157,13 @@ def resolve(name: str, family: Family, beside: Path | None = None) -> str:
             )
         return name
     found = next((at for p in places if (at := family.at(p / name))), None) or named
+    if found is None and name in family.stock():
+        return f"{STOCK}{name}"
     if found is None:
-        valid = [*family.packaged(), *(n for p in places for n in family.own(p))]
+        valid = [*family.packaged(), *(n for p in places for n in family.own(p)), *family.stock()]
         kind = f"a folder with {family.inside}" if family.inside else "a .toml file"
+        if family.stock():
+            kind += ", a JSBSim model (XML file or folder), one that comes with JSBSim (jsbsim:c172p)"
         raise ScenarioError(
             [
                 f"{family.words} must be a packaged name, {kind}, or a name in your folder {family.folder}/, got "

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ScenarioError
 from testbench.core.record import FloatArray
-from testbench.flight import TrimmedFlight, linearise
+from testbench.flight import TrimmedFlight, linearise, load_aircraft
 from testbench.information.modes import modes_of
 from testbench.line import trim_for
 from testbench.questions.design.build import limits_of, problem_of

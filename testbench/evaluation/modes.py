@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
-from testbench.flight.linearise import LinearModel
+from testbench.flight.linear_model import LinearModel
 
 _RIGID = ("u", "w", "q", "theta")
 _LATERAL = ("v", "p", "r", "phi")

@@ -13,7 +13,7 @@ from testbench.estimators.model import ComplexArray
 from testbench.estimators.operational.likeness import mac
 from testbench.estimators.operational.result import OperationalMode, OperationalModes
 from testbench.evaluation.modes import name_modes, spectrum
-from testbench.flight.linearise import LinearModel
+from testbench.flight.linear_model import LinearModel
 
 _FARTHEST = 0.6  # |ln(s / s')| + 1 - MAC from which on a found mode stands for no true one
 

@@ -1,7 +1,9 @@
 """The only room that knows JSBSim: trim, simulate, linearise."""
 
 from testbench.flight.condition import FlightCondition, TrimmedFlight
-from testbench.flight.linearise import LinearModel, linearise, linearise_along
+from testbench.flight.linear_model import LinearModel
+from testbench.flight.linearise import linearise, linearise_along
+from testbench.flight.load import load_aircraft
 from testbench.flight.simulate import Manoeuvre, fly
 from testbench.flight.trim import trim
 
@@ -13,5 +15,6 @@ __all__ = [
     "fly",
     "linearise",
     "linearise_along",
+    "load_aircraft",
     "trim",
 ]

@@ -49,6 +49,7 @@ class TrimmedFlight:
         controls: channel -> value, rad or 1.
         residual: (6,) udot, vdot, wdot in m/s2 and pdot, qdot, rdot in rad/s2 that remain.
         state: channel -> value of every channel of the simulator at trim, SI.
+        beta: rad; zero unless there is no rudder.
     """
 
     condition: FlightCondition
@@ -59,3 +60,4 @@ class TrimmedFlight:
     controls: Mapping[str, float]
     residual: FloatArray
     state: Mapping[str, float]
+    beta: float = 0.0

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import re
 import tempfile
 import weakref
 import xml.etree.ElementTree as ET
@@ -28,12 +29,9 @@ from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
 from testbench.core.scratch import Scratch
 from testbench.flight.condition import FlightCondition
+from testbench.flight.propellers import ADAMS_BASHFORTH_3, INTEGRATORS, Propellers
 
-# JSBSim's number for Adams-Bashforth of third order. Its default, Euler for the rates, costs 3 % at 8 Hz; second order
-# costs 0.6 % of a modal rate at 21 to 30 Hz and 500 frames per second; fourth order is stable over half the range only.
-ADAMS_BASHFORTH_3 = 4
 _GUSTS = tuple(f"atmosphere/gust-{axis}-fps" for axis in ("north", "east", "down"))
-_INTEGRATORS = ("rate/rotational", "rate/translational", "position/rotational", "position/translational")
 
 
 class _QuietLogger(jsbsim.FGLogger):
@@ -52,6 +50,18 @@ class _QuietLogger(jsbsim.FGLogger):
         """Keep a message at level error or above."""
         if self._level.value >= jsbsim.LogLevel.ERROR.value and text.strip():
             self.lines.append(text.strip())
+
+
+class UndefinedProperties(ModelError):
+    """A model reads properties that nothing defines; ``missing`` holds their names."""
+
+    def __init__(self, message: str, missing: Sequence[str]) -> None:
+        super().__init__(message)
+        self.missing = tuple(missing)
+
+
+_NAME = r"(/?[\w-]+(?:/[\w\[\]-]+)+)"
+_NAMED_MISSING = re.compile(rf"{_NAME}[\s\"']+does not exist")
 
 
 class Executive:
@@ -77,7 +87,10 @@ class Executive:
         modes = aircraft.flown_modes()
         self.mode_count = len(modes) if modes else 0
         # See evaluate(). The gains of the loops that it closes are 2e-2 (alphadot) and some 1e-5 (static elasticity).
+        self._read = written.properties
         self._iterations, self._to_rest = (5, 12) if "aero/alphadot-rad_sec" in written.properties else (2, 5)
+        if aircraft.adapter is not None:
+            self._iterations = max(3, self._iterations)  # throttle: command, position, thrust
         self._logger = _QuietLogger()
         jsbsim.set_logger(self._logger)
         self.fdm = jsbsim.FGFDMExec(written.root)
@@ -91,19 +104,32 @@ class Executive:
             if loaded:
                 self.fdm.run_ic()
         except RuntimeError as error:
-            raise ModelError(f"JSBSim refuses the model of {aircraft.name}: {error}") from error
+            raise self._refusal(str(error)) from error
         if not loaded:
             said = "; ".join(self._logger.lines[-3:]) or "no reason given"
-            raise ModelError(f"JSBSim refuses the model of {aircraft.name}: {said}")
-        for name in _INTEGRATORS:
+            raise self._refusal(said)
+        for name in INTEGRATORS:
             self.set(f"simulation/integrator/{name}", ADAMS_BASHFORTH_3)
+        if aircraft.adapter is not None:
+            for name, value in aircraft.adapter.settings.items():
+                self.set(name, value)
         self.fdm.get_propulsion().init_running(-1)
-        self.channels = self._available_channels()
-        self.factors = [self._factor(name) for name in self.channels]
-        self.channel_nodes = [self.node(str(channel(name).jsbsim_property)) for name in self.channels]
+        sources = [self._source(name) for name in (*CHANNELS, *modal_channels(self.mode_count))]
+        found = [(name, prop, factor) for name, prop, factor in sources if self.has(prop)]
+        self.channels = tuple(name for name, _, _ in found)
+        self.factors = [factor for _, _, factor in found]
+        self.channel_nodes = [self.node(str(prop)) for _, prop, _ in found]
         self.command_nodes = {n: self.node(aircraft.controls[n].command) for n in CONTROLS if n in aircraft.controls}
         self.gust_nodes = [self.node(name) for name in _GUSTS]
+        self.propellers = Propellers(self, self.fdm.get_propulsion().get_num_engines())
         self._wind = np.zeros(3)
+
+    def _refusal(self, said: str) -> ModelError:
+        """Return the error of a model that JSBSim refuses, in JSBSim's own words."""
+        said = " ".join(said.split())
+        message = f"JSBSim refuses the model of {self.aircraft.name}: {said}"
+        missing = _NAMED_MISSING.findall(said)
+        return UndefinedProperties(message, missing) if missing else ModelError(message)
 
     def _refuse_unknown_properties(self, read: frozenset[str]) -> None:
         """Raise ModelError if a function reads a property that nothing defines.
@@ -115,21 +141,26 @@ class Executive:
         for name in missing:
             self.fdm.set_property_value(name, 0.0)
         if missing:
-            raise ModelError(
-                f"JSBSim refuses the model of {self.aircraft.name}: every property that a function reads must be "
-                f"defined, got {', '.join(missing)}"
+            raise UndefinedProperties(
+                f"every property that a function reads must be defined, but nothing in the model of "
+                f"{self.aircraft.name} defines {', '.join(missing)}",
+                missing,
             )
 
-    def _available_channels(self) -> tuple[str, ...]:
-        names = [n for n, c in CHANNELS.items() if self._has(c.jsbsim_property)]
-        return (*names, *modal_channels(self.mode_count))
-
-    def _factor(self, name: str) -> float:
+    def _source(self, name: str) -> tuple[str, str | None, float]:
+        """Return a channel, the property that it is read from, and the factor to SI."""
+        if name in CHANNELS:
+            return name, *self.aircraft.source_of(name)
         c = channel(name)
-        return c.factor / self.aircraft.mass.mass_kg if c.per_mass else c.factor
+        return name, c.jsbsim_property, c.factor
 
-    def _has(self, name: str | None) -> bool:
+    def has(self, name: str | None) -> bool:
+        """Return whether the model has a property."""
         return name is not None and self._manager.hasNode(name)
+
+    def reads(self, name: str) -> bool:
+        """Return whether a function of the model reads a property."""
+        return name in self._read
 
     def node(self, name: str) -> Any:
         """Return the property node ``name``.
@@ -154,7 +185,7 @@ class Executive:
     def command(self, values: dict[str, float]) -> None:
         """Set control commands, SI."""
         for name, value in values.items():
-            self.command_nodes[name].set_double_value(value / self.aircraft.controls[name].full)
+            self.command_nodes[name].set_double_value(value / self.aircraft.controls[name].scale)
 
     @property
     def wind_m_s(self) -> FloatArray:
@@ -187,15 +218,18 @@ class Executive:
         for axis, value in zip("pqr", pqr, strict=True):
             self.set(f"ic/{axis}-rad_sec", value)
 
-    def evaluate(self, to_rest: bool = False) -> None:
-        """Evaluate all forces at the initial conditions, time standing still.
+    def evaluate(self, to_rest: bool = False, held: bool = False) -> None:
+        """Evaluate all forces at the initial conditions, time standing still, propellers at their equilibrium.
 
         Repeated because the control system runs before the airspeed of the new state is known (thrust falls with
         airspeed), and because lift that depends on alphadot, and the static deflection of the modes, close loops over
-        the evaluation before. ``to_rest`` repeats until no bit changes any more.
+        the evaluation before. ``to_rest`` repeats until no bit changes any more. ``held`` keeps the speeds of the
+        propellers.
         """
         for _ in range(self._to_rest if to_rest else self._iterations):
             self.fdm.run_ic()
+        if len(self.propellers) and not held:
+            self.propellers.settle()
 
     def read(self) -> dict[str, float]:
         """Return every channel of the current state, SI."""
@@ -231,7 +265,7 @@ class _Key:
             condition,
             rate_hz,
             tuple(sorted(aircraft.engine_files.items())),
-            (aircraft.xml, repr(aircraft.elastic), repr(aircraft.amendments), design),
+            (aircraft.xml, repr(aircraft.adapter), repr(aircraft.elastic), repr(aircraft.amendments), design),
         )
 
 

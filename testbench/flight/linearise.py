@@ -6,16 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from testbench.aircraft import Aircraft, Memory
 from testbench.aircraft.airframe import station_rows
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import FT_M
-from testbench.core.errors import ChannelError, nearest
+from testbench.core.errors import ChannelError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.condition import TrimmedFlight
+from testbench.flight.engines import with_engine
 from testbench.flight.executive import Executive
+from testbench.flight.linear_model import SERVO, LinearModel, index_of
+from testbench.flight.trim import place_at_trim
 
 _RIGID = ("u", "v", "w", "p", "q", "r", "phi", "theta", "h")
 _STEP = {"u": 0.05, "v": 0.05, "w": 0.05, "p": 1e-2, "q": 1e-2, "r": 1e-2, "phi": 1e-3, "theta": 1e-3, "h": 1.0}
@@ -32,83 +34,20 @@ _DERIVATIVES = (
 )
 _FOURTH_ORDER = {-2: 1.0 / 12.0, -1: -8.0 / 12.0, 1: 8.0 / 12.0, 2: -1.0 / 12.0}  # weights of central differences
 _SECOND_ORDER = {-1: -0.5, 1: 0.5}
-_SERVO = "servo_"  # before the name of a control: the state of its servo
 _STUCK = 1e-6  # deflection per command below which a control does not turn
 _NO_FEEDBACK = 1e-9  # deflection per unit of a state, less than differences of one number with itself leave
-_SERVOS = {"de": "elevator", "da": "aileron", "dr": "rudder"}
-
-
-@dataclass(frozen=True, eq=False)
-class LinearModel:
-    """xdot = A x + B u, y = C x + D u for deviations from trim, SI.
-
-    Attributes:
-        A, B, C, D: (n, n), (n, m), (p, n), (p, m).
-        states, inputs, outputs: names; inputs are control channels (deflection reached) or commands (``de_cmd``).
-    """
-
-    A: FloatArray
-    B: FloatArray
-    C: FloatArray
-    D: FloatArray
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-
-    @property
-    def fed_back(self) -> tuple[str, ...]:
-        """States of the servos whose commands hold a feedback that an amendment added."""
-        rows = dict(zip(self.states, self.A, strict=True))
-        return tuple(s for s, row in rows.items() if s.startswith(_SERVO) and np.count_nonzero(row) > 1)
-
-    def poles(self) -> NDArray[np.complex128]:
-        """Return the eigenvalues of A, rad/s."""
-        return np.asarray(np.linalg.eigvals(self.A), np.complex128)
-
-    def frequency_response(
-        self, omega_rad_s: FloatArray, outputs: Sequence[str], inputs: Sequence[str]
-    ) -> NDArray[np.complex128]:
-        """Return C (jw - A)^-1 B + D at ``omega_rad_s`` (k,) for the named channels, shape (k, p, m)."""
-        rows = [_index(o, self.outputs) for o in outputs]
-        columns = [_index(i, self.inputs) for i in inputs]
-        eye = np.eye(len(self.states))
-        X = np.linalg.solve(
-            1j * np.asarray(omega_rad_s)[:, None, None] * eye - self.A, self.B[None, :, columns].astype(complex)
-        )
-        return np.asarray(self.C[rows] @ X + self.D[np.ix_(rows, columns)], np.complex128)
-
-    def subsystem(self, states: Sequence[str]) -> LinearModel:
-        """Return the model of ``states`` alone, the others held at zero."""
-        i = [_index(s, self.states) for s in states]
-        return LinearModel(
-            self.A[np.ix_(i, i)], self.B[i], self.C[:, i], self.D, tuple(states), self.inputs, self.outputs
-        )
-
-    def longitudinal(self, symmetric: Sequence[int] = ()) -> LinearModel:
-        """Return the longitudinal motion: u, w, q, theta, h and the modes numbered ``symmetric`` (from 1)."""
-        modal = [f"{kind}_{i}" for kind in ("eta", "etadot") for i in symmetric]
-        return self.subsystem(["u", "w", "q", "theta", "h", *modal])
-
-    def to_control(self) -> object:
-        """Return the model as a python-control state space with named signals."""
-        import control
-
-        return control.ss(self.A, self.B, self.C, self.D, states=self.states, inputs=self.inputs, outputs=self.outputs)
-
-
-def _index(name: str, names: Sequence[str]) -> int:
-    if name not in names:
-        raise ChannelError(f"a channel of the linear model must be one of its own, got '{name}'{nearest(name, names)}")
-    return list(names).index(name)
+_SURFACES = ("de", "da", "dr")
 
 
 def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
     """Return the linear model about trim by fourth-order central differences of JSBSim's own equations.
 
-    States: body velocities, rates, phi, theta, h, eta and etadot of every mode, and those that amendments bring with
-    them. Inputs: the deflections de, da, dr and thr, and the commands de_cmd, da_cmd, dr_cmd, which pass through the
-    servo lags first (three further states, through which a feedback to a command passes too). Outputs: every channel of
-    the simulator, and those of the wing stations.
+    States: body velocities, rates, phi, theta, h, eta and etadot of every mode, those that amendments bring with them,
+    and the speed of propellers (all engines alike) with the manifold pressure of piston engines; governed propellers
+    are at their equilibrium throughout. Inputs: the deflections de, da, dr and thr, and the commands de_cmd, da_cmd,
+    dr_cmd, which pass through the servo lags first (further states, through which a feedback to a command passes too),
+    or are the deflections where there is no servo. Outputs: every channel of the simulator, and those of the wing
+    stations.
 
     Example:
         >>> import testbench as tb
@@ -119,7 +58,7 @@ def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
     """
     point = _Point.of(aircraft, trimmed)
     at = {n: trimmed.state[n] for n in point.states} | dict(trimmed.controls)
-    servos = point.servos
+    servos, direct = point.servos, tuple(u for u in point.surfaces if u not in point.servos)
     memories = tuple(m.name for m in point.memories)
     slopes = point.slopes(at, (*point.states, *memories, *point.inputs), _FOURTH_ORDER)
     n, first = len(point.states), len(point.states) + len(memories)
@@ -128,15 +67,14 @@ def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
     B, D = np.zeros((own, len(point.inputs) + len(servos))), slopes[n:, first:][: len(point.outputs)]
     B[:n, : len(point.inputs)] = slopes[:n, first:]
     B[own - len(servos) :, len(point.inputs) :] = np.diag([point.servo_rate(u) for u in servos])
-    return LinearModel(
-        A,
-        B,
-        C,
-        np.hstack([D, np.zeros((len(D), len(servos)))]),
-        (*point.states, *memories, *(f"{_SERVO}{u}" for u in servos)),
-        (*point.inputs, *(f"{u}_cmd" for u in servos)),
-        point.outputs,
-    )
+    D = np.hstack([D, np.zeros((len(D), len(servos)))])
+    states = (*point.states, *memories, *(f"{SERVO}{u}" for u in servos))
+    names = (*point.inputs, *(f"{u}_cmd" for u in servos))
+    if direct:
+        i = [point.inputs.index(u) for u in direct]
+        B, D, names = np.hstack([B, B[:, i]]), np.hstack([D, D[:, i]]), (*names, *(f"{u}_cmd" for u in direct))
+    model = LinearModel(A, B, C, D, states, names, point.outputs)
+    return with_engine(model, point.fdm, point.back, at) if point.engine else model
 
 
 def linearise_along(
@@ -156,9 +94,9 @@ def linearise_along(
     point = _Point.of(aircraft, trimmed)
     names = (*point.states, *point.inputs)
     n, brought = len(point.states), [m.name for m in point.memories]
-    servos = [s.removeprefix(_SERVO) for s in states if s.startswith(_SERVO)]
-    wanted = [s for s in states if not s.startswith(_SERVO)]
-    moving = [_index(s, point.states) for s in wanted if s not in brought]
+    servos = [s.removeprefix(SERVO) for s in states if s.startswith(SERVO)]
+    wanted = [s for s in states if not s.startswith(SERVO)]
+    moving = [index_of(s, point.states) for s in wanted if s not in brought]
     if len(wanted) - len(moving) not in (0, len(brought)):
         raise ChannelError(f"states of amendments must be wanted all or none, got {wanted} of {brought}")
     variables = (*wanted, *servos)
@@ -184,11 +122,14 @@ class _Point:
     outputs: tuple[str, ...]
     stations: FloatArray
     memories: tuple[Memory, ...]
+    back: TrimmedFlight
 
     @classmethod
     def of(cls, aircraft: Aircraft, trimmed: TrimmedFlight) -> _Point:
         fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
         modes = range(1, fdm.mode_count + 1)
+        if len(fdm.propellers):
+            place_at_trim(fdm, trimmed)
         if modes:
             fdm.set("modal/static-ic", 0.0)
         states = (*_RIGID, *(f"eta_{i}" for i in modes), *(f"etadot_{i}" for i in modes))
@@ -196,16 +137,26 @@ class _Point:
         weights = np.array([[row.get(c, 0.0) for c in fdm.channels] for row in rows])
         inputs = tuple(n for n in CONTROLS if n in aircraft.controls)
         stations = weights.reshape(len(rows), len(fdm.channels))
-        return cls(fdm, states, inputs, (*fdm.channels, *names), stations, aircraft.memories)
+        return cls(fdm, states, inputs, (*fdm.channels, *names), stations, aircraft.memories, trimmed)
+
+    @property
+    def surfaces(self) -> tuple[str, ...]:
+        """Inputs that are surfaces."""
+        return tuple(u for u in self.inputs if u in _SURFACES)
 
     @property
     def servos(self) -> tuple[str, ...]:
-        """Inputs that pass through a servo."""
-        return tuple(u for u in self.inputs if u in _SERVOS)
+        """Surfaces that a servo moves."""
+        return tuple(u for u in self.surfaces if self.fdm.has(self.fdm.aircraft.servo_of(u)))
+
+    @property
+    def engine(self) -> bool:
+        """Whether the speed of its propellers is a state."""
+        return len(self.fdm.propellers) > 0 and not self.fdm.propellers.governed
 
     def servo_rate(self, control: str) -> float:
         """Return the corner frequency of a servo, rad/s."""
-        return self.fdm.get(f"fcs/{_SERVOS[control]}-lag-rad_sec")
+        return self.fdm.get(str(self.fdm.aircraft.servo_of(control)))
 
     def slopes(self, at: Mapping[str, float], names: Sequence[str], weights: Mapping[int, float]) -> FloatArray:
         """Return the derivatives of all state derivatives, all outputs and all that is followed, in this order.
@@ -273,7 +224,7 @@ class _Point:
             fdm.set(f"modal/etadot-{i}", at[f"etadot_{i}"])
         for memory in self.memories:
             fdm.set(memory.start, at.get(memory.name, 0.0))
-        fdm.evaluate()
+        fdm.evaluate(held=self.engine)
         rigid = [fdm.get(name) * factor for name, factor in _DERIVATIVES]
         modal = [at[f"etadot_{i}"] for i in modes] + [fdm.get(f"modal/etaddot-{i}") for i in modes]
         channels = fdm.read() | {

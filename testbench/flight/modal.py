@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.record import FloatArray
-from testbench.flight.linearise import LinearModel
+from testbench.flight.linear_model import LinearModel
 
 EXCITED_DB = 10.0
 """A mode counts as excited when a sensor shows its response this far above the noise in the mode's own band."""

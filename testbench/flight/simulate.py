@@ -13,9 +13,9 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.airframe import station_sources, with_stations
-from testbench.core.channels import station_channels
+from testbench.core.channels import channel, station_channels
 from testbench.core.constants import DEG_RAD, FT_M
-from testbench.core.errors import LimitError
+from testbench.core.errors import ChannelError, LimitError, nearest
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.air import Air
 from testbench.flight.condition import TrimmedFlight
@@ -75,6 +75,8 @@ def commands(aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre) -
     u[settle:-1] = signal.u
     u[-1] = signal.u[-1]
     for i, name in enumerate(signal.channels):
+        if name not in aircraft.controls:
+            raise LimitError(f"{aircraft.name} has no control '{name}'{nearest(name, aircraft.controls)}")
         u[:, i] += trimmed.controls[name]
         control = aircraft.controls[name]
         scale, unit = (100.0, "%") if name == "thr" else (1.0 / DEG_RAD, "deg")
@@ -172,6 +174,10 @@ def _logged(
     elastic = aircraft.flown_modes()
     of_stations = set(station_channels(len(aircraft.flown_stations()), elastic is not None))
     sources = station_sources(elastic) if of_stations & set(channels) else ()
+    for c in channels:
+        if c not in of_stations and c not in fdm.channels:
+            channel(c)
+            raise ChannelError(f"{aircraft.name} has no channel '{c}' in flight; leave it out")
     return tuple(dict.fromkeys([*(c for c in channels if c not in of_stations), *sources])), tuple(channels)
 
 
@@ -218,7 +224,7 @@ def _run(
     rows = (u.shape[0] - 1) // step + 1
     raw = np.empty((rows, len(names)))
     raw[0] = [read() for read in readers]
-    scale = np.array([fdm.aircraft.controls[n].full for n in controls])
+    scale = np.array([fdm.aircraft.controls[n].scale for n in controls])
     columns = [column.tolist() for column in (u / scale).T]
     changed = np.any(np.diff(np.vstack([at_trim, at_trim, u[1:]]), axis=0) != 0.0, axis=1).tolist()
     writers = [fdm.command_nodes[n].set_double_value for n in controls]

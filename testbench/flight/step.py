@@ -58,7 +58,8 @@ class SteppedFlight:
         self._readers = [self._fdm.channel_nodes[i].get_double_value for i in index]
         self._factors = np.array([self._fdm.factors[i] for i in index])
         self._writers = [self._fdm.command_nodes[n].set_double_value for n in controls]
-        self._scale = np.array([aircraft.controls[n].full for n in controls])
+        self._scale = np.array([aircraft.controls[n].scale for n in controls])
+        self._high = np.array([aircraft.controls[n].full for n in controls])
         self._low = np.array([aircraft.controls[n].low for n in controls])
         self._watched = _watch(self._fdm)
         self._controls = tuple(controls)
@@ -79,11 +80,11 @@ class SteppedFlight:
         """
         if self.reason:
             raise LimitError(f"a flight that ended cannot go on: {self.reason}; start another")
-        outside = (u < self._low - 1e-9) | (u > self._scale + 1e-9) | ~np.isfinite(u)
+        outside = (u < self._low - 1e-9) | (u > self._high + 1e-9) | ~np.isfinite(u)
         if np.any(outside):
             i = int(np.argmax(outside))
             raise LimitError(
-                f"{self._low[i]:g} <= {self._controls[i]} <= {self._scale[i]:g} must hold (rad; 1 for the throttle), "
+                f"{self._low[i]:g} <= {self._controls[i]} <= {self._high[i]:g} must hold (rad; 1 for the throttle), "
                 f"got {u[i]:g}; reduce the command"
             )
         for write, value in zip(self._writers, (u / self._scale).tolist(), strict=True):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,8 +15,7 @@ from testbench.flight.air import AXES, Air
 from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.executive import Executive, body_from_earth
 
-_UNKNOWNS = ("alpha", "phi", "de", "da", "dr", "thr")
-_STEPS = np.array([1e-4, 1e-4, 1e-4, 1e-4, 1e-4, 1e-3])
+_STEP = {"thr": 1e-3}  # of the differences of the Jacobian; 1e-4 rad otherwise
 _ACCELERATIONS = (
     ("accelerations/udot-ft_sec2", FT_M),
     ("accelerations/vdot-ft_sec2", FT_M),
@@ -29,6 +29,7 @@ _THROTTLE_STARTS = (0.3, 0.8)  # a propeller that gives no thrust at the first h
 _RADIUS_NORTH, _RADIUS_EAST = 6335439.0, 6378137.0
 _KEPT = 0.3  # of the residual left by a step: with less the Jacobian is kept
 TOLERANCE = 1e-9  # m/s2 and rad/s2 left over; well above the rounding of JSBSim's forces
+PROPELLER_TOLERANCE = 1e-7  # the same with propellers, whose equilibrium JSBSim finds to some 1e-9 of the thrust
 
 
 def trim(
@@ -40,7 +41,8 @@ def trim(
     wind, which changes the equilibrium only by way of the Earth's rotation (1.5e-3 m/s2 for 10 m/s).
 
     Newton's method on the six accelerations over alpha, phi, elevator, aileron, rudder and throttle, elastic modes in
-    static equilibrium at every step. The rates are those of the horizon, see :func:`horizon_rates`. Without them the
+    static equilibrium and propellers at their equilibrium at every step. What has no throttle is trimmed over the
+    flight-path angle in its place; what lacks a surface, over the rest, and over sideslip where it has no rudder. The rates are those of the horizon, see :func:`horizon_rates`. Without them the
     nose would rise against the horizon and start a phugoid (0.12 m/s in a minute at 200 m/s). JSBSim's own trim stops
     at 1e-5 m/s2, which drifts visibly in a minute's record.
 
@@ -57,53 +59,112 @@ def trim(
     fdm = Executive(aircraft, rate, condition)
     if air is not None:
         fdm.set_wind(air.wind_m_s)
+    problem = _Problem(fdm, condition)
     solvable = False
-    for throttle in _THROTTLE_STARTS:
-        x, solvable = _newton(fdm, condition, throttle)
+    for throttle in _THROTTLE_STARTS if "thr" in problem.names else _THROTTLE_STARTS[:1]:
+        x, solvable = problem.newton(throttle)
         if solvable:
             break
     if not solvable:
-        _check_limits(aircraft, condition, x)
+        _check_limits(aircraft, condition, problem.values(x))
         raise TrimError(
             f"trim of {aircraft.name} at {condition} needs controls that can balance it, but on the way there they "
             "lose their effect; the condition is outside the flight envelope"
         )
-    residual = _accelerations(fdm, condition, x, to_rest=True)
-    _check(aircraft, condition, x, residual)
-    controls = {n: float(v) for n, v in zip(_UNKNOWNS, x, strict=True) if n in aircraft.controls}
-    alpha, phi = float(x[0]), float(x[1])
-    return TrimmedFlight(condition, rate, alpha, _theta(condition, alpha), phi, controls, residual, fdm.read())
+    residual = problem.accelerations(x, to_rest=True)
+    found = problem.values(x)
+    _check(aircraft, condition, found, residual, problem.tolerance)
+    controls = {n: v for n, v in found.items() if n in aircraft.controls}
+    condition = replace(condition, gamma_rad=found.get("gamma", condition.gamma_rad))
+    alpha = found["alpha"]
+    theta, phi, beta = _theta(condition, alpha), found["phi"], found.get("beta", 0.0)
+    return TrimmedFlight(condition, rate, alpha, theta, phi, controls, residual, fdm.read(), beta)
 
 
-def _newton(fdm: Executive, condition: FlightCondition, throttle: float) -> tuple[FloatArray, bool]:
-    """Return the unknowns reached from ``throttle`` and whether every step on the way could be solved for.
+class _Problem:
+    """Six accelerations as functions of the unknowns of a trim.
 
-    A Jacobian costs twelve evaluations; it is kept for as long as each step takes most of the residual away.
+    Args:
+        fdm: fresh executive, steady wind set.
+        condition: what is wanted.
+        names: of the unknowns; those that the aircraft has if not given.
     """
-    x = np.array([0.05, 0.0, 0.0, 0.0, 0.0, throttle])
-    residual = _accelerations(fdm, condition, x)
-    jacobian, before = None, np.inf
-    for _ in range(40):
-        left = float(np.max(np.abs(residual)))
-        if left < TOLERANCE:
-            break
-        if jacobian is None or not left < _KEPT * before:
-            jacobian = _jacobian(fdm, condition, x)
-            if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian) > 1e12:
-                return x, False
-        before = left
-        x = x - np.clip(np.linalg.solve(jacobian, residual), -0.3, 0.3)
-        residual = _accelerations(fdm, condition, x)
-    return x, True
+
+    def __init__(self, fdm: Executive, condition: FlightCondition, names: Sequence[str] = ()) -> None:
+        self._fdm, self._condition = fdm, condition
+        has = fdm.aircraft.controls
+        surfaces = tuple(n for n in ("de", "da", "dr") if n in has)
+        sideslip = ("beta",) if "dr" not in has else ()
+        self.names = tuple(names) or ("alpha", "phi", *surfaces, *sideslip, "thr" if "thr" in has else "gamma")
+
+    def values(self, x: FloatArray) -> dict[str, float]:
+        """Return the unknowns by name."""
+        return dict(zip(self.names, map(float, x), strict=True))
+
+    def start(self, throttle: float) -> FloatArray:
+        """Return the unknowns that a search begins with."""
+        first = {"alpha": 0.05, "thr": throttle, "gamma": -0.05}
+        return np.array([first.get(n, 0.0) for n in self.names])
+
+    def newton(self, throttle: float) -> tuple[FloatArray, bool]:
+        """Return the unknowns reached from ``throttle`` and whether every step on the way could be solved for.
+
+        A Jacobian costs twelve evaluations; it is kept for as long as each step takes most of the residual away.
+        """
+        x = self.start(throttle)
+        residual = self.accelerations(x)
+        jacobian, before, most = None, np.inf, self.tolerance
+        for _ in range(40):
+            left = float(np.max(np.abs(residual)))
+            if left < most:
+                break
+            if jacobian is None or not left < _KEPT * before:
+                jacobian = self._jacobian(x)
+                if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian) > 1e12:
+                    return x, False
+            before = left
+            x = x - np.clip(_solved(jacobian, residual), -0.3, 0.3)
+            residual = self.accelerations(x)
+        return x, True
+
+    @property
+    def tolerance(self) -> float:
+        """Acceleration that may be left over, m/s2 and rad/s2."""
+        return PROPELLER_TOLERANCE if len(self._fdm.propellers) else TOLERANCE
+
+    def _jacobian(self, x: FloatArray) -> FloatArray:
+        """Return d accelerations / d unknowns (6, n) by central differences."""
+        columns = []
+        for i, name in enumerate(self.names):
+            step = _STEP.get(name, 1e-4)
+            d = step * np.eye(len(x))[i]
+            up, down = (self.accelerations(x + sign * d) for sign in (1.0, -1.0))
+            columns.append((up - down) / (2.0 * step))
+        return np.column_stack(columns)
+
+    def accelerations(self, x: FloatArray, to_rest: bool = False) -> FloatArray:
+        """Place the aircraft and return its six accelerations (6,), m/s2 and rad/s2."""
+        at, fdm = self.values(x), self._fdm
+        alpha, phi, beta = at["alpha"], at["phi"], at.get("beta", 0.0)
+        condition = self._condition
+        if "gamma" in at:
+            condition = replace(condition, gamma_rad=at["gamma"])
+        V = condition.V_m_s
+        # The wings are all but level, so that theta = alpha + gamma holds the flight path to phi^2.
+        fdm.command({n: v for n, v in at.items() if n in fdm.command_nodes})
+        theta, uvw = _theta(condition, alpha), np.array([V * np.cos(alpha), 0.0, V * np.sin(alpha)])
+        if beta:
+            uvw = np.array([uvw[0] * np.cos(beta), V * np.sin(beta), uvw[2] * np.cos(beta)])
+        fdm.place(condition.h_m, theta, phi, uvw, horizon_rates(condition.h_m, theta, phi, uvw, fdm.wind_m_s))
+        fdm.evaluate(to_rest)
+        return np.array([fdm.get(name) * factor for name, factor in _ACCELERATIONS])
 
 
-def _jacobian(fdm: Executive, condition: FlightCondition, x: FloatArray) -> FloatArray:
-    """Return d accelerations / d unknowns (6, 6) by central differences."""
-    columns = []
-    for step, d in zip(_STEPS, np.diag(_STEPS), strict=True):
-        up, down = (_accelerations(fdm, condition, x + sign * d) for sign in (1.0, -1.0))
-        columns.append((up - down) / (2.0 * step))
-    return np.column_stack(columns)
+def _solved(jacobian: FloatArray, residual: FloatArray) -> FloatArray:
+    """Return the step; of least squares where there are fewer unknowns than accelerations."""
+    if jacobian.shape[0] == jacobian.shape[1]:
+        return np.asarray(np.linalg.solve(jacobian, residual))
+    return np.asarray(np.linalg.lstsq(jacobian, residual, rcond=None)[0])
 
 
 def _theta(condition: FlightCondition, alpha: float) -> float:
@@ -147,41 +208,36 @@ def horizon_rates(
 def place_at_trim(fdm: Executive, trimmed: TrimmedFlight) -> None:
     """Put a fresh executive into the trimmed state, steady wind included, at rest in time."""
     fdm.set_wind(steady_wind(trimmed))
-    x = np.array([trimmed.alpha, trimmed.phi, *(trimmed.controls[n] for n in _UNKNOWNS[2:])])
-    _accelerations(fdm, trimmed.condition, x, to_rest=True)
+    beta = {"beta": trimmed.beta} if trimmed.beta else {}
+    at = {"alpha": trimmed.alpha, "phi": trimmed.phi, **trimmed.controls, **beta}
+    _Problem(fdm, trimmed.condition, tuple(at)).accelerations(np.array(list(at.values())), to_rest=True)
 
 
-def _accelerations(fdm: Executive, condition: FlightCondition, x: FloatArray, to_rest: bool = False) -> FloatArray:
-    alpha, phi = float(x[0]), float(x[1])
-    V = condition.V_m_s
-    # The wings are all but level, so that theta = alpha + gamma holds the flight path to phi^2.
-    fdm.command(dict(zip(_UNKNOWNS[2:], map(float, x[2:]), strict=True)))
-    theta, uvw = _theta(condition, alpha), np.array([V * np.cos(alpha), 0.0, V * np.sin(alpha)])
-    fdm.place(condition.h_m, theta, phi, uvw, horizon_rates(condition.h_m, theta, phi, uvw, fdm.wind_m_s))
-    fdm.evaluate(to_rest)
-    return np.array([fdm.get(name) * factor for name, factor in _ACCELERATIONS])
-
-
-def _check(aircraft: Aircraft, condition: FlightCondition, x: FloatArray, residual: FloatArray) -> None:
+def _check(
+    aircraft: Aircraft, condition: FlightCondition, found: Mapping[str, float], residual: FloatArray, most: float
+) -> None:
     where = f"{aircraft.name} at {condition}"
-    if not np.max(np.abs(residual)) < TOLERANCE:
+    if not np.max(np.abs(residual)) < most:
         raise TrimError(
-            f"trim must leave less than {TOLERANCE:g} m/s2 and rad/s2, but {where} keeps "
+            f"trim must leave less than {most:g} m/s2 and rad/s2, but {where} keeps "
             f"{np.max(np.abs(residual)):.3g}; the condition is probably outside the flight envelope"
         )
-    _check_limits(aircraft, condition, x)
+    _check_limits(aircraft, condition, found)
 
 
-def _check_limits(aircraft: Aircraft, condition: FlightCondition, x: FloatArray) -> None:
+def _check_limits(aircraft: Aircraft, condition: FlightCondition, found: Mapping[str, float]) -> None:
     """Raise TrimError if alpha or a control lies outside its range; a surface at its stop has lost its effect there."""
     where = f"{aircraft.name} at {condition}"
     low, high = aircraft.limits.get("alpha", (-np.inf, np.inf))
-    if not low <= x[0] <= high:
+    alpha = found["alpha"]
+    if not low <= alpha <= high:
         raise TrimError(
-            f"trim of {where} needs alpha = {x[0] / DEG_RAD:.1f} deg, but {low / DEG_RAD:g} <= alpha_deg <= "
-            f"{high / DEG_RAD:g} must hold; fly {'faster' if x[0] > high else 'slower'}"
+            f"trim of {where} needs alpha = {alpha / DEG_RAD:.1f} deg, but {low / DEG_RAD:g} <= alpha_deg <= "
+            f"{high / DEG_RAD:g} must hold; fly {'faster' if alpha > high else 'slower'}"
         )
-    for name, value in zip(_UNKNOWNS[2:], x[2:], strict=True):
+    for name, value in found.items():
+        if name not in aircraft.controls:
+            continue
         control = aircraft.controls[name]
         if not control.low - 1e-9 <= value <= control.full + 1e-9:
             scale, unit = (100.0, "%") if name == "thr" else (1.0 / DEG_RAD, "deg")

@@ -21,7 +21,7 @@ import numpy as np
 from testbench.core.errors import ChannelError, EstimationError, nearest
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import AnyArray, LinearStructure, Matrices, Parameter
-from testbench.flight.linearise import LinearModel
+from testbench.flight.linear_model import LinearModel
 
 Plane = Literal["longitudinal", "lateral"]
 _STATES = {"longitudinal": ("u", "w", "q", "theta", "h"), "lateral": ("v", "p", "r", "phi")}
@@ -117,6 +117,7 @@ def aircraft_structure(
         EstimationError: a parameter is not one of :func:`parameter_names`.
         ChannelError: an input or output is not in the linear model.
     """
+    model = model.with_quick_engines()
     known = parameter_names(model.inputs, plane, modes)
     for name in free:
         if name not in known:
@@ -242,6 +243,8 @@ class _Basis:
             name = f"eta_{variable.removeprefix('eta')}"
         elif f"servo_{variable}" in self.states:
             name = f"servo_{variable}"
+        elif variable not in self.inputs and f"{variable}_cmd" in self.inputs:
+            name = f"{variable}_cmd"
         found = parts.get(variable, {name: 1.0})
         return np.array([found.get(s, 0.0) for s in (*self.states, *self.inputs)])
 

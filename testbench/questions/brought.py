@@ -24,7 +24,7 @@ def laws_of(what: Path) -> tuple[str, list[Law]] | None:
         return _in_python(str(what))
     folder = AIRCRAFT.at(what)
     if folder is not None:
-        from testbench.aircraft import load_aircraft
+        from testbench.flight import load_aircraft
         from testbench.questions.aircraft.contract import aircraft_laws
 
         return "aircraft", aircraft_laws(load_aircraft(folder))

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from testbench.aircraft import load_aircraft
 from testbench.aircraft.airframe import mode_at, wing_acceleration, wing_strain
 from testbench.core.errors import ModelError
-from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, trim
+from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
 from testbench.inputs.signal import InputSignal
 
 

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from structure_alone import uncoupled
 
-from testbench.aircraft import load_aircraft
 from testbench.aircraft.amend import Amendment, ScaleCoefficient
 from testbench.core.constants import DEG_RAD
 from testbench.core.paths import AIRCRAFT_MODELS
 from testbench.evaluation.modes import frequency_and_damping, longitudinal_modes
-from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, trim
+from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
 from testbench.flight.executive import Executive
 from testbench.flight.trim import place_at_trim
 from testbench.inputs.signal import InputSignal

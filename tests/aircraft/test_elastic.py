@@ -5,8 +5,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from structure_alone import uncoupled
 
-from testbench.aircraft import load_aircraft
 from testbench.aircraft.elastic import _held, first_order_hold
+from testbench.flight import load_aircraft
 
 # GVT of the EOLO paper, Table 2: frequency in Hz, damping in percent.
 TABLE_2 = [(4.6, 1.6), (7.7, 2.1), (10.6, 2.2), (11.6, 1.2), (15.0, 1.7), (19.1, 3.2), (21.2, 3.8), (30.4, 2.4)]

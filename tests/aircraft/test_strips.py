@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from testbench.aircraft import load_aircraft
 from testbench.aircraft.strips.loads import StripModel
 from testbench.aircraft.strips.ritz import (
     Stiffness,
@@ -19,7 +18,7 @@ from testbench.aircraft.strips.ritz import (
 from testbench.aircraft.strips.shapes import STRIPS, Shape, Tail, Wing
 from testbench.core.errors import TrimError
 from testbench.evaluation.modes import longitudinal_modes
-from testbench.flight import FlightCondition, linearise, trim
+from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 
 ROOT = Path(__file__).resolve().parents[2]
 SMALL = 1e-9

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from testbench.aircraft import load_aircraft
-from testbench.flight import FlightCondition, trim
+from testbench.flight import FlightCondition, load_aircraft, trim
 
 FOLDER = Path(__file__).resolve().parents[2] / "aircraft_models" / "taurus"
 

@@ -13,8 +13,7 @@ import time
 
 import numpy as np
 
-from testbench.aircraft import load_aircraft
-from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, trim
+from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
 from testbench.flight.executive import Executive
 from testbench.flight.trim import place_at_trim
 from testbench.inputs.signal import InputSignal

@@ -6,8 +6,8 @@ import shutil
 
 import pytest
 
-from testbench.aircraft import load_aircraft
 from testbench.core.paths import AIRCRAFT_MODELS, aircraft_names
+from testbench.flight import load_aircraft
 from testbench.questions.aircraft.contract import aircraft_laws
 
 

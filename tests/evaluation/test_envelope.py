@@ -8,13 +8,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from testbench.aircraft import load_aircraft
 from testbench.core.errors import ModelError, TrimError
 from testbench.core.paths import aircraft_names
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.evaluation.envelope import Envelope, fly_envelope
 from testbench.evaluation.modes import follow, longitudinal_modes, name_modes, poles_of, spectrum
-from testbench.flight import FlightCondition, LinearModel, linearise, trim
+from testbench.flight import FlightCondition, LinearModel, linearise, load_aircraft, trim
 from testbench.questions.aircraft.ask import SpeedRange, speed_range, survey
 
 LATERAL = ("v", "p", "r", "phi")

@@ -11,7 +11,7 @@ from testbench.estimators.settings import DsrE
 from testbench.evaluation.excitation import excitation
 from testbench.evaluation.modes import frequency_of, roots_of
 from testbench.evaluation.poles import match_poles
-from testbench.flight.linearise import LinearModel
+from testbench.flight.linear_model import LinearModel
 from testbench.questions.run.findings import alpha_findings
 
 SPLIT = {"phugoid": -0.003 + 0.5j, "short period, slow root": -1.6 + 0j, "short period, fast root": -7.3 + 0j}

@@ -60,7 +60,7 @@ def of_plane(aircraft: Aircraft, rigid: tuple[str, ...], symmetry: str) -> list[
 
 @cache
 def simulated(name: str, V: float) -> tuple[LinearModel, dict[str, float]]:
-    from testbench.aircraft import load_aircraft
+    from testbench.flight import load_aircraft
 
     aircraft = load_aircraft(name)
     trimmed = trim(aircraft, FlightCondition(V, HEIGHT[name]))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from structure_alone import uncoupled
 
-from testbench.aircraft import Amendment, Insert, ScaleCoefficient, load_aircraft
+from testbench.aircraft import Amendment, Insert, ScaleCoefficient
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import LimitError, ModelError
 from testbench.core.record import FlightAborted
-from testbench.flight import FlightCondition, Manoeuvre, fly, trim
+from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, trim
 from testbench.flight.executive import Executive
 from testbench.flight.trim import place_at_trim
 from testbench.inputs.signal import InputSignal

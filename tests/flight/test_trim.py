@@ -3,11 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from testbench.aircraft import load_aircraft
 from testbench.core.constants import G0_M_S2
 from testbench.core.errors import TrimError
 from testbench.core.paths import aircraft_names
-from testbench.flight import FlightCondition, Manoeuvre, fly, trim
+from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, trim
 from testbench.flight.trim import horizon_rates
 from testbench.inputs.signal import InputSignal
 

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from testbench.aircraft import load_aircraft
 from testbench.core.record import FlightRecord
 from testbench.estimators.model import IdentifiedModel
 from testbench.evaluation import evaluate
 from testbench.evaluation.excitation import ModeExcitation
 from testbench.evaluation.truth import Truth
-from testbench.flight import FlightCondition, LinearModel, TrimmedFlight
+from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, load_aircraft
 from testbench.line import Case, Flight
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario

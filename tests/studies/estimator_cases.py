@@ -27,14 +27,13 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "estimators" / "parametric"), st
 
 from parametric_cases import fly  # noqa: E402
 
-from testbench.aircraft import load_aircraft  # noqa: E402
 from testbench.core.constants import G0_M_S2  # noqa: E402
 from testbench.core.errors import EstimationError  # noqa: E402
 from testbench.core.record import FlightRecord  # noqa: E402
 from testbench.estimators.parametric.response import discretise, respond  # noqa: E402
 from testbench.estimators.parametric.structures import longitudinal  # noqa: E402
 from testbench.evaluation.derivatives import dimensional_derivatives  # noqa: E402
-from testbench.flight import FlightCondition, linearise, trim  # noqa: E402
+from testbench.flight import FlightCondition, linearise, load_aircraft, trim  # noqa: E402
 from testbench.sensors import load_suite  # noqa: E402
 
 OUTPUTS = ("V", "alpha", "q", "theta")

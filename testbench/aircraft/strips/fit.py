@@ -58,12 +58,14 @@ class FittedStrips:
 
     Attributes:
         symmetric, asymmetric: strips of either kind of motion.
+        plan_forms: where those of wing, tail and fin come from, in words.
         constants: every constant with its source.
         compared: rigid derivatives, the aircraft's own beside the strips'.
     """
 
     symmetric: StripModel
     asymmetric: StripModel
+    plan_forms: str
     constants: tuple[Constant, ...]
     compared: tuple[Compared, ...]
 
@@ -159,7 +161,7 @@ def fit_strips(aircraft: Aircraft, test: GroundTestFile, own: Mapping[str, float
         return _matched(make, motion, coefficient, known[target]), f"the aircraft's own {target} = {known[target]:.4g}"
 
     zero = choose(
-        "zero-lift angle of the wing",
+        "angle of the wing from zero lift, at zero alpha",
         "deg",
         (settings.zero_lift_deg, "given"),
         _in_degrees(match(symmetric, lambda v: replace(symmetric, zero_lift_rad=v), "zero", "CL", "CL_0")),
@@ -207,7 +209,19 @@ def fit_strips(aircraft: Aircraft, test: GroundTestFile, own: Mapping[str, float
         )
 
     symmetric, asymmetric = finished(symmetric), finished(asymmetric)
-    return FittedStrips(symmetric, asymmetric, tuple(told), _compared(symmetric, asymmetric, own))
+    return FittedStrips(
+        symmetric, asymmetric, _plan_forms(aircraft, test), tuple(told), _compared(symmetric, asymmetric, own)
+    )
+
+
+def _plan_forms(aircraft: Aircraft, test: GroundTestFile) -> str:
+    """Return where the plan forms come from, in words."""
+    given = [n for n in ("wing", "tail", "fin") if getattr(test, n) is not None]
+    drawn = [n for n in ("wing", "tail", "fin") if n not in given and aircraft.outline is not None]
+    parts = [f"{' and '.join(given)} from the file of the modes"] if given else []
+    if drawn and aircraft.outline is not None:
+        parts.append(f"{' and '.join(drawn)} from the aircraft's drawing: {aircraft.outline.note}")
+    return "; ".join(parts)
 
 
 def _wing(surface: Surface, test: GroundTestFile, axis: float, slope: float) -> Wing:

@@ -44,9 +44,10 @@ def flexible_toml(rigid: str, made: Flexible, test: GroundTest, name: str) -> st
         )
         table = re.search(r"^\[", text, flags=re.MULTILINE)
         place = table.start() if table else len(text)
+        attached = not text[:place].endswith("\n\n")  # a comment right above the first table belongs to it
         before = text[:place].rstrip("\n")
         *head, last = before.split("\n\n") if "\n\n" in before else ("", before)
-        comments = last if head and all(line.startswith("#") for line in last.splitlines()) else ""
+        comments = last if attached and head and all(line.startswith("#") for line in last.splitlines()) else ""
         before = "\n\n".join(head) if comments else before
         text = f"{before}\n\n{said}wing_station = [\n{rows}]\n\n{comments}{chr(10) if comments else ''}{text[place:]}"
     first = f"{MARK} from {name} and {test.path.name}; made anew each time.\n"
@@ -72,6 +73,7 @@ def _sources(made: Flexible, test: GroundTest) -> str:
     out += _comment(
         "Derived: the coefficients below, by quasi-steady strips over the shapes (testbench/aircraft/strips), with"
     )
+    out += _comment(f"  plan forms: {made.strips.plan_forms}")
     for c in made.strips.constants:
         out += _comment(f"  {c.name}: {c.value:.5g}{f' {c.unit}' if c.unit else ''} ({c.source})")
     out += _comment("Rigid derivatives, the aircraft's own and those of the strips:")

@@ -21,7 +21,14 @@ command.command("flexible")(flexible)
 
 @command.command()
 def show(
-    name: Annotated[str, typer.Argument(help="Packaged aircraft, or a folder of your own.", show_default=False)],
+    name: Annotated[
+        str,
+        typer.Argument(
+            help="Packaged aircraft, a JSBSim model (XML file, folder, or one that comes with JSBSim: jsbsim:c172p), "
+            "or a folder of your own.",
+            show_default=False,
+        ),
+    ],
     wings: Annotated[
         Wings, typer.Option(help="Whether the elastic modes move (flexible) or are held (rigid).")
     ] = Wings.flexible,
@@ -34,13 +41,13 @@ def show(
 
     Example: `testbench aircraft eolo --export root/aircraft` also writes a model that stock JSBSim loads from `root`.
     """
-    from testbench.aircraft import load_aircraft
+    from testbench.flight import load_aircraft
     from testbench.questions.aircraft.ask import survey
     from testbench.questions.aircraft.export import export_aircraft
     from testbench.questions.aircraft.page import aircraft_page, folder_name
 
     loaded = load_aircraft(name, wings.value)
-    name = Path(name).name  # of the folder, where a path is given
+    name = loaded.name.removesuffix(", rigid wings")
     folder = out / folder_name(loaded, name)
     with stages() as say:
         say("trim and linearise over speed")
@@ -52,3 +59,44 @@ def show(
     page.show(console(), folder)
     if exported:
         print(f"Model: {exported[0]}")
+
+
+@command.command("adopt")
+def adopt_command(
+    path: Annotated[
+        str,
+        typer.Argument(help="JSBSim model: XML file, folder, or one that comes with JSBSim.", show_default=False),
+    ],
+    folder: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder of the aircraft; aircraft/NAME if not given.")
+    ] = None,
+    speed: Annotated[float | None, typer.Option("--speed", min=0.1, help="Design speed, m/s.")] = None,
+    height: Annotated[float | None, typer.Option("--height", help="Design altitude above sea level, m.")] = None,
+    report: Annotated[Path, typer.Option("--report", help="Folder for the page.")] = Path("results"),
+) -> None:
+    """Make a JSBSim model your own: probe its controls, find its trims, and write an aircraft.toml that says so.
+
+    Example: `testbench aircraft adopt models/plane.xml -o aircraft/plane`, then `aircraft = "plane"` in any scenario.
+    """
+    from testbench.core.paths import STOCK, stock_names, stock_root
+    from testbench.flight import load_aircraft
+    from testbench.flight.load import adopted_at
+    from testbench.questions.aircraft.adopt import write_adopted
+    from testbench.questions.aircraft.ask import survey
+    from testbench.questions.aircraft.page import adopted_page
+
+    model, root = Path(path), stock_root()
+    if not model.exists() and root is not None and path.removeprefix(STOCK) in stock_names():
+        model = root / "aircraft" / path.removeprefix(STOCK)
+    with stages() as say:
+        say("start the model and probe its controls")
+        found = adopted_at(model, speed, height)
+        place = folder if folder is not None else Path("aircraft") / found.aircraft.name
+        write_adopted(found, place)
+        say("trim and linearise over speed")
+        loaded = load_aircraft(str(place))
+        page = adopted_page(found, survey(loaded, loaded.name), place)
+        say("write report")
+        where = report / f"aircraft_{loaded.name}"
+        page.write(where)
+    page.show(console(), where)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from testbench.page.page import Page
+from testbench.questions.aircraft.adopt import found_table
 from testbench.questions.aircraft.answer import aircraft_answer, shapes_missing
 from testbench.questions.aircraft.figures import aircraft_plates
 from testbench.questions.aircraft.tables import aircraft_tables, mode_table, modes_over_speed, trim_table
 
 if TYPE_CHECKING:
     from testbench.aircraft import Aircraft
+    from testbench.flight.adopt import Adopted
     from testbench.questions.aircraft.ask import Survey
 
 
@@ -28,6 +32,23 @@ def aircraft_page(survey: Survey) -> Page:
         template="questions/aircraft/page.html.j2",
         context={"envelope": survey.envelope, "aircraft": aircraft, "shapes_missing": shapes_missing(survey)},
         terminal=[trim_table(survey).without("qbar"), mode_table(survey).without("motion")],
+    )
+
+
+def adopted_page(adopted: Adopted, survey: Survey, folder: Path) -> Page:
+    """Return the page of an adopted model: that of its survey, with what was found and what was assumed before it."""
+    page, table = aircraft_page(survey), found_table(adopted)
+    name = survey.envelope.aircraft.name
+    return replace(
+        page,
+        kicker=f"Aircraft adopted: {name}",
+        tables=[table, *page.tables],
+        terminal=[table, *page.terminal],
+        notes=[
+            *page.notes,
+            f"edit {folder}/aircraft.toml as you like: it is checked when it is loaded",
+        ],
+        closing=[("Aircraft", f'{folder}, in a scenario: aircraft = "{name}"'), *page.closing],
     )
 
 

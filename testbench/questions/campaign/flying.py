@@ -17,13 +17,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.errors import CampaignError, ScenarioError, TestbenchError
 from testbench.core.record import FlightRecord
 from testbench.core.schema import parse
 from testbench.core.scratch import Scratch
 from testbench.evaluation.truth import Truth, true_model
-from testbench.flight import TrimmedFlight
+from testbench.flight import TrimmedFlight, load_aircraft
 from testbench.line import Case, trim_for
 from testbench.questions.campaign.draws import run_inputs, run_seed
 from testbench.questions.campaign.load import versions

@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from testbench import __version__
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.bring import find, is_brought, sha256
 from testbench.core.errors import ScenarioError, TestbenchError, nearest
 from testbench.core.paths import find_scenario
 from testbench.core.schema import parse, read_toml
 from testbench.estimators.brought import FOLDER
 from testbench.estimators.identification import estimator_name
+from testbench.flight import load_aircraft
 from testbench.questions.campaign.draws import nominal_inputs
 from testbench.questions.campaign.scenario import CampaignSpec
 from testbench.questions.campaign.targets import change_aircraft, change_suites, check_target, is_scenario_key, set_keys

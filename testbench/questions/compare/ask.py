@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.errors import TestbenchError, located
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators import estimate
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
-from testbench.flight import linearise
+from testbench.flight import linearise, load_aircraft
 from testbench.flight.air import air_of
 from testbench.information.modes import modes_of
 from testbench.information.targets import needed_parameters

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.errors import TestbenchError, nearest
+from testbench.flight import load_aircraft
 from testbench.information.aircraft_structure import parameter_names
 from testbench.information.modes import RIGID_MODES, elastic_modes
 from testbench.questions.compare.placement import templates

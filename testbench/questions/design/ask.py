@@ -10,10 +10,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.errors import LimitError, located
 from testbench.core.record import FloatArray
-from testbench.flight import LinearModel, TrimmedFlight, linearise
+from testbench.flight import LinearModel, TrimmedFlight, linearise, load_aircraft
 from testbench.information.fisher import accuracy
 from testbench.information.modes import modes_of
 from testbench.line import Report, trim_for

@@ -45,7 +45,7 @@ def limits_of(
     def angle(degrees: float | None, name: str) -> float | None:
         return degrees * DEG_RAD if degrees is not None else room.get(name)
 
-    deflection = {n: c.full for n, c in aircraft.controls.items()}
+    deflection = {n: max(c.full, -c.low) for n, c in aircraft.controls.items()}
     for name, value in given.deflection_deg.items():
         deflection[name] = value * (PERCENT if name == "thr" else DEG_RAD)
     lateral = scenario.plane == "lateral"
@@ -62,6 +62,7 @@ def limits_of(
         pitch_change=angle(given.pitch_change_deg, "theta"),
         bank=angle(given.bank_deg, "phi") if lateral or given.bank_deg else None,
         V_max_m_s=None if first is None or scenario.allow_above_onset else first - given.onset_margin_m_s,
+        throw={n: (c.low, c.full) for n, c in aircraft.controls.items()},
     )
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from testbench.aircraft import load_aircraft
 from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.errors import Faults, ScenarioError, TestbenchError, nearest
+from testbench.flight import load_aircraft
 from testbench.flight.simulate import stride
 from testbench.information.aircraft_structure import parameter_names
 from testbench.information.modes import RIGID_MODES, elastic_modes
@@ -38,9 +38,17 @@ def check(scenario: DesignScenario) -> list[str]:
             note("targets.modes", f"'{name}' is no {plane} mode of {aircraft.name}{nearest(name, valid)}")
     for control, degrees in scenario.limits.deflection_deg.items():
         if control in aircraft.controls:
-            full = aircraft.controls[control].full / (PERCENT if control == "thr" else DEG_RAD)
+            reach = aircraft.controls[control]
+            full = max(reach.full, -reach.low) / (PERCENT if control == "thr" else DEG_RAD)
             if degrees > full + 1e-9:
                 note("limits.deflection_deg", f"{control} <= {full:g} must hold for {aircraft.name}, got {degrees:g}")
+    for control in scenario.limits.rate_deg_s:
+        if control in aircraft.controls and not aircraft.has_servo(control):
+            note(
+                "limits.rate_deg_s",
+                f"the rate of {control} can be limited only where a servo moves it, but {aircraft.name} has none: "
+                "give servo_lag_rad_s in its aircraft.toml, or leave the limit out",
+            )
     for i, name in enumerate(scenario.suites):
         try:
             suite = load_suite(name)

@@ -80,11 +80,10 @@ class Envelope:
         model, trim = prediction.model, dict(prediction.trim)
         bands = limits.bands(trim)
         for name in prediction.controls:
-            full = limits.deflection[name]
-            bands[name] = (-full if name != "thr" else 0.0, full)
+            bands[name] = limits.control_band(name)
         rates = {}
         for name in prediction.controls:
-            if name in limits.rate:
+            if name in limits.rate and f"servo_{name}" in model.states:
                 row = model.states.index(f"servo_{name}")
                 rates[name] = (-float(model.A[row, row]), limits.rate[name])
         return cls(bands, rates, trim)

@@ -6,7 +6,8 @@ follows decides.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +33,7 @@ class Limits:
         pitch_change: largest change of pitch angle either side, rad.
         bank: largest bank either side, rad.
         V_max_m_s: airspeed that is never exceeded, e.g. the onset of flutter less a margin.
+        throw: control -> lowest and highest value that the aircraft allows, rad.
     """
 
     deflection: dict[str, float]
@@ -44,6 +46,13 @@ class Limits:
     pitch_change: float | None = None
     bank: float | None = None
     V_max_m_s: float | None = None
+    throw: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+
+    def control_band(self, control: str) -> tuple[float, float]:
+        """Return the lowest and highest value of a control that the limits and its own stops allow."""
+        most = self.deflection[control]
+        low, high = self.throw.get(control, (-most, most))
+        return (0.0 if control == "thr" else max(low, -most)), min(high, most)
 
     def bands(self, trim: dict[str, float]) -> dict[str, tuple[float, float]]:
         """Return channel -> (lowest, highest) absolute value, from the trimmed values of V, h, theta and alpha.

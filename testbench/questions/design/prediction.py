@@ -13,7 +13,7 @@ from scipy.linalg import expm
 
 from testbench.core.errors import LimitError
 from testbench.core.record import FloatArray
-from testbench.flight.linearise import LinearModel
+from testbench.flight.linear_model import LinearModel
 from testbench.questions.design.limits import Limits
 
 _STILL = 1e-150  # a channel that does not move meets no limit
@@ -51,15 +51,14 @@ class Prediction:
     def __post_init__(self) -> None:
         bands = self.limits.bands(dict(self.trim))
         for name in self.controls:
-            full = self.limits.deflection[name]
-            bands[name] = (-full if name != "thr" else 0.0, full)
+            bands[name] = self.limits.control_band(name)
         names = list(bands)
         low = [bands[n][0] - self.trim.get(n, 0.0) for n in names]
         high = [bands[n][1] - self.trim.get(n, 0.0) for n in names]
         rows = [self.model.outputs.index(n) for n in names]
         C, D = self.model.C[rows], self.model.D[rows]
         for name in self.controls:
-            if name in self.limits.rate:  # of the servo: its state derivative
+            if name in self.limits.rate and f"servo_{name}" in self.model.states:  # of the servo: its state derivative
                 row = self.model.states.index(f"servo_{name}")
                 C, D = np.vstack([C, self.model.A[row]]), np.vstack([D, self.model.B[row]])
                 names.append(f"rate of {name}")

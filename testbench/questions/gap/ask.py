@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from testbench.aircraft import load_aircraft
 from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord, load_record
+from testbench.flight import load_aircraft
 from testbench.line import Keep, condition_of
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose

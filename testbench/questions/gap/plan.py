@@ -17,13 +17,13 @@ from operator import add
 
 import numpy as np
 
-from testbench.aircraft import load_aircraft
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.errors import LimitError, TrimError, located
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, Input, Pulse, StandardMultistep, Sweep
+from testbench.flight import load_aircraft
 from testbench.inputs import build
 from testbench.line import condition_of
 from testbench.questions.gap.believed import Believed, priors_of

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import RecordError, located
 from testbench.core.paths import find_scenario, suite_names
 from testbench.core.record import FlightRecord, load_record
-from testbench.flight import FlightCondition
+from testbench.flight import FlightCondition, load_aircraft
 from testbench.logs.read import read_records
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import quiet_samples

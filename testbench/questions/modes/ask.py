@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import ChannelError, RecordError, ScenarioError, located
 from testbench.core.record import FlightRecord, load_record
@@ -16,7 +16,7 @@ from testbench.core.schema import parse
 from testbench.estimators.operational import Criteria, OperationalModes, estimate
 from testbench.estimators.prepare import prepared
 from testbench.evaluation.operational import TrueMode, match_modes, true_modes
-from testbench.flight import TrimmedFlight, linearise
+from testbench.flight import TrimmedFlight, linearise, load_aircraft
 from testbench.flight.air import air_of, scale_lengths
 from testbench.inputs import InputSignal, build
 from testbench.line import fly_and_measure, log_rate, trim_for

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from testbench.aircraft import load_aircraft
 from testbench.core.errors import Faults, nearest
+from testbench.flight import load_aircraft
 from testbench.flight.simulate import stride
 from testbench.line import log_rate
 from testbench.questions.modes.ask import WING, signal_of

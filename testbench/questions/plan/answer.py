@@ -18,7 +18,10 @@ def plan_answer(plan: Plan) -> list[tuple[str, str]]:
     if plan.runs:
         minutes = sum(f.time_s for f in plan.flights) / 60.0
         legs = len(plan.flights)
-        on = counted(legs, "battery", "batteries") if plan.scenario.energy.kind == "battery" else counted(legs, "tank")
+        one, many = {"battery": ("battery", "batteries"), "tow": ("tow", "tows")}.get(
+            plan.scenario.energy.kind, ("tank", "tanks")
+        )
+        on = counted(legs, one, many)
         head = (
             f"{len(plan.runs)} runs ({planes[0]} longitudinal, {planes[1]} lateral) at {len(plan.points)} points take "
             f"{counted(legs, 'flight')} on {on} and {minutes:.0f} min in the air"

@@ -9,9 +9,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.errors import LimitError, ScenarioError, located
 from testbench.evaluation.envelope import Envelope, Onset, fly_envelope
+from testbench.flight import load_aircraft
 from testbench.questions.plan.repeats import plane_modes, reach
 from testbench.questions.plan.resources import level_power_W, schedule
 from testbench.questions.plan.response import bands_of, expected_band, fly_within, limits_of, scaled
@@ -138,7 +139,7 @@ def _points(scenario: PlanScenario, envelopes: Sequence[Envelope]) -> tuple[Poin
                 h,
                 envelope.trims[k],
                 envelope.models[k],
-                level_power_W(scenario, envelope.trims[k]),
+                level_power_W(scenario, envelope.trims[k], envelope.aircraft.mass.mass_kg),
                 first_onset(envelope),
                 _modes_at(envelope, k, following, scenario.least_damping),
                 following,

@@ -150,14 +150,15 @@ def _setup(card: Card, plan: Plan) -> list[tuple[str, str]]:
     eas = point.V_m_s * math.sqrt(air_density(point.h_m) / air_density(0.0))
     mine = [r for r in plan.runs if r.card is card]
     flights = sorted({r.flight for r in mine})
+    names = {"de": "elevator", "thr": "throttle"}
+    held = ", ".join(f"{words} {shown(n, trimmed.controls[n])}" for n, words in names.items() if n in trimmed.controls)
     out = [
         ("aircraft", plan.aircraft.name),
         ("speed", f"{point.V_m_s:g} m/s true, {eas:.1f} m/s equivalent"),
         ("height", f"{point.h_m:g} m above sea level, {point.h_m - scenario.timing.field_m:g} m above the field"),
         (
             "trim",
-            f"alpha {shown('alpha', trimmed.alpha)}, elevator {shown('de', trimmed.controls['de'])}, throttle "
-            f"{shown('thr', trimmed.controls['thr'])}, hands off for {card.spec.settle_s:g} s",
+            f"alpha {shown('alpha', trimmed.alpha)}, {held}, hands off for {card.spec.settle_s:g} s",
         ),
         ("to the onset", onset_words(card)),
         (

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.errors import Faults, nearest
 from testbench.core.scenario.air import LOWEST_M
+from testbench.flight import load_aircraft
 from testbench.inputs import build
 from testbench.questions.plan.repeats import known_parameters, plane_modes
 from testbench.questions.plan.response import limits_of

@@ -136,7 +136,7 @@ def _energy(plan: Plan) -> Plate:
         figure = new_figure(wide, 2.6)
         axes = grid(figure, 0.3, [1.75])[0, 0]
         before = 0.0
-        usable = plan.scenario.energy.usable_J / 3600.0
+        usable = plan.flights[0].usable_J / 3600.0
         for leg in plan.flights:
             mine = [r for r in plan.runs if r.flight == leg.number]
             ends = [r.start_s + r.card.length_s + plan.scenario.timing.turn_s for r in mine]

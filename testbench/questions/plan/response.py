@@ -57,7 +57,7 @@ def limits_of(limits: PlanLimits, aircraft: Aircraft, onset_m_s: float | None) -
 
     given: dict[str, float] = {c: v * DEG_RAD for c, v in limits.deflection_deg.items()}
     return Limits(
-        deflection={c: given.get(c, control.full) for c, control in aircraft.controls.items()},
+        deflection={c: given.get(c, max(control.full, -control.low)) for c, control in aircraft.controls.items()},
         rate={c: v * DEG_RAD for c, v in limits.rate_deg_s.items()},
         load_factor=limits.load_factor,
         alpha=None if limits.alpha_deg is None else (limits.alpha_deg[0] * DEG_RAD, limits.alpha_deg[1] * DEG_RAD),
@@ -67,6 +67,7 @@ def limits_of(limits: PlanLimits, aircraft: Aircraft, onset_m_s: float | None) -
         pitch_change=degrees(limits.pitch_change_deg),
         bank=degrees(limits.bank_deg),
         V_max_m_s=min(fastest) if fastest else None,
+        throw={n: (c.low, c.full) for n, c in aircraft.controls.items()},
     )
 
 
@@ -78,8 +79,7 @@ def bands_of(limits: Limits, point: Point, controls: Sequence[str]) -> dict[str,
     """
     bands = limits.bands(dict(point.trimmed.state))
     for name in controls:
-        full = limits.deflection[name]
-        bands[name] = (0.0 if name == "thr" else -full, full)
+        bands[name] = limits.control_band(name)
     return bands
 
 
@@ -134,7 +134,7 @@ def _flight(
         signal,
         log_rate_hz=log_rate_of(point.trimmed.rate_hz),
         settle_s=spec.settle_s,
-        channels=channels,
+        channels=[c for c in channels if c in point.trimmed.state],  # a glider has no throttle
         air=air,
     ).flown
 

@@ -127,6 +127,20 @@ class Fuel(Strict):
         return 1e6 * self.capacity_kg * self.heating_MJ_kg * self.usable_percent / 100.0
 
 
+class Tow(Strict):
+    """A glider: what it has is height, from ``release_m`` down to ``lowest_m`` above sea level, for every flight."""
+
+    kind: Literal["tow"]
+    release_m: float
+    lowest_m: float
+
+    @model_validator(mode="after")
+    def _downwards(self) -> Tow:
+        if not self.release_m > self.lowest_m:
+            raise ValueError(f"release_m > lowest_m must hold, got {self.release_m:g} and {self.lowest_m:g}")
+        return self
+
+
 class Autopilot(Strict):
     """How an ArduPilot Plane flies a sequence: start switch, required mode, rate, and what it holds meanwhile.
 
@@ -167,7 +181,7 @@ class PlanScenario(Flown):
     uncertainty_percent: NonNegative = 15.0
     limits: PlanLimits
     timing: Timing
-    energy: Annotated[Battery | Fuel, Field(discriminator="kind")]
+    energy: Annotated[Battery | Fuel | Tow, Field(discriminator="kind")]
     autopilot: Autopilot = Autopilot()
     manoeuvre: Annotated[tuple[PlannedManoeuvre, ...], Field(min_length=1, strict=False)]
 

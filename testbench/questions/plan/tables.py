@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.plan.card_text import card_stem
+from testbench.questions.plan.scenario import Tow
 
 if TYPE_CHECKING:
     from testbench.questions.plan.result import ModeAt, Plan, Point
@@ -81,12 +82,14 @@ def flights_table(plan: Plan) -> Table:
     ]
     spec = plan.scenario.energy
     caption = (
-        f"Power is thrust times speed at trim over an efficiency of {spec.efficiency_percent:g} %, and "
-        f"{spec.avionics_W:g} W ({spec.source}); {spec.usable_percent:g} % of the {kind} is usable."
+        f"A glider pays with height: every flight may sink from {spec.release_m:g} to {spec.lowest_m:g} m."
+        if (isinstance(spec, Tow))
+        else (
+            f"Power is thrust times speed at trim over an efficiency of {spec.efficiency_percent:g} %, and "
+            f"{spec.avionics_W:g} W ({spec.source}); {spec.usable_percent:g} % of the {kind} is usable."
+        )
     )
-    return Table(
-        "flights", f"Flights, each on one {'battery' if kind == 'battery' else 'tank'}", caption, columns, tuple(rows)
-    )
+    return Table("flights", f"Flights, each on one {'tank' if kind == 'fuel' else kind}", caption, columns, tuple(rows))
 
 
 def points_table(plan: Plan) -> Table:

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.aircraft.amend import Amendment
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
@@ -20,7 +20,7 @@ from testbench.estimators.settings import DsrE, Subspace
 from testbench.estimators.state_space import StateSpaceModel
 from testbench.evaluation.metrics import mrse_percent
 from testbench.evaluation.truth import Truth, true_model
-from testbench.flight import TrimmedFlight
+from testbench.flight import TrimmedFlight, load_aircraft
 from testbench.flight.air import Air, turbulence_rms
 from testbench.line import fly_and_measure, trim_for
 from testbench.questions.run.scenario import Scenario

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD
+from testbench.flight import load_aircraft
 from testbench.page.tables import Column, Table
 from testbench.questions.reproduce.printed import (
     BAND_RAD_S,

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from testbench.aircraft import load_aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
@@ -15,7 +14,7 @@ from testbench.estimators.prepare import prepare
 from testbench.estimators.settings import TransferFunctions
 from testbench.evaluation.metrics import fit_percent
 from testbench.evaluation.truth import true_model
-from testbench.flight import FlightCondition, TrimmedFlight, trim
+from testbench.flight import FlightCondition, TrimmedFlight, load_aircraft, trim
 from testbench.flight.air import Air, turbulence_rms
 from testbench.line import fly_and_measure
 from testbench.page.labels import symbol

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.errors import located
 from testbench.estimators.identification import Identification
 from testbench.evaluation.truth import Truth, excited, true_model
-from testbench.flight import TrimmedFlight
+from testbench.flight import TrimmedFlight, load_aircraft
 from testbench.flight.air import air_of
 from testbench.line import Flight, Keep, Report, fly_and_measure, identify_and_judge, log_rate, trim_for
 from testbench.questions.run.result import RunResult

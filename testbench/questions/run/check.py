@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import Faults, LimitError
+from testbench.core.errors import Faults, LimitError, nearest
+from testbench.flight import load_aircraft
 from testbench.flight.simulate import stride
 from testbench.inputs import build
 from testbench.line import log_rate
@@ -48,7 +49,9 @@ def check_amplitude(aircraft: Aircraft, control: str, amplitude: float) -> None:
     Raises:
         LimitError: the amplitude is larger than its full deflection.
     """
-    full = aircraft.controls[control].full
+    if control not in aircraft.controls:
+        raise LimitError(f"{aircraft.name} has no control '{control}'{nearest(control, aircraft.controls)}")
+    full = max(aircraft.controls[control].full, -aircraft.controls[control].low)
     if abs(amplitude) > full:
         scale, unit = (100.0, "percent") if control == "thr" else (1.0 / DEG_RAD, "deg")
         raise LimitError(

@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.errors import ScenarioError, TrimError
 from testbench.core.paths import AIRCRAFT, SENSOR_SUITES, aircraft_names, resolve, suite_names
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import STEP
 from testbench.evaluation.modes import roots_of
-from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, trim
+from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, load_aircraft, trim
 from testbench.information.aircraft_structure import AircraftStructure, aircraft_structure
 from testbench.information.modes import elastic_modes, modes_of
 from testbench.information.targets import targets

@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from testbench.aircraft import Insert, load_aircraft
+from testbench.aircraft import Insert
 from testbench.aircraft.amend import Amendment
 from testbench.core.constants import FT_M
 from testbench.core.paths import aircraft_names
 from testbench.evaluation.envelope import fly_envelope
+from testbench.flight import load_aircraft
 from testbench.questions.aircraft.answer import aircraft_answer, shapes_missing
 from testbench.questions.aircraft.ask import SpeedRange, Survey, survey
 from testbench.questions.aircraft.export import export_aircraft

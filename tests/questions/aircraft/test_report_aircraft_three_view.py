@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from testbench.aircraft import load_aircraft
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import AIRCRAFT_MODELS, aircraft_names
+from testbench.flight import load_aircraft
 from testbench.questions.aircraft.three_view_figures import three_view_plates
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from testbench.aircraft import load_aircraft
 from testbench.core.errors import ScenarioError
+from testbench.flight import load_aircraft
 from testbench.questions.compare.answer import compare_sentences
 from testbench.questions.compare.ask import _flight_errors, _flights, _known, compare, derived_seed
 from testbench.questions.compare.page import compare_page

@@ -92,7 +92,7 @@ def test_accelerometers_go_to_the_tips_and_strain_gauges_to_the_root(scenario, e
 
 
 def test_rigid_wings_have_nothing_to_place_on(scenario, aimed) -> None:
-    from testbench.aircraft import load_aircraft
+    from testbench.flight import load_aircraft
 
     with pytest.raises(ModelError, match="flexible wings with stations"):
         candidate_stations(replace(aimed, aircraft=load_aircraft("eolo", "rigid")), scenario.placement)

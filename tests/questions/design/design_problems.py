@@ -14,12 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from testbench.aircraft import load_aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import Doublet, Multisine, StandardMultistep, Sweep
 from testbench.evaluation.modes import roots_of
-from testbench.flight import FlightCondition, linearise, trim
+from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 from testbench.information.aircraft_structure import aircraft_structure
 from testbench.information.fisher import Experiment, accuracy, cost
 from testbench.information.modes import elastic_modes, modes_of

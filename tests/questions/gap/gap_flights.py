@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from testbench.aircraft import load_aircraft
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
-from testbench.flight import FlightCondition, Manoeuvre, fly, trim
+from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, trim
 from testbench.flight.air import Air, turbulence_rms
 from testbench.inputs import build
 from testbench.inputs.signal import InputSignal

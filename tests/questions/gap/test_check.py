@@ -10,7 +10,7 @@ from dataclasses import replace
 import pytest
 from gap_flights import CONDITION, ELEVATOR, believe, measure
 
-from testbench.aircraft import load_aircraft
+from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.check import check_data
 from testbench.sensors import load_suite

@@ -9,8 +9,8 @@ import pytest
 from gap_flights import CONDITION, ELEVATOR, believe, measure
 from scipy.stats import chi2
 
-from testbench.aircraft import load_aircraft
 from testbench.core.errors import ScenarioError
+from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.compared import left_out, not_compared
 from testbench.questions.gap.evidence.locate import locate, locate_regions, structure

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scipy.signal import lsim
 
-from testbench.aircraft import load_aircraft
 from testbench.core.contract import LawError
 from testbench.core.record import FlightRecord
-from testbench.flight import FlightCondition, linearise, trim
+from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 from testbench.questions.gap.believed import PRIORS, Believed
 from testbench.questions.gap.effects import EFFECTS, contract
 from testbench.questions.gap.effects.contract import CONDITION, RATE_HZ

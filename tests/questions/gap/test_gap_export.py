@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from gap_flights import CONDITION, believe
 
-from testbench.aircraft import load_aircraft
-from testbench.flight import linearise, trim
+from testbench.flight import linearise, load_aircraft, trim
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.export import aircraft_files
 

@@ -15,12 +15,11 @@ from gap_flights import believe as believe_longitudinal
 from gap_flights import measure as measure_longitudinal
 
 import testbench.questions.gap.plan as plan_module
-from testbench.aircraft import load_aircraft
 from testbench.core.paths import SCENARIOS
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
-from testbench.flight import FlightCondition
+from testbench.flight import FlightCondition, load_aircraft
 from testbench.questions.gap.ask import run_gap
 from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed, priors_of
 from testbench.questions.gap.decide import Naming

@@ -12,7 +12,7 @@ from rich.console import Console
 
 import testbench.questions.gap.plan as plan_module
 import testbench.questions.gap.workflow as workflow
-from testbench.aircraft import load_aircraft
+from testbench.flight import load_aircraft
 from testbench.questions.gap.ask import run_flights
 from testbench.questions.gap.controls import Control, Controls
 from testbench.questions.gap.effects import EFFECTS

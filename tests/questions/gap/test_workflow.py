@@ -100,7 +100,7 @@ def case():
     scenario = GapScenario.load(SCENARIOS / "gap" / "nothing.toml")
     suite = load_suite(scenario.suite)
     condition = FlightCondition(16.0, 547.0)
-    from testbench.aircraft import load_aircraft
+    from testbench.flight import load_aircraft
 
     aircraft = load_aircraft("eolo", "rigid")
     believed = Believed(aircraft, suite, condition, aircraft.rate_hz)

@@ -11,10 +11,9 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from testbench.aircraft import load_aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import LimitError, ScenarioError
-from testbench.flight import FlightCondition, linearise, trim
+from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 from testbench.information.fisher import accuracy
 from testbench.information.modes import modes_of
 from testbench.information.targets import needed_parameters

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from studies.blind.flights import RATE_HZ, condition, suite
 
-from testbench.aircraft import load_aircraft
 from testbench.core.record import FlightRecord
+from testbench.flight import load_aircraft
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, Rest, judged, rest

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import shutil
-import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from testbench.aircraft import load_aircraft
 from testbench.aircraft.strips.flexible import Flexible, make_flexible
 from testbench.aircraft.strips.reading import GroundTest, read_ground_test
 from testbench.aircraft.strips.writing import MARK, flexible_toml
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.files import write_file
-from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, aircraft_names, resolve
+from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, find_scenario, resolve
+from testbench.flight import load_aircraft
+from testbench.flight.adopt import Adopted
+from testbench.flight.load import adopted_at, stock
+from testbench.questions.aircraft.adopt import write_adopted
 from testbench.questions.aircraft.ask import Survey, survey
 from testbench.questions.aircraft.flexible.own import own_derivatives
 
@@ -47,7 +49,7 @@ def add_ground_test(
     """Return an aircraft with the modes of a ground vibration test, written to a folder that flies.
 
     Args:
-        name: of the rigid aircraft: packaged, the path of a folder, or a name in the user's ``aircraft/``.
+        name: of the rigid aircraft, as :func:`testbench.flight.load.load_aircraft` takes it.
         modes: file of the ground test; see :class:`testbench.aircraft.strips.ground_test.GroundTestFile`.
         out: folder of the flexible aircraft; ``aircraft/NAME_flexible`` if not given.
         say: told what is being done.
@@ -58,34 +60,33 @@ def add_ground_test(
         ScenarioError: the file breaks a law, the aircraft is flexible already, or the folder holds another aircraft.
         TrimError: the aircraft cannot be trimmed.
     """
-    folder = _folder(str(name))
-    aircraft = load_aircraft(folder)
+    folder, found = _source(str(name))
+    aircraft = found.aircraft if found is not None else load_aircraft(folder)
     if aircraft.elastic is not None:
         raise ScenarioError(
             [f"{folder / _FILE}, elastic: an aircraft that is made flexible must be rigid, got {aircraft.name} with "
              f"{len(aircraft.elastic)} elastic modes; take them out first"]
         )  # fmt: skip
-    test = read_ground_test(modes)
-    out = Path("aircraft") / f"{folder.name}_flexible" if out is None else out
+    test = read_ground_test(find_scenario(modes))
+    out = Path("aircraft") / f"{aircraft.name}_flexible" if out is None else out
     _check_place(out, folder)
     own: dict[str, float] = {}
     if test.content.strips.own_derivatives:
         say("read off the aircraft's own derivatives")
-        own, _ = own_derivatives(aircraft)
+        own = own_derivatives(aircraft)
     made = make_flexible(aircraft, test, own)
-    _write(made, test, folder, out)
+    _write(made, test, folder, found, out)
     say("trim and linearise over speed")
-    return FlexibleAnswer(folder.name, test, made, out, survey(load_aircraft(out), out.name))
+    return FlexibleAnswer(aircraft.name, test, made, out, survey(load_aircraft(out), out.name))
 
 
-def _folder(name: str) -> Path:
+def _source(name: str) -> tuple[Path, Adopted | None]:
+    """Return the folder of an aircraft; of a JSBSim model without an aircraft.toml also what was found in it."""
     named = resolve(name, AIRCRAFT)
+    if named.startswith(STOCK):
+        return Path(named), stock(named.removeprefix(STOCK))
     folder = AIRCRAFT_MODELS / named if named in aircraft_names() else Path(named)
-    if not (folder / _FILE).is_file():
-        raise ScenarioError(
-            [f"an aircraft that is made flexible must be a folder with {_FILE}, got '{name}'; adopt it"]
-        )
-    return folder
+    return folder, None if (folder / _FILE).is_file() else adopted_at(folder)
 
 
 def _check_place(out: Path, folder: Path) -> None:
@@ -100,18 +101,22 @@ def _check_place(out: Path, folder: Path) -> None:
         raise ScenarioError([f"the flexible aircraft must go to a new folder, got '{out}', which holds other files"])
 
 
-def _write(made: Flexible, test: GroundTest, folder: Path, out: Path) -> None:
-    text = (folder / _FILE).read_text(encoding="utf-8")
-    told = flexible_toml(text, made, test, folder.name)
-    tomllib.loads(told)  # so that nothing is written that cannot be read
-    try:
-        shutil.copytree(
-            folder, out, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.py", "__pycache__", _FILE, _TEST)
-        )
-    except (OSError, shutil.Error) as error:
-        raise RecordError(
-            f"the flexible aircraft must go to a folder that can be written to, got '{out}': {error}"
-        ) from error
+def _write(made: Flexible, test: GroundTest, folder: Path, found: Adopted | None, out: Path) -> None:
+    if found is not None:
+        (out / _FILE).unlink(missing_ok=True)  # ours, see _check_place
+        write_adopted(found, out)
+        text = (out / _FILE).read_text(encoding="utf-8")
+    else:
+        text = (folder / _FILE).read_text(encoding="utf-8")
+    told = flexible_toml(text, made, test, made.aircraft.name)
+    if found is None:
+        try:
+            shutil.copytree(
+                folder, out, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.py", "__pycache__", _FILE, _TEST)
+            )
+        except (OSError, shutil.Error) as error:
+            law = "the flexible aircraft must go to a folder that can be written to"
+            raise RecordError(f"{law}, got '{out}': {error}") from error
     names = [test.content.shapes, *(m.csv for m in test.content.mode)]
     for path in [test.path, *(test.path.parent / n for n in dict.fromkeys(names) if n)]:
         write_file(out / _TEST / path.name, path.read_bytes())

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient, load_aircraft
+from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import load_record
 from testbench.evaluation.derivatives import dimensional_derivatives
-from testbench.flight import FlightCondition, TrimmedFlight, linearise, trim
+from testbench.flight import FlightCondition, TrimmedFlight, linearise, load_aircraft, trim
 from testbench.inputs.signal import InputSignal
 from testbench.line import fly_and_measure
 from testbench.questions.exercise.describe import description

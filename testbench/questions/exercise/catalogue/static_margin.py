@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient, load_aircraft
+from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray
-from testbench.flight import FlightCondition, trim
+from testbench.flight import FlightCondition, load_aircraft, trim
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
 
 _RATE, _H = 200.0, 100.0

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
-from testbench.aircraft import load_aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import load_record
-from testbench.flight import FlightCondition, trim
+from testbench.flight import FlightCondition, load_aircraft, trim
 from testbench.inputs.signal import InputSignal
 from testbench.line import fly_and_measure
 from testbench.questions.exercise.describe import description

@@ -14,10 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from testbench.aircraft import load_aircraft
 from testbench.core.contract import Law, need, tried_on
 from testbench.core.record import FlightRecord
-from testbench.flight import FlightCondition, trim
+from testbench.flight import FlightCondition, load_aircraft, trim
 from testbench.questions.gap.believed import PRIORS, Believed
 from testbench.questions.gap.brought import load_effect
 from testbench.questions.gap.effects.base import LINK, Effect

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from testbench.aircraft import load_aircraft
+from testbench.flight import load_aircraft
 
 RATE_HZ = 100.0  # frames a second of truths that count them
 SPEEDS_M_S = {"eolo": 16.0, "taurus": 15.0}

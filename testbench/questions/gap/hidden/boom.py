@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 
-from testbench.aircraft import Insert, load_aircraft
+from testbench.aircraft import Insert
+from testbench.flight import load_aircraft
 from testbench.questions.gap.hidden.aircraft import RATE_HZ
 from testbench.questions.gap.hidden.terms import ELEVATOR, coefficient, number, prop, term
 from testbench.questions.gap.hidden.truth import Size, Truth

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient, SetProperty, load_aircraft
+from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient, SetProperty
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.flight import FlightCondition, TrimmedFlight, trim
+from testbench.flight import FlightCondition, TrimmedFlight, load_aircraft, trim
 from testbench.flight.air import Air
 from testbench.inputs.signal import InputSignal
 from testbench.line import fly_and_measure

@@ -11,11 +11,11 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from testbench.aircraft import Aircraft, Insert, load_aircraft
+from testbench.aircraft import Aircraft, Insert
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.schema import NonNegative, Positive, Strict
-from testbench.flight import FlightCondition
+from testbench.flight import FlightCondition, load_aircraft
 from testbench.inputs import build
 from testbench.questions.gap.hidden import servos
 from testbench.questions.gap.hidden.entries import TRUTHS

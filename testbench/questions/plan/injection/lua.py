@@ -62,7 +62,7 @@ def lua_script(card: Card, aircraft: Aircraft, autopilot: Autopilot) -> str:
         "local SURFACES = {",
         *(
             f"  {{ name = '{_SERVOS[n][0]}', fn = {_SERVOS[n][1]}, sign = {_SERVOS[n][2]}, column = {j}, "
-            f"full_deg = {aircraft.controls[n].full / DEG_RAD:.4f} }},"
+            f"full_deg = {0.5 * (aircraft.controls[n].full - aircraft.controls[n].low) / DEG_RAD:.4f} }},"
             for j, n in enumerate(SURFACES, 1)
             if n in aircraft.controls and (autopilot.hold == "all" or n in card.spec.controls)
         ),

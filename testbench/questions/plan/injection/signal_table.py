@@ -42,14 +42,21 @@ def signal_csv(signal: InputSignal, aircraft: Aircraft) -> str:
     shown = [f"{n}_percent" if n == "thr" else f"{n}_deg" for n in names]
     writer.writerow(["time_s", *shown, *(f"{n}_norm" for n in names)])
     units = [PERCENT if n == "thr" else DEG_RAD for n in names]
-    full = [aircraft.controls[n].full if n in aircraft.controls else 1.0 for n in names]
+    ends = [
+        (aircraft.controls[n].low, aircraft.controls[n].full) if n in aircraft.controls else (-1.0, 1.0) for n in names
+    ]
     for k, t in enumerate(signal.t_s):
         row = [column[k] for column in columns]
         writer.writerow(
             [
                 f"{t:.4f}",
                 *(f"{v / unit + 0.0:.5f}" for v, unit in zip(row, units, strict=True)),
-                *(f"{v / most + 0.0:.6f}" for v, most in zip(row, full, strict=True)),
+                *(f"{_share(v, *end) + 0.0:.6f}" for v, end in zip(row, ends, strict=True)),
             ]
         )
     return out.getvalue()
+
+
+def _share(value: float, low: float, high: float) -> float:
+    """Return a deflection as a share of the throw to its side, -1 to 1."""
+    return value / high if value >= 0.0 or low >= 0.0 else -value / low

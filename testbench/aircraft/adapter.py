@@ -1,0 +1,300 @@
+"""How a JSBSim model that somebody else wrote is flown: its controls, and what it is told before it flies.
+
+Names and units in such models are anybody's. What they have in common is that some properties are read by the
+aerodynamics and moved by a command of the pilot. The adapter drives these properties itself: for every control it
+writes a channel behind the model's own control system,
+
+    command (rad) -> servo -> deflection (rad) -> each property that the aerodynamics reads
+
+so that command and surface are seams of their own with one meaning in every model, and gearing, trim tabs, autopilot
+and stability augmentation of the model's own control system have no part in them.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
+"""Control -> the word that its properties are named by."""
+PREFIX = "testbench/"
+THROTTLE = f"{PREFIX}throttle-command"
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A property that the aerodynamics reads and a control moves.
+
+    Attributes:
+        name: JSBSim property.
+        points: (deflection of the control in rad, value of the property), ascending; linear between them.
+    """
+
+    name: str
+    points: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Link:
+    """One control surface of a model: what it moves, how far, and the servo before it.
+
+    Attributes:
+        control: "de", "da" or "dr".
+        drives: properties that follow the deflection.
+        lag_rad_s: corner frequency of the servo; None if the surface is where its command is.
+        rate_limit_rad_s: of the servo; None without one.
+    """
+
+    control: str
+    drives: tuple[Drive, ...]
+    lag_rad_s: float | None = None
+    rate_limit_rad_s: float | None = None
+
+    @property
+    def word(self) -> str:
+        """The word in the names of its properties."""
+        return SURFACES[self.control]
+
+    @property
+    def command(self) -> str:
+        """Property of the command, rad."""
+        return f"{PREFIX}{self.word}-command-rad"
+
+    @property
+    def surface(self) -> str:
+        """Property of the deflection, rad: where the servo stands, or the command itself without one."""
+        return self.command if self.lag_rad_s is None else f"{PREFIX}{self.word}-pos-rad"
+
+    @property
+    def lag(self) -> str:
+        """Property of the servo's corner frequency, rad/s."""
+        return f"{PREFIX}{self.word}-lag-rad_sec"
+
+    @property
+    def rate_limit(self) -> str:
+        """Property of the servo's rate limit, rad/s."""
+        return f"{PREFIX}{self.word}-rate-limit-rad_sec"
+
+
+@dataclass(frozen=True)
+class Adapter:
+    """What is added to a foreign model so that it can be commanded, and what it is told once it is loaded.
+
+    Attributes:
+        links: its control surfaces.
+        throttles: property of the throttle of every engine; all follow one command.
+        settings: property -> value, set before it flies: gear, flaps, mixture, magnetos, fuel.
+        neutral: property -> value of those that the model reads and nothing defines.
+    """
+
+    links: tuple[Link, ...] = ()
+    throttles: tuple[str, ...] = ()
+    settings: Mapping[str, float] = field(default_factory=dict)
+    neutral: Mapping[str, float] = field(default_factory=dict)
+
+    def link(self, control: str) -> Link | None:
+        """Return the link of a control, or None."""
+        return next((x for x in self.links if x.control == control), None)
+
+    def apply(self, tree: ET.Element) -> None:
+        """Add declarations and channels to a model in place."""
+        _declare(tree, self.neutral)
+        control = tree.find("flight_control")
+        if control is None:
+            control = ET.Element("flight_control", {"name": "FCS"})
+            tree.insert(_place(tree), control)
+        declared: dict[str, float] = {}
+        if self.throttles:
+            declared[THROTTLE] = 0.0
+            tree.insert(_first_system(tree), _throttle_system(self.throttles, _outputs(tree)))
+        channel = ET.Element("channel", {"name": "testbench"})
+        for link in self.links:
+            declared[link.command] = 0.0
+            if link.lag_rad_s is not None:
+                declared |= {link.surface: 0.0, link.lag: link.lag_rad_s, f"{PREFIX}{link.word}-previous-rad": 0.0}
+                declared[link.rate_limit] = 1e3 if link.rate_limit_rad_s is None else link.rate_limit_rad_s
+                for element in ET.fromstring(f"<channel>{_SERVO.replace('WORD', link.word)}</channel>"):
+                    channel.append(element)
+        renamed = _own_names(tree)
+        for name, terms in _by_property(self.links).items():
+            target = f"{PREFIX}{name.replace('/', '-')}" if name in renamed else name
+            if target != name:
+                declared[target] = 0.0
+                _read_instead(tree, name, target)
+            channel.append(_drive(target, terms))
+        _declare(tree, declared)
+        control.append(channel)
+
+
+def _place(tree: ET.Element) -> int:
+    """Return where an element goes that must stand before the aerodynamics."""
+    tags = [e.tag for e in tree]
+    return tags.index("aerodynamics") if "aerodynamics" in tags else len(tags)
+
+
+def _first_system(tree: ET.Element) -> int:
+    tags = [e.tag for e in tree]
+    return min([i for i, t in enumerate(tags) if t in {"system", "autopilot", "flight_control"}], default=len(tags))
+
+
+def _declare(tree: ET.Element, properties: Mapping[str, float]) -> None:
+    """Declare properties before anything that reads them."""
+    if not properties:
+        return
+    system = ET.Element("system", {"name": "testbench properties"})
+    for name, value in properties.items():
+        ET.SubElement(system, "property", {"value": repr(float(value))}).text = name
+    tree.insert(_first_system(tree), system)
+
+
+def _outputs(tree: ET.Element) -> set[str]:
+    return {(e.text or "").strip() for e in tree.iter("output")}
+
+
+def _throttle_system(throttles: Sequence[str], outputs: set[str]) -> ET.Element:
+    """Return the system that gives the throttle command to every engine.
+
+    JSBSim copies throttle commands to positions before the systems run, so that a command written by a system would be
+    one frame late: the position is written as well, unless the model's own control system does.
+    """
+    system = ET.Element("system", {"name": "testbench throttle"})
+    channel = ET.SubElement(system, "channel", {"name": "testbench throttle"})
+    for name in throttles:
+        position = name.replace("-cmd-norm", "-pos-norm")
+        targets = [name] if position in outputs or position.replace("[0]", "") in outputs else [name, position]
+        gain = ET.SubElement(channel, "pure_gain", {"name": f"{PREFIX}{name.replace('/', '-')}"})
+        ET.SubElement(gain, "input").text = THROTTLE
+        ET.SubElement(gain, "gain").text = "1.0"
+        for target in targets:
+            ET.SubElement(gain, "output").text = target
+    return system
+
+
+def _own_names(tree: ET.Element) -> set[str]:
+    """Return the properties that JSBSim ties to components and functions, which nobody else can write."""
+    names = set()
+    for element in tree.iter():
+        name = element.get("name")
+        if name and element.tag not in {"channel", "system", "autopilot", "flight_control", "axis"}:
+            name = name.strip().replace(" ", "-")
+            names.add(name if "/" in name else f"fcs/{name.lower()}")
+    return names
+
+
+def _read_instead(tree: ET.Element, name: str, target: str) -> None:
+    """Let the aerodynamics and external reactions read ``target`` for ``name``."""
+    for section in (*tree.findall("aerodynamics"), *tree.findall("external_reactions")):
+        for element in section.iter():
+            if element.tag in {"property", "independentVar", "p"} and (element.text or "").strip() == name:
+                element.text = target
+
+
+def _by_property(links: Sequence[Link]) -> dict[str, list[tuple[Link, Drive]]]:
+    out: dict[str, list[tuple[Link, Drive]]] = {}
+    for link in links:
+        for drive in link.drives:
+            out.setdefault(drive.name, []).append((link, drive))
+    return out
+
+
+def _drive(target: str, terms: Sequence[tuple[Link, Drive]]) -> ET.Element:
+    """Return the component that moves one property with its controls."""
+    name = f"{PREFIX}drive-{target.removeprefix(PREFIX).replace('/', '-')}"
+    if len(terms) == 1:
+        link, drive = terms[0]
+        (low, at_low), (high, at_high) = drive.points[0], drive.points[-1]
+        gain = at_high / high if high else 0.0
+        if len(drive.points) == 2 and abs(at_low - gain * low) <= 1e-9 * abs(at_high - at_low):
+            out = ET.Element("pure_gain", {"name": name})
+            ET.SubElement(out, "input").text = link.surface
+            ET.SubElement(out, "gain").text = repr(gain)
+            ET.SubElement(out, "output").text = target
+            return out
+        if len(drive.points) == 3 and drive.points[1] == (0.0, 0.0):
+            out = ET.Element("aerosurface_scale", {"name": name})
+            ET.SubElement(out, "input").text = link.surface
+            for tag, ends in (("domain", (low, high)), ("range", (at_low, at_high))):
+                element = ET.SubElement(out, tag)
+                for end, value in zip(("min", "max"), ends, strict=True):
+                    ET.SubElement(element, end).text = repr(float(value))
+            ET.SubElement(out, "output").text = target
+            return out
+    out = ET.Element("fcs_function", {"name": name})
+    total = ET.SubElement(ET.SubElement(out, "function"), "sum")
+    for i, (link, drive) in enumerate(terms):
+        table = ET.SubElement(total, "table")
+        ET.SubElement(table, "independentVar", {"lookup": "row"}).text = link.surface
+        offset = 0.0 if i == 0 else _at_zero(drive)  # what the property is without any deflection counts once
+        rows = "\n".join(f"{d!r} {v - offset!r}" for d, v in drive.points)
+        ET.SubElement(table, "tableData").text = f"\n{rows}\n"
+    if len(terms) == 1:
+        ET.SubElement(total, "value").text = "0.0"
+    ET.SubElement(out, "output").text = target
+    return out
+
+
+def _at_zero(drive: Drive) -> float:
+    below = [p for p in drive.points if p[0] <= 0.0]
+    above = [p for p in drive.points if p[0] >= 0.0]
+    if not below or not above:
+        return drive.points[0][1]
+    (x0, y0), (x1, y1) = below[-1], above[0]
+    return y0 if x1 == x0 else y0 + (y1 - y0) * (0.0 - x0) / (x1 - x0)
+
+
+# The servo of the packaged aircraft: a first-order lag, exact for commands that run linearly from frame to frame,
+# x+ = a x + b0 c + b1 c+, a = exp(-lag dt), b1 = 1 - (1 - a)/(lag dt), b0 = 1 - a - b1, with a rate limit; while time
+# stands still the surface is where its command is.
+_X = (
+    "<product> <property>testbench/WORD-lag-rad_sec</property> "
+    "<max> <property>simulation/dt</property> <value>1e-9</value> </max> </product>"
+)
+_SERVO = f"""
+<fcs_function name="testbench/WORD-servo-x"> <function> {_X} </function> </fcs_function>
+<fcs_function name="testbench/WORD-servo-a">
+  <function> <exp> <product> <value>-1</value> <property>testbench/WORD-servo-x</property> </product> </exp> </function>
+</fcs_function>
+<fcs_function name="testbench/WORD-servo-b1">
+  <function> <difference> <value>1</value> <quotient>
+    <difference> <value>1</value> <property>testbench/WORD-servo-a</property> </difference>
+    <property>testbench/WORD-servo-x</property> </quotient> </difference> </function>
+</fcs_function>
+<fcs_function name="testbench/WORD-actuator">
+  <function>
+    <ifthen>
+      <gt> <property>simulation/dt</property> <value>0</value> </gt>
+      <sum>
+        <property>testbench/WORD-pos-rad</property>
+        <max>
+          <product> <value>-1</value> <property>testbench/WORD-rate-limit-rad_sec</property>
+            <property>simulation/dt</property> </product>
+          <min>
+            <product> <property>testbench/WORD-rate-limit-rad_sec</property>
+              <property>simulation/dt</property> </product>
+            <sum>
+              <product>
+                <difference> <value>1</value> <property>testbench/WORD-servo-b1</property>
+                  <property>testbench/WORD-servo-a</property> </difference>
+                <property>testbench/WORD-previous-rad</property>
+              </product>
+              <product> <property>testbench/WORD-servo-b1</property> <property>testbench/WORD-command-rad</property>
+              </product>
+              <product>
+                <difference> <property>testbench/WORD-servo-a</property> <value>1</value> </difference>
+                <property>testbench/WORD-pos-rad</property>
+              </product>
+            </sum>
+          </min>
+        </max>
+      </sum>
+      <property>testbench/WORD-command-rad</property>
+    </ifthen>
+  </function>
+  <output>testbench/WORD-pos-rad</output>
+</fcs_function>
+<fcs_function name="testbench/WORD-memory">
+  <function> <sum> <property>testbench/WORD-command-rad</property> <value>0</value> </sum> </function>
+  <output>testbench/WORD-previous-rad</output>
+</fcs_function>
+"""

@@ -1,0 +1,185 @@
+"""A JSBSim model as somebody wrote it: found, read with everything that it includes, and made one piece.
+
+JSBSim looks for included files in several folders beside the model and below its own root directory. What is read here
+is one tree without includes, and the files of engines and thrusters, so that it can be changed and flown anywhere.
+"""
+
+from __future__ import annotations
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from testbench.core.errors import ModelError
+from testbench.core.paths import stock_root
+
+_INCLUDES = (
+    "metrics",
+    "mass_balance",
+    "buoyant_forces",
+    "ground_reactions",
+    "external_reactions",
+    "propulsion",
+    "system",
+    "autopilot",
+    "flight_control",
+    "aerodynamics",
+)
+_LEFT_OUT = ("input", "output")  # sockets and files: a flight is recorded by whoever flies it
+# An entity that holds another, or a long text, multiplies: ten lines of such a file unfold to gigabytes.
+_BOMB = re.compile(rb"<!ENTITY[^>]*(?:[\"'][^\"'>]*&\w|[\"'][^\"'>]{1000})", re.IGNORECASE)
+_MOST_BYTES = 20_000_000
+
+
+@dataclass(frozen=True)
+class Source:
+    """A JSBSim model in one piece.
+
+    Attributes:
+        name: of the model.
+        path: of its main file.
+        xml: the model without includes, as text.
+        engine_files: file name -> XML of every engine and thruster that it names.
+        included: files that were put into it, as they are named there.
+        left_out: elements that were not taken, in words.
+    """
+
+    name: str
+    path: Path
+    xml: str
+    engine_files: dict[str, str]
+    included: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+
+def find_model(path: Path) -> Path | None:
+    """Return the main file of the JSBSim model that a path means, or None: an XML file, or a folder that holds one.
+
+    In a folder it is the file with the folder's name, else the only one whose root is ``fdm_config``.
+
+    Raises:
+        ModelError: a folder holds several models and none has its name.
+    """
+    if path.is_file():
+        return path if path.suffix.lower() == ".xml" else None
+    if not path.is_dir():
+        return None
+    named = path / f"{path.resolve().name}.xml"
+    if named.is_file():
+        return named
+    found = [p for p in sorted(path.glob("*.xml")) if _is_model(p)]
+    if len(found) > 1:
+        names = ", ".join(p.name for p in found)
+        raise ModelError(f"a folder must hold one JSBSim model, or one of its own name, got {names}; name the file")
+    return found[0] if found else None
+
+
+def _is_model(path: Path) -> bool:
+    with path.open("rb") as file:
+        return b"<fdm_config" in file.read(100_000)
+
+
+def read_source(path: Path) -> Source:
+    """Read a JSBSim model with everything that it includes.
+
+    Args:
+        path: its main file.
+
+    Raises:
+        ModelError: a file is missing, is no XML (with line and column), or is no JSBSim model.
+    """
+    tree = _read(path)
+    if tree.tag != "fdm_config":
+        raise ModelError(f"a JSBSim model must begin with <fdm_config>, got <{tree.tag}> in '{path}'")
+    home = path.resolve().parent
+    included = tuple(_include(tree, home, path))
+    left_out = []
+    for tag in _LEFT_OUT:
+        for element in tree.findall(tag):
+            tree.remove(element)
+            left_out.append(f"<{tag} name='{element.get('name', '')}'>")
+    engines: dict[str, str] = {}
+    for element in tree.iter():
+        file = element.get("file")
+        if element.tag in {"engine", "thruster"} and file is not None:
+            found = _find(file, _engine_places(home))
+            if found is None:
+                raise ModelError(_missing(f"the {element.tag}", file, path, _engine_places(home)))
+            name = found.name if found.suffix == ".xml" else f"{found.name}.xml"
+            element.set("file", name.removesuffix(".xml"))
+            _read(found)
+            engines[name] = found.read_text(encoding="utf-8", errors="replace")
+    for element in tree.iter():
+        if not isinstance(element.tag, str):  # pragma: no cover - the parser leaves comments out
+            raise ModelError(f"a JSBSim model must consist of elements, got {element.tag!r} in '{path}'")
+    tree.set("name", path.stem)
+    return Source(path.stem, path, ET.tostring(tree, encoding="unicode"), engines, included, tuple(left_out))
+
+
+def _include(tree: ET.Element, home: Path, main: Path) -> Iterator[str]:
+    """Put the content of included files into ``tree``; yield their names."""
+    for element in tree:
+        file = element.get("file")
+        if element.tag not in _INCLUDES or file is None:
+            continue
+        places = _engine_places(home) if element.tag == "propulsion" else _system_places(home)
+        found = _find(file, (home, *places))
+        if found is None:
+            raise ModelError(_missing(f"the <{element.tag}>", file, main, (home, *places)))
+        content = _read(found)
+        if content.tag != element.tag and {content.tag, element.tag} - {"system", "autopilot", "flight_control"}:
+            raise ModelError(
+                f"a file that <{element.tag}> of '{main}' includes must begin with <{element.tag}>, got "
+                f"<{content.tag}> in '{found}'"
+            )
+        del element.attrib["file"]
+        for key, value in content.attrib.items():
+            element.attrib.setdefault(key, value)
+        own = list(element)  # properties that the includer declares stand before what reads them
+        for child in own:
+            element.remove(child)
+        element.extend([*own, *content])
+        element.text = element.text or content.text
+        yield found.name
+
+
+def _read(path: Path) -> ET.Element:
+    try:
+        if path.stat().st_size > _MOST_BYTES:
+            raise ModelError(f"a JSBSim file must be smaller than {_MOST_BYTES:,} bytes, got '{path}'")
+        data = path.read_bytes()
+        if _BOMB.search(data):
+            raise ModelError(
+                f"entities of a JSBSim file must be short texts without other entities, got others in '{path}'; write "
+                "them out"
+            )
+        return ET.fromstring(data)
+    except (OSError, ET.ParseError, ValueError, LookupError) as error:
+        raise ModelError(f"'{path}' must be a JSBSim file in XML, but it cannot be read: {error}") from error
+
+
+def _system_places(home: Path) -> tuple[Path, ...]:
+    return (home / "Systems", home / "systems", *_roots(home, "systems"))
+
+
+def _engine_places(home: Path) -> tuple[Path, ...]:
+    own = (home / "Engines", home / "engines", home / "Engine", home / "engine", home)
+    return (*own, *_roots(home, "engine"))
+
+
+def _roots(home: Path, folder: str) -> tuple[Path, ...]:
+    """Return the folders of a JSBSim root directory: that of the model itself, then the one that comes with JSBSim."""
+    stock = stock_root()
+    return (home.parent.parent / folder, *((stock / folder,) if stock is not None else ()))
+
+
+def _find(file: str, places: Sequence[Path]) -> Path | None:
+    names = (file, f"{file}.xml")
+    return next((p for place in places for n in names if (p := place / n.strip()).is_file()), None)
+
+
+def _missing(what: str, file: str, main: Path, places: Sequence[Path]) -> str:
+    looked = ", ".join(f"'{p}'" for p in places if p.is_dir())
+    return f"{what} file '{file}' that '{main}' includes must exist, got none in {looked}; put it beside the model"

@@ -1,0 +1,265 @@
+"""Adopt a JSBSim model that somebody else wrote: start it, probe it, find where it trims, and return it as an Aircraft.
+
+Nothing is typed by hand: controls, throws and signs come from :mod:`testbench.flight.probe`, mass and inertia from the
+model as it flies, the range of speeds from trims. What was found and what was assumed comes with it, in sentences.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from testbench.aircraft import Aircraft, Control
+from testbench.aircraft.adapter import THROTTLE, Adapter
+from testbench.aircraft.model import Geometry, MassProperties
+from testbench.aircraft.source import Source
+from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, RPM_RAD_S, SLUG_KG
+from testbench.core.errors import ModelError, TrimError
+from testbench.flight.condition import FlightCondition, TrimmedFlight, air_density
+from testbench.flight.executive import Executive
+from testbench.flight.probe import Probe, probe, undefined
+from testbench.flight.trim import trim
+
+RATE_HZ = 200.0
+_SLUG_FT2 = SLUG_KG * FT_M**2
+_LIFT = (0.5, 0.35, 0.7, 0.25, 0.9, 0.15)  # lift coefficients at which a trim is sought first, in this order
+_SPEED_STEP = 1.08
+_FASTER, _SLOWER = 2.2, 0.5  # of the design speed: no trim is sought beyond
+_ALPHA_DEG = (-10.0, 20.0)
+_SMALL_SPAN_M, _LARGE_SPAN_M = 6.0, 20.0
+_HEIGHT_M = {"small": 300.0, "middle": 1000.0, "large": 3000.0}
+# What is set in every model that has it. The throttle is the user's; fuel does not burn, so that the mass stays.
+_SETTINGS = {
+    "gear/gear-cmd-norm": 0.0,
+    "gear/gear-pos-norm": 0.0,
+    "fcs/flap-cmd-norm": 0.0,
+    "fcs/speedbrake-cmd-norm": 0.0,
+    "fcs/spoiler-cmd-norm": 0.0,
+    "propulsion/magneto_cmd": 3.0,
+    "propulsion/cutoff_cmd": 0.0,
+    "propulsion/fuel_freeze": 1.0,
+}
+_PER_ENGINE = {"fcs/mixture-cmd-norm": 1.0, "fcs/advance-cmd-norm": 1.0, "fcs/feather-cmd-norm": 0.0}
+_NOT_FIXED_WING = (("rotor", "a rotor: a helicopter or autogyro"),)
+
+
+@dataclass(frozen=True, eq=False)
+class Adopted:
+    """A foreign model as an aircraft of the testbench.
+
+    Attributes:
+        aircraft: ready to be trimmed and flown.
+        trimmed: at the design condition.
+        found: what was found, in sentences.
+        assumed: what was assumed, in sentences.
+        engines: what drives it, one line per engine.
+        tanks_kg: fuel in every tank.
+        missing: moments and products of inertia that the model does not give; they count as zero.
+        slowest, fastest: speeds between which it trims, m/s.
+        ends: why it trims no slower and no faster.
+    """
+
+    aircraft: Aircraft
+    trimmed: TrimmedFlight
+    found: tuple[str, ...]
+    assumed: tuple[str, ...]
+    engines: tuple[str, ...]
+    tanks_kg: tuple[float, ...]
+    missing: tuple[str, ...]
+    slowest: float
+    fastest: float
+    ends: tuple[str, str]
+
+
+def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) -> Adopted:
+    """Return a model that somebody else wrote as an aircraft.
+
+    Args:
+        source: the model.
+        V_m_s: design speed; where the wing has a lift coefficient of 0.5, or the nearest that trims, if not given.
+        h_m: design altitude; 300, 1000 or 3000 m by its span if not given.
+
+    Raises:
+        ModelError: JSBSim refuses the model (its words are quoted), or it is no aircraft with wings and controls.
+        TrimError: it trims nowhere.
+    """
+    tree = ET.fromstring(source.xml)
+    for text in (source.xml, *source.engine_files.values()):
+        for tag, words in _NOT_FIXED_WING:
+            if f"<{tag} " in text or f"<{tag}>" in text:
+                raise ModelError(f"an aircraft must be flown by wings and control surfaces, but {source.name} has {words}")
+    raw = Aircraft(
+        source.name,
+        _title(tree, source.name),
+        Geometry(1.0, 1.0, 1.0),
+        MassProperties(1.0, 1.0, 1.0, 1.0, 0.0),
+        {},
+        {},
+        RATE_HZ,
+        50.0,
+        1000.0,
+        source.xml,
+        source.engine_files,
+        adapter=Adapter(),
+    )
+    somewhere = FlightCondition(50.0, 1000.0)
+    neutral = undefined(raw, somewhere)
+    raw = replace(raw, adapter=Adapter(neutral=neutral))
+    fdm = Executive(raw, RATE_HZ, somewhere)
+    engines = fdm.fdm.get_propulsion().get_num_engines()
+    settings = {n: v for n, v in _SETTINGS.items() if fdm.has(n)}
+    settings |= {f"{n}[{i}]": v for i in range(engines) for n, v in _PER_ENGINE.items() if fdm.has(f"{n}[{i}]")}
+    throttles = tuple(f"fcs/throttle-cmd-norm[{i}]" for i in range(engines))
+    raw = replace(raw, adapter=Adapter(settings=settings, neutral=neutral))
+    raw = replace(raw, geometry=_geometry(fdm, source), mass=_mass(fdm, source))
+    height = h_m if h_m is not None else _HEIGHT_M[_size(raw.geometry.b_m)]
+    speeds = [V_m_s] if V_m_s is not None else [_speed(raw, height, CL) for CL in _LIFT]
+    probed = probe(raw, FlightCondition(speeds[0], height), 0.05)
+    aircraft = _controlled(raw, probed, throttles)
+    trimmed = _first_trim(aircraft, speeds, height)
+    design = trimmed.condition.V_m_s
+    aircraft = replace(aircraft, design_V_m_s=design, design_h_m=height)
+    slowest, fastest, ends = _range(aircraft, design, height)
+    aircraft = replace(aircraft, limits=_limits(slowest, fastest, height))
+    trimmed = trim(aircraft, FlightCondition(design, height))
+    found, assumed = list(probed.found), list(probed.assumed)
+    if neutral:
+        assumed.append(f"the model reads {', '.join(neutral)}, which nothing in it defines: declared as 0")
+    missing = tuple(a for a in ("ixx", "iyy", "izz", "ixz") if tree.find(f"mass_balance/{a}") is None)
+    if missing:
+        assumed.append(f"the model gives no {', '.join(missing)}: zero, as JSBSim takes it")
+    if source.left_out:
+        found.append(f"left out: {', '.join(source.left_out)} (a flight is recorded by the testbench)")
+    if source.included:
+        found.append(f"included files that were put into it: {', '.join(source.included)}")
+    if not throttles:
+        found.append("no engine: it is trimmed over its flight-path angle, and flies descending")
+    assumed.append(f"limits of alpha, beta, attitude and height are the testbench's, of speed from the trims found")
+    return Adopted(
+        aircraft,
+        trimmed,
+        tuple(found),
+        tuple(assumed),
+        tuple(_engine(fdm, tree, i) for i in range(engines)),
+        tuple(_tanks(fdm)),
+        missing,
+        slowest,
+        fastest,
+        ends,
+    )
+
+
+def _title(tree: ET.Element, name: str) -> str:
+    said = " ".join((tree.findtext("fileheader/description") or "").split())
+    first = re.split(r"(?<=[a-z0-9)])\. ", said)[0].strip().rstrip(".")
+    return f"{name}: {first[:100]}" if first else name
+
+
+def _size(b_m: float) -> str:
+    return "small" if b_m < _SMALL_SPAN_M else "middle" if b_m < _LARGE_SPAN_M else "large"
+
+
+def _geometry(fdm: Executive, source: Source) -> Geometry:
+    S, b, cbar = (fdm.get(f"metrics/{n}") for n in ("Sw-sqft", "bw-ft", "cbarw-ft"))
+    for words, value in (("wing area <wingarea>", S), ("span <wingspan>", b), ("mean chord <chord>", cbar)):
+        if not value > 0.0:
+            raise ModelError(f"{words} > 0 must hold in <metrics>, got {value:g} in '{source.path}'")
+    return Geometry(S * FT_M**2, b * FT_M, cbar * FT_M)
+
+
+def _mass(fdm: Executive, source: Source) -> MassProperties:
+    """Return mass and inertias as flown, fuel and point masses included."""
+    mass = fdm.get("inertia/mass-slugs") * SLUG_KG
+    Ixx, Iyy, Izz, Ixz = (fdm.get(f"inertia/{n}-slugs_ft2") * _SLUG_FT2 for n in ("ixx", "iyy", "izz", "ixz"))
+    for words, value in (("mass", mass), ("Ixx", Ixx), ("Iyy", Iyy), ("Izz", Izz)):
+        if not (value > 0.0 and math.isfinite(value)):
+            raise ModelError(f"{words} > 0 must hold in <mass_balance>, got {value:g} in '{source.path}'")
+    return MassProperties(mass, Ixx, Iyy, Izz, Ixz)
+
+
+def _speed(aircraft: Aircraft, h_m: float, CL: float) -> float:
+    """Return the speed of level flight at a lift coefficient, m/s, rounded as people would."""
+    V = math.sqrt(2.0 * aircraft.mass.mass_kg * G0_M_S2 / (air_density(h_m) * aircraft.geometry.S_m2 * CL))
+    return float(f"{V:.2g}")
+
+
+def _controlled(raw: Aircraft, probed: Probe, throttles: tuple[str, ...]) -> Aircraft:
+    """Return the aircraft with the controls that were found."""
+    assert raw.adapter is not None
+    controls: dict[str, Control] = {}
+    for link in probed.links:
+        ends = [d for drive in link.drives for d, _ in drive.points]
+        controls[link.control] = Control(link.control, link.command, max(ends), min(ends), 1.0)
+    if throttles:
+        controls["thr"] = Control("thr", THROTTLE, 1.0)
+    return replace(raw, adapter=replace(raw.adapter, links=probed.links, throttles=throttles), controls=controls)
+
+
+def _first_trim(aircraft: Aircraft, speeds: Sequence[float], h_m: float) -> TrimmedFlight:
+    reasons = []
+    for V in speeds:
+        try:
+            return trim(aircraft, FlightCondition(V, h_m))
+        except TrimError as error:
+            reasons.append(error.message)
+    raise TrimError(
+        f"{aircraft.name} must trim somewhere, but none of {', '.join(f'{V:g}' for V in speeds)} m/s at {h_m:g} m does; "
+        f"the first: {reasons[0]}; name a speed with --speed"
+    )
+
+
+def _range(aircraft: Aircraft, design: float, h_m: float) -> tuple[float, float, tuple[str, str]]:
+    """Return the slowest and fastest speed that trims in steps of 8 %, and why those beyond do not."""
+    ends, reasons = [], []
+    for factor, last in ((1.0 / _SPEED_STEP, _SLOWER * design), (_SPEED_STEP, _FASTER * design)):
+        V, reason = design, "no trim was sought beyond"
+        while (V * factor - last) * (factor - 1.0) < 0.0:
+            try:
+                trim(aircraft, FlightCondition(V * factor, h_m))
+            except TrimError as error:
+                reason = error.message
+                break
+            V *= factor
+        ends.append(float(f"{V:.3g}"))
+        reasons.append(reason)
+    return ends[0], ends[1], (reasons[0], reasons[1])
+
+
+def _limits(slowest: float, fastest: float, h_m: float) -> Mapping[str, tuple[float, float]]:
+    alpha = (_ALPHA_DEG[0] * DEG_RAD, _ALPHA_DEG[1] * DEG_RAD)
+    return {
+        "V": (float(f"{0.85 * slowest:.3g}"), float(f"{1.15 * fastest:.3g}")),
+        "alpha": alpha,
+        "beta": (-25.0 * DEG_RAD, 25.0 * DEG_RAD),
+        "theta": (-60.0 * DEG_RAD, 60.0 * DEG_RAD),
+        "phi": (-80.0 * DEG_RAD, 80.0 * DEG_RAD),
+        "h": (10.0, max(2.0 * h_m, h_m + 3000.0)),
+    }
+
+
+def _engine(fdm: Executive, tree: ET.Element, i: int) -> str:
+    """Return an engine in words: its kind and file, and its propeller."""
+    elements = tree.findall("propulsion/engine")
+    element = elements[i] if i < len(elements) else None
+    file = "" if element is None else element.get("file", "")
+    text = fdm.aircraft.engine_files.get(f"{file}.xml", "")
+    kind = next((m.group(1) for m in re.finditer(r"<(\w+)_engine\b", text)), "engine")
+    thruster = element.find("thruster") if element is not None else None
+    rpm = f"propulsion/engine[{i}]/propeller-rpm"
+    turning = f", propeller {thruster.get('file')}" if thruster is not None and fdm.has(rpm) else ""
+    governed = f"propulsion/engine[{i}]/constant-speed-mode"
+    how = " of constant speed" if turning and fdm.has(governed) and fdm.get(governed) else ""
+    return f"{kind} {file}{turning}{how}"
+
+
+def _tanks(fdm: Executive) -> list[float]:
+    out = []
+    for i in range(40):
+        name = f"propulsion/tank[{i}]/contents-lbs"
+        if not fdm.has(name):
+            break
+        out.append(fdm.get(name) * SLUG_KG * FT_M / G0_M_S2)
+    return out

@@ -1,0 +1,91 @@
+"""Load any aircraft: packaged, the user's own, or one that comes with JSBSim; and check it as it is loaded."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+from testbench.aircraft import Aircraft, read_aircraft
+from testbench.aircraft.source import find_model, read_source
+from testbench.core.errors import ModelError
+from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, resolve, stock_root
+from testbench.flight.adopt import Adopted, adopt
+from testbench.flight.check import checked
+from testbench.flight.coefficients import Perturbed
+
+
+def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None = None) -> Aircraft:
+    """Load an aircraft and check that it does what is said of it.
+
+    A JSBSim model without an aircraft.toml is adopted: probed and trimmed, which takes some tenths of a second, see
+    :func:`testbench.flight.adopt.adopt`. What is odd but can be flown stands in ``notes`` of the aircraft.
+
+    Args:
+        name: a packaged aircraft; the path of a folder with aircraft.toml, or of a JSBSim model (XML file or folder); a
+            name in the user's ``aircraft/``; or a model that comes with JSBSim, "jsbsim:f16", or "f16" alone.
+        wings: "flexible", or "rigid" to hold the elastic modes at zero.
+        folder: read this folder instead.
+
+    Raises:
+        ModelError: the model is damaged, JSBSim refuses it, or a control does not move as aircraft.toml says.
+        TrimError: a model without aircraft.toml trims nowhere.
+        ScenarioError: no such aircraft, or aircraft.toml breaks its schema.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.load_aircraft("taurus").geometry.b_m
+        1.27
+        >>> round(tb.load_aircraft("jsbsim:c172p").mass.mass_kg)
+        853
+    """
+    if folder is None:
+        named = resolve(str(name), AIRCRAFT)
+        if named.startswith(STOCK):
+            return _whole(stock(named.removeprefix(STOCK)).aircraft)
+        folder = AIRCRAFT_MODELS / named if named in aircraft_names() else Path(named)
+    if not (folder / "aircraft.toml").is_file():
+        return _whole(adopted_at(folder).aircraft)
+    return _whole(checked(read_aircraft(folder, wings), folder / "aircraft.toml"))
+
+
+def _whole(aircraft: Aircraft) -> Aircraft:
+    """Return the aircraft with its coefficients, which are found when they are first asked for."""
+    return replace(aircraft, perturbed=Perturbed(aircraft))
+
+
+def adopted_at(path: Path, V_m_s: float | None = None, h_m: float | None = None) -> Adopted:
+    """Adopt the JSBSim model at a path: an XML file or a folder.
+
+    Raises:
+        ModelError: there is no JSBSim model, or it cannot be flown.
+        TrimError: it trims nowhere.
+    """
+    main = find_model(path)
+    if main is None:
+        raise ModelError(
+            f"an aircraft must be a folder with aircraft.toml, or a JSBSim model (an XML file that begins with "
+            f"<fdm_config>, or a folder with one), got '{path}'"
+        )
+    files = sorted(p for p in main.parent.rglob("*.xml"))
+    return _adopted(main, V_m_s, h_m, tuple(p.stat().st_mtime_ns for p in files))
+
+
+@lru_cache(maxsize=64)
+def _adopted(main: Path, V_m_s: float | None, h_m: float | None, changed: tuple[int, ...]) -> Adopted:
+    return adopt(read_source(main), V_m_s, h_m)
+
+
+@lru_cache(maxsize=64)
+def stock(name: str) -> Adopted:
+    """Adopt a model that comes with JSBSim; kept for as long as the process lives.
+
+    Raises:
+        ModelError: it is no fixed-wing aircraft, or JSBSim refuses it.
+        TrimError: it trims nowhere.
+    """
+    root = stock_root()
+    if root is None:
+        raise ModelError("models that come with JSBSim need the jsbsim package, which was not found")
+    found = adopted_at(root / "aircraft" / name)
+    return replace(found, aircraft=replace(found.aircraft, name=name))

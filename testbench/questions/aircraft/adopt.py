@@ -1,0 +1,188 @@
+"""``testbench aircraft adopt``: a JSBSim model that somebody else wrote becomes a folder of one's own.
+
+The folder holds the model in one piece, its engines, and an aircraft.toml that says what was found and what was
+assumed.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import ModelError
+from testbench.core.files import write_file
+from testbench.page.tables import Column, Table
+
+if TYPE_CHECKING:
+    from testbench.aircraft import Aircraft
+    from testbench.aircraft.adapter import Link
+    from testbench.flight.adopt import Adopted
+
+_WIDE = 110
+_UNITS = {"V": ("_m_s", 1.0), "h": ("_m", 1.0)}
+
+
+def write_adopted(adopted: Adopted, folder: Path) -> list[Path]:
+    """Write an adopted model as a folder that the testbench loads: NAME.xml, Engines/ and aircraft.toml.
+
+    Raises:
+        ModelError: the folder has an aircraft.toml already, which may have been edited.
+        RecordError: it cannot be written to.
+    """
+    if (folder / "aircraft.toml").exists():
+        raise ModelError(f"a new aircraft must go to a folder of its own, got '{folder}', which has an aircraft.toml")
+    name = folder.resolve().name
+    aircraft = adopted.aircraft
+    tree = ET.fromstring(aircraft.xml)
+    ET.indent(tree)
+    text = '<?xml version="1.0"?>\n' + ET.tostring(tree, encoding="unicode") + "\n"
+    out = [write_file(folder / f"{name}.xml", text)]
+    out += [write_file(folder / "Engines" / file, xml) for file, xml in aircraft.engine_files.items()]
+    return [*out, write_file(folder / "aircraft.toml", described(adopted, f"{name}.xml"))]
+
+
+def described(adopted: Adopted, model: str) -> str:
+    """Return aircraft.toml of an adopted model, with comments on where every number comes from.
+
+    Args:
+        adopted: what was found.
+        model: name of its XML file.
+    """
+    aircraft, g, m = adopted.aircraft, adopted.aircraft.geometry, adopted.aircraft.mass
+    adapter = aircraft.adapter
+    assert adapter is not None
+    t = adopted.trimmed
+    lines = [
+        *_comment(
+            f"{aircraft.title}. Made by `testbench aircraft adopt` from the model's own files: everything below was "
+            "found by probing it in JSBSim unless it says assumed. It is checked against the model when it is loaded."
+        ),
+        f"title = {_text(aircraft.title)}",
+        f"model = {_text(model)}",
+        f"design_V_m_s = {aircraft.design_V_m_s!r}",
+        f"design_h_m = {aircraft.design_h_m!r}",
+        "",
+        *_comment(
+            f"As flown: {m.mass_kg:.6g} kg, Ixx {m.Ixx:.5g}, Iyy {m.Iyy:.5g}, Izz {m.Izz:.5g}, Ixz {m.Ixz:.4g} kg m2, "
+            f"fuel and point masses included; S {g.S_m2:.5g} m2, b {g.b_m:.5g} m, cbar {g.cbar_m:.5g} m."
+        ),
+    ]
+    if adopted.tanks_kg:
+        fuel = ", ".join(f"{x:.4g}" for x in adopted.tanks_kg)
+        lines += _comment(f"Fuel in the tanks: {fuel} kg. It does not burn: the mass stays.")
+    if adopted.engines:
+        lines += _comment(f"Engines: {'; '.join(adopted.engines)}.")
+    lines += _comment(
+        f"It trims from {adopted.slowest:g} to {adopted.fastest:g} m/s at {t.condition.h_m:g} m (in steps of 8 %); "
+        f"slower: {adopted.ends[0]}; faster: {adopted.ends[1]}."
+    )
+    lines += _comment(
+        f"At {t.condition.V_m_s:g} m/s: alpha {t.alpha / DEG_RAD:.2f} deg, "
+        + ", ".join(_held(n, v) for n, v in t.controls.items())
+        + (f", flight path {t.condition.gamma_rad / DEG_RAD:.2f} deg" if t.condition.gamma_rad else "")
+        + "."
+    )
+    lines += ["", *_listed("Found:", adopted.found), *_listed("Assumed:", adopted.assumed), ""]
+    lines += ["[simulation]", f"rate_hz = {aircraft.rate_hz!r}", ""]
+    for link in adapter.links:
+        lines += _control(link, aircraft)
+    if adapter.throttles:
+        throttles = ", ".join(_text(x) for x in adapter.throttles)
+        lines += ["[controls.thr]             # one command for all engines", f"engines = [{throttles}]", ""]
+    lines += ["# What the model is told before it flies.", "[adapter.set]"]
+    lines += [f"{_text(n)} = {v!r}" for n, v in adapter.settings.items()]
+    if adapter.neutral:
+        lines += ["", "# What the model reads and nothing in it defines.", "[adapter.declare]"]
+        lines += [f"{_text(n)} = {v!r}" for n, v in adapter.neutral.items()]
+    lines += [
+        "",
+        "# A flight that leaves them is stopped. Speed: 15 % beyond the trims; the others are assumed.",
+        "[limits]",
+    ]
+    for channel, (low, high) in aircraft.limits.items():
+        suffix, unit = _UNITS.get(channel, ("_deg", DEG_RAD))
+        lines.append(f"{channel}{suffix} = [{_short(low / unit)}, {_short(high / unit)}]")
+    if aircraft.outline is not None:
+        lines += ["", *_drawing(aircraft)]
+    return "\n".join(lines) + "\n"
+
+
+def _control(link: Link, aircraft: Aircraft) -> list[str]:
+    control = aircraft.controls[link.control]
+    out = [
+        f"[controls.{link.control}]              # {link.word}: deg of {link.control} -> value of what the model reads",
+        f"throw_deg = [{_degrees(control.low)}, {_degrees(control.full)}]",
+    ]
+    drives = (f"{_text(d.name)} = [{', '.join(f'[{_degrees(a)}, {v!r}]' for a, v in d.points)}]" for d in link.drives)
+    out.append(f"drives = {{ {', '.join(drives)} }}")
+    if link.lag_rad_s is not None:
+        out.append(f"servo_lag_rad_s = {_short(link.lag_rad_s)}")
+    if link.rate_limit_rad_s is not None:
+        out.append(f"servo_rate_limit_deg_s = {_short(link.rate_limit_rad_s / DEG_RAD)}")
+    return [*out, ""]
+
+
+def _drawing(aircraft: Aircraft) -> list[str]:
+    outline = aircraft.outline
+    assert outline is not None
+    out = ["# For the drawing only; nothing here enters a flight.", "[drawing]", f"note = {_text(outline.note)}"]
+    for name in ("wing", "tail", "fin"):
+        values = getattr(outline, name).model_dump(exclude_defaults=True)
+        out.append(f"{name} = {{ {', '.join(f'{k} = {_short(v)}' for k, v in values.items())} }}")
+    rows = ", ".join(f"[{', '.join(_short(x) for x in row)}]" for row in outline.body_m)
+    return [*out, f"body_m = [{rows}]"]
+
+
+def _held(name: str, value: float) -> str:
+    return f"throttle {100.0 * value:.1f} %" if name == "thr" else f"{name} {value / DEG_RAD:.2f} deg"
+
+
+def _comment(words: str) -> list[str]:
+    return textwrap.wrap(words, _WIDE, initial_indent="# ", subsequent_indent="# ", break_long_words=False)
+
+
+def _listed(head: str, sentences: Iterable[str]) -> list[str]:
+    out = [line for s in sentences for line in textwrap.wrap(s, _WIDE, initial_indent="# - ", subsequent_indent="#   ")]
+    return [f"# {head}", *out] if out else []
+
+
+def _text(words: str) -> str:
+    """Return a TOML basic string."""
+    escaped = words.replace("\\", "\\\\").replace('"', '\\"')
+    return '"' + "".join(c if c.isprintable() else " " for c in escaped) + '"'
+
+
+def _degrees(rad: float) -> str:
+    """Return an angle in degrees that gives the same rad again to 1e-12."""
+    return _short(rad / DEG_RAD, 12)
+
+
+def _short(value: float, digits: int = 6) -> str:
+    if not math.isfinite(value):
+        return repr(value)
+    text = f"{value + 0.0:.{digits}g}"
+    return text if any(c in text for c in ".e") else f"{text}.0"
+
+
+def found_table(adopted: Adopted) -> Table:
+    """Return what was found and what was assumed, one sentence per row."""
+    rows = [("found", s) for s in adopted.found]
+    rows += [("found", f"engine {i}: {s}") for i, s in enumerate(adopted.engines, 1)]
+    if adopted.tanks_kg:
+        rows.append(("found", f"fuel in {len(adopted.tanks_kg)} tanks: {sum(adopted.tanks_kg):.4g} kg in all"))
+    rows.append(("found", f"trims from {adopted.slowest:g} to {adopted.fastest:g} m/s; slower: {adopted.ends[0]}; "
+                          f"faster: {adopted.ends[1]}"))  # fmt: skip
+    rows += [("assumed", s) for s in adopted.assumed]
+    return Table(
+        "adopted",
+        "What was found in the model, and what was assumed",
+        "Found by moving every command of the model in JSBSim and reading what answers.",
+        (Column("kind", ""), Column("sentence", "")),
+        tuple(rows),
+        wide=True,
+    )
