@@ -25,6 +25,9 @@ STATIONS = 17
 """Stations at which shapes are written, root and tip among them."""
 FRAMES = 16.0
 """Frames per period of the fastest mode, at least: eolo flies 16.4 and its flights do not depend on the step."""
+_RATE_HZ = (
+    200.0  # a faster simulation runs at a multiple of it, which records at 100, 50, 40, 25, 20, 10 and 8 Hz divide
+)
 ETA_LIMIT = 3.0
 """A flight is aborted beyond this many units of a mode."""
 _SENSORS = (0.2, 0.4, 0.6, 0.8, 0.95)  # of the half span
@@ -50,6 +53,7 @@ class Flexible:
         origins: one per mode.
         notes: what was assumed or changed beside, as sentences.
         new_stations: its wing stations are new; else they are those that the rigid aircraft had.
+        raised: it is simulated at a higher rate than the rigid aircraft.
     """
 
     aircraft: Aircraft
@@ -58,6 +62,7 @@ class Flexible:
     origins: tuple[Origin, ...]
     notes: tuple[str, ...]
     new_stations: bool
+    raised: bool
 
 
 def make_flexible(aircraft: Aircraft, test: GroundTest, own: Mapping[str, float]) -> Flexible:
@@ -123,8 +128,9 @@ def make_flexible(aircraft: Aircraft, test: GroundTest, own: Mapping[str, float]
     modes = tuple(replace(m, force={k: c for k, c in m.force.items() if k not in moved}) for m in modes)
     _check_axes(aircraft, modes)
     fastest = max(m.f_hz for m in modes)
-    rate = aircraft.rate_hz * max(1, math.ceil(FRAMES * fastest / aircraft.rate_hz - 1e-9))
-    if rate != aircraft.rate_hz:
+    rate = aircraft.rate_hz
+    if rate < FRAMES * fastest:
+        rate = _RATE_HZ * math.ceil(FRAMES * fastest / _RATE_HZ)
         notes.append(
             f"the simulation runs at {rate:g} instead of {aircraft.rate_hz:g} frames per second, "
             f"{FRAMES:g} or more per period of {fastest:g} Hz"
@@ -135,13 +141,19 @@ def make_flexible(aircraft: Aircraft, test: GroundTest, own: Mapping[str, float]
     elastic = ElasticModel(modes, aircraft.geometry.S_m2, aircraft.geometry.cbar_m, tuple(map(float, stations)))
     made = replace(
         aircraft,
-        title=content.title or f"{aircraft.title}; with {len(modes)} elastic mode{'s' if len(modes) > 1 else ''}",
+        title=content.title or _title(aircraft, len(modes)),
         elastic=elastic,
         wing_stations=flown,
         rate_hz=rate,
         limits={**aircraft.limits, "eta": (-ETA_LIMIT, ETA_LIMIT)},
     )
-    return Flexible(made, strips, stations, tuple(origins), tuple(notes), not aircraft.wing_stations)
+    return Flexible(
+        made, strips, stations, tuple(origins), tuple(notes), not aircraft.wing_stations, rate != aircraft.rate_hz
+    )
+
+
+def _title(aircraft: Aircraft, count: int) -> str:
+    return f"{aircraft.title.removesuffix(', rigid')}, with {count} elastic mode{'s' if count > 1 else ''}"
 
 
 def _inertias(aircraft: Aircraft, test: GroundTest, strips: FittedStrips) -> dict[bool, Inertia]:

@@ -6,7 +6,7 @@ import re
 import textwrap
 
 from testbench.aircraft.strips.coupling import elastic_toml, quoted
-from testbench.aircraft.strips.flexible import ETA_LIMIT, Flexible
+from testbench.aircraft.strips.flexible import ETA_LIMIT, FRAMES, Flexible
 from testbench.aircraft.strips.reading import GroundTest
 from testbench.core.errors import ModelError
 
@@ -29,7 +29,11 @@ def flexible_toml(rigid: str, made: Flexible, test: GroundTest, name: str) -> st
     """
     text = rigid if rigid.endswith("\n") else rigid + "\n"
     text = _replaced(text, r"^title\s*=.*$", f"title = {quoted(made.aircraft.title)}", "title")
-    text = _replaced(text, r"^rate_hz\s*=\s*[0-9.eE+]+", f"rate_hz = {made.aircraft.rate_hz!r}", "simulation.rate_hz")
+    if made.raised:
+        rate = (
+            f"rate_hz = {made.aircraft.rate_hz!r}           # {FRAMES:g} frames or more per period of the fastest mode"
+        )
+        text = _replaced(text, r"^rate_hz\s*=.*$", rate, "simulation.rate_hz")
     if not re.search(r"^eta\s*=", text, flags=re.MULTILINE):
         limit = f"eta = [{-ETA_LIMIT!r}, {ETA_LIMIT!r}]         # of every mode, in its own unit; see below"
         text = _replaced(text, r"^\[limits\][^\n]*$", f"[limits]\n{limit}", "limits")

@@ -131,7 +131,7 @@ def test_the_file_holds_the_modes_that_were_made_and_says_where_they_come_from(s
             assert getattr(read, table) == pytest.approx(getattr(made, table), rel=1e-4)
         assert read.shape.bend_m == pytest.approx(made.shape.bend_m, rel=1e-4)
     assert loaded.wing_stations == soft.made.aircraft.wing_stations
-    assert loaded.rate_hz == 480.0
+    assert loaded.rate_hz == 400.0
     assert loaded.limits["eta"] == (-3.0, 3.0)
     text = (soft.folder / "aircraft.toml").read_text(encoding="utf-8")
     rigid = (AIRCRAFT_MODELS / "taurus" / "aircraft.toml").read_text(encoding="utf-8")
@@ -156,16 +156,16 @@ def test_the_flexible_aircraft_keeps_the_laws_of_aircraft_and_flutters_where_its
         signal = InputSignal(t, u, ("de",))
         flown = fly_and_measure(loaded, trimmed, "pulse", signal, log_rate_hz=loaded.rate_hz).flown
         eta = np.abs(np.diff(flown["eta_2"]))
-        late, early = (eta[round(a * 480.0) : round((a + 0.4) * 480.0)].max() for a in (1.5, 0.5))
+        late, early = (eta[round(a * 400.0) : round((a + 0.4) * 400.0)].max() for a in (1.5, 0.5))
         assert (late > early) == grows
 
 
 def test_wings_have_accelerometers_and_strain_gauges_that_feel_the_modes(soft):
     loaded = load_aircraft(soft.folder)
     trimmed = trim(loaded, FlightCondition(12.0, 100.0))
-    t = np.arange(480) / 480.0
+    t = np.arange(400) / 400.0
     u = np.where(t > 0.2, 1.0 * DEG_RAD, 0.0)[:, None]
-    flown = fly_and_measure(loaded, trimmed, "step", InputSignal(t, u, ("de",)), log_rate_hz=480.0).flown
+    flown = fly_and_measure(loaded, trimmed, "step", InputSignal(t, u, ("de",)), log_rate_hz=400.0).flown
     tip, root = flown["az_wing_11"], flown["az_wing_6"]
     assert np.std(tip - flown["az"]) > 3.0 * np.std(root - flown["az"]) > 0.0
     assert np.ptp(flown["strain_wing_6"]) > np.ptp(flown["strain_wing_11"])
@@ -213,6 +213,63 @@ def test_a_sailplane_that_comes_with_jsbsim_gets_a_wing_that_bends(tmp_path):
     assert again.returncode == 0, again.stderr  # what the command made it may make again
     shown = command("aircraft", "aircraft/soft", cwd=tmp_path)
     assert shown.returncode == 0, shown.stderr
+
+
+@pytest.mark.parametrize("name", ["taurus", "jsbsim:SGS"])
+def test_every_coefficient_of_a_mode_acts_in_the_model_that_flies(name, tmp_path):
+    """Modal accelerations of JSBSim by differences, against the coefficients, on a model of ours and a foreign one."""
+    text = (EXAMPLES / "sailplane.toml").read_text(encoding="utf-8")
+    (tmp_path / "sailplane_shapes.csv").write_bytes((EXAMPLES / "sailplane_shapes.csv").read_bytes())
+    text = text.replace('symmetry = "symmetric"', 'symmetry = "symmetric"\ntail_up_m = 0.1\ntail_pitch_rad = -0.04')
+    second = text[text.index("[[mode]]") : text.index("[wing]")].replace("f_hz = 3.0", "f_hz = 6.0")
+    second = second.replace("symmetric", "asymmetric").replace(
+        "tail_up_m = 0.1", "tail_side_m = 0.1\ntail_yaw_rad = 0.05"
+    )
+    second = second.replace("tail_pitch_rad = -0.04", "tail_roll_rad = 0.2\nbend_m = [0.0, 0.1, 0.4, 1.0]")
+    text = text.replace("[wing]", f"{second}\n[wing]", 1).replace(
+        'shapes = "s', 'stations_m = [0, 0.2, 0.4, 0.6]\nshapes = "s'
+    )
+    if name == "taurus":  # its own plan form and masses
+        text = text[: text.index("[wing]")] + "[mass]" + GOOD[GOOD.index("\n[mass]") + len("\n[mass]") :]
+        text = text.replace('shapes = "sailplane_shapes.csv"\n', "").replace(
+            'symmetry = "symmetric"', 'symmetry = "symmetric"\nbend_m = [0.0, 0.1, 0.4, 1.0]'
+        )
+    path = tmp_path / "modes.toml"
+    path.write_text(text, encoding="utf-8")
+    rigid = load_aircraft(name)
+    made = make_flexible(rigid, read_ground_test(path), own_derivatives(rigid)).aircraft
+    trimmed = trim(made, FlightCondition(made.design_V_m_s, made.design_h_m))
+    model = linearise(made, trimmed)
+    g, V, qbar = made.geometry, trimmed.condition.V_m_s, trimmed.state["qbar"]
+    row = {s: k for k, s in enumerate(model.states)}
+    for i, mode in enumerate(made.elastic.modes, 1):
+        gain = qbar * g.S_m2 * g.cbar_m / mode.mass_kg_m2
+        A = model.A[row[f"etadot_{i}"]]
+        for control in ("de", "da", "dr"):
+            exact = gain * mode.force.get(control, 0.0)
+            assert model.B[row[f"etadot_{i}"], model.inputs.index(control)] == pytest.approx(exact, rel=1e-4, abs=1e-4)
+        for rate, length in (("p", g.b_m), ("q", g.cbar_m), ("r", g.b_m)):
+            exact = gain * mode.force.get(rate, 0.0) * length / (2.0 * V)
+            assert A[row[rate]] == pytest.approx(exact, rel=1e-4, abs=1e-4)
+        assert A[row["v"]] * V == pytest.approx(gain * mode.force.get("beta", 0.0), rel=1e-4, abs=1e-4)
+        assert A[row[f"eta_{i}"]] == pytest.approx(gain * mode.force_eta[i] - mode.omega_rad_s**2, rel=1e-4)
+    assert made.elastic.modes[0].force["de"] != 0.0
+    assert all(made.elastic.modes[1].force[n] != 0.0 for n in ("da", "dr", "beta", "p", "r"))
+
+
+def test_the_ground_test_of_the_guide_flies_and_is_found_again_from_an_empty_folder(tmp_path):
+    text = GUIDE.read_text(encoding="utf-8")
+    for name, content in re.findall(r"^```\w+\n# (\S+)\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL):
+        (tmp_path / name).write_text(content, encoding="utf-8")
+    lines = re.search(r"^```sh\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)[1].splitlines()
+    assert len(lines) == 3
+    for line in lines:
+        done = command(*line.split()[1:], cwd=tmp_path)
+        assert done.returncode == 0, done.stderr + done.stdout
+    for mode in ("1st wing bending", "1st wing torsion"):
+        found = re.search(rf"{mode}: the linear model .*? the MAC of the shapes is (\S+)\.", done.stdout)
+        assert float(found[1]) > 0.99
+    assert (tmp_path / "results" / "aircraft_soft" / "figures" / "mode_shapes.png").is_file()
 
 
 def test_the_examples_hold_what_their_script_derives():
