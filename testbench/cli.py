@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from collections.abc import Sequence
 from enum import Enum
 from importlib import import_module
@@ -121,6 +122,7 @@ def main() -> None:
     """Run the command line; turn every error raised on purpose into one message and an exit status."""
     # Before numpy is imported: for matrices this small, threads cost more than they give.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    warnings.showwarning = _say_warning
     try:
         status = app(prog_name="testbench", standalone_mode=False)
     except UsageError as error:
@@ -136,6 +138,12 @@ def main() -> None:
         print("interrupted; what was written so far is kept", file=sys.stderr)
     if status:
         sys.exit(status)
+
+
+def _say_warning(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+    """Say what an aircraft was noted for when it was loaded; other warnings are for programmers and say nothing here."""
+    if category.__module__.startswith("testbench."):
+        print(f"note: {message}", file=sys.stderr)
 
 
 def _say_usage(error: Any) -> None:

@@ -160,14 +160,22 @@ def resolve(name: str, family: Family, beside: Path | None = None) -> str:
     if found is None and name in family.stock():
         return f"{STOCK}{name}"
     if found is None:
-        valid = [*family.packaged(), *(n for p in places for n in family.own(p)), *family.stock()]
+        own = [*family.packaged(), *(n for p in places for n in family.own(p))]
+        hint = nearest(name, [*own, *family.stock()])
+        if not hint.startswith("; did"):  # the names that come with another program are too many to list
+            hint = nearest("", own)
+        there = next((p / name for p in places if (p / name).exists()), None)
+        if there is not None and family.stock():
+            hint = (
+                f": '{there}' is there, but holds neither {family.inside} nor an XML file that begins with <fdm_config>"
+            )
         kind = f"a folder with {family.inside}" if family.inside else "a .toml file"
         if family.stock():
             kind += ", a JSBSim model (XML file or folder), one that comes with JSBSim (jsbsim:c172p)"
         raise ScenarioError(
             [
                 f"{family.words} must be a packaged name, {kind}, or a name in your folder {family.folder}/, got "
-                f"'{name}'{nearest(name, valid)}"
+                f"'{name}'{hint}"
             ]
         )
     return str(found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -49,8 +50,14 @@ def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None
     return _whole(checked(read_aircraft(folder, wings), folder / "aircraft.toml"))
 
 
+class AircraftNote(UserWarning):
+    """What is odd about an aircraft that can be flown all the same."""
+
+
 def _whole(aircraft: Aircraft) -> Aircraft:
-    """Return the aircraft with its coefficients, which are found when they are first asked for."""
+    """Return the aircraft with its coefficients, which are found when they are first asked for; warn of its notes."""
+    for note in aircraft.notes:
+        warnings.warn(AircraftNote(note), stacklevel=3)
     return replace(aircraft, perturbed=Perturbed(aircraft))
 
 
@@ -87,5 +94,4 @@ def stock(name: str) -> Adopted:
     root = stock_root()
     if root is None:
         raise ModelError("models that come with JSBSim need the jsbsim package, which was not found")
-    found = adopted_at(root / "aircraft" / name)
-    return replace(found, aircraft=replace(found.aircraft, name=name))
+    return adopted_at(root / "aircraft" / name)

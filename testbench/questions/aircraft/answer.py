@@ -31,6 +31,7 @@ def aircraft_answer(survey: Survey) -> list[str]:
         for pole in at[name]:
             wn, zeta = frequency_and_damping(pole)
             said.append(f"{name} {_motion_words(pole, wn, zeta)}")
+    out += envelope.aircraft.notes
     out.append(f"rigid modes at {envelope.speeds[envelope.design]:g} m/s: {'; '.join(said)}")
     return out
 
