@@ -83,6 +83,10 @@ def make_flexible(aircraft: Aircraft, test: GroundTest, own: Mapping[str, float]
             f"an aircraft that is made flexible must be rigid, but {aircraft.name} has elastic modes already"
         )
     strips = fit_strips(aircraft, content, own)
+    if aircraft.outline is not None:
+        drawn = [name for name in ("wing", "tail", "fin") if getattr(content, name) is None]
+        if drawn:
+            notes.append(f"the plan form of {' and '.join(drawn)} is that of the aircraft's drawing")
     wing = strips.symmetric.wing
     half = 0.5 * wing.span_m
     check_span(test, half)

@@ -262,7 +262,7 @@ def test_the_ground_test_of_the_guide_flies_and_is_found_again_from_an_empty_fol
     for name, content in re.findall(r"^```\w+\n# (\S+)\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL):
         (tmp_path / name).write_text(content, encoding="utf-8")
     lines = re.search(r"^```sh\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)[1].splitlines()
-    assert len(lines) == 3
+    assert len(lines) == 4
     for line in lines:
         done = command(*line.split()[1:], cwd=tmp_path)
         assert done.returncode == 0, done.stderr + done.stdout
@@ -356,6 +356,16 @@ def test_a_faulty_csv_file_is_told_with_its_row(fault, tmp_path, monkeypatch, ca
     assert status == 2
     assert f"{tmp_path / 'shapes.csv'}, {key}: " in " ".join(lines)
     assert said in " ".join(lines)
+
+
+def test_check_tells_modes_that_are_alike_and_passes_the_examples(derive, tmp_path, monkeypatch, capsys):
+    (tmp_path / "alike.toml").write_text(GOOD.replace("twist_rad = [0.0, 0.4", "bend_m = [0.0, 0.15"), encoding="utf-8")
+    status, lines = ends(monkeypatch, capsys, "check", tmp_path / "alike.toml")
+    assert status == 2
+    assert "'bending' and 'torsion' have different shapes" in lines[0]
+    eolo = eolo_test(tmp_path, derive)
+    status, lines = ends(monkeypatch, capsys, "check", eolo, "ground_tests/taurus", "ground_tests/sailplane")
+    assert (status, lines) == (0, [])
 
 
 def test_one_wide_csv_file_and_lists_in_the_toml_are_the_same(tmp_path):
