@@ -218,9 +218,9 @@ def _plan_forms(aircraft: Aircraft, test: GroundTestFile) -> str:
     """Return where the plan forms come from, in words."""
     given = [n for n in ("wing", "tail", "fin") if getattr(test, n) is not None]
     drawn = [n for n in ("wing", "tail", "fin") if n not in given and aircraft.outline is not None]
-    parts = [f"{' and '.join(given)} from the file of the modes"] if given else []
+    parts = [f"{', '.join(given)} from the file of the modes"] if given else []
     if drawn and aircraft.outline is not None:
-        parts.append(f"{' and '.join(drawn)} from the aircraft's drawing: {aircraft.outline.note}")
+        parts.append(f"{', '.join(drawn)} from the aircraft's drawing: {aircraft.outline.note}")
     return "; ".join(parts)
 
 

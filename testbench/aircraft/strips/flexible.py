@@ -18,7 +18,7 @@ from testbench.aircraft.strips.measured import generalised_mass, in_units, large
 from testbench.aircraft.strips.reading import GroundTest, check_span
 from testbench.aircraft.strips.ritz import Inertia, asymmetric_inertia, symmetric_inertia
 from testbench.aircraft.strips.shapes import STRIPS, Shape
-from testbench.core.errors import Faults, ModelError, ScenarioError
+from testbench.core.errors import Faults, ModelError, ScenarioError, located
 from testbench.core.record import FloatArray
 
 STATIONS = 17
@@ -82,11 +82,12 @@ def make_flexible(aircraft: Aircraft, test: GroundTest, own: Mapping[str, float]
         raise ModelError(
             f"an aircraft that is made flexible must be rigid, but {aircraft.name} has elastic modes already"
         )
-    strips = fit_strips(aircraft, content, own)
+    with located(test.path, "wing"):
+        strips = fit_strips(aircraft, content, own)
     if aircraft.outline is not None:
         drawn = [name for name in ("wing", "tail", "fin") if getattr(content, name) is None]
         if drawn:
-            notes.append(f"the plan form of {' and '.join(drawn)} is that of the aircraft's drawing")
+            notes.append(f"the plan form of {', '.join(drawn)} is that of the aircraft's drawing")
     wing = strips.symmetric.wing
     half = 0.5 * wing.span_m
     check_span(test, half)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from testbench.aircraft.strips.ground_test import GroundTestFile
-from testbench.core.errors import Faults, RecordError, ScenarioError, nearest
+from testbench.core.errors import Faults, RecordError, ScenarioError, located, nearest
 from testbench.core.record import FloatArray
 from testbench.core.schema import parse, read_toml
 
@@ -65,7 +65,8 @@ def read_ground_test(path: Path) -> GroundTest:
     _masses_and_order(content, faults)
     wide = _Columns({}, {})
     if content.shapes is not None:
-        wide = _read(path.parent / content.shapes, QUANTITIES, len(content.mode), faults)
+        with located(path, "shapes"):
+            wide = _read(path.parent / content.shapes, QUANTITIES, len(content.mode), faults)
     shapes, untwisted = [], []
     for i, mode in enumerate(content.mode):
         shape = _shape(path, content, i, wide, faults)
@@ -164,7 +165,8 @@ def _shape(path: Path, content: GroundTestFile, i: int, wide: _Columns, faults: 
         faults.note(f"mode[{i}]", f"a shape must be given once, got {' and '.join(given)}")
         return None
     if mode.csv is not None:
-        read = _read(path.parent / mode.csv, QUANTITIES, 0, faults)
+        with located(path, f"mode[{i}].csv"):
+            read = _read(path.parent / mode.csv, QUANTITIES, 0, faults)
         y, found, key = read.columns.get("y_m"), read.modes.get(0, {}), f"mode[{i}].csv"
     elif inline:
         y, found, key = np.array(content.stations_m or ()), inline, f"mode[{i}]"

@@ -368,6 +368,20 @@ def test_check_tells_modes_that_are_alike_and_passes_the_examples(derive, tmp_pa
     assert (status, lines) == (0, [])
 
 
+def test_files_that_are_missing_are_told_with_the_key_that_names_them(tmp_path, monkeypatch, capsys):
+    (tmp_path / "modes.toml").write_text(IN_CSV, encoding="utf-8")
+    status, lines = ends(monkeypatch, capsys, "aircraft", "flexible", "taurus", tmp_path / "modes.toml")
+    assert status == 2
+    assert len(lines) == 1
+    assert f"'{tmp_path / 'shapes.csv'}', got: No such file" in lines[0]
+    assert f"({tmp_path / 'modes.toml'}, shapes)" in lines[0]
+    (tmp_path / "modes.toml").write_text(GOOD, encoding="utf-8")
+    status, lines = ends(monkeypatch, capsys, "aircraft", "flexible", "jsbsim:c172p", tmp_path / "modes.toml")
+    assert status == 2
+    assert "the plan form of the wing must be known" in lines[-1]
+    assert f"({tmp_path / 'modes.toml'}, wing)" in lines[-1]
+
+
 def test_one_wide_csv_file_and_lists_in_the_toml_are_the_same(tmp_path):
     (tmp_path / "lists.toml").write_text(GOOD, encoding="utf-8")
     (tmp_path / "wide.toml").write_text(IN_CSV, encoding="utf-8")
