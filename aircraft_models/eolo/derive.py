@@ -15,10 +15,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
-from strip_loads import StripModel
-from strips import Modes, Shape, Stiffness, Tail, Wing, asymmetric_modes, symmetric_modes
+
+from testbench.aircraft.strips import coupling
+from testbench.aircraft.strips.coupling import MOTIONS, Vibration, at_stations, coupled_modes
+from testbench.aircraft.strips.loads import StripModel
+from testbench.aircraft.strips.ritz import Modes, Stiffness, asymmetric_modes, symmetric_modes
+from testbench.aircraft.strips.shapes import Shape, Tail, Wing
 
 FOLDER = Path(__file__).resolve().parent
 S, b, cbar, mass, Ixx, Iyy = 0.846, 4.0, 0.2311, 8.87, 2.53, 1.60  # published
@@ -62,7 +65,6 @@ MODEL = StripModel(
 )
 BODY = {"CY_beta": -0.15, "Cn_beta": -0.010}  # estimated: the fuselage
 STATIONS = np.linspace(0.0, 0.5 * b, 17)
-MOTIONS = {True: ("zero", "alpha", "q", "de"), False: ("beta", "p", "r", "da", "dr")}
 # Number, symmetric, index among the modes of its symmetry, name, ground-test frequency and damping, and what a unit of
 # the coordinate is: wing-tip deflection of one chord cbar, tip twist of 1 rad, or tail roll of 1 rad.
 GROUND_TEST = (
@@ -96,7 +98,8 @@ def modes() -> tuple[list[Shape], list[float], dict[bool, Modes]]:
     shapes, masses = [], []
     for symmetric, i, _, _, _, unit in GROUND_TEST:
         shape, m = found[symmetric].shapes[i], found[symmetric].masses[i]
-        tip = {"tip": at_stations(shape.bend)[-1] / cbar, "twist": at_stations(shape.twist)[-1]}
+        bend, twist = (at_stations(WING, values, STATIONS)[-1] for values in (shape.bend, shape.twist))
+        tip = {"tip": bend / cbar, "twist": twist}
         size = tip.get(unit, shape.tail_roll)
         shapes.append(Shape(*(getattr(shape, n) / size for n in MOTION_FIELDS), symmetric=symmetric))
         masses.append(float(m / size**2))
@@ -123,35 +126,13 @@ SKIPPED = {("CY", "da"), ("Cn", "da"), ("Cn", "p"), ("Cn", "r")}
 
 
 def elastic_toml() -> str:
-    """Return the [[elastic.mode]] tables of aircraft.toml."""
+    """Return the [elastic] table of aircraft.toml."""
     shapes, masses, _ = modes()
-    blocks = []
-    for i, (symmetric, _, name, f_hz, zeta, _) in enumerate(GROUND_TEST):
-        shape = shapes[i]
-        alike = [j for j, row in enumerate(GROUND_TEST) if row[0] == symmetric]
-        tables = {
-            "force": {m: MODEL.force(MODEL.flow(m), shape) for m in MOTIONS[symmetric]},
-            "force_eta": {j + 1: MODEL.force(MODEL.flow_of_deflection(shapes[j]), shape) for j in alike},
-            "force_etadot": {j + 1: MODEL.force(MODEL.flow_of_rate(shapes[j]), shape) for j in alike},
-            "effect_eta": MODEL.effect(MODEL.flow_of_deflection(shape)),
-            "effect_etadot": MODEL.effect(MODEL.flow_of_rate(shape)),
-        }
-        head = f'[[elastic.mode]]\nname = "{name}"\nf_hz = {f_hz}\nzeta = {zeta}\nmass_kg_m2 = {masses[i]:.5g}\n'
-        head += f'symmetry = "{"symmetric" if symmetric else "asymmetric"}"\n'
-        rows = (f"{key} = {{ {', '.join(f'{k} = {v:.5g}' for k, v in t.items())} }}\n" for key, t in tables.items())
-        form = ", ".join(
-            f"{name} = [{', '.join(f'{v:.5g}' for v in at_stations(values))}]"
-            for name, values in (("bend_m", shape.bend), ("twist_rad", shape.twist), ("curvature_1_m", shape.curvature))
-        )
-        blocks.append(head + "".join(rows) + f"shape = {{ {form} }}\n")
-    stations = ", ".join(f"{y:g}" for y in STATIONS)
-    return f"[elastic]\nstations_m = [{stations}]\n\n" + "\n".join(blocks)
-
-
-def at_stations(values: np.ndarray) -> np.ndarray:
-    """Return a quantity of the strips at the stations along the wing, by a cubic spline."""
-    spline = CubicSpline(WING.y, values)
-    return np.where(np.abs(spline(STATIONS)) < 1e-12, 0.0, spline(STATIONS))
+    found = [
+        Vibration(name, f_hz, zeta, m, shape)
+        for (_, _, name, f_hz, zeta, _), m, shape in zip(GROUND_TEST, masses, shapes, strict=True)
+    ]
+    return coupling.elastic_toml(coupled_modes(found, MODEL, MODEL, STATIONS), STATIONS)
 
 
 def amended_files() -> dict[Path, str]:

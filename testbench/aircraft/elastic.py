@@ -187,7 +187,14 @@ def _function(name: str, body: ET.Element, copyto: str | None = None) -> ET.Elem
     return _element("function", body, name=name, **({"copyto": copyto} if copyto else {}))
 
 
-def add_modes(tree: ET.Element, elastic: ElasticModel, dt_s: float, qbar_Pa: float, V_m_s: float) -> None:
+def add_modes(
+    tree: ET.Element,
+    elastic: ElasticModel,
+    dt_s: float,
+    qbar_Pa: float,
+    V_m_s: float,
+    surfaces: Mapping[str, str] | None = None,
+) -> None:
     """Write the modal states and their coupling into a JSBSim model, in place.
 
     Args:
@@ -196,6 +203,7 @@ def add_modes(tree: ET.Element, elastic: ElasticModel, dt_s: float, qbar_Pa: flo
         dt_s: frame time for which the coefficients are made; the model flies at this rate only.
         qbar_Pa: dynamic pressure for which the exact step is made.
         V_m_s: true airspeed for which it is made.
+        surfaces: control -> property of its deflection, rad, in a model that does not use the names of MOTIONS.
     """
     K, D, _ = elastic.matrices(qbar_Pa, V_m_s)
     numbers = range(1, len(elastic) + 1)
@@ -211,6 +219,7 @@ def add_modes(tree: ET.Element, elastic: ElasticModel, dt_s: float, qbar_Pa: flo
 
     behind = any((p.text or "").strip() == ELEVATOR_SURFACE for p in tree.findall("flight_control/property"))
     motions = MOTIONS | {"de": (ELEVATOR_SURFACE,)} if behind else MOTIONS
+    motions = motions | {control: (name,) for control, name in (surfaces or {}).items()}
     functions: list[ET.Element] = [_rigid_force(elastic, i, motions) for i in numbers]
     functions += [
         _function(f"modal/input-{i}", _element("sum", _property(f"modal/force-{i}"), _product(2.0, f"modal/extra-{i}"),

@@ -155,7 +155,8 @@ class Aircraft:
             amendment.apply(tree)
         elastic = self.flown_modes()
         if elastic is not None and len(elastic):
-            add_modes(tree, elastic, 1.0 / rate_hz, qbar_Pa, V_m_s)
+            surfaces = {x.control: x.surface for x in self.adapter.links} if self.adapter is not None else {}
+            add_modes(tree, elastic, 1.0 / rate_hz, qbar_Pa, V_m_s, surfaces)
         return tree
 
     def source_of(self, channel: str) -> tuple[str | None, float]:

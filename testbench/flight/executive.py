@@ -142,8 +142,8 @@ class Executive:
             self.fdm.set_property_value(name, 0.0)
         if missing:
             raise UndefinedProperties(
-                f"every property that a function reads must be defined, but nothing in the model of "
-                f"{self.aircraft.name} defines {', '.join(missing)}",
+                f"JSBSim refuses the model of {self.aircraft.name}: every property that a function reads must be "
+                f"defined, but nothing defines {', '.join(missing)}",
                 missing,
             )
 

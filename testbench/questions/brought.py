@@ -1,4 +1,4 @@
-"""What users bring (aircraft, suites, estimators, effects), tried on the laws of its family."""
+"""What users bring (aircraft, suites, ground tests, estimators, effects), tried on the laws of its family."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 from testbench.core.bring import find, is_brought, load
 from testbench.core.contract import Law
 from testbench.core.errors import ScenarioError
-from testbench.core.paths import AIRCRAFT
+from testbench.core.paths import AIRCRAFT, find_scenario
 from testbench.core.schema import read_toml
 
 
@@ -15,7 +15,7 @@ def laws_of(what: Path) -> tuple[str, list[Law]] | None:
     """Return what kind of thing a path is, and for every law of its family whether it is kept.
 
     Returns:
-        None if it is no aircraft folder, no sensor suite and no name in a Python file.
+        None if it is no aircraft folder, no sensor suite, no ground test and no name in a Python file.
 
     Raises:
         TestbenchError: it cannot be read.
@@ -33,6 +33,12 @@ def laws_of(what: Path) -> tuple[str, list[Law]] | None:
         from testbench.sensors.contract import suite_laws
 
         return "sensor suite", suite_laws(load_suite(what))
+    test = find_scenario(what)
+    if test.suffix == ".toml" and test.is_file() and {"mode", "normalisation"} <= read_toml(test).keys():
+        from testbench.aircraft.strips.contract import ground_test_laws
+        from testbench.aircraft.strips.reading import read_ground_test
+
+        return "ground vibration test", ground_test_laws(read_ground_test(test))
     return None
 
 

@@ -6,19 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from strip_loads import StripModel
-from strips import (
-    STRIPS,
-    Shape,
+
+from testbench.aircraft.strips.loads import StripModel
+from testbench.aircraft.strips.ritz import (
     Stiffness,
-    Tail,
-    Wing,
     asymmetric_modes,
     cantilever_bending,
     cantilever_torsion,
     symmetric_modes,
 )
-
+from testbench.aircraft.strips.shapes import STRIPS, Shape, Tail, Wing
 from testbench.core.errors import TrimError
 from testbench.evaluation.modes import longitudinal_modes
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim

@@ -3,10 +3,11 @@
     python tests/benchmarks/stock_eigenvalues.py            # all that trim, to results/aircraft/eigenvalues.csv
     python tests/benchmarks/stock_eigenvalues.py c172p f16
 
-The second way shares nothing with the package but the trimmed state and the position of the controls: the stock model is
-loaded from JSBSim's own folder, its own control system is commanded until the surfaces stand where they stand in ours,
-and its accelerations are differenced over u, v, w, p, q, r, phi, theta with propellers held at their speed. Where its yaw
-damper or stick feels the motion, the command is changed until the surface stands still again, as ours leaves them out.
+The second way shares nothing with the package but the trimmed state and the position of the controls: the stock model
+is loaded from JSBSim's own folder, its own control system is commanded until the surfaces stand where they stand in
+ours, and its accelerations are differenced over u, v, w, p, q, r, phi, theta with propellers held at their speed. Where
+its yaw damper or stick feels the motion, the command is changed until the surface stands still again, as ours leaves
+them out.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ from testbench.evaluation.modes import frequency_and_damping
 from testbench.page.labels import number
 
 if TYPE_CHECKING:
+    from testbench.evaluation.envelope import Envelope
     from testbench.questions.aircraft.ask import Survey
 
 
@@ -22,11 +23,7 @@ def aircraft_answer(survey: Survey) -> list[str]:
     ]
     out += [f"outside that range: {reason}" for reason in ends]
     if envelope.elastic:
-        onsets = [envelope.onset(name) for name in envelope.elastic]
-        unstable = sorted((o for o in onsets if o.V_m_s is not None), key=lambda o: o.V_m_s or 0.0)
-        out += [f"the elastic mode {o.sentence.replace(f'{o.name}: ', f'{o.name} is ', 1)}" for o in unstable]
-        if not unstable:
-            out.append(f"no elastic mode becomes unstable up to {envelope.speeds[-1]:g} m/s")
+        out += onset_sentences(envelope)
     out += [sentence for name in envelope.motion if (sentence := _rigid_instability(survey, name))]
     at = envelope.poles[envelope.design]
     said = []
@@ -37,6 +34,15 @@ def aircraft_answer(survey: Survey) -> list[str]:
     out += envelope.aircraft.notes
     out.append(f"rigid modes at {envelope.speeds[envelope.design]:g} m/s: {'; '.join(said)}")
     return out
+
+
+def onset_sentences(envelope: Envelope) -> list[str]:
+    """Return from what speed on each elastic mode is unstable, in sentences, the slowest first; or that none is."""
+    onsets = [envelope.onset(name) for name in envelope.elastic]
+    unstable = sorted((o for o in onsets if o.V_m_s is not None), key=lambda o: o.V_m_s or 0.0)
+    if not unstable:
+        return [f"no elastic mode becomes unstable up to {envelope.speeds[-1]:g} m/s"]
+    return [f"the elastic mode {o.sentence.replace(f'{o.name}: ', f'{o.name} is ', 1)}" for o in unstable]
 
 
 def _motion_words(pole: complex, wn: float, zeta: float) -> str:

@@ -15,8 +15,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from strips import STRIPS, Shape, Tail, Wing
 
+from testbench.aircraft.strips.shapes import STRIPS, Shape, Tail, Wing
 from testbench.core.record import FloatArray
 
 
@@ -46,11 +46,12 @@ class StripModel:
     """Wing, tail, reference quantities, and the constants that strips do not give.
 
     Attributes:
-        S_m2, cbar_m: reference area and chord; the span is the wing's.
+        S_m2, cbar_m: reference area and chord.
         dihedral_rad: of the wing.
         CL: lift coefficient at the design condition, which roll due to yaw rate goes with.
         zero_lift_rad: angle of attack of the wing at zero alpha of the aircraft.
         aileron: (inner y, outer y, effectiveness d alpha / d da).
+        b_m: reference span; the wing's if not given.
     """
 
     wing: Wing
@@ -61,13 +62,19 @@ class StripModel:
     CL: float
     zero_lift_rad: float
     aileron: tuple[float, float, float]
+    b_m: float | None = None
+
+    @property
+    def b(self) -> float:
+        """Reference span, m."""
+        return self.wing.span_m if self.b_m is None else self.b_m
 
     def flow(self, motion: str) -> Flow:
         """Return the flow of a unit of a rigid motion or control, nondimensional as in C_Q ("alpha", "q", "da" ...)."""
         wing, tail, y = self.wing, self.tail, self.wing.y
         zero, one = np.zeros(STRIPS), np.ones(STRIPS)
-        long, wide = 2.0 / self.cbar_m, 2.0 / self.wing.span_m  # q cbar / 2V and p b / 2V of one
-        X34 = wing.quarter_chord_m - 0.5 * wing.chord
+        long, wide = 2.0 / self.cbar_m, 2.0 / self.b  # q cbar / 2V and p b / 2V of one
+        X34 = wing.quarter_line - 0.5 * wing.chord
         inner, outer, effect = self.aileron
         flows = {
             "zero": Flow(self.zero_lift_rad * one, zero),
@@ -76,7 +83,7 @@ class StripModel:
             "de": Flow(zero, zero, tail=tail.elevator),
             "beta": Flow(self.dihedral_rad * one, zero, fin=1.0, symmetric=False),
             "p": Flow(y * wide, zero, fin=tail.fin_height_m * wide, tail_roll=wide, symmetric=False),
-            "r": Flow(-2.0 * self.CL / wing.lift_slope * y * wide, zero, fin=-tail.arm_m * wide, symmetric=False),
+            "r": Flow(-2.0 * self.CL / wing.lift_slope * y * wide, zero, fin=-tail.fin_arm * wide, symmetric=False),
             "da": Flow(np.where((y > inner) & (y < outer), -effect, 0.0), zero, symmetric=False),
             "dr": Flow(zero, zero, fin=-tail.rudder, symmetric=False),
         }
@@ -113,16 +120,16 @@ class StripModel:
 
     def effect(self, flow: Flow) -> dict[str, float]:
         """Return what a flow adds to CL and Cm, or to CY, Cl and Cn, of the aircraft about its centre of gravity."""
-        wing, tail, b = self.wing, self.tail, self.wing.span_m
+        wing, tail, b = self.wing, self.tail, self.b
         circulatory, rotary = self._lift(flow)
         lift, side, roll = self._tail_loads(flow)
         if flow.symmetric:
-            X34 = wing.quarter_chord_m - 0.5 * wing.chord
-            moment = wing.both_sides(circulatory * wing.quarter_chord_m + rotary * X34) - lift * tail.arm_m
+            X34 = wing.quarter_line - 0.5 * wing.chord
+            moment = wing.both_sides(circulatory * wing.quarter_line + rotary * X34) - lift * tail.arm_m
             total = wing.both_sides(circulatory + rotary) + lift
             return {"CL": total / self.S_m2, "Cm": moment / (self.S_m2 * self.cbar_m)}
         rolling = -wing.both_sides((circulatory + rotary) * wing.y) + side * tail.fin_height_m + roll
-        yawing = -side * tail.arm_m
+        yawing = -side * tail.fin_arm
         return {"CY": side / self.S_m2, "Cl": rolling / (self.S_m2 * b), "Cn": yawing / (self.S_m2 * b)}
 
     def _lift(self, flow: Flow) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,123 @@
+"""Couple a ground test to an aircraft, write the flexible aircraft into a folder of its own, and survey it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from testbench.aircraft.strips.flexible import Flexible, make_flexible
+from testbench.aircraft.strips.reading import GroundTest, read_ground_test
+from testbench.aircraft.strips.writing import MARK, flexible_toml
+from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.files import write_file
+from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, find_scenario, resolve
+from testbench.flight import load_aircraft
+from testbench.flight.adopt import Adopted
+from testbench.flight.load import adopted_at, stock
+from testbench.questions.aircraft.adopt import write_adopted
+from testbench.questions.aircraft.ask import Survey, survey
+from testbench.questions.aircraft.flexible.own import own_derivatives
+
+_FILE = "aircraft.toml"
+_TEST = "ground_test"  # folder of the copy of what was measured
+
+
+@dataclass(frozen=True, eq=False)
+class FlexibleAnswer:
+    """The flexible aircraft, and what its modes do in flight.
+
+    Attributes:
+        rigid: name of the aircraft that it was made from.
+        test: the modes as they were given.
+        made: the aircraft and the strips that couple its modes.
+        folder: where it was written.
+        survey: of the aircraft as the loader reads it there.
+    """
+
+    rigid: str
+    test: GroundTest
+    made: Flexible
+    folder: Path
+    survey: Survey
+
+
+def add_ground_test(
+    name: str | Path, modes: Path, out: Path | None = None, say: Callable[[str], None] = lambda text: None
+) -> FlexibleAnswer:
+    """Return an aircraft with the modes of a ground vibration test, written to a folder that flies.
+
+    Args:
+        name: of the rigid aircraft, as :func:`testbench.flight.load.load_aircraft` takes it.
+        modes: file of the ground test; see :class:`testbench.aircraft.strips.ground_test.GroundTestFile`.
+        out: folder of the flexible aircraft; ``aircraft/NAME_flexible`` if not given.
+        say: told what is being done.
+
+    Raises:
+        ModelError: the aircraft's model cannot take the modes.
+        RecordError: a file cannot be read or written.
+        ScenarioError: the file breaks a law, the aircraft is flexible already, or the folder holds another aircraft.
+        TrimError: the aircraft cannot be trimmed.
+    """
+    folder, found = _source(str(name))
+    aircraft = found.aircraft if found is not None else load_aircraft(folder)
+    if aircraft.elastic is not None:
+        raise ScenarioError(
+            [f"{folder / _FILE}, elastic: an aircraft that is made flexible must be rigid, got {aircraft.name} with "
+             f"{len(aircraft.elastic)} elastic modes; take them out first"]
+        )  # fmt: skip
+    test = read_ground_test(find_scenario(modes))
+    out = Path("aircraft") / f"{aircraft.name}_flexible" if out is None else out
+    _check_place(out, folder)
+    own: dict[str, float] = {}
+    if test.content.strips.own_derivatives:
+        say("read off the aircraft's own derivatives")
+        own = own_derivatives(aircraft)
+    made = make_flexible(aircraft, test, own)
+    _write(made, test, folder, found, out)
+    say("trim and linearise over speed")
+    return FlexibleAnswer(aircraft.name, test, made, out, survey(load_aircraft(out), out.name))
+
+
+def _source(name: str) -> tuple[Path, Adopted | None]:
+    """Return the folder of an aircraft; of a JSBSim model without an aircraft.toml also what was found in it."""
+    named = resolve(name, AIRCRAFT)
+    if named.startswith(STOCK):
+        return Path(named), stock(named.removeprefix(STOCK))
+    folder = AIRCRAFT_MODELS / named if named in aircraft_names() else Path(named)
+    return folder, None if (folder / _FILE).is_file() else adopted_at(folder)
+
+
+def _check_place(out: Path, folder: Path) -> None:
+    """Refuse a folder in which something else lies than what this command wrote."""
+    if out.resolve() == folder.resolve():
+        raise ScenarioError([f"the flexible aircraft must go to a folder of its own, got '{out}', the rigid one's"])
+    if not out.exists():
+        return
+    there = out / _FILE
+    ours = there.is_file() and there.read_text(encoding="utf-8", errors="replace").startswith(MARK)
+    if not ours and (out.is_file() or any(out.iterdir())):
+        raise ScenarioError([f"the flexible aircraft must go to a new folder, got '{out}', which holds other files"])
+
+
+def _write(made: Flexible, test: GroundTest, folder: Path, found: Adopted | None, out: Path) -> None:
+    if found is not None:
+        (out / _FILE).unlink(missing_ok=True)  # ours, see _check_place
+        write_adopted(found, out)
+        text = (out / _FILE).read_text(encoding="utf-8")
+    else:
+        text = (folder / _FILE).read_text(encoding="utf-8")
+    told = flexible_toml(text, made, test, made.aircraft.name)
+    if found is None:
+        try:
+            shutil.copytree(
+                folder, out, dirs_exist_ok=True, ignore=shutil.ignore_patterns("*.py", "__pycache__", _FILE, _TEST)
+            )
+        except (OSError, shutil.Error) as error:
+            law = "the flexible aircraft must go to a folder that can be written to"
+            raise RecordError(f"{law}, got '{out}': {error}") from error
+    names = [test.content.shapes, *(m.csv for m in test.content.mode)]
+    for path in [test.path, *(test.path.parent / n for n in dict.fromkeys(names) if n)]:
+        write_file(out / _TEST / path.name, path.read_bytes())
+    write_file(out / _FILE, told)
