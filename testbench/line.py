@@ -5,6 +5,7 @@ A simulated flight enters at :func:`fly_and_measure`; a recorded flight enters a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,11 +25,12 @@ from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
 from testbench.evaluation import Evaluation, evaluate
 from testbench.evaluation.truth import Truth, told_of
-from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, trim
+from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, linearise, trim
 from testbench.flight.air import Air, air_of
 from testbench.inputs import InputSignal, build
 from testbench.sensors import SensorSuite
 
+_DOUBLED = 100.0  # growth of a motion beyond which its own instability, not the input, ends a flight
 Keep = Callable[[str, FlightRecord], None]
 """Called with a name and each record as soon as it exists, so that a later failure loses none of them."""
 Report = Callable[[str], None]
@@ -148,7 +150,7 @@ def fly_and_measure(
     except FlightAborted as error:
         if keep is not None and error.record is not None and len(error.record):
             keep(f"{name}_aborted", error.record)
-        raise
+        raise _with_instability(error, aircraft, trimmed, name) from error
     if keep is not None:
         keep(f"{name}_truth", truth)
     measured = {}
@@ -158,6 +160,25 @@ def fly_and_measure(
         if keep is not None:
             keep(f"{name}_{suite.name}", measured[suite.name])
     return Flight(name, use, truth, measured, settle_s)
+
+
+def _with_instability(error: FlightAborted, aircraft: Aircraft, trimmed: TrimmedFlight, name: str) -> FlightAborted:
+    """Return the error of a flight that ended early, with the time to double if the aircraft is unstable.
+
+    An unstable aircraft may be flown for as long as it stays inside its limits. If it leaves them after several times
+    the time in which its motion doubles, no smaller input would help for long, and the message says so.
+    """
+    growth = float(linearise(aircraft, trimmed).poles().real.max())
+    if not growth * error.time_s > math.log(_DOUBLED):
+        return error
+    return FlightAborted(
+        f"{aircraft.name} is unstable without a pilot: its motion doubles in {math.log(2.0) / growth:.2g} s, and it "
+        f"left its limits at t = {error.time_s:.2f} s of manoeuvre '{name}': {error.reason}; fly it with a [stabiliser] "
+        "in its aircraft.toml, or a shorter manoeuvre",
+        error.time_s,
+        error.reason,
+        error.record,
+    )
 
 
 def identify_and_judge(
