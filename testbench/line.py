@@ -173,8 +173,8 @@ def _with_instability(error: FlightAborted, aircraft: Aircraft, trimmed: Trimmed
         return error
     return FlightAborted(
         f"{aircraft.name} is unstable without a pilot: its motion doubles in {math.log(2.0) / growth:.2g} s, and it "
-        f"left its limits at t = {error.time_s:.2f} s of manoeuvre '{name}': {error.reason}; fly it with a [stabiliser] "
-        "in its aircraft.toml, or a shorter manoeuvre",
+        f"left its limits at t = {error.time_s:.2f} s of manoeuvre '{name}': {error.reason}; fly it with a "
+        "[stabiliser] in its aircraft.toml, or a shorter manoeuvre",
         error.time_s,
         error.reason,
         error.record,
