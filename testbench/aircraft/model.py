@@ -15,7 +15,7 @@ from testbench.aircraft.amend import Amendment, Memory
 from testbench.aircraft.elastic import ElasticMode, ElasticModel, WingShape, add_modes
 from testbench.aircraft.outline import Outline
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, JSBSIM_LENGTH_M, LBF_N, SLUG_KG
-from testbench.core.errors import ModelError, ScenarioError
+from testbench.core.errors import ModelError, ScenarioError, nearest
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, aircraft_names, resolve
 from testbench.core.schema import NonNegative, Positive, Strict, parse, read_toml
 
@@ -76,6 +76,7 @@ class Aircraft:
         amendments: changes applied to ``xml``, from the forces up to the command, otherwise in order.
         outline: what it looks like, for drawings only, or None if nobody has said.
         wing_stations: places on the wing where instruments may sit.
+        uncertainty: coefficient -> relative standard deviation of the believed value; empty if nobody has said.
     """
 
     name: str
@@ -93,6 +94,7 @@ class Aircraft:
     amendments: tuple[Amendment, ...] = ()
     outline: Outline | None = None
     wing_stations: tuple[WingStation, ...] = ()
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
 
     def with_rigid_wings(self) -> Aircraft:
         """Return the aircraft with its modes frozen at zero deflection."""
@@ -208,6 +210,7 @@ class _AircraftFile(Strict):
     elastic: _Elastic | None = None
     drawing: Outline | None = None
     wing_station: Annotated[tuple[_WingStation, ...], Field(strict=False)] = ()
+    uncertainty: dict[str, Positive] = {}
 
 
 def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None = None) -> Aircraft:
@@ -265,6 +268,12 @@ def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None
             raise ScenarioError(
                 [f"{path}, elastic.mode[{i}].shape: each list must have one entry per station, that is {len(stations)}"]
             )
+    known = [n.removeprefix("aero/coefficient/") for f in tree.iter("function") if (n := f.get("name"))]
+    strange = [n for n in described.uncertainty if n not in known]
+    if strange:
+        raise ScenarioError(
+            [f"{path}, uncertainty.{n}: the model must have this coefficient{nearest(n, known)}" for n in strange]
+        )
     aircraft = Aircraft(
         name=str(name),
         title=described.title,
@@ -280,6 +289,7 @@ def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None
         elastic=ElasticModel(modes, geometry.S_m2, geometry.cbar_m, stations) if modes else None,
         outline=described.drawing,
         wing_stations=tuple(WingStation(s.y_m, s.x_m, s.height_m) for s in described.wing_station),
+        uncertainty=described.uncertainty,
     )
     return aircraft.with_rigid_wings() if wings == "rigid" else aircraft
 

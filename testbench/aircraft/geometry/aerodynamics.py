@@ -54,7 +54,8 @@ _STEPS = {"alpha": 1.0 * DEG_RAD, "beta": 1.0 * DEG_RAD, "p": 0.02, "q": 0.005, 
 _DEFLECTION_DEG = 2.0
 _SWEEP_DEG = tuple(range(-14, 19))
 _STALL = 0.20  # of CL that lift may differ from the straight line before alpha leaves its range
-_STRAIGHT = 0.05  # the same for the polar's fit
+_STRAIGHT = 0.10  # the same for the polar's fit, which begins at CL = 0 or so far below the trim
+_BELOW = 0.4
 _ROOM = 5.0 * DEG_RAD  # about the trim that alpha has at least; judged
 
 
@@ -350,7 +351,9 @@ def _polar(
         low -= 1
     while high < len(alpha) - 1 and straight[high + 1]:
         high += 1
-    inside = (np.abs(CL - (slope * alpha + at)) < _STRAIGHT) & (np.arange(len(alpha)) >= low) & (np.arange(len(alpha)) <= high)
+    at_trim = float(np.interp(trim, alpha, CL))
+    inside = (np.abs(CL - (slope * alpha + at)) < _STRAIGHT) & (CL > min(0.0, at_trim - _BELOW))
+    inside &= (np.arange(len(alpha)) >= low) & (np.arange(len(alpha)) <= high)
     a2, a1, a0 = np.polyfit(CL[inside], CD[inside], 2)
     if a2 <= 0.0:
         a2, a1, a0 = 0.0, 0.0, float(np.mean(CD[inside]))

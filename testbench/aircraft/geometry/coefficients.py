@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 from testbench.aircraft.geometry.aerodynamics import Aerodynamics
-from testbench.aircraft.geometry.shape import Plane
 
 _SEEN = "lattice: it sees how the surfaces act on each other"
 _SPREAD = "lattice: it finds how the load spreads along the span"
@@ -88,18 +87,22 @@ class Coefficient:
         return ROWS[self.name].words
 
 
-def coefficients(found: Aerodynamics, plane: Plane) -> dict[str, Coefficient]:
+def coefficients(found: Aerodynamics, CD0_added: float = 0.0) -> dict[str, Coefficient]:
     """Return the coefficients of a model, by name.
 
     The standard deviation is that of two values, |a - b| / sqrt(2), or the floor of :data:`ROWS` if that is larger. That of
     Cm_alpha has a second floor: the neutral point is known to a share of cbar, so that Cm_alpha = CL_alpha (x_cg - x_np)
     / cbar of an aircraft with a small static margin is known badly, whatever the two methods agree on.
+
+    Args:
+        found: by both methods.
+        CD0_added: drag that neither of them sees.
     """
     out = {}
     a, b = found.buildup.values, found.lattice.values
     for name, row in ROWS.items():
         if name == "CD":
-            out[name] = _drag(found, row)
+            out[name] = _drag(found, row, CD0_added)
             continue
         if name not in b or abs(b[name]) < _NOTHING:
             continue
@@ -111,8 +114,8 @@ def coefficients(found: Aerodynamics, plane: Plane) -> dict[str, Coefficient]:
     return out
 
 
-def _drag(found: Aerodynamics, row: _Row) -> Coefficient:
+def _drag(found: Aerodynamics, row: _Row, added: float) -> Coefficient:
     lift = (found.CL - found.CL_least_drag) ** 2
-    at_trim = found.CD0 + found.buildup.k * lift
+    at_trim = found.CD0 + added + found.buildup.k * lift
     apart = abs(found.buildup.k - found.lattice.k) * lift / math.sqrt(2.0) / at_trim
     return Coefficient("CD", at_trim, at_trim, None, max(row.floor, apart), apart > row.floor, row.why)

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
+from testbench.questions.aircraft.new import new
 from testbench.questions.options import OutOption, ShowByDefault, Wings
 
 command = typer.Typer(
@@ -15,6 +16,8 @@ command = typer.Typer(
     no_args_is_help=True,
     help="Show an aircraft: any JSBSim model, packaged, your own, or one that ships with JSBSim.",
 )
+
+command.command("new")(new)
 
 
 @command.command()
