@@ -16,6 +16,9 @@ takes its incidence at the aerodynamic centre. Both are mended here:
 * The lift of a flap is that of the section; here it is reduced as the lift of incidence is, by the ratio of the lift
   slopes of surface and section, AeroBuildup's own (CL/cl)^0.8. The lift of camber is left as it is: too large by as much.
 
+* Lift that one side gains and the other loses is reduced as that of a wing of half the aspect ratio (lifting line, second
+  term of Glauert's series): the wing's share of Cl_p, Cl_r and Cn_p, and what ailerons do.
+
 *Lattice* (vortex lattice, lattice.py): surfaces see each other, without viscosity and thickness. The
 fuselage's share is that of the build-up.
 
@@ -120,7 +123,7 @@ def aerodynamics(plane: Plane, mass_kg: float, V_m_s: float, h_m: float) -> Aero
 
     Raises:
         MissingPackage: AeroSandbox is not installed.
-        ModelError: the aircraft cannot carry its weight at this speed, or a control moves it against its convention.
+        ModelError: the aircraft cannot carry its weight at this speed.
     """
     asb = aerosandbox()
     air = asb.Atmosphere(altitude=h_m)
@@ -145,7 +148,6 @@ def aerodynamics(plane: Plane, mass_kg: float, V_m_s: float, h_m: float) -> Aero
     buildup = _Buildup(asb, plane, air, V_m_s)
     found = _lattice_method(plane, lattice, body, alpha)
     built, polar = _buildup_method(plane, buildup, alpha)
-    _check_signs(plane, {"lattice": found.values, "build-up": built.values})
     k, CD0, least, rms, (low, high) = polar
     limits = (min(low, alpha - _ROOM), max(high, alpha + _ROOM))
     built = Method(built.values, k, built.downwash)
@@ -268,29 +270,43 @@ class _Buildup:
         return out
 
     def run(self, at: Mapping[str, Any], control: Moved | None = None, deflection_deg: float = 0.0) -> dict[str, Any]:
-        """Return coefficients (n,) and, as "parts", those of every surface: (CL, Cm)."""
+        """Return coefficients (n,) and, as "parts", CL, Cm, Cl and Cn of every surface."""
         op = _operating_point(self.asb, self.plane, self.air, self.V_m_s, at)
         wings = self.wings(control, deflection_deg)
         found = self.asb.AeroBuildup(_airplane(self.asb, self.plane, wings, self.fuselages), op).run()
         qS = float(op.dynamic_pressure()) * self.plane.S_m2
         out: dict[str, Any] = {c: np.ravel(np.asarray(found[c], float)) for c in COEFFICIENTS}
         out["parts"] = [
-            (np.ravel(part.L) / qS, np.ravel(part.m_b) / qS / self.plane.cbar_m) for part in found["wing_aero_components"]
+            {
+                "CL": np.ravel(part.L) / qS,
+                "Cm": np.ravel(part.m_b) / qS / self.plane.cbar_m,
+                "Cl": np.ravel(part.l_b) / qS / self.plane.b_m,
+                "Cn": np.ravel(part.n_b) / qS / self.plane.b_m,
+            }
+            for part in found["wing_aero_components"]
         ]
         return out
 
 
     def finite(self, control: Moved) -> float:
         """Return the lift slope of the surfaces that a control moves over that of their sections, by area."""
-        from aerosandbox.library.aerodynamics import CL_over_Cl
-
         moved = [s for s in self.plane.surfaces if any(f.moves == control for f in s.flaps)]
-        slopes = []
-        for s in moved:
-            span = s.length_m * (2.0 if s.mirrored and s.role != "fin" else 1.0)
-            area = s.area_m2 / (2.0 if s.mirrored and s.role == "fin" else 1.0)
-            slopes.append(float(CL_over_Cl(aspect_ratio=span**2 / area, mach=0.0, sweep=0.0)) ** 0.8)
-        return float(np.average(slopes, weights=[s.area_m2 for s in moved]))
+        share = 0.5 if control == "da" else 1.0
+        return float(np.average([finite_slope(s, share) for s in moved], weights=[s.area_m2 for s in moved]))
+
+
+def finite_slope(surface: LiftingSurface, share: float = 1.0) -> float:
+    """Return the lift slope of a surface over that of its sections, as AeroBuildup has it.
+
+    Args:
+        surface: of which twin fins count each by itself.
+        share: of its aspect ratio that counts.
+    """
+    from aerosandbox.library.aerodynamics import CL_over_Cl
+
+    span = surface.length_m * (2.0 if surface.mirrored and surface.role != "fin" else 1.0)
+    area = surface.area_m2 / (2.0 if surface.mirrored and surface.role == "fin" else 1.0)
+    return float(CL_over_Cl(aspect_ratio=share * span**2 / area, mach=0.0, sweep=0.0)) ** 0.8
 
 
 def _buildup_method(
@@ -306,13 +322,17 @@ def _buildup_method(
     values = _differences({c: found[c][:n] for c in COEFFICIENTS})
     CL, Cm = float(found["CL"][n]), float(found["Cm"][n])
     step = 2.0 * _STEPS["alpha"]
-    slopes = [(float((L[0] - L[1]) / step), float((m[0] - m[1]) / step)) for L, m in found["parts"]]
+    slopes = [tuple(float((part[c][0] - part[c][1]) / step) for c in ("CL", "Cm")) for part in found["parts"]]
     for surface, (part, _) in zip(plane.surfaces, slopes, strict=True):  # a pitching section meets the air at 3/4 chord
         x, _, _ = surface.quarter_chord_m
         c = surface.mean_chord_m / plane.cbar_m
         values["CL_q"] += part * c
         values["Cm_q"] -= part * c * x / plane.cbar_m + part * c**2 / 8.0
-    wing_lift, wing_slope = float(found["parts"][0][0][n]), slopes[0][0]
+    wing_lift, wing_slope = float(found["parts"][0]["CL"][n]), slopes[0][0]
+    opposed = finite_slope(plane.wing, 0.5) / finite_slope(plane.wing) - 1.0
+    for c, state in (("Cl", "p"), ("Cl", "r"), ("Cn", "p")):
+        up, down = (found["parts"][0][c][2 * STATES.index(state) + i] for i in (0, 1))
+        values[f"{c}_{state}"] += opposed * float((up - down) / (2.0 * _STEPS[state]))
     gradient = 0.0
     for surface, (CL_t, Cm_t) in zip(plane.surfaces, slopes, strict=True):
         if surface.role != "tail":
@@ -424,14 +444,17 @@ def _lattice_method(plane: Plane, lattice: Lattice, body: _Body, alpha: float) -
 _OWN = {"de": ("Cm", -1.0), "da": ("Cl", 1.0), "dr": ("Cn", -1.0)}
 
 
-def _check_signs(plane: Plane, found: Mapping[str, Mapping[str, float]]) -> None:
-    """Refuse a control that does not do what its name says, as a canard's elevator or a fin ahead of the centre."""
-    for control in plane.controls:
-        moment, sign = _OWN[control]
-        for method, values in found.items():
-            value = values[f"{moment}_{control}"]
-            if not sign * value > 0.0:
-                raise ModelError(
-                    f"{control} must have {moment}_{control} {'<' if sign < 0 else '>'} 0 (signs: core/channels.py), the "
-                    f"{method} finds {value:.3g} per rad: check where its surface is, about the centre of gravity"
-                )
+def check_sign(control: Moved, found: Aerodynamics) -> None:
+    """Refuse a control that does not do what its name says, as the rudder of a fin ahead of the centre of gravity.
+
+    Raises:
+        ModelError: by either method it moves the aircraft against its convention.
+    """
+    moment, sign = _OWN[control]
+    for words, method in (("lattice", found.lattice), ("build-up", found.buildup)):
+        value = method.values[f"{moment}_{control}"]
+        if not sign * value > 0.0:
+            raise ModelError(
+                f"{control} must have {moment}_{control} {'<' if sign < 0 else '>'} 0 (signs: core/channels.py), the {words} finds "
+                f"{value:.3g} per rad: check where its surface is, about the centre of gravity"
+            )

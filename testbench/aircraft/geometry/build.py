@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from testbench.aircraft.geometry.aerodynamics import Aerodynamics, aerodynamics, aerosandbox
+from testbench.aircraft.geometry.aerodynamics import Aerodynamics, aerodynamics, aerosandbox, check_sign
 from testbench.aircraft.geometry.coefficients import Coefficient, coefficients
 from testbench.aircraft.geometry.describe import aircraft_toml, limits_of, sources_md
 from testbench.aircraft.geometry.model_xml import Polar, engine_files, model_xml
@@ -71,6 +71,9 @@ def model_from_plan(plan: Plan, name: str) -> Made:
     centred = plane.about(*plan.balance.cg_m)
     with located(plan.file, "design_V_m_s"):
         found = aerodynamics(centred, plan.balance.mass_kg, said.design_V_m_s, said.design_h_m)
+    for control in plane.controls:
+        with located(plan.file, f"control.{control}"):
+            check_sign(control, found)
     values = coefficients(found, said.drag.CD0_added)
     polar = Polar(found.CD0 + said.drag.CD0_added, found.buildup.k, found.CL_least_drag)
     limits = limits_of(plan, found, values)
@@ -130,6 +133,9 @@ def _remarks(
             )
     else:
         out.append("no elevator: it cannot be trimmed")
+    ahead = [s.name for s in plan.plane.of("tail") if s.quarter_chord_m[0] < plan.balance.cg_m[0]]
+    if ahead:
+        out.append(f"{ahead[0]} lies ahead of the centre of gravity: a positive elevator, which pitches the nose down, moves up there")
     missing = [n for n in ("da", "dr") if n not in plan.servos] + ([] if thrust is not None else ["thr"])
     if missing:
         out.append(f"it has no {', '.join(missing)}")

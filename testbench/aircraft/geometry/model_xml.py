@@ -89,11 +89,11 @@ def model_xml(
         "  </metrics>",
         "",
         "  <!-- The origin of the structural frame (x aft, y right, z up) is the centre of gravity; all moment derivatives",
-        "       below are about that point. -->",
+        "       below are about that point. ixz is minus the integral of x z, as JSBSim takes it. -->",
         "  <mass_balance>",
         *(
-            f'    <{axis.lower()} unit="KG*M2">{_n(getattr(balance, axis))}</{axis.lower()}>'
-            for axis in ("Ixx", "Iyy", "Izz", "Ixz")
+            f'    <{axis} unit="KG*M2">{_n(value)}</{axis}>'
+            for axis, value in (("ixx", balance.Ixx), ("iyy", balance.Iyy), ("izz", balance.Izz), ("ixz", -balance.Ixz))
         ),
         f'    <emptywt unit="KG">{_n(balance.mass_kg)}</emptywt>',
         '    <location name="CG" unit="M"> <x>0</x> <y>0</y> <z>0</z> </location>',

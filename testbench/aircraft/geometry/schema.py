@@ -68,7 +68,7 @@ def _check_inertias(Ixx: float, Iyy: float, Izz: float, Ixz: float) -> None:
     for a, b, c, words in ((Ixx, Iyy, Izz, "Ixx + Iyy >= Izz"), (Iyy, Izz, Ixx, "Iyy + Izz >= Ixx"),
                            (Izz, Ixx, Iyy, "Izz + Ixx >= Iyy")):  # fmt: skip
         if a + b < c:
-            raise ValueError(f"{words} must hold for any body (triangle rule), got {a:g} + {b:g} < {c:g} kg m2")
+            raise ValueError(f"the triangle rule {words} must hold for any body, got {a:g} + {b:g} < {c:g} kg m2")
     if Ixz**2 >= Ixx * Izz:
         raise ValueError(f"Ixz^2 < Ixx Izz must hold for any body, got Ixz = {Ixz:g} kg m2")
 
