@@ -1,11 +1,11 @@
 """Coefficients of an aircraft from its plan by two methods, about the same point in the same signs.
 
-*Build-up* (AeroSandbox's AeroBuildup): sections with viscous lift and drag (NeuralFoil) strip by strip, each under the mean induced
-angle of its surface, and the fuselage by slender-body formulas. Surfaces do not see each other, and a pitching section
-takes its incidence at the aerodynamic centre. Both are mended here:
+*Build-up* (AeroSandbox's AeroBuildup): sections with viscous lift and drag (NeuralFoil) strip by strip, each under
+the mean induced angle of its surface, and the fuselage by slender-body formulas. Surfaces do not see each other, and
+a pitching section takes its incidence at the aerodynamic centre. Both are mended here:
 
-* The tail's incidence is alpha - eps, eps = eps' (alpha - alpha_L0), with the gradient of USAF DATCOM, method 2 of section
-  4.4.1 (J. Roskam, Airplane Design, part VI, eq. 8.45):
+* The tail's incidence is alpha - eps, eps = eps' (alpha - alpha_L0), with the gradient of USAF DATCOM, method 2 of
+  section 4.4.1 (J. Roskam, Airplane Design, part VI, eq. 8.45):
 
       eps' = 4.44 (K_A K_l K_h sqrt(cos L))^1.19,  K_A = 1/A - 1/(1 + A^1.7),  K_l = (10 - 3 l)/7,
       K_h = (1 - |h/b|) / (2 l_h/b)^(1/3)
@@ -14,16 +14,17 @@ takes its incidence at the aerodynamic centre. Both are mended here:
   CL_a q c/2V more at the quarter chord, and the moment -(CL_a/8) q c/2V of its apparent camber.
 
 * The lift of a flap is that of the section; here it is reduced as the lift of incidence is, by the ratio of the lift
-  slopes of surface and section, AeroBuildup's own (CL/cl)^0.8. The lift of camber is left as it is: too large by as much.
+  slopes of surface and section, AeroBuildup's own (CL/cl)^0.8. The lift of camber is left as it is: too large by as
+  much.
 
-* Lift that one side gains and the other loses is reduced as that of a wing of half the aspect ratio (lifting line, second
-  term of Glauert's series): the wing's share of Cl_p, Cl_r and Cn_p, and what ailerons do.
+* Lift that one side gains and the other loses is reduced as that of a wing of half the aspect ratio (lifting line,
+  second term of Glauert's series): the wing's share of Cl_p, Cl_r and Cn_p, and what ailerons do.
 
 *Lattice* (vortex lattice, lattice.py): surfaces see each other, without viscosity and thickness. The
 fuselage's share is that of the build-up.
 
-The lag of the downwash gives both methods' alphadot terms: the tail meets at t what the wing shed at t - l/V, so that its
-incidence rises by eps' alphadot l/V (B. Etkin, L. D. Reid, Dynamics of Flight, 3rd ed., section 5.6):
+The lag of the downwash gives both methods' alphadot terms: the tail meets at t what the wing shed at t - l/V, so that
+its incidence rises by eps' alphadot l/V (B. Etkin, L. D. Reid, Dynamics of Flight, 3rd ed., section 5.6):
 
       CL_alphadot = 2 CL_a,t eps' l/cbar,   Cm_alphadot = 2 Cm_a,t eps' l/cbar
 
@@ -33,9 +34,8 @@ with CL_a,t and Cm_a,t of the tail alone, referred to S and cbar, and l from the
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -119,7 +119,8 @@ def aerodynamics(plane: Plane, mass_kg: float, V_m_s: float, h_m: float) -> Aero
     Args:
         plane: the outside, about the centre of gravity.
         mass_kg: whose weight the lift carries.
-        V_m_s, h_m: design condition, in the standard atmosphere.
+        V_m_s: speed of the design condition.
+        h_m: its height in the standard atmosphere.
 
     Raises:
         MissingPackage: AeroSandbox is not installed.
@@ -142,7 +143,8 @@ def aerodynamics(plane: Plane, mass_kg: float, V_m_s: float, h_m: float) -> Aero
     alpha = (CL - low) / slope
     if not -10.0 * DEG_RAD < alpha < 16.0 * DEG_RAD:
         raise ModelError(
-            f"the aircraft must carry {mass_kg:g} kg at {V_m_s:g} m/s between -10 and 16 deg of alpha, got CL = {CL:.2f} at "
+            f"the aircraft must carry {mass_kg:g} kg at {V_m_s:g} m/s between -10 and 16 deg of alpha, got CL = "
+            f"{CL:.2f} at "
             f"{alpha / DEG_RAD:.1f} deg: fly {'faster' if alpha > 0.0 else 'slower'}, or check areas and mass"
         )
     buildup = _Buildup(asb, plane, air, V_m_s)
@@ -164,7 +166,7 @@ def _operating_point(asb: Any, plane: Plane, air: Any, V_m_s: float, at: Mapping
     return asb.OperatingPoint(atmosphere=air, velocity=V_m_s, **angles, **rates)
 
 
-def _points(alpha: float) -> tuple[list[dict[str, float]], list[str]]:
+def _points(alpha: float) -> list[dict[str, float]]:
     """Return the points of central differences about ``alpha``, up then down for each of STATES."""
     points = []
     for name in STATES:
@@ -172,7 +174,7 @@ def _points(alpha: float) -> tuple[list[dict[str, float]], list[str]]:
             at = {"alpha": alpha}
             at[name] = at.get(name, 0.0) + sign * _STEPS[name]
             points.append(at)
-    return points, list(STATES)
+    return points
 
 
 def _differences(found: Mapping[str, FloatArray]) -> dict[str, float]:
@@ -184,7 +186,9 @@ def _differences(found: Mapping[str, FloatArray]) -> dict[str, float]:
     return out
 
 
-def _gathered(run: Callable[[Mapping[str, float]], Mapping[str, float]], points: list[dict[str, float]]) -> dict[str, FloatArray]:
+def _gathered(
+    run: Callable[[Mapping[str, float]], Mapping[str, float]], points: list[dict[str, float]]
+) -> dict[str, FloatArray]:
     found = [run(at) for at in points]
     return {c: np.array([f[c] for f in found]) for c in COEFFICIENTS}
 
@@ -219,7 +223,8 @@ def _airplane(asb: Any, plane: Plane, wings: list[Any], fuselages: list[Any]) ->
     )
 
 
-# --- build-up ----------------------------------------------------------------------------------------------------------
+# --- build-up
+# ----------------------------------------------------------------------------------------------------------
 
 
 class _Buildup:
@@ -287,7 +292,6 @@ class _Buildup:
         ]
         return out
 
-
     def finite(self, control: Moved) -> float:
         """Return the lift slope of the surfaces that a control moves over that of their sections, by area."""
         moved = [s for s in self.plane.surfaces if any(f.moves == control for f in s.flaps)]
@@ -312,7 +316,7 @@ def finite_slope(surface: LiftingSurface, share: float = 1.0) -> float:
 def _buildup_method(
     plane: Plane, buildup: _Buildup, alpha: float
 ) -> tuple[Method, tuple[float, float, float, float, tuple[float, float]]]:
-    points, _ = _points(alpha)
+    points = _points(alpha)
     columns = {n: np.array([at.get(n, 0.0) for at in points]) for n in STATES}
     sweep = np.array(_SWEEP_DEG) * DEG_RAD
     both = {n: np.concatenate([columns[n], [alpha], sweep if n == "alpha" else 0.0 * sweep]) for n in STATES}
@@ -322,17 +326,21 @@ def _buildup_method(
     values = _differences({c: found[c][:n] for c in COEFFICIENTS})
     CL, Cm = float(found["CL"][n]), float(found["Cm"][n])
     step = 2.0 * _STEPS["alpha"]
-    slopes = [tuple(float((part[c][0] - part[c][1]) / step) for c in ("CL", "Cm")) for part in found["parts"]]
-    for surface, (part, _) in zip(plane.surfaces, slopes, strict=True):  # a pitching section meets the air at 3/4 chord
+    slopes = []
+    for part in found["parts"]:
+        lift, moment = (float((part[c][0] - part[c][1]) / step) for c in ("CL", "Cm"))
+        slopes.append((lift, moment))
+    for surface, (CL_a, _) in zip(plane.surfaces, slopes, strict=True):  # a pitching section meets the air at 3/4 chord
         x, _, _ = surface.quarter_chord_m
-        c = surface.mean_chord_m / plane.cbar_m
-        values["CL_q"] += part * c
-        values["Cm_q"] -= part * c * x / plane.cbar_m + part * c**2 / 8.0
+        chord = surface.mean_chord_m / plane.cbar_m
+        values["CL_q"] += CL_a * chord
+        values["Cm_q"] -= CL_a * chord * x / plane.cbar_m + CL_a * chord**2 / 8.0
     wing_lift, wing_slope = float(found["parts"][0]["CL"][n]), slopes[0][0]
     opposed = finite_slope(plane.wing, 0.5) / finite_slope(plane.wing) - 1.0
     for c, state in (("Cl", "p"), ("Cl", "r"), ("Cn", "p")):
-        up, down = (found["parts"][0][c][2 * STATES.index(state) + i] for i in (0, 1))
-        values[f"{c}_{state}"] += opposed * float((up - down) / (2.0 * _STEPS[state]))
+        at = 2 * STATES.index(state)
+        share = found["parts"][0][c][at] - found["parts"][0][c][at + 1]
+        values[f"{c}_{state}"] += opposed * float(share / (2.0 * _STEPS[state]))
     gradient = 0.0
     for surface, (CL_t, Cm_t) in zip(plane.surfaces, slopes, strict=True):
         if surface.role != "tail":
@@ -372,7 +380,7 @@ def _polar(
     while high < len(alpha) - 1 and straight[high + 1]:
         high += 1
     at_trim = float(np.interp(trim, alpha, CL))
-    inside = (np.abs(CL - (slope * alpha + at)) < _STRAIGHT) & (CL > min(0.0, at_trim - _BELOW))
+    inside = (np.abs(CL - (slope * alpha + at)) < _STRAIGHT) & (min(0.0, at_trim - _BELOW) < CL)
     inside &= (np.arange(len(alpha)) >= low) & (np.arange(len(alpha)) <= high)
     a2, a1, a0 = np.polyfit(CL[inside], CD[inside], 2)
     if a2 <= 0.0:
@@ -405,7 +413,7 @@ def downwash_gradient(plane: Plane, tail: LiftingSurface) -> float:
 
 
 def _lattice_method(plane: Plane, lattice: Lattice, body: _Body, alpha: float) -> Method:
-    points, _ = _points(alpha)
+    points = _points(alpha)
     each = [lattice.run(at) for at in points]
     values = _differences({c: np.array([f[c] for f in each]) for c in COEFFICIENTS})
     hull = _differences(_gathered(body.run, points)) if plane.body else dict.fromkeys(values, 0.0)
@@ -455,6 +463,7 @@ def check_sign(control: Moved, found: Aerodynamics) -> None:
         value = method.values[f"{moment}_{control}"]
         if not sign * value > 0.0:
             raise ModelError(
-                f"{control} must have {moment}_{control} {'<' if sign < 0 else '>'} 0 (signs: core/channels.py), the {words} finds "
+                f"{control} must have {moment}_{control} {'<' if sign < 0 else '>'} 0 (signs: "
+                f"core/channels.py), the {words} finds "
                 f"{value:.3g} per rad: check where its surface is, about the centre of gravity"
             )

@@ -1,7 +1,8 @@
 """Sections of wings by coordinates: NACA four- and five-digit series by formula, all others from a file.
 
-The formulas are those of I. H. Abbott, A. E. von Doenhoff, *Theory of Wing Sections* (Dover, 1959), chapter 6 (thickness
-eq. 6.2, four-digit mean line eq. 6.4, five-digit mean line eq. 6.6), and their constants those printed there.
+The formulas are those of I. H. Abbott, A. E. von Doenhoff, *Theory of Wing Sections* (Dover, 1959), chapter 6
+(thickness eq. 6.2, four-digit mean line eq. 6.4, five-digit mean line eq. 6.6), and their constants those printed
+there.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _FIVE = {
     "40": (0.2900, 6.643),
     "50": (0.3910, 3.230),
 }
-_LAW = "an airfoil must be a NACA name with four or five digits (\"naca2412\") or a file of coordinates"
+_LAW = 'an airfoil must be a NACA name with four or five digits ("naca2412") or a file of coordinates'
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +49,7 @@ class Airfoil:
         nose = int(np.argmin(self.points[:, 0]))
         upper, lower = self.points[: nose + 1][::-1], self.points[nose:]
         x = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, _POINTS)))
-        sides = [np.interp(x, *np.maximum.accumulate(s[:, :1]).T, s[:, 1]) for s in (upper, lower)]
+        sides = [np.interp(x, np.maximum.accumulate(s[:, 0]), s[:, 1]) for s in (upper, lower)]
         return x, 0.5 * (sides[0] + sides[1])
 
 
@@ -141,7 +142,9 @@ def normalised(pairs: Sequence[Sequence[float]], source: str) -> FloatArray:
         n = round(float(points[0, 0]))  # Lednicer: numbers of points first, then either side from the nose
         points = np.vstack([points[1 : n + 1][::-1], points[n + 2 :]])
     if len(points) < 10 or not np.all(np.isfinite(points)):
-        raise ScenarioError([f"a file of coordinates must hold at least ten rows of x and y, got {len(points)}: '{source}'"])
+        raise ScenarioError(
+            [f"a file of coordinates must hold at least ten rows of x and y, got {len(points)}: '{source}'"]
+        )
     end = 0.5 * (points[0] + points[-1])
     nose = points[np.argmax(np.hypot(*(points - end).T))]
     chord = end - nose
@@ -151,6 +154,8 @@ def normalised(pairs: Sequence[Sequence[float]], source: str) -> FloatArray:
     upper = points[: int(np.argmin(points[:, 0])) + 1]
     if not len(points) > len(upper) > 3 or not 0.01 < float(np.ptp(points[:, 1])) < 0.6:
         raise ScenarioError([f"coordinates must run from the trailing edge round the nose and back: '{source}'"])
-    if np.trapezoid(upper[::-1, 1], upper[::-1, 0]) < np.trapezoid(points[len(upper) - 1 :, 1], points[len(upper) - 1 :, 0]):
+    if np.trapezoid(upper[::-1, 1], upper[::-1, 0]) < np.trapezoid(
+        points[len(upper) - 1 :, 1], points[len(upper) - 1 :, 0]
+    ):
         points = points[::-1]  # they began below
     return points

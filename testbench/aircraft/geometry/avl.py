@@ -31,6 +31,7 @@ class _Control:
     name: str
     gain: float
     hinge: float
+    axis: tuple[float, float, float]
     sign: float
     line: int
 
@@ -156,9 +157,15 @@ def read_avl(
     names = {k.name for s in found for section in s.sections for k in section.controls}
     meaning = _meanings(lines, controls, names, notes)
     surfaces = [_lifting(lines, s, meaning, spare, unit_m) for s in found]
-    surfaces = _roles(_joined(surfaces))
+    surfaces = _geared(_roles(_joined(surfaces)), notes)
     return AvlPlane(
-        title, S * unit_m**2, c * unit_m, b * unit_m, (x * unit_m, y * unit_m, z * unit_m), tuple(surfaces), tuple(notes)
+        title,
+        S * unit_m**2,
+        c * unit_m,
+        b * unit_m,
+        (x * unit_m, y * unit_m, z * unit_m),
+        tuple(surfaces),
+        tuple(notes),
     )
 
 
@@ -187,7 +194,8 @@ def _surfaces(lines: _Lines, mirror_all: bool, notes: list[str]) -> list[_Surfac
     for surface in out:
         if len(surface.sections) < 2:
             raise lines.fault(
-                f"surface '{surface.name}' must have at least two sections, got {len(surface.sections)}; the file may be cut",
+                f"surface '{surface.name}' must have at least two sections, got {len(surface.sections)}; the "
+                "file may be cut",
                 surface.line,
             )
         off = max(abs(s.xyz[1] * surface.scale[1] + surface.shift[1]) for s in surface.sections)
@@ -213,7 +221,9 @@ def _keyword(lines: _Lines, key: str, surface: _Surface, notes: list[str], body:
     elif key == "ANGLE":
         surface.angle = lines.numbers("dAinc", 1)[0]
     elif key in ("NOALBE", "NOLOAD"):
-        raise lines.fault(f"{key} cannot be carried over: a surface must feel the wind and carry load; leave '{surface.name}' out")
+        raise lines.fault(
+            f"{key} cannot be carried over: a surface must feel the wind and carry load; leave '{surface.name}' out"
+        )
     elif key == "NOWAKE":
         notes.append(f"NOWAKE of '{surface.name}' left out: it is taken as a surface with a wake")
     elif key == "CDCL":
@@ -236,9 +246,7 @@ def _three(values: Sequence[float]) -> tuple[float, float, float]:
     return values[0], values[1], values[2]
 
 
-def _of_section(
-    lines: _Lines, key: str, words: list[str], surface: _Surface, notes: list[str], line: int
-) -> None:
+def _of_section(lines: _Lines, key: str, words: list[str], surface: _Surface, notes: list[str], line: int) -> None:
     section = surface.sections[-1]
     if key in ("NACA", "AFILE", "AIRFOIL") and len(words) >= 2:
         raise lines.fault(f"{key} must take the whole chord, got a range X1 X2", line)
@@ -253,10 +261,10 @@ def _of_section(
         name, *rest = text.split()
         try:
             numbers = [float(w) for w in rest]
-            gain, hinge, sign = numbers[0], numbers[1], numbers[5]
+            gain, hinge, axis, sign = numbers[0], numbers[1], _three(numbers[2:5]), numbers[5]
         except (ValueError, IndexError) as error:
             raise lines.fault(f"CONTROL must be name, gain, Xhinge, XYZhvec (3), SgnDup, got '{text}'") from error
-        section.controls.append(_Control(name, gain, hinge, sign, lines.rows[lines.at - 1][0]))
+        section.controls.append(_Control(name, gain, hinge, axis, sign, lines.rows[lines.at - 1][0]))
     else:
         try:
             section.airfoil = _coordinates(lines, key)
@@ -278,16 +286,16 @@ def _coordinates(lines: _Lines, key: str) -> Airfoil:
     return Airfoil("as listed", normalised(rows, str(lines.path)))
 
 
-def _meanings(
-    lines: _Lines, controls: dict[Moved, str | None], names: set[str], notes: list[str]
-) -> dict[str, Moved]:
+def _meanings(lines: _Lines, controls: dict[Moved, str | None], names: set[str], notes: list[str]) -> dict[str, Moved]:
     """Return name of CONTROL lines -> control channel."""
     out: dict[str, Moved] = {}
     faults = []
     said = {n for n in controls.values() if n}
     for moved, named in controls.items():
         if named and named not in names:
-            faults.append(f"{lines.path}: [control.{moved}] names '{named}', which no CONTROL line has{nearest(named, names)}")
+            faults.append(
+                f"{lines.path}: [control.{moved}] names '{named}', which no CONTROL line has{nearest(named, names)}"
+            )
         elif named:
             out[named] = moved
     for name in sorted(names - said):
@@ -297,12 +305,17 @@ def _meanings(
         if guess is None or controls.get(guess):
             notes.append(f"CONTROL '{name}' left out and held at zero: no [control.de], da or dr names it")
         elif guess not in controls:
-            faults.append(f"{lines.path}: CONTROL '{name}' needs its throw: give [control.{guess}] throw_deg beside the AVL file")
+            faults.append(
+                f"{lines.path}: CONTROL '{name}' needs its throw: give [control.{guess}] throw_deg beside the AVL file"
+            )
         else:
             out[name] = guess
     for moved in controls:
         if moved not in out.values() and not controls[moved]:
-            faults.append(f"{lines.path}: [control.{moved}] needs a CONTROL line that it moves, got {', '.join(sorted(names)) or 'none'}")
+            faults.append(
+                f"{lines.path}: [control.{moved}] needs a CONTROL line that it moves, got "
+                f"{', '.join(sorted(names)) or 'none'}"
+            )
     if faults:
         raise ScenarioError(faults)
     return out
@@ -317,7 +330,8 @@ def _lifting(
         section = s.airfoil or (airfoil(spare, lines.path.parent) if spare else None)
         if section is None:
             raise lines.fault(
-                f"section {number} of surface '{surface.name}' must have coordinates (NACA, AFILE or AIRFOIL), got none: AVL "
+                f"section {number} of surface '{surface.name}' must have coordinates (NACA, AFILE or AIRFOIL), "
+                "got none: AVL "
                 "takes a flat plate, which has no drag; give one, or spare_airfoil beside the AVL file",
                 s.line,
             )
@@ -325,7 +339,9 @@ def _lifting(
         stations.append(Station(x, y, z, unit_m * s.chord * surface.scale[0], s.incidence + surface.angle, section))
     ys = [s.y_m for s in stations]
     if min(ys) < -1e-9 < 1e-9 < max(ys):
-        raise lines.fault(f"surface '{surface.name}' must be one side with YDUPLICATE 0, got both sides in one", surface.line)
+        raise lines.fault(
+            f"surface '{surface.name}' must be one side with YDUPLICATE 0, got both sides in one", surface.line
+        )
     whole = LiftingSurface(surface.name, "wing", surface.mirrored, tuple(stations))
     if not whole.length_m > 0.0:
         raise lines.fault(f"surface '{surface.name}' must have span, got none", surface.line)
@@ -348,7 +364,9 @@ def _lifting(
             if not 0.0 < fraction <= 1.0:
                 raise lines.fault(f"Xhinge must lie between 0 and 1, got {k.hinge:g} and {other.hinge:g}", k.line)
             if along[i + 1] > along[i]:
-                flaps.append(Flap(moved, along[i], along[i + 1], fraction, 0.5 * (k.gain + other.gain)))
+                way = [b.xyz[j] - a.xyz[j] for j in range(3)]
+                turned = -1.0 if sum(v * w for v, w in zip(k.axis, way, strict=True)) < 0.0 else 1.0
+                flaps.append(Flap(moved, along[i], along[i + 1], fraction, turned * 0.5 * (k.gain + other.gain)))
     return replace(whole, flaps=tuple(flaps))
 
 
@@ -357,6 +375,25 @@ def _check_sign(lines: _Lines, k: _Control, moved: Moved, mirrored: bool) -> Non
     if mirrored and k.sign * wanted <= 0.0:
         words = "both sides together (SgnDup 1)" if moved == "de" else "the sides against each other (SgnDup -1)"
         raise lines.fault(f"CONTROL '{k.name}', taken as {moved}, must move {words}, got {k.sign:g}", k.line)
+
+
+def _geared(surfaces: list[LiftingSurface], notes: list[str]) -> list[LiftingSurface]:
+    """Return the surfaces with gains over that of the first part of the largest surface that the control moves.
+
+    The sign of AVL's variable and its size are lost: positive deflections are those of core/channels.py, in degrees.
+    """
+    first: dict[Moved, float] = {}
+    for s in sorted(surfaces, key=lambda s: -s.area_m2):
+        for f in s.flaps:
+            first.setdefault(f.moves, f.gain)
+    for moved, gain in first.items():
+        if gain == 0.0:
+            raise ScenarioError([f"the CONTROL taken as {moved} must have a gain, got 0"])
+        if gain < 0.0:
+            notes.append(
+                f"the gain of the CONTROL taken as {moved} is negative: {moved} is positive as the testbench has it"
+            )
+    return [replace(s, flaps=tuple(replace(f, gain=f.gain / first[f.moves]) for f in s.flaps)) for s in surfaces]
 
 
 def _joined(surfaces: list[LiftingSurface]) -> list[LiftingSurface]:

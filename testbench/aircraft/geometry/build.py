@@ -86,13 +86,12 @@ def model_from_plan(plan: Plan, name: str) -> Made:
             raise ScenarioError([f"{plan.file}, {fault}" for fault in error.faults]) from error
     remarks = _remarks(plan, found.CL, values, polar, thrust)
     note = (
-        f"Coefficients computed from the geometry by strips and by a vortex lattice at {said.design_V_m_s:g} m/s (SOURCES.md); "
+        f"Coefficients computed from the geometry by strips and by a vortex lattice at {said.design_V_m_s:g} "
+        "m/s (SOURCES.md); "
         "not validated against any flight."
     )
     reference = (plane.S_m2, plane.b_m, plane.cbar_m)
-    xml = model_xml(
-        name, plan.title, note, reference, plan.balance, plan.servos, values, polar, said.motor, thrust
-    )
+    xml = model_xml(name, plan.title, note, reference, plan.balance, plan.servos, values, polar, said.motor, thrust)
     files = {f"{name}.xml": xml}
     if thrust is not None:
         files |= {f"Engines/{file}": text for file, text in engine_files(thrust).items()}
@@ -112,9 +111,10 @@ def _remarks(
     margin = -values["Cm_alpha"].used / values["CL_alpha"].used
     if margin < 0.0:
         out.append(
-            f"the centre of gravity lies {-100.0 * margin:.0f} % of the mean chord behind the neutral point: it diverges in pitch"
+            f"the centre of gravity lies {-100.0 * margin:.0f} % of the mean chord behind the neutral point: it "
+            "diverges in pitch"
         )
-    if "Cn_beta" in values and values["Cn_beta"].used < 0.0 or "Cn_beta" not in values:
+    if "Cn_beta" not in values or values["Cn_beta"].used < 0.0:
         out.append("it has no weathercock stability (Cn_beta <= 0): give it a fin, or more of one")
     V = plan.said.design_V_m_s
     drag = (polar.CD0 + polar.k * (CL - polar.CL_least_drag) ** 2) / CL * plan.balance.mass_kg * G0_M_S2
@@ -128,16 +128,19 @@ def _remarks(
         throw = math.radians(plan.servos["de"].throw_deg)
         if abs(de) > 0.8 * throw:
             out.append(
-                f"trim at {V:g} m/s takes {math.degrees(de):.0f} deg of elevator, of {plan.servos['de'].throw_deg:g}: check "
+                f"trim at {V:g} m/s takes {math.degrees(de):.0f} deg of elevator, of "
+                f"{plan.servos['de'].throw_deg:g}: check "
                 "incidence of the tail and centre of gravity"
             )
     else:
         out.append("no elevator: it cannot be trimmed")
     ahead = [s.name for s in plan.plane.of("tail") if s.quarter_chord_m[0] < plan.balance.cg_m[0]]
     if ahead:
-        out.append(f"{ahead[0]} lies ahead of the centre of gravity: a positive elevator, which pitches the nose down, moves up there")
+        out.append(
+            f"{ahead[0]} lies ahead of the centre of gravity: a positive elevator, which pitches the nose down, "
+            "moves up there"
+        )
     missing = [n for n in ("da", "dr") if n not in plan.servos] + ([] if thrust is not None else ["thr"])
     if missing:
         out.append(f"it has no {', '.join(missing)}")
     return tuple(out)
-

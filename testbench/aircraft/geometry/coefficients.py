@@ -23,11 +23,12 @@ class _Row:
     floor: float
 
 
-# The last numbers are the least relative standard deviations, whatever the two methods agree on: what both of them leave
-# out (thickness of the boundary layer, wake of the wing on tail and fin, slots at hinges, fuselage on wing, propeller)
-# they leave out alike. All are judged; none is below the deviation that questions/gap/believed.py takes for any
-# handbook method. Derivatives of sideslip and yaw rate hang on a fin within the wake of the fuselage; cross derivatives
-# are differences of large terms; of a flap, viscosity and slots take 10 to 30 % of what theory without them finds.
+# The last numbers are the least relative standard deviations, whatever the two methods agree on: what both of them
+# leave out (thickness of the boundary layer, wake of the wing on tail and fin, slots at hinges, fuselage on wing,
+# propeller) they leave out alike. All are judged; none is below the deviation that questions/gap/believed.py takes
+# for any handbook method. Derivatives of sideslip and yaw rate hang on a fin within the wake of the fuselage; cross
+# derivatives are differences of large terms; of a flap, viscosity and slots take 10 to 30 % of what theory without
+# them finds.
 ROWS = {
     "CL0": _Row("lift at zero alpha", _ZERO, 0.10),
     "CL_alpha": _Row("lift curve slope per rad", _SEEN, 0.05),
@@ -90,9 +91,9 @@ class Coefficient:
 def coefficients(found: Aerodynamics, CD0_added: float = 0.0) -> dict[str, Coefficient]:
     """Return the coefficients of a model, by name.
 
-    The standard deviation is that of two values, |a - b| / sqrt(2), or the floor of :data:`ROWS` if that is larger. That of
-    Cm_alpha has a second floor: the neutral point is known to a share of cbar, so that Cm_alpha = CL_alpha (x_cg - x_np)
-    / cbar of an aircraft with a small static margin is known badly, whatever the two methods agree on.
+    The standard deviation is that of two values, |a - b| / sqrt(2), or the floor of :data:`ROWS` if that is larger.
+    That of Cm_alpha has a second floor: the neutral point is known to a share of cbar, so that Cm_alpha = CL_alpha
+    (x_cg - x_np) / cbar of an aircraft with a small static margin is known badly, whatever the two methods agree on.
 
     Args:
         found: by both methods.

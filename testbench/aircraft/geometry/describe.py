@@ -44,8 +44,14 @@ def limits_of(plan: Plan, found: Aerodynamics, values: Mapping[str, Coefficient]
     slowest = V * math.sqrt(found.CL / most) if most > 0.0 < found.CL else 0.5 * V
     slowest = math.ceil(10.0 * min(slowest, 0.9 * V)) / 10.0
     derived: dict[str, tuple[Pair, str]] = {
-        "V_m_s": ((slowest, _FASTEST * V), f"level flight at the highest alpha; {_FASTEST:g} times the design speed, judged"),
-        "alpha_deg": ((low, high), "where the lift of the build-up leaves a straight line by 0.2, at least 5 deg about the trim"),
+        "V_m_s": (
+            (slowest, _FASTEST * V),
+            f"level flight at the highest alpha; {_FASTEST:g} times the design speed, judged",
+        ),
+        "alpha_deg": (
+            (low, high),
+            "where the lift of the build-up leaves a straight line by 0.2, at least 5 deg about the trim",
+        ),
         "beta_deg": ((-_BETA_DEG, _BETA_DEG), "judged: where a fin stalls"),
         "theta_deg": ((-_THETA_DEG, _THETA_DEG), "judged"),
         "phi_deg": ((-_PHI_DEG, _PHI_DEG), "judged"),
@@ -70,7 +76,7 @@ def aircraft_toml(
     """Return the text of aircraft.toml; ``centred`` is the outside about the centre of gravity."""
     said = plan.said
     out = [
-        f"# Made from its geometry by `testbench aircraft new`. Sources of every number: SOURCES.md.",
+        "# Made from its geometry by `testbench aircraft new`. Sources of every number: SOURCES.md.",
         f"title = {_text(plan.title)}",
         f'model = "{name}.xml"',
         f"design_V_m_s = {_number(said.design_V_m_s)}  # the coefficients were computed for this condition",
@@ -82,7 +88,11 @@ def aircraft_toml(
         "# full_deflection_deg is the throw of the geometry file.",
     ]
     for control, servo in plan.servos.items():
-        out += [f"[controls.{control}]", f'command = "{COMMANDS[control]}"', f"full_deflection_deg = {_number(servo.throw_deg)}"]
+        out += [
+            f"[controls.{control}]",
+            f'command = "{COMMANDS[control]}"',
+            f"full_deflection_deg = {_number(servo.throw_deg)}",
+        ]
     if said.motor is not None:
         out += ["[controls.thr]", 'command = "fcs/throttle-cmd-norm"']
     out += ["", "# A flight that leaves these is aborted.", "[limits]"]
@@ -91,7 +101,8 @@ def aircraft_toml(
         out.append(f"{key} = [{_number(low)}, {_number(high)}]  # {words}")
     out += [
         "",
-        "# Relative standard deviation of every coefficient, by which the believed model may be off: that of the two methods'",
+        "# Relative standard deviation of every coefficient, by which the believed model may be off: that of "
+        "the two methods'",
         '# values, or a judged floor if that is larger ("floor"). Questions that ask for a prior take it from here.',
         "[uncertainty]",
     ]
@@ -99,7 +110,8 @@ def aircraft_toml(
         out.append(f"{c.name} = {c.deviation:.3g}  # {'two methods apart' if c.from_difference else 'floor'}")
     out += [
         "",
-        "# What the aircraft looks like, for the drawing of its report only; nothing here enters a flight. Places count from the",
+        "# What the aircraft looks like, for the drawing of its report only; nothing here enters a flight. "
+        "Places count from the",
         "# centre of gravity, x forward and z up.",
         "[drawing]",
     ]
@@ -140,14 +152,16 @@ def sources_md(
     out = [
         f"# {name}: where every number comes from",
         "",
-        f"Made by `testbench aircraft new` from {files}. **given** = stands there; **computed**, **estimated** and **judged** as they",
+        f"Made by `testbench aircraft new` from {files}. **given** = stands there; **computed**, **estimated** "
+        "and **judged** as they",
         "say. Nothing has been validated against flight.",
         "",
         "| number | value | source |",
         "|---|---|---|",
         f"| S, b, cbar | {plane.S_m2:.5g} m2, {plane.b_m:.5g} m, {plane.cbar_m:.5g} m | {_reference(plan)} |",
         f"| mass | {b.mass_kg:.5g} kg | {b.source} |",
-        f"| centre of gravity | x = {b.cg_m[0]:.5g}, y = {b.cg_m[1]:.5g}, z = {b.cg_m[2]:.5g} m in the file | as the mass |",
+        f"| centre of gravity | x = {b.cg_m[0]:.5g}, y = {b.cg_m[1]:.5g}, z = {b.cg_m[2]:.5g} m in the file | "
+        "as the mass |",
         f"| Ixx, Iyy, Izz, Ixz | {b.Ixx:.4g}, {b.Iyy:.4g}, {b.Izz:.4g}, {b.Ixz:.4g} kg m2 | as the mass |",
     ]
     for control, servo in plan.servos.items():
@@ -161,8 +175,10 @@ def sources_md(
     else:
         out.append("| thrust | none | given: no motor |")
     out.append(
-        f"| CD0, k, CL at least drag | {polar.CD0:.4g}, {polar.k:.4g}, {polar.CL_least_drag:.3g} | computed: build-up, a parabola fitted "
-        f"where lift is straight ({found.polar_rms:.2g} rms of CD); CD0 includes {plan.said.drag.CD0_added:g} given as CD0_added |"
+        f"| CD0, k, CL at least drag | {polar.CD0:.4g}, {polar.k:.4g}, {polar.CL_least_drag:.3g} | computed: "
+        "build-up, a parabola fitted "
+        f"where lift is straight ({found.polar_rms:.2g} rms of CD); CD0 includes {plan.said.drag.CD0_added:g} "
+        "given as CD0_added |"
     )
     for key, words in limits.sources.items():
         low, high = getattr(limits, key)
@@ -171,13 +187,18 @@ def sources_md(
         "",
         "## Coefficients",
         "",
-        f"Computed at the trimmed alpha of {found.alpha_rad / DEG_RAD:.2f} deg (CL = {found.CL:.3f}) by both methods of "
+        f"Computed at the trimmed alpha of {found.alpha_rad / DEG_RAD:.2f} deg (CL = {found.CL:.3f}) by both "
+        "methods of "
         "`testbench/aircraft/geometry/aerodynamics.py`,",
-        "where formulas and sources stand. Per rad; rates as p b/2V, q cbar/2V, r b/2V, alphadot cbar/2V; moments about the centre of",
-        f"gravity. Gradient of the downwash at the tail: {found.buildup.downwash:.3f} (build-up) and {found.lattice.downwash:.3f} (lattice).",
+        "where formulas and sources stand. Per rad; rates as p b/2V, q cbar/2V, r b/2V, alphadot cbar/2V; "
+        "moments about the centre of",
+        f"gravity. Gradient of the downwash at the tail: {found.buildup.downwash:.3f} (build-up) and "
+        f"{found.lattice.downwash:.3f} (lattice).",
         "",
-        "The deviation is relative, one standard deviation: that of two values, |a - b| / sqrt(2), or a **judged** floor if that is",
-        f"larger (`coefficients.py`). That of Cm_alpha is {NEUTRAL_POINT:g} CL_alpha at least, the judged doubt about the neutral point.",
+        "The deviation is relative, one standard deviation: that of two values, |a - b| / sqrt(2), or a "
+        "**judged** floor if that is",
+        f"larger (`coefficients.py`). That of Cm_alpha is {NEUTRAL_POINT:g} CL_alpha at least, the judged doubt "
+        "about the neutral point.",
         "",
         "| coefficient | build-up | lattice | used | deviation | from | whose value, and why |",
         "|---|---|---|---|---|---|---|",
@@ -186,7 +207,9 @@ def sources_md(
         lattice = "" if c.lattice is None else f"{c.lattice:.4g}"
         build = "" if c.buildup is None else f"{c.buildup:.4g}"
         origin = "difference" if c.from_difference else "floor"
-        out.append(f"| {c.name} | {build} | {lattice} | {c.used:.4g} | {100.0 * c.deviation:.0f} % | {origin} | {c.why} |")
+        out.append(
+            f"| {c.name} | {build} | {lattice} | {c.used:.4g} | {100.0 * c.deviation:.0f} % | {origin} | {c.why} |"
+        )
     out.append("")
     out.append("CD is the drag coefficient at the trimmed alpha; the model carries the polar.")
     absent = [n for n in ROWS if n not in values]

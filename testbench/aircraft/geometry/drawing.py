@@ -25,9 +25,7 @@ def outline(plane: Plane) -> Outline:
     if left_out:
         notes.append(f"Not drawn: {', '.join(left_out)}.")
     if plane.body:
-        body = tuple(
-            (-h.x_m, 0.5 * h.width_m, h.z_m - 0.5 * h.height_m, h.z_m + 0.5 * h.height_m) for h in plane.body
-        )
+        body = tuple((-h.x_m, 0.5 * h.width_m, h.z_m - 0.5 * h.height_m, h.z_m + 0.5 * h.height_m) for h in plane.body)
     else:
         notes.append("No fuselage was given; the line along the middle is none.")
         xs = [s.x_m + f * s.chord_m for x in plane.surfaces for s in x.stations for f in (0.0, 1.0)]

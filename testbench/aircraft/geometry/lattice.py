@@ -1,9 +1,10 @@
 """Vortex lattice of all lifting surfaces.
 
-AeroSandbox 4.2 has one, but leaves flaps out of it, and bends the panels: trailing vortices of the wing then pass through
-a fin at places of chance, where they drive it without bound. Here panels lie flat along x; camber, twist and flaps tilt
-their normals only, as in AVL (M. Drela, H. Youngren). Surfaces that meet share the line along which they meet, and
-vortices have a core where another surface feels them. A test holds it against AeroSandbox's lattice where that applies.
+AeroSandbox 4.2 has one, but leaves flaps out of it, and bends the panels: trailing vortices of the wing then pass
+through a fin at places of chance, where they drive it without bound. Here panels lie flat along x; camber, twist and
+flaps tilt their normals only, as in AVL (M. Drela, H. Youngren). Surfaces that meet share the line along which they
+meet, and vortices have a core where another surface feels them. A test holds it against AeroSandbox's lattice where
+that applies.
 
 Boundary condition and forces are those of J. Katz, A. Plotkin, *Low-Speed Aerodynamics*, 2nd ed., section 12.1: no flow
 through a panel at three quarters of its chord, and rho Gamma V x l on its bound vortex at a quarter.
@@ -19,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from testbench.aircraft.geometry.airfoils import Airfoil
-from testbench.aircraft.geometry.shape import Plane
+from testbench.aircraft.geometry.shape import Moved, Plane
 from testbench.aircraft.geometry.strips import Cut, cuts, moved_by
 from testbench.core.record import FloatArray
 
@@ -110,10 +111,12 @@ class Lattice:
             np.einsum("jk,ijk->ij", self.bound, a / la[:, :, None] - b / lb[:, :, None]),
             self.core * length,
         )
-        legs = line(np.cross(x, b), 1.0 + b[:, :, 0] / lb, self.core) - line(np.cross(x, a), 1.0 + a[:, :, 0] / la, self.core)
+        legs = line(np.cross(x, b), 1.0 + b[:, :, 0] / lb, self.core) - line(
+            np.cross(x, a), 1.0 + a[:, :, 0] / la, self.core
+        )
         return np.asarray((bound + legs) / (4.0 * np.pi))
 
-    def run(self, at: Mapping[str, float], control: str | None = None, deflection: float = 0.0) -> dict[str, float]:
+    def run(self, at: Mapping[str, float], control: Moved | None = None, deflection: float = 0.0) -> dict[str, float]:
         """Return the coefficients CL, CD, CY (wind axes), Cl, Cm, Cn (body axes), and "CL:0" of every surface's lift.
 
         Args:
@@ -139,7 +142,10 @@ class Lattice:
         out = {
             "CL": float(lift @ (x, y, z)),
             "CD": float(wind @ (x, y, z)),
-            "CY": float(np.array([math.cos(alpha) * math.sin(beta), math.cos(beta), math.sin(alpha) * math.sin(beta)]) @ (x, y, z)),
+            "CY": float(
+                np.array([math.cos(alpha) * math.sin(beta), math.cos(beta), math.sin(alpha) * math.sin(beta)])
+                @ (x, y, z)
+            ),
             "Cl": float(-moment[0] / plane.b_m),
             "Cm": float(moment[1] / plane.cbar_m),
             "Cn": float(-moment[2] / plane.b_m),

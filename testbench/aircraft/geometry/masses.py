@@ -37,7 +37,8 @@ def balance(mass: Mass, b_m: float, length_m: float) -> Balance:
 
     Args:
         mass: of the file.
-        b_m, length_m: span and length, for inertias by radii of gyration.
+        b_m: span, for inertias by radii of gyration.
+        length_m: likewise.
 
     Raises:
         ScenarioError: the items make no body, or lie to one side.
@@ -55,13 +56,17 @@ def balance(mass: Mass, b_m: float, length_m: float) -> Balance:
             Ixx, Iyy, Izz = (mass.mass_kg * (k * h) ** 2 for k, h in zip(GYRATION, halves, strict=True))
             axes = (Ixx, Iyy, min(Izz, Ixx + Iyy), 0.0)
             source = (
-                "mass and centre of gravity given; inertias estimated from span and length with Raymer's radii of gyration "
+                "mass and centre of gravity given; inertias estimated from span and length with Raymer's radii "
+                "of gyration "
                 f"of single-engine propeller aircraft ({', '.join(f'{k:g}' for k in GYRATION)}), Ixz assumed 0"
             )
         found = Balance(mass.mass_kg, mass.cg_m, *axes, source)
     if abs(found.cg_m[1]) > _OFF_CENTRE * b_m:
         raise ScenarioError(
-            [f"the centre of gravity must lie in the plane of symmetry, got y = {found.cg_m[1]:g} m: balance the masses"]
+            [
+                f"the centre of gravity must lie in the plane of symmetry, got y = {found.cg_m[1]:g} m: balance "
+                "the masses"
+            ]
         )
     return found
 
@@ -69,8 +74,8 @@ def balance(mass: Mass, b_m: float, length_m: float) -> Balance:
 def of_items(items: Sequence[Item]) -> Balance:
     """Return mass, centre of gravity and inertias of point masses and boxes.
 
-    A box of mass m and extents a, b, c has m (b^2 + c^2) / 12 about its own x axis, and so on; the parallel-axis theorem
-    brings it to the common centre.
+    A box of mass m and extents a, b, c has m (b^2 + c^2) / 12 about its own x axis, and so on; the parallel-axis
+    theorem brings it to the common centre.
 
     Raises:
         ScenarioError: no body has the inertias that follow, as when all points lie on one line.

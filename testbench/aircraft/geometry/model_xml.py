@@ -1,3 +1,4 @@
+# ruff: noqa: E501 (lines of XML are as long as those of the packaged models)
 """The JSBSim model of an aircraft from its geometry, in the form of the packaged ones: servos, thrust, wind axes."""
 
 from __future__ import annotations
@@ -65,7 +66,8 @@ def model_xml(
         servos: control -> what moves it.
         found: the coefficients.
         polar: of the drag.
-        motor, thrust: or None for a glider.
+        motor: or None for a glider.
+        thrust: its law.
     """
     S, b, cbar = reference
     parts = [
@@ -131,10 +133,8 @@ def _n(value: float) -> str:
 def _propulsion(motor: Motor, balance: Balance) -> list[str]:
     at = motor.at_m or balance.cg_m
     x, y, z = (a - c for a, c in zip(at, balance.cg_m, strict=True))
-    place = f"<location unit=\"M\"> <x>{_n(x)}</x> <y>{_n(y)}</y> <z>{_n(z)}</z> </location>"
-    turned = (
-        f'<orient unit="DEG"> <roll>0</roll> <pitch>{_n(-motor.down_deg)}</pitch> <yaw>{_n(motor.right_deg)}</yaw> </orient>'
-    )
+    place = f'<location unit="M"> <x>{_n(x)}</x> <y>{_n(y)}</y> <z>{_n(z)}</z> </location>'
+    turned = f'<orient unit="DEG"> <roll>0</roll> <pitch>{_n(-motor.down_deg)}</pitch> <yaw>{_n(motor.right_deg)}</yaw> </orient>'
     return [
         "  <propulsion>",
         '    <engine file="motor">',
@@ -263,7 +263,10 @@ def _thrust_channel(thrust: Thrust) -> list[str]:
 
 
 def _drag(polar: Polar, found: Mapping[str, Coefficient]) -> list[str]:
-    offset, slope = found["CL0"].used - polar.CL_least_drag if "CL0" in found else -polar.CL_least_drag, found["CL_alpha"].used
+    offset, slope = (
+        found["CL0"].used - polar.CL_least_drag if "CL0" in found else -polar.CL_least_drag,
+        found["CL_alpha"].used,
+    )
     return [
         '      <function name="aero/coefficient/CD">',
         f"        <description>{ROWS['CD'].words}</description>",

@@ -11,9 +11,9 @@ from testbench.aircraft.geometry.schema import Motor, Propeller
 from testbench.core.errors import ScenarioError
 from testbench.core.record import FloatArray
 
-# The propeller of the Ultra Stick 25e (APC 12x6E) and the shape of its motor's power over throttle, from OpenFlightSim (MIT
-# licence), as aircraft_models/taurus/derive.py has them: polynomials, highest power first, of the advance ratio J and
-# of the throttle.
+# The propeller of the Ultra Stick 25e (APC 12x6E) and the shape of its motor's power over throttle, from
+# OpenFlightSim (MIT licence), as aircraft_models/taurus/derive.py has them: polynomials, highest power first, of the
+# advance ratio J and of the throttle.
 CT = (-0.4314, 1.08, -0.896, 0.1089, 0.0604)
 CP = (0.5054, -0.5304, 0.0412, 0.01664, 0.0223)
 POWER = (174.46, 70.135, -4.39)
@@ -74,8 +74,10 @@ def thrust_law(motor: Motor, density_kg_m3: float, speeds_m_s: tuple[float, floa
     static = float(f"{equilibrium(p, density_kg_m3, 1.0, 0.0):.3g}")
     coefficients, rms = fit(throttle, V, exact)
     words = (
-        f"computed: a propeller of {p.diameter_m:g} m with {p.pitch_m:g} m pitch on {p.power_W:g} W in equilibrium, with the "
-        "curves of an APC 12x6E stretched to this pitch and the power over throttle of an Ultra Stick 25e (both judged to "
+        f"computed: a propeller of {p.diameter_m:g} m with {p.pitch_m:g} m pitch on {p.power_W:g} W in "
+        "equilibrium, with the "
+        "curves of an APC 12x6E stretched to this pitch and the power over throttle of an Ultra Stick 25e (both "
+        "judged to "
         f"carry over), fitted by six terms from {low:.3g} to {high:.3g} m/s ({rms:.2g} N rms)"
     )
     return Thrust(static, tuple((c / static, i, j) for c, (i, j) in zip(coefficients, TERMS, strict=True)), words)

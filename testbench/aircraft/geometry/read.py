@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from testbench.aircraft.geometry.airfoils import Airfoil, airfoil
@@ -75,7 +76,19 @@ def _plan(
     found = faults.attempt("mass", balance, said.mass, plane.b_m, plane.length_m)
     if found is None:
         raise ScenarioError(faults)
-    return Plan(title, file, said, plane, found, servos, sources)
+    return Plan(title, file, said, _nose_down(plane, found.cg_m[0]), found, servos, sources)
+
+
+def _nose_down(plane: Plane, cg_x_m: float) -> Plane:
+    """Return the aircraft with an elevator that pitches the nose down: ahead of the centre of gravity it moves up."""
+    moved = [s for s in plane.surfaces if s.role == "tail" and any(f.moves == "de" for f in s.flaps)]
+    if not moved or max(moved, key=lambda s: s.area_m2).quarter_chord_m[0] >= cg_x_m:
+        return plane
+    turned = (
+        replace(s, flaps=tuple(replace(f, gain=-f.gain) if f.moves == "de" else f for f in s.flaps))
+        for s in plane.surfaces
+    )
+    return replace(plane, surfaces=tuple(turned))
 
 
 def _from_avl(path: Path, beside: Path) -> Plan:
@@ -86,11 +99,11 @@ def _from_avl(path: Path, beside: Path) -> Plan:
     notes = list(avl.notes)
     cg = said.mass.cg_m
     if cg is not None and abs(cg[0] - avl.reference_m[0]) > 1e-3 * avl.cbar_m:
-        notes.append(f"moments are about the centre of gravity, x = {cg[0]:g} m, not about Xref = {avl.reference_m[0]:g} m")
+        notes.append(
+            f"moments are about the centre of gravity, x = {cg[0]:g} m, not about Xref = {avl.reference_m[0]:g} m"
+        )
     r = said.reference
-    plane = Plane(
-        avl.surfaces, _body(said), r.S_m2 or avl.S_m2, r.b_m or avl.b_m, r.cbar_m or avl.cbar_m, tuple(notes)
-    )
+    plane = Plane(avl.surfaces, _body(said), r.S_m2 or avl.S_m2, r.b_m or avl.b_m, r.cbar_m or avl.cbar_m, tuple(notes))
     files = {s.airfoil.name: s.airfoil.file for x in plane.surfaces for s in x.stations if s.airfoil.file is not None}
     sources = {path.name: path, beside.name: beside, **files}
     return _plan(said, plane, said.control, beside, sources, said.title or avl.title)
@@ -108,7 +121,10 @@ def _plane(said: GeometryFile, faults: Faults) -> Plane | None:
     for moved, c in said.control.items():
         if not have[c.surface]:
             there = " or ".join(k for k, v in have.items() if v)
-            faults.note(f"control.{moved}.surface", f"the aircraft must have the surface that moves, got '{c.surface}'; it has {there}")
+            faults.note(
+                f"control.{moved}.surface",
+                f"the aircraft must have the surface that moves, got '{c.surface}'; it has {there}",
+            )
         flaps[c.surface].append(Flap(moved, c.span_from, c.span_to, c.chord_fraction))
         if moved == "da" and c.surface == "fin":
             faults.note("control.da.surface", "ailerons must be on the wing or the tail, got 'fin'")
@@ -140,9 +156,7 @@ def _flat(tail: Trapezoid) -> bool:
     return tail.dihedral_deg == 0.0
 
 
-def _surface(
-    given: Trapezoid, role: Role, name: str, flaps: list[Flap], faults: Faults
-) -> LiftingSurface | None:
+def _surface(given: Trapezoid, role: Role, name: str, flaps: list[Flap], faults: Faults) -> LiftingSurface | None:
     folder = Path(str(faults.file)).parent
     key = name if role != "fin" else (name if "[" in name else "fin[0]")
     if given.section:
@@ -158,7 +172,9 @@ def _surface(
     fin = isinstance(given, Fin)
     mirrored = given.twin if isinstance(given, Fin) else True
     if given.y_m and not mirrored:
-        faults.note(f"{key}.y_m", f"a single fin must stand in the plane of symmetry, got {given.y_m:g}: set twin = true")
+        faults.note(
+            f"{key}.y_m", f"a single fin must stand in the plane of symmetry, got {given.y_m:g}: set twin = true"
+        )
     if role != "fin" and given.y_m:
         faults.note(f"{key}.y_m", "a wing or tail must begin in the plane of symmetry; give sections for a gap")
     if mirrored and fin and not given.y_m:
@@ -186,7 +202,7 @@ def _surface(
 
 
 def _no_coordinates(what: str) -> str:
-    return f"{what} must have coordinates: give airfoil = \"naca2412\" or a file of coordinates"
+    return f'{what} must have coordinates: give airfoil = "naca2412" or a file of coordinates'
 
 
 def _by_sections(
@@ -209,12 +225,14 @@ def _by_sections(
         return None
     mirrored = given.twin if isinstance(given, Fin) else True
     surface = LiftingSurface(name, role, mirrored, tuple(stations), tuple(flaps))
-    gaps = [math.hypot(b.y_m - a.y_m, b.z_m - a.z_m) for a, b in zip(stations[:-1], stations[1:], strict=True)]
+    gaps = [math.hypot(b.y_m - a.y_m, b.z_m - a.z_m) for a, b in itertools.pairwise(stations)]
     if min(gaps) <= 0.0:
         faults.note(f"{key}.section", "sections must lie apart in y or z, got two at one place")
         return None
     if mirrored and min(s.y_m for s in stations) < 0.0:
-        faults.note(f"{key}.section", "sections must be those of the right side (y_m >= 0); the left one is its mirror image")
+        faults.note(
+            f"{key}.section", "sections must be those of the right side (y_m >= 0); the left one is its mirror image"
+        )
     if role != "fin" and not surface.projected_m2 > 0.0:
         faults.note(f"{key}.section", "a wing or tail must have span along y")
     if role == "fin" and not mirrored and any(s.y_m for s in stations):

@@ -5,6 +5,7 @@ Places are x aft, y along the right wing, z up, from any origin that the whole f
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -51,7 +52,9 @@ class Mass(Strict):
         said = [self.mass_kg, self.cg_m, *axes, self.Ixz_kg_m2]
         if self.item:
             if any(v is not None for v in said):
-                raise ValueError("mass must have items, or mass, centre of gravity and inertias, got both: leave one out")
+                raise ValueError(
+                    "mass must have items, or mass, centre of gravity and inertias, got both: leave one out"
+                )
             return self
         if self.mass_kg is None or self.cg_m is None:
             raise ValueError("mass must have mass_kg and cg_m, or a list of items, got neither: give one of them")
@@ -59,7 +62,7 @@ class Mass(Strict):
         if len(given) not in (0, 3) or (self.Ixz_kg_m2 is not None and not given):
             raise ValueError("Ixx_kg_m2, Iyy_kg_m2 and Izz_kg_m2 must all be given or all be left out")
         if len(given) == 3:
-            _check_inertias(*given, self.Ixz_kg_m2 or 0.0)
+            _check_inertias(given[0], given[1], given[2], self.Ixz_kg_m2 or 0.0)
         return self
 
 
@@ -116,13 +119,17 @@ class Trapezoid(Strict):
     def _one_way(self) -> Trapezoid:
         shape = sorted(self.model_fields_set - {"airfoil", "section", "incidence_deg"})
         if self.section and shape:
-            raise ValueError(f"a surface must have sections or the keys of a trapezoid, got both: leave out {', '.join(shape)}")
+            raise ValueError(
+                f"a surface must have sections or the keys of a trapezoid, got both: leave out {', '.join(shape)}"
+            )
         if len(self.section) == 1:
             raise ValueError("a surface must have at least two sections, got 1")
         if not self.section:
             missing = [k for k in ("span_m", "root_chord_m") if getattr(self, k) is None]
             if missing:
-                raise ValueError(f"a surface must have sections or span_m and root_chord_m, {' and '.join(missing)} missing")
+                raise ValueError(
+                    f"a surface must have sections or span_m and root_chord_m, {' and '.join(missing)} missing"
+                )
         return self
 
 
@@ -210,7 +217,7 @@ class Fuselage(Strict):
     @model_validator(mode="after")
     def _runs_aft(self) -> Fuselage:
         xs = [s.x_m for s in self.section]
-        if any(b <= a for a, b in zip(xs, xs[1:], strict=False)):
+        if any(b <= a for a, b in pairwise(xs)):
             raise ValueError(f"x_m must rise from nose to end, got {xs}")
         if not any(s.width_m * s.height_m > 0.0 for s in self.section):
             raise ValueError("one section at least must have width and height")

@@ -75,9 +75,7 @@ class LiftingSurface:
     @property
     def area_m2(self) -> float:
         """Area of both sides, measured in the surface itself."""
-        one = sum(
-            0.5 * (a.chord_m + b.chord_m) * math.hypot(b.y_m - a.y_m, b.z_m - a.z_m) for a, b in self._panels
-        )
+        one = sum(0.5 * (a.chord_m + b.chord_m) * math.hypot(b.y_m - a.y_m, b.z_m - a.z_m) for a, b in self._panels)
         return (2.0 if self.mirrored else 1.0) * one
 
     @property
@@ -165,7 +163,7 @@ class Plane:
     def controls(self) -> tuple[Moved, ...]:
         """The controls that move something, in the order of the channels."""
         moved = {f.moves for s in self.surfaces for f in s.flaps}
-        return tuple(n for n in ("de", "da", "dr") if n in moved)  # type: ignore[misc]
+        return tuple(n for n in ("de", "da", "dr") if n in moved)
 
     def about(self, x_m: float, y_m: float, z_m: float) -> Plane:
         """Return the aircraft with its places counted from this one."""

@@ -74,15 +74,11 @@ def moved_by(surface: LiftingSurface, s: float) -> list[tuple[Moved, float, floa
     """Return (control, chord fraction, deflection in rad per rad of the control) of the flaps at a place.
 
     The deflection is that of the right side, positive towards the surface's lower side; the left side turns the same
-    way for the elevator and the other way for aileron and rudder. An elevator ahead of the centre of gravity (places
-    count from there) moves up where one behind it moves down. See the signs in core/channels.py.
+    way for the elevator and the other way for aileron and rudder. See the signs in core/channels.py.
     """
     out: list[tuple[Moved, float, float]] = []
     for f in surface.flaps:
         if f.start - ALONG < s < f.end + ALONG:
-            if f.moves == "de":
-                sign = -1.0 if surface.role == "tail" and surface.quarter_chord_m[0] < 0.0 else 1.0
-            else:
-                sign = 1.0 if f.moves == "dr" and not surface.rises else -1.0
+            sign = 1.0 if f.moves == "de" or (f.moves == "dr" and not surface.rises) else -1.0
             out.append((f.moves, f.chord_fraction, sign * f.gain))
     return out

@@ -72,7 +72,9 @@ def check_name(folder: Path) -> None:
     """
     name = folder.name
     if not name or not name.replace("_", "").replace("-", "").replace(".", "").isalnum() or not name.isascii():
-        raise ScenarioError([f"an aircraft's name must be of letters, digits, '_', '-' and '.', got '{name}': give -o aircraft/NAME"])
+        raise ScenarioError(
+            [f"an aircraft's name must be of letters, digits, '_', '-' and '.', got '{name}': give -o aircraft/NAME"]
+        )
 
 
 def new_page(made: Made, aircraft: Aircraft) -> Page:
@@ -101,7 +103,8 @@ def new_answer(made: Made) -> list[str]:
     badly = [c.name for c in values.values() if c.from_difference]
     out = [
         f"{b.mass_kg:.4g} kg, wing area {plane.S_m2:.4g} m², span {plane.b_m:.4g} m, mean chord {plane.cbar_m:.4g} m",
-        f"at {made.plan.said.design_V_m_s:g} m/s it flies at {found.alpha_rad / DEG_RAD:.1f} deg of alpha with a lift coefficient of "
+        f"at {made.plan.said.design_V_m_s:g} m/s it flies at {found.alpha_rad / DEG_RAD:.1f} deg of alpha with "
+        "a lift coefficient of "
         f"{found.CL:.2f}; the static margin is {margin:.0f} ± {doubt:.0f} % of the mean chord",
     ]
     if badly:
@@ -131,7 +134,8 @@ def coefficient_table(made: Made) -> Table:
         for c in made.coefficients.values()
     )  # fmt: skip
     caption = (
-        "Per rad; rates as p b/2V, q c̄/2V, r b/2V, alphadot c̄/2V; moments about the centre of gravity. CD at the trimmed "
+        "Per rad; rates as p b/2V, q c̄/2V, r b/2V, alphadot c̄/2V; moments about the centre of gravity. CD at "
+        "the trimmed "
         "alpha. Deviation: relative, one standard deviation, from the difference of the two methods or a judged floor."
     )
     return Table("coefficients", "Coefficients by both methods", caption, columns, rows, wide=True)

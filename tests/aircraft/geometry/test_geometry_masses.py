@@ -24,7 +24,9 @@ def test_a_box_about_its_own_middle():
 
 def test_two_masses_on_a_slanted_line_and_one_aside():
     """Tail up: x forward is negative there, z down is negative, so that their product and Ixz are positive."""
-    found = of_items([item(1.0, (-1.0, 0.0, -0.5)), item(1.0, (1.0, 0.0, 0.5)), item(0.5, (0.0, 2.0, 0.0), mirrored=True)])
+    found = of_items(
+        [item(1.0, (-1.0, 0.0, -0.5)), item(1.0, (1.0, 0.0, 0.5)), item(0.5, (0.0, 2.0, 0.0), mirrored=True)]
+    )
     assert found.cg_m == pytest.approx((0.0, 0.0, 0.0))
     assert (found.Ixx, found.Iyy, found.Izz, found.Ixz) == pytest.approx((4.5, 2.5, 6.0, 1.0))
 

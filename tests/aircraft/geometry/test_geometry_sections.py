@@ -8,7 +8,7 @@ import pytest
 from testbench.aircraft.geometry.airfoils import airfoil, naca
 from testbench.core.errors import ScenarioError
 
-# Abbott and von Doenhoff, Theory of Wing Sections, appendix III, in per cent of the chord: NACA 0012 (y at x), NACA 2412.
+# Abbott and von Doenhoff, Theory of Wing Sections, appendix III, in per cent of the chord: x -> y of the upper side.
 NACA_0012 = {1.25: 1.894, 5.0: 3.555, 10.0: 4.683, 30.0: 6.002, 60.0: 4.563, 90.0: 1.448}
 NACA_2412_UPPER = {5.0: 4.13, 10.0: 5.63, 20.0: 7.26, 30.0: 7.88, 40.0: 7.80, 60.0: 6.36, 80.0: 3.75}
 
@@ -46,7 +46,7 @@ def test_files_in_three_orders_give_one_section(tmp_path):
     (tmp_path / "selig.dat").write_text("NACA 2412\n" + text(selig))
     (tmp_path / "below.dat").write_text("from below\n" + text(3.0 * selig[::-1] + [1.0, 2.0]))
     (tmp_path / "lednicer.dat").write_text(f"x\n{len(upper)}. {len(lower)}.\n\n{text(upper)}\n\n{text(lower)}\n")
-    x, known = airfoil("naca2412").camber
+    _, known = airfoil("naca2412").camber
     for name in ("selig.dat", "below.dat", "lednicer.dat"):
         _, z = airfoil(name, tmp_path).camber
         assert np.abs(z - known).max() < 3e-4, name
