@@ -24,7 +24,7 @@ from testbench.aircraft.geometry.shape import Moved, Plane
 from testbench.aircraft.geometry.strips import Cut, cuts, moved_by
 from testbench.core.record import FloatArray
 
-CHORDWISE = 8
+CHORDWISE = 12
 _CORE = 0.5  # of the width of a strip: radius of its vortices' cores as other surfaces feel them; AVL has the like
 
 
@@ -63,9 +63,8 @@ class Lattice:
     def _strip(self, number: int, a: Cut, b: Cut, side: float) -> list[tuple[Any, ...]]:
         """Return corners, number, tilt of the normal, and tilt by each control of the panels of a strip."""
         surface = self.plane.surfaces[number]
-        x = 0.5 * (1.0 - np.cos(np.linspace(0.0, np.pi, CHORDWISE + 1)))
-        heights = [self._mean_line(cut, x) for cut in (a, b)]
-        slope = np.diff(0.5 * (heights[0] + heights[1])) / np.diff(x)
+        x = np.linspace(0.0, 1.0, CHORDWISE + 1)
+        slope = 0.5 * (self._slope(a, x[:-1] + 0.75 / CHORDWISE) + self._slope(b, x[:-1] + 0.75 / CHORDWISE))
         twist = 0.5 * (a.station.twist_deg + b.station.twist_deg)
         ends = [a.station, b.station] if side > 0.0 else [b.station, a.station]
         moves = moved_by(surface, 0.5 * (a.s + b.s))
@@ -83,13 +82,15 @@ class Lattice:
             out.append((corner, number, math.radians(twist) - slope[i], turned))
         return out
 
-    def _mean_line(self, cut: Cut, x: FloatArray) -> FloatArray:
+    def _slope(self, cut: Cut, x: FloatArray) -> FloatArray:
+        """Return the slope of the mean line at places along the chord."""
         a, b, t = cut.blend
-        return (1.0 - t) * np.interp(x, *self._camber(a)) + t * np.interp(x, *self._camber(b))
+        return (1.0 - t) * np.interp(x, *self._mean_line(a)) + t * np.interp(x, *self._mean_line(b))
 
-    def _camber(self, section: Airfoil) -> tuple[FloatArray, FloatArray]:
+    def _mean_line(self, section: Airfoil) -> tuple[FloatArray, FloatArray]:
         if id(section) not in self._lines:
-            self._lines[id(section)] = section.camber
+            x, z = section.camber
+            self._lines[id(section)] = 0.5 * (x[1:] + x[:-1]), np.diff(z) / np.diff(x)
         return self._lines[id(section)]
 
     def _influence(self, points: FloatArray) -> FloatArray:
