@@ -3,8 +3,8 @@
     python tests/studies/geometry_against_committed.py    # writes results/aircraft/geometry.csv
 
 The packaged numbers are no measurements of these plans: EOLO's are strip theory with a tail chosen for a static margin,
-Taurus's are those of the Ultra Stick 25e, an aircraft of the same span and another shape. What the table shows is how far
-apart careful estimates of one aircraft lie, in units of the deviation that is stated.
+Taurus's are those of the Ultra Stick 25e, an aircraft of the same span and another shape. What the table shows is how
+far apart careful estimates of one aircraft lie, in units of the deviation that is stated.
 """
 
 from __future__ import annotations

@@ -53,8 +53,8 @@ STATES = ("alpha", "beta", "p", "q", "r")
 NEEDS = (
     "an aircraft from its geometry needs aerosandbox, which is not installed; pip install 'flight-testbench[geometry]'"
 )
-# Steps of differences. Those of angles span the flight about the trim: lift of a small wing is no straight line (bubbles
-# of laminar flow), and the model's is to fit there. Rates are nondimensional.
+# Steps of differences. Those of angles span the flight about the trim: lift of a small wing is no straight line
+# (bubbles of laminar flow), and the model's is to fit there. Rates are nondimensional.
 _STEPS = {"alpha": 3.0 * DEG_RAD, "beta": 3.0 * DEG_RAD, "p": 0.05, "q": 0.005, "r": 0.05}
 _DEFLECTION_DEG = 4.0
 _SWEEP_DEG = tuple(range(-14, 19))

@@ -45,7 +45,7 @@ def test_lift_slope_of_a_plain_wing_is_helmbolds(A):
 
 
 def test_an_elliptic_wing_has_the_induced_drag_of_an_elliptic_load():
-    """CL^2 / (pi A); forces on the bound vortices of a dozen strips miss some 8 % of it. Only a deviation hangs on it."""
+    """CL^2 / (pi A); forces on the bound vortices of a dozen strips miss some 8 % of it. Only a deviation needs it."""
     y = np.sin(np.linspace(0.0, 0.5 * np.pi, 17)) * 4.0
     chord = np.sqrt(np.maximum(1.0 - (y / 4.0) ** 2, 0.01))
     stations = tuple(Station(-0.25 * c, v, 0.0, c, 0.0, FLAT) for v, c in zip(y, chord, strict=True))
