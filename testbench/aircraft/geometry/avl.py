@@ -187,7 +187,7 @@ def _surfaces(lines: _Lines, mirror_all: bool, notes: list[str]) -> list[_Surfac
             body = True
         elif key == "":
             raise lines.fault(
-                (f"a keyword must stand here, got '{word}'{nearest(word.upper(), set(_KEYWORDS.values()))}")
+                f"a keyword must stand here, got '{word}'{nearest(word.upper(), set(_KEYWORDS.values()))}"
             )
         elif not out and not body:
             raise lines.fault(f"{key} must follow a SURFACE")
