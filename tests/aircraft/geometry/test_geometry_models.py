@@ -186,3 +186,24 @@ def test_a_coefficient_that_the_model_lacks_is_refused(made, tmp_path):
         ScenarioError, match=r"uncertainty.Cm_qq: the model must have this coefficient; did you mean 'Cm_q'"
     ):
         load_aircraft(tmp_path)
+
+
+def test_a_glider_loads_without_engine_and_throttle(made, tmp_path):
+    from testbench.aircraft.geometry.model_xml import model_xml
+    from testbench.flight import FlightCondition
+    from testbench.flight.executive import Executive
+
+    found, folder = made["vtail"]
+    plane = found.plan.plane
+    xml = model_xml(
+        "vtail", "A glider", "", (plane.S_m2, plane.b_m, plane.cbar_m), found.plan.balance, found.plan.servos,
+        found.coefficients, found.polar, None, None,
+    )  # fmt: skip
+    (tmp_path / "vtail.xml").write_text(xml, encoding="utf-8")
+    text = (folder / "aircraft.toml").read_text(encoding="utf-8")
+    throttle = '[controls.thr]\ncommand = "fcs/throttle-cmd-norm"\n'
+    assert throttle in text
+    (tmp_path / "aircraft.toml").write_text(text.replace(throttle, ""), encoding="utf-8")
+    flown = Executive(load_aircraft(tmp_path), 240.0, FlightCondition(12.0, 100.0))
+    assert set(flown.command_nodes) == {"de", "da", "dr"}
+    assert not {"thr", "thrust"} & set(flown.channels)
