@@ -68,7 +68,8 @@ def model_from_plan(plan: Plan, name: str) -> Made:
         ScenarioError: the propeller gives no thrust.
     """
     said, plane = plan.said, plan.plane
-    centred = plane.about(*plan.balance.cg_m)
+    x, _, z = plan.balance.cg_m  # across it lies in the plane of symmetry, but for what the schema lets pass
+    centred = plane.about(x, z)
     with located(plan.file, "design_V_m_s"):
         found = aerodynamics(centred, plan.balance.mass_kg, said.design_V_m_s, said.design_h_m)
     for control in plane.controls:

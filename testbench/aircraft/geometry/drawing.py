@@ -28,8 +28,9 @@ def outline(plane: Plane) -> Outline:
         body = tuple((-h.x_m, 0.5 * h.width_m, h.z_m - 0.5 * h.height_m, h.z_m + 0.5 * h.height_m) for h in plane.body)
     else:
         notes.append("No fuselage was given; the line along the middle is none.")
-        roots = [s.stations[0] for s in plane.surfaces if s.stations[0].y_m == 0.0]
-        xs = [s.x_m + f * s.chord_m for s in roots for f in (0.0, 1.0)]
+        roots = [s.stations[0] for s in plane.surfaces]
+        middle = [s for s in roots if abs(s.y_m) < 1e-6 * plane.b_m] or roots
+        xs = [s.x_m + f * s.chord_m for s in middle for f in (0.0, 1.0)]
         thin = 2e-3 * plane.b_m
         body = tuple((-x, thin, -thin, thin) for x in (min(xs), max(xs)))
     return Outline(

@@ -116,9 +116,9 @@ class LiftingSurface:
         """Whether the tip lies above the root."""
         return self.stations[-1].z_m >= self.stations[0].z_m
 
-    def moved(self, x_m: float, y_m: float, z_m: float) -> LiftingSurface:
+    def moved(self, x_m: float, z_m: float) -> LiftingSurface:
         """Return the surface shifted by this much."""
-        stations = tuple(replace(s, x_m=s.x_m + x_m, y_m=s.y_m + y_m, z_m=s.z_m + z_m) for s in self.stations)
+        stations = tuple(replace(s, x_m=s.x_m + x_m, z_m=s.z_m + z_m) for s in self.stations)
         return replace(self, stations=stations)
 
 
@@ -165,10 +165,10 @@ class Plane:
         moved = {f.moves for s in self.surfaces for f in s.flaps}
         return tuple(n for n in ("de", "da", "dr") if n in moved)
 
-    def about(self, x_m: float, y_m: float, z_m: float) -> Plane:
-        """Return the aircraft with its places counted from this one."""
+    def about(self, x_m: float, z_m: float) -> Plane:
+        """Return the aircraft with its places counted from this one in the plane of symmetry."""
         body = tuple(replace(h, x_m=h.x_m - x_m, z_m=h.z_m - z_m) for h in self.body)
-        return replace(self, surfaces=tuple(s.moved(-x_m, -y_m, -z_m) for s in self.surfaces), body=body)
+        return replace(self, surfaces=tuple(s.moved(-x_m, -z_m) for s in self.surfaces), body=body)
 
     @property
     def length_m(self) -> float:
