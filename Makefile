@@ -72,7 +72,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	touch $@
 
 $(VENV)/installed-dev: $(VENV)/installed
-	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,envs,logs,parquet,teaching]" hatchling lupa mypy playwright pytest pytest-xdist ruff
+	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,envs,geometry,logs,parquet,teaching]" hatchling lupa mypy playwright pytest pytest-xdist ruff
 	touch $@
 
 $(VENV)/installed-rl: $(VENV)/installed-dev

@@ -141,7 +141,7 @@ def main() -> None:
 
 
 def _say_warning(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
-    """Say what an aircraft was noted for when it was loaded; other warnings are for programmers and say nothing here."""
+    """Say what an aircraft was noted for when it was loaded; other warnings are for programmers."""
     if category.__module__.startswith("testbench."):
         print(f"note: {message}", file=sys.stderr)
 

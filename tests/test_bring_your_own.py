@@ -123,5 +123,7 @@ def test_a_name_that_is_packaged_and_ones_own_is_refused(project):
 
 def test_a_folder_without_an_aircraft_is_refused(project):
     (project / "empty").mkdir()
-    with pytest.raises(ScenarioError, match=r"a folder with aircraft.toml, .* got 'empty': .*empty' is there, but holds neither"):
+    with pytest.raises(
+        ScenarioError, match=r"a folder with aircraft.toml, .* got 'empty': .* is there, but holds neither"
+    ):
         Scenario.load(written(project, aircraft="empty"))

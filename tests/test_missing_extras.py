@@ -98,6 +98,15 @@ def test_agents_and_baselines_name_their_extra(absent, monkeypatch, capsys, modu
     assert "--task" in capsys.readouterr().out
 
 
+def test_an_aircraft_from_its_geometry_names_its_extra(absent, monkeypatch, capsys, tmp_path):
+    absent("aerosandbox")
+    plan = ROOT / "aircraft_models" / "taurus" / "geometry.toml"
+    status, said = ends(monkeypatch, capsys, "aircraft", "new", plan, "-o", tmp_path / "mine")
+    assert (status, len(said)) == (2, 1)
+    assert said[0].endswith("needs aerosandbox, which is not installed; pip install 'flight-testbench[geometry]'")
+    assert not (tmp_path / "mine").exists()
+
+
 def test_the_environments_name_their_extra(absent, monkeypatch):
     absent("gymnasium")
     monkeypatch.delitem(sys.modules, "testbench.envs.excitation", raising=False)

@@ -98,6 +98,7 @@ class Aircraft:
             form.
         perturbed: its aerodynamic coefficients at the design condition, as they are found by perturbing the model.
         notes: what whoever flies it should know: what was found odd when it was loaded.
+        uncertainty: coefficient -> relative standard deviation of the believed value; empty if nobody has said.
     """
 
     name: str
@@ -118,6 +119,7 @@ class Aircraft:
     adapter: Adapter | None = None
     notes: tuple[str, ...] = ()
     perturbed: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
 
     def with_rigid_wings(self) -> Aircraft:
         """Return the aircraft with its modes frozen at zero deflection."""
@@ -286,6 +288,7 @@ class _AircraftFile(Strict):
     elastic: _Elastic | None = None
     drawing: Outline | None = None
     wing_station: Annotated[tuple[_WingStation, ...], Field(strict=False)] = ()
+    uncertainty: dict[str, Positive] = {}
 
 
 def read_aircraft(folder: Path, wings: str = "flexible") -> Aircraft:
@@ -327,6 +330,12 @@ def read_aircraft(folder: Path, wings: str = "flexible") -> Aircraft:
             raise ScenarioError(
                 [f"{path}, elastic.mode[{i}].shape: each list must have one entry per station, that is {len(stations)}"]
             )
+    known = [n.removeprefix("aero/coefficient/") for f in tree.iter("function") if (n := f.get("name"))]
+    strange = [n for n in described.uncertainty if n not in known] if described.adapter is None else []
+    if strange:
+        raise ScenarioError(
+            [f"{path}, uncertainty.{n}: the model must have this coefficient{nearest(n, known)}" for n in strange]
+        )
     aircraft = Aircraft(
         name=folder.resolve().name,
         title=described.title,
@@ -343,6 +352,7 @@ def read_aircraft(folder: Path, wings: str = "flexible") -> Aircraft:
         outline=described.drawing,
         wing_stations=tuple(WingStation(s.y_m, s.x_m, s.height_m) for s in described.wing_station),
         adapter=_adapter(described),
+        uncertainty=described.uncertainty,
     )
     return aircraft.with_rigid_wings() if wings == "rigid" else aircraft
 

@@ -10,7 +10,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from testbench.core.schema import Positive, Strict
+from testbench.core.schema import NonNegative, Positive, Strict
 
 
 class Surface(Strict):
@@ -24,6 +24,7 @@ class Surface(Strict):
         z_m: root above the centre of gravity.
         sweep_deg: of the quarter-chord line, backwards.
         dihedral_deg: tips up.
+        y_m: of a pair of fins, how far each stands from the plane of symmetry; 0 for a single fin and for all else.
     """
 
     span_m: Positive
@@ -32,7 +33,8 @@ class Surface(Strict):
     x_m: float
     z_m: float = 0.0
     sweep_deg: Annotated[float, Field(gt=-80.0, lt=80.0)] = 0.0
-    dihedral_deg: Annotated[float, Field(gt=-45.0, lt=45.0)] = 0.0
+    dihedral_deg: Annotated[float, Field(gt=-80.0, lt=80.0)] = 0.0
+    y_m: NonNegative = 0.0
 
     @property
     def area_m2(self) -> float:
@@ -63,15 +65,15 @@ class Outline(Strict):
 
     Attributes:
         note: what the numbers are (published, derived, estimated), as sentences for the caption.
-        wing, tail, fin: surfaces.
+        wing, tail, fin: surfaces; a flying wing has no tail, a V-tail no fin.
         body_m: cross-sections of the fuselage from nose to end: x, half width, lowest and highest point.
         elastic_axis: its place behind the leading edge of the wing, in chords, if known.
     """
 
     note: str
     wing: Surface
-    tail: Surface
-    fin: Surface
+    tail: Surface | None = None
+    fin: Surface | None = None
     body_m: Annotated[tuple[Section, ...], Field(strict=False, min_length=2)]
     elastic_axis: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
 
@@ -80,6 +82,8 @@ class Outline(Strict):
         """Foremost and rearmost x of anything drawn, from which the overall length follows."""
         xs = [x for x, _, _, _ in self.body_m]
         for surface, half in ((self.wing, 0.5), (self.tail, 0.5), (self.fin, 1.0)):
+            if surface is None:
+                continue
             reach = half * surface.span_m
             xs += [surface.point(s, reach, f)[0] for s in (0.0, reach) for f in (0.0, 1.0)]
         return max(xs), min(xs)

@@ -16,7 +16,7 @@ from testbench.aircraft import Aircraft, Control
 from testbench.aircraft.adapter import THROTTLE, Adapter
 from testbench.aircraft.model import Geometry, MassProperties
 from testbench.aircraft.source import Source
-from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, RPM_RAD_S, SLUG_KG
+from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, SLUG_KG
 from testbench.core.errors import ModelError, TrimError
 from testbench.flight.condition import FlightCondition, TrimmedFlight, air_density
 from testbench.flight.executive import Executive
@@ -137,7 +137,7 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
         found.append(f"included files that were put into it: {', '.join(source.included)}")
     if not throttles:
         found.append("no engine: it is trimmed over its flight-path angle, and flies descending")
-    assumed.append(f"limits of alpha, beta, attitude and height are the testbench's, of speed from the trims found")
+    assumed.append("limits of alpha, beta, attitude and height are the testbench's, of speed from the trims found")
     return Adopted(
         aircraft,
         trimmed,

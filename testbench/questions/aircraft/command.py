@@ -9,6 +9,7 @@ import typer
 
 from testbench.page.terminal import console, stages
 from testbench.questions.aircraft.flexible.command import flexible
+from testbench.questions.aircraft.new import new
 from testbench.questions.options import OutOption, ShowByDefault, Wings
 
 command = typer.Typer(
@@ -17,6 +18,8 @@ command = typer.Typer(
     help="Show an aircraft: any JSBSim model, packaged, your own, or one that ships with JSBSim.",
 )
 command.command("flexible")(flexible)
+
+command.command("new")(new)
 
 
 @command.command()

@@ -30,7 +30,11 @@ Points = list[tuple[float, float]]
 
 def three_view_plates(survey: Survey) -> list[Plate]:
     """Return the drawing of the surveyed aircraft, or nothing if its outline is not known."""
-    aircraft = survey.envelope.aircraft
+    return outline_plates(survey.envelope.aircraft)
+
+
+def outline_plates(aircraft: Aircraft) -> list[Plate]:
+    """Return the drawing of an aircraft, or nothing if its outline is not known."""
     outline = aircraft.outline
     if outline is None:
         return []
@@ -143,7 +147,7 @@ class _View:
 
 def _draw(aircraft: Aircraft, outline: Outline, wide: bool) -> Figure:
     nose, end = outline.ends_m
-    half = 0.5 * max(outline.wing.span_m, outline.tail.span_m)
+    half = 0.5 * max(s.span_m for s in _flat(outline))
     low, high = _heights(outline)
     length, span, tall = nose - end, 2.0 * half, high - low
     paper = (WIDE_IN if wide else NARROW_IN) - 2.0 * _MARGIN_IN
@@ -186,11 +190,17 @@ def _draw(aircraft: Aircraft, outline: Outline, wide: bool) -> Figure:
     return figure
 
 
+def _flat(outline: Outline) -> list[Surface]:
+    """Return wing and tail, as far as there are any; the tail first, as it lies behind."""
+    return [s for s in (outline.tail, outline.wing) if s is not None]
+
+
 def _heights(outline: Outline) -> tuple[float, float]:
     heights = [z for _, _, low, high in outline.body_m for z in (low, high)]
-    for s in (outline.wing, outline.tail):
+    for s in _flat(outline):
         heights += [s.z_m, s.z_m + s.point(0.5 * s.span_m, 0.5 * s.span_m, 0.25)[1]]
-    heights += [outline.fin.z_m, outline.fin.z_m + outline.fin.span_m]
+    if outline.fin is not None:
+        heights += [outline.fin.z_m, outline.fin.z_m + outline.fin.span_m]
     return min(heights), max(heights)
 
 
@@ -204,9 +214,12 @@ def _particulars(aircraft: Aircraft, outline: Outline) -> list[tuple[str, str]]:
         ("aspect ratio b²/S", f"{g.b_m**2 / g.S_m2:.3g}"),
         ("root chord, as drawn", f"{_length(wing.root_chord_m)} m"),
         ("tip chord, as drawn", f"{_length(wing.tip_chord_m)} m"),
-        ("tail area, as drawn", f"{_length(outline.tail.area_m2)} m²"),
-        ("fin area, as drawn", f"{_length(outline.fin.area_m2)} m²"),
     ]
+    if outline.tail is not None:
+        out.append(("tail area, as drawn", f"{_length(outline.tail.area_m2)} m²"))
+    if outline.fin is not None:
+        pair = 2.0 if outline.fin.y_m else 1.0
+        out.append(("fin area, as drawn", f"{_length(pair * outline.fin.area_m2)} m²"))
     if _alike(aircraft, outline):
         out.append(("CG, as drawn", f"{100.0 * (0.25 + _mean_quarter_chord(wing) / wing.mean_chord_m):.0f} % of c̄"))
     return out
@@ -248,11 +261,15 @@ def _top_view(view: _View, aircraft: Aircraft, outline: Outline) -> None:
     wing, tail, fin = outline.wing, outline.tail, outline.fin
     x, w = _smooth([row[0] for row in outline.body_m], [row[1] for row in outline.body_m])
     body = [*zip(w, x, strict=True), *zip(-w[::-1], x[::-1], strict=True)]
-    view.surface(_plan(tail), 2.0)
+    if tail is not None:
+        view.surface(_plan(tail), 2.0)
     view.surface(_plan(wing), 4.0 if wing.z_m > 0.0 else 2.0)
     view.surface([(float(a), float(b)) for a, b in body], 3.0)
-    ends = [fin.point(s, fin.span_m, f)[0] for s, f in ((0.0, 0.0), (fin.span_m, 1.0))]
-    view.line([(0.0, ends[0]), (0.0, min(ends[1], fin.point(0.0, fin.span_m, 1.0)[0]))], linewidth=1.6, zorder=5)
+    if fin is not None:
+        ends = [fin.point(s, fin.span_m, f)[0] for s, f in ((0.0, 0.0), (fin.span_m, 1.0))]
+        for y in sorted({fin.y_m, -fin.y_m}):
+            rear = min(ends[1], fin.point(0.0, fin.span_m, 1.0)[0])
+            view.line([(y, ends[0]), (y, rear)], linewidth=1.6, zorder=5)
     half = 0.5 * wing.span_m
     g = aircraft.geometry
     if _alike(aircraft, outline) and wing.root_chord_m != wing.tip_chord_m:
@@ -280,10 +297,11 @@ def _top_view(view: _View, aircraft: Aircraft, outline: Outline) -> None:
             markersize=2.4,
             zorder=6,
         )
-    tail_end = outline.ends_m[1] - 0.18 * view.m_in
-    for y in (-0.5 * tail.span_m, 0.5 * tail.span_m):
-        view.extension((y, _along(tail, 1.0, (y,))[0][1]), (y, tail_end))
-    view.dimension((-0.5 * tail.span_m, tail_end), (0.5 * tail.span_m, tail_end), "tail span", tail.span_m)
+    if tail is not None:
+        tail_end = outline.ends_m[1] - 0.18 * view.m_in
+        for y in (-0.5 * tail.span_m, 0.5 * tail.span_m):
+            view.extension((y, _along(tail, 1.0, (y,))[0][1]), (y, tail_end))
+        view.dimension((-0.5 * tail.span_m, tail_end), (0.5 * tail.span_m, tail_end), "tail span", tail.span_m)
     view.centre_of_gravity()
     view.title("top")
 
@@ -291,7 +309,8 @@ def _top_view(view: _View, aircraft: Aircraft, outline: Outline) -> None:
 def _front_view(view: _View, outline: Outline, low: float) -> None:
     from matplotlib.patches import Ellipse
 
-    for surface, order in ((outline.tail, 2.0), (outline.wing, 3.0)):
+    for surface in _flat(outline):
+        order = 3.0 if surface is outline.wing else 2.0
         half = 0.5 * surface.span_m
         rise = surface.point(half, half, 0.25)[1]
         root, tip = (0.5 * _THICKNESS * c for c in (surface.root_chord_m, surface.tip_chord_m))
@@ -300,9 +319,11 @@ def _front_view(view: _View, outline: Outline, low: float) -> None:
         shape = [(0.0, z + root), *right, (0.0, z - root), *((-y, h) for y, h in reversed(right))]
         view.surface(shape, order)
     fin = outline.fin
-    foot, tip = (0.5 * _THICKNESS * c for c in (fin.root_chord_m, fin.tip_chord_m))
-    top = fin.z_m + fin.span_m
-    view.surface([(-foot, fin.z_m), (-tip, top), (tip, top), (foot, fin.z_m)], 1.8)
+    if fin is not None:
+        foot, tip = (0.5 * _THICKNESS * c for c in (fin.root_chord_m, fin.tip_chord_m))
+        top = fin.z_m + fin.span_m
+        for y in sorted({fin.y_m, -fin.y_m}):
+            view.surface([(y - foot, fin.z_m), (y - tip, top), (y + tip, top), (y + foot, fin.z_m)], 1.8)
     _, width, bottom, roof = max(outline.body_m, key=lambda row: row[1] * (row[3] - row[2]))
     view.axes.add_patch(
         Ellipse(
@@ -324,18 +345,20 @@ def _side_view(view: _View, outline: Outline, low: float) -> None:
     x, bottom = _smooth([row[0] for row in sections], [row[2] for row in sections])
     _, roof = _smooth([row[0] for row in sections], [row[3] for row in sections])
     fin = outline.fin
-    corners = ((0.0, 0.0), (fin.span_m, 0.0), (fin.span_m, 1.0), (0.0, 1.0))
-    view.surface([(-fin.point(s, fin.span_m, f)[0], fin.z_m + s) for s, f in corners], 2.0)
+    if fin is not None:
+        corners = ((0.0, 0.0), (fin.span_m, 0.0), (fin.span_m, 1.0), (0.0, 1.0))
+        view.surface([(-fin.point(s, fin.span_m, f)[0], fin.z_m + s) for s, f in corners], 2.0)
     body = [*zip(-x, bottom, strict=True), *zip(-x[::-1], roof[::-1], strict=True)]
     view.surface([(float(a), float(b)) for a, b in body], 3.0)
-    for surface in (outline.tail, outline.wing):
+    for surface in _flat(outline):
         _section(view, surface)
     nose, end = outline.ends_m
     arm, at = outline.tail, low - 0.22 * view.m_in
-    _, where = arm.x_m, _mean_quarter_chord(arm)
-    view.extension((0.0, 0.0), (0.0, at))
-    view.extension((-where, arm.z_m), (-where, at))
-    view.dimension((0.0, at), (-where, at), "tail arm", abs(where))
+    if arm is not None:
+        where = _mean_quarter_chord(arm)
+        view.extension((0.0, 0.0), (0.0, at))
+        view.extension((-where, arm.z_m), (-where, at))
+        view.dimension((0.0, at), (-where, at), "tail arm", abs(where))
     further = at - 0.24 * view.m_in
     for place in (nose, end):
         view.extension((-place, 0.0), (-place, further))

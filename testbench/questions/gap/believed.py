@@ -29,7 +29,8 @@ from testbench.sensors import SensorSuite
 
 # A nuisance is a coefficient of the believed aircraft that is estimated along with every hypothesis ("re-tuned"). Its
 # value is a multiple of the believed one. Its prior, before any flight, is Gaussian about 1 with the relative standard
-# deviation given here. These deviations are estimates of what handbook methods reach.
+# deviation given here, or with the aircraft's own if it has one (``[uncertainty]`` of aircraft.toml). These
+# deviations are estimates of what handbook methods reach.
 PRIORS: Mapping[str, float] = {
     "CL_alpha": 0.05,
     "CD": 0.10,
@@ -345,10 +346,23 @@ def _shaped(
     return u if effect.shape is None else effect.shape(names, u, dt_s, aircraft, values)
 
 
-def priors_of(records: Sequence[FlightRecord]) -> Mapping[str, float]:
+def deviations_of(aircraft: Aircraft | None, general: Mapping[str, float] | None = None) -> Mapping[str, float]:
+    """Return nuisance -> relative standard deviation of its prior: the aircraft's own where it has one.
+
+    Args:
+        aircraft: that is believed; None for the general numbers.
+        general: nuisances and general numbers; those of all motions if not given.
+    """
+    general = {**PRIORS, **LATERAL_PRIORS} if general is None else general
+    own = {} if aircraft is None else {n: s for n, s in aircraft.uncertainty.items() if n in general}
+    return {**general, **own} if own else general
+
+
+def priors_of(records: Sequence[FlightRecord], aircraft: Aircraft | None = None) -> Mapping[str, float]:
     """Return the nuisances of hypotheses about these records -> relative standard deviation of the prior.
 
-    Lateral nuisances are among them only if an aileron or rudder command moves. Otherwise a symmetric aircraft in still
-    air shows nothing of them, and records of elevator and throttle must not pay for them.
+    The deviations are the aircraft's own where it has some (:func:`deviations_of`). Lateral nuisances are among them
+    only if an aileron or rudder command moves. Otherwise a symmetric aircraft in still air shows nothing of them, and
+    records of elevator and throttle must not pay for them.
     """
-    return {**PRIORS, **LATERAL_PRIORS} if moves_laterally(records) else PRIORS
+    return deviations_of(aircraft, {**PRIORS, **LATERAL_PRIORS} if moves_laterally(records) else PRIORS)

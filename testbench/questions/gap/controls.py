@@ -118,7 +118,7 @@ def fly_control(
 
     Returns None if the believed aircraft does not survive the commands with any of ten draws of its coefficients.
     """
-    priors = priors_of(records)
+    priors = priors_of(records, believed.aircraft)
     for attempt in range(_DRAWS):
         rng = np.random.default_rng(np.random.SeedSequence([number, attempt]))
         drawn = np.clip(rng.standard_normal(len(priors)), -_CUT, _CUT)

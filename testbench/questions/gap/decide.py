@@ -106,7 +106,11 @@ def score(fit: EffectFit, samples: int) -> float:
 
 
 def decide(
-    ranking: Sequence[EffectFit], chi2_tuned: float, samples: int, floor: float
+    ranking: Sequence[EffectFit],
+    chi2_tuned: float,
+    samples: int,
+    floor: float,
+    priors: Mapping[str, float] | None = None,
 ) -> tuple[str, tuple[str, ...], str]:
     """Return outcome, names and sentence; the rules are asked in this order.
 
@@ -115,6 +119,7 @@ def decide(
         chi2_tuned: weighted sum of squares without any effect, nuisances re-tuned.
         samples: number of samples in it.
         floor: what noise alone would leave.
+        priors: nuisance -> relative standard deviation, for the sentence; the general ones if not given.
     """
     noise = chi2.isf(CRITERIA.false_alarm, floor)
     significant = [f for f in ranking if f.significant and f.flown and f.gain > CRITERIA.least]
@@ -126,7 +131,7 @@ def decide(
     others = [f for f in ranking if f is not best and f.flown and believable(f)]
     close = [f for f in others if _indistinct(f, best, samples, best.chi2 <= noise)]
     if best.within < CRITERIA.strained:
-        return "unexplained", (), tell.strained(best)
+        return "unexplained", (), tell.strained(best, priors)
     if best.beyond:
         return "unexplained", (), tell.beyond(best)
     strangers = [f for f in ranking if not (f is best or _of_one_kind(f.effect, best.effect))]
@@ -343,7 +348,7 @@ def rest(
     """
     if best.scatter_s or best.effect.met is not None or believed.whiten is not None:
         return None
-    priors = priors_of(records)
+    priors = priors_of(records, believed.aircraft)
     nuisances = np.array([best.nuisances[n] for n in priors])
     point = Hypothesis.at(believed, believed.with_effect(best.effect, best.values), tuple(records), nuisances, priors)
     parts = {e.name for e in best.effect.singles}

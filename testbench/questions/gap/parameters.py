@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from testbench.aircraft import Aircraft
 from testbench.core.record import FlightRecord
 from testbench.core.words import with_error
-from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed
+from testbench.questions.gap.believed import Believed, deviations_of
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, sum_of_squares
 
@@ -43,14 +44,16 @@ class WrongParameter:
         return abs(self.factor - 1.0) / self.prior
 
 
-def off_parameters(naming: Naming) -> tuple[WrongParameter, ...]:
+def off_parameters(naming: Naming, aircraft: Aircraft | None = None) -> tuple[WrongParameter, ...]:
     """Return the believed parameters that re-tuning without any effect finds off; none if an effect was named.
+
+    Off by how much is counted in the deviations of the believed aircraft's own priors, if it has some.
 
     Coefficients re-tuned beside an effect depend on the form of that effect, so they prove nothing.
     """
     if naming.best is not None:
         return ()
-    priors = {**PRIORS, **LATERAL_PRIORS}
+    priors = deviations_of(aircraft)
     found = (WrongParameter(n, factor, error, priors[n]) for n, (factor, error) in naming.measured.items())
     return tuple(
         p
@@ -66,7 +69,7 @@ def wrong_parameters(
 
     None if held-out flights contradict: re-tuning makes the residuals larger there.
     """
-    wrong = tuple(p for p in off_parameters(naming) if p.deviations > CRITERIA.far)
+    wrong = tuple(p for p in off_parameters(naming, believed.aircraft) if p.deviations > CRITERIA.far)
     if not wrong or not held_out:
         return wrong
     re_tuned = sum_of_squares(believed.with_nuisances(naming.nuisances), held_out)

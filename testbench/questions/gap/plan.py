@@ -169,7 +169,7 @@ def plan_gap(scenario: Scenario, progress: Callable[[str], None] | None = None) 
         believed = Believed(aircraft, suite, condition_of(scenario.condition), rate)
     effects = tuple(e for e in library(suite).values() if e.met is None)  # nobody plans to meet a gust
     records = [as_record(believed, spec) for spec in scenario.manoeuvre]
-    priors = priors_of(records)
+    priors = priors_of(records, aircraft)
     parts = []
     for spec, record in zip(scenario.manoeuvre, records, strict=True):
         say(f"signatures in {spec.name}")
@@ -296,7 +296,7 @@ def separate(believed: Believed, records: Sequence[FlightRecord], fits: Sequence
     effects = [f.effect for f in fits]
     sizes = {f.effect.name: list(f.values.values()) for f in fits}
     plain = replace(believed, whiten=None)
-    priors = priors_of(records)
+    priors = priors_of(records, believed.aircraft)
     flown = sum_of([Grams.of(plain, r, effects, sizes, priors) for r in records])
     quiet = max(quiet_samples(r) * r.dt_s for r in records)
     best, words = 0.0, ""

@@ -9,7 +9,7 @@ import numpy as np
 
 from testbench.core.constants import DEG_RAD, G0_M_S2, KT_M_S
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed
+from testbench.questions.gap.believed import Believed, deviations_of
 from testbench.questions.gap.controls import Controls
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, Rest
@@ -169,7 +169,9 @@ class GapFinding:
         if best is None:
             judged = ", ".join(n for n in self.believed.outputs if n in TOLERANCE)
             words = f"real but immaterial: in {judged} of these records the believed model errs by less {_ALLOWED}"
-            off = [p.sentence for p in off_parameters(self.naming) if p.deviations <= CRITERIA.far]
+            off = [
+                p.sentence for p in off_parameters(self.naming, self.believed.aircraft) if p.deviations <= CRITERIA.far
+            ]
             return [*off, words] if self.immaterial else off
         out = [
             f"evidence: it lowers chi-square by {best.gain:.0f}; noise alone reaches {best.threshold:.3g} once "
@@ -195,7 +197,7 @@ class GapFinding:
                 f"coefficients re-tuned beside it. It could be mistaken for {best.effect.mistaken_for}. "
                 f"What separates them: {best.effect.separated_by}"
             )
-        priors = {**PRIORS, **LATERAL_PRIORS}
+        priors = deviations_of(self.believed.aircraft)
         far = [f"{n} {f:.3g}" for n, f in best.nuisances.items() if abs(f - 1.0) > 2.0 * priors[n]]
         if far:
             out.append(

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS
+from testbench.questions.gap.believed import deviations_of
 from testbench.questions.gap.search.fit import EffectFit
 
 
@@ -26,9 +26,9 @@ def nothing_explains(chi2_tuned: float, samples: int) -> str:
     )
 
 
-def strained(best: EffectFit) -> str:
-    """The best effect needs nuisances that are farther off than is believed of them."""
-    priors = {**PRIORS, **LATERAL_PRIORS}
+def strained(best: EffectFit, priors: Mapping[str, float] | None = None) -> str:
+    """The best effect needs nuisances that are farther off than is believed of them (``priors``)."""
+    priors = deviations_of(None) if priors is None else priors
     off = sorted(((abs(f - 1.0) / priors[n], n, f) for n, f in best.nuisances.items()), reverse=True)
     told = [o for o in off if o[0] > 0.5 * off[0][0]][:3]
     stretched = ", ".join(f"{n} {f:.3g} times the believed value ({z:.1f} standard deviations)" for z, n, f in told)

@@ -281,9 +281,10 @@ def beyond_limits(card: Card) -> list[str]:
 def _notes(card: Card, plan: Plan) -> list[str]:
     scenario = plan.scenario
     rough = f", and from turbulence of {scenario.turbulence_rms_m_s:g} m/s rms" if scenario.turbulence_rms_m_s else ""
+    own = ", or by what the aircraft states of its coefficients" if plan.aircraft.uncertainty else ""
     out = [
         "the 95 % band comes from sensor noise and from derivatives of the rigid motion that are each uncertain by "
-        f"{scenario.uncertainty_percent:g} % (one standard deviation){rough}"
+        f"{scenario.uncertainty_percent:g} % (one standard deviation){own}{rough}"
     ]
     beyond = beyond_limits(card)
     if beyond and card.status != "refused":

@@ -27,6 +27,7 @@ from testbench.sensors import SensorSuite
 
 SHOWN = {"longitudinal": ("V", "alpha", "q", "az"), "lateral": ("beta", "p", "r", "phi")}
 """Channels of the expected response that a card shows."""
+_COEFFICIENT_OF = {"X": "CD", "Z": "CL", "M": "Cm", "Y": "CY", "L": "Cl", "N": "Cn"}  # axis -> coefficient
 LOGGED = ("V", "alpha", "beta", "p", "q", "r", "phi", "theta", "ay", "az", "h", "thrust", *CONTROLS)
 _LOG_HZ = 100.0
 _HALVINGS = 6
@@ -207,7 +208,8 @@ def expected_band(
 
     The half width is 1.96 times the root of the sum of three variances. One is the sensor's noise and rounding, if the
     suite has the channel. One is that of the derivatives, each uncertain by ``uncertainty_percent`` and independent of
-    the others, through the sensitivities of the linearised aircraft. One is that of turbulence, from one flight through
+    the others, through the sensitivities of the linearised aircraft; where the aircraft has a deviation of its own for
+    the coefficient that a derivative hangs on, that one counts. One is that of turbulence, from one flight through
     it without input.
 
     Raises:
@@ -227,7 +229,7 @@ def expected_band(
     held = np.ones(len(commands), bool)
     start = np.zeros(len(structure.states))
     r = respond(structure, structure.true, range(len(names)), u, 1.0 / rate, held, start)
-    spread = scenario.uncertainty_percent / 100.0 * np.abs(structure.true)
+    spread = relative_spread(names, aircraft, scenario.uncertainty_percent / 100.0) * np.abs(structure.true)
     variance = np.sum((r.dparams * spread) ** 2, axis=2)
     if not np.all(np.isfinite(variance)):
         raise EstimationError("the linearised aircraft diverges over this manoeuvre; shorten it")
@@ -237,6 +239,18 @@ def expected_band(
         name: _SIGMAS * np.sqrt(variance[:, i] + noise.get(name, 0.0) ** 2 + rough.get(name, 0.0) ** 2)
         for i, name in enumerate(shown)
     }
+
+
+def relative_spread(names: Sequence[str], aircraft: Aircraft, general: float) -> FloatArray:
+    """Return the relative standard deviation (k,) of derivatives such as "M_alpha".
+
+    That of the coefficient behind it ("Cm_alpha"), if the aircraft has one of its own, else the general one.
+    """
+    out = []
+    for name in names:
+        axis, variable = name.split("_", 1)
+        out.append(aircraft.uncertainty.get(f"{_COEFFICIENT_OF[axis]}_{variable}", general))
+    return np.array(out)
 
 
 def _turbulence(scenario: PlanScenario, aircraft: Aircraft, point: Point, spec: PlannedManoeuvre) -> dict[str, float]:

@@ -160,10 +160,10 @@ class Autopilot(Strict):
 class PlanScenario(Flown):
     """A campaign: points over speed and height, manoeuvres at them, limits, times and energy.
 
-    ``uncertainty_percent`` is the standard deviation of every derivative of the rigid motion, ``turbulence_rms_m_s``
-    that of the vertical air: both widen the band of the expected response. ``least_damping`` is the damping ratio of an
-    elastic mode below which nobody flies; the onset of instability less ``onset_margin_percent`` is the fastest
-    admissible speed.
+    ``uncertainty_percent`` is the standard deviation of every derivative of the rigid motion of which the aircraft does
+    not state one itself (``[uncertainty]`` of aircraft.toml), ``turbulence_rms_m_s`` that of the vertical air: both
+    widen the band of the expected response. ``least_damping`` is the damping ratio of an elastic mode below which
+    nobody flies; the onset of instability less ``onset_margin_percent`` is the fastest admissible speed.
     """
 
     unnamed: ClassVar[str] = "plan"

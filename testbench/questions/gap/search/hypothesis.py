@@ -62,7 +62,7 @@ class Hypothesis:
         Raises:
             FlightAborted, TrimError, LimitError: it cannot fly the measured commands.
         """
-        priors = priors_of(records) if priors is None else priors
+        priors = priors_of(records, believed.aircraft) if priors is None else priors
         nuisances = np.ones(len(priors)) if nuisances is None else nuisances
         tuned = model.with_nuisances(dict(zip(priors, nuisances.tolist(), strict=True)))
         return cls(believed, model, records, priors, nuisances, _flown(tuned, records))

@@ -8,7 +8,7 @@ from functools import partial
 from typing import NamedTuple
 
 from testbench.core.record import FlightRecord
-from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.believed import Believed, deviations_of
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import (
     Naming,
@@ -95,7 +95,7 @@ def name_effect(
             if not any(f.flown and f.chi2 < found.chi2 for f in same):
                 fits = [f for f in fits if f not in same] + [found]
     ranking = _ranked(polished(base, _ranked(fits, samples), tuned.chi2), samples)
-    outcome, names, sentence = decide(ranking, tuned.chi2, samples, floor)
+    outcome, names, sentence = decide(ranking, tuned.chi2, samples, floor, deviations_of(believed.aircraft))
     chi2_believed = float(start.exact @ start.exact)
     nuisances, measured = tuned.by_name, tuned.measured()
     said = Naming(outcome, names, ranking, chi2_believed, tuned.chi2, nuisances, samples, sentence, rejected, measured)

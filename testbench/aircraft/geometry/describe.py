@@ -1,0 +1,253 @@
+"""The texts beside a model that was made from its geometry: aircraft.toml and SOURCES.md."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from testbench.aircraft.geometry.aerodynamics import Aerodynamics
+from testbench.aircraft.geometry.coefficients import NEUTRAL_POINT, ROWS, Coefficient
+from testbench.aircraft.geometry.drawing import outline
+from testbench.aircraft.geometry.model_xml import COMMANDS, Polar
+from testbench.aircraft.geometry.propulsion import Thrust
+from testbench.aircraft.geometry.read import Plan
+from testbench.aircraft.geometry.shape import Plane
+from testbench.core.constants import DEG_RAD
+
+_BETA_DEG, _THETA_DEG, _PHI_DEG = 20.0, 60.0, 80.0
+_FASTEST, _CLIMB_M = 2.0, 1500.0
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class FlownLimits:
+    """Limits of flights, in the units of aircraft.toml, and where each comes from."""
+
+    V_m_s: Pair
+    alpha_deg: Pair
+    beta_deg: Pair
+    theta_deg: Pair
+    phi_deg: Pair
+    h_m: Pair
+    sources: Mapping[str, str]
+
+
+def limits_of(plan: Plan, found: Aerodynamics, values: Mapping[str, Coefficient]) -> FlownLimits:
+    """Return the limits that the plan gives, and those that follow for the others."""
+    said, V, h = plan.said.limits, plan.said.design_V_m_s, plan.said.design_h_m
+    low, high = (round(a / DEG_RAD, 1) for a in found.alpha_limits_rad)
+    top = (said.alpha_deg or (low, high))[1]
+    CL0 = values["CL0"].used if "CL0" in values else 0.0
+    most = CL0 + values["CL_alpha"].used * top * DEG_RAD
+    slowest = V * math.sqrt(found.CL / most) if most > 0.0 < found.CL else 0.5 * V
+    slowest = math.ceil(10.0 * min(slowest, 0.9 * V)) / 10.0
+    derived: dict[str, tuple[Pair, str]] = {
+        "V_m_s": (
+            (slowest, _FASTEST * V),
+            f"level flight at the highest alpha; {_FASTEST:g} times the design speed, judged",
+        ),
+        "alpha_deg": (
+            (low, high),
+            "where the lift of the build-up leaves a straight line by 0.2, at least 5 deg about the trim",
+        ),
+        "beta_deg": ((-_BETA_DEG, _BETA_DEG), "judged: where a fin stalls"),
+        "theta_deg": ((-_THETA_DEG, _THETA_DEG), "judged"),
+        "phi_deg": ((-_PHI_DEG, _PHI_DEG), "judged"),
+        "h_m": ((min(10.0, h - 90.0), h + _CLIMB_M), "judged"),
+    }
+    values_, sources = {}, {}
+    for key, (pair, words) in derived.items():
+        given = getattr(said, key)
+        values_[key] = given or pair
+        sources[key] = "given" if given else words
+    return FlownLimits(**values_, sources=sources)
+
+
+def aircraft_toml(
+    name: str,
+    plan: Plan,
+    centred: Plane,
+    found: Aerodynamics,
+    values: Mapping[str, Coefficient],
+    limits: FlownLimits,
+) -> str:
+    """Return the text of aircraft.toml; ``centred`` is the outside about the centre of gravity."""
+    said = plan.said
+    out = [
+        "# Made from its geometry by `testbench aircraft new`. Sources of every number: SOURCES.md.",
+        f"title = {_text(plan.title)}",
+        f'model = "{name}.xml"',
+        f"design_V_m_s = {_number(said.design_V_m_s)}  # the coefficients were computed for this condition",
+        f"design_h_m = {_number(said.design_h_m)}",
+        "",
+        "[simulation]",
+        f"rate_hz = {_number(said.rate_hz)}",
+        "",
+        "# full_deflection_deg is the throw of the geometry file.",
+    ]
+    for control, servo in plan.servos.items():
+        out += [
+            f"[controls.{control}]",
+            f'command = "{COMMANDS[control]}"',
+            f"full_deflection_deg = {_number(servo.throw_deg)}",
+        ]
+    if said.motor is not None:
+        out += ["[controls.thr]", 'command = "fcs/throttle-cmd-norm"']
+    out += ["", "# A flight that leaves these is aborted.", "[limits]"]
+    for key, words in limits.sources.items():
+        low, high = getattr(limits, key)
+        out.append(f"{key} = [{_number(low)}, {_number(high)}]  # {words}")
+    out += [
+        "",
+        "# Relative standard deviation of every coefficient, by which the believed model may be off: that of "
+        "the two methods'",
+        '# values, or a judged floor if that is larger ("floor"). Questions that ask for a prior take it from here.',
+        "[uncertainty]",
+    ]
+    for c in values.values():
+        out.append(f"{c.name} = {c.deviation:.3g}  # {'two methods apart' if c.from_difference else 'floor'}")
+    out += [
+        "",
+        "# What the aircraft looks like, for the drawing of its report only; nothing here enters a flight. "
+        "Places count from the",
+        "# centre of gravity, x forward and z up.",
+        "[drawing]",
+    ]
+    drawn = outline(centred)
+    out.append(f"note = {_text(drawn.note)}")
+    for key in ("wing", "tail", "fin"):
+        surface = getattr(drawn, key)
+        if surface is not None:
+            items = {k: v for k, v in surface.model_dump().items() if v or k.endswith(("span_m", "chord_m", "x_m"))}
+            out.append(f"{key} = {{ {', '.join(f'{k} = {_number(v)}' for k, v in items.items())} }}")
+    rows = ", ".join(f"[{', '.join(_number(round(v, 5)) for v in row)}]" for row in drawn.body_m)
+    return "\n".join([*out, f"body_m = [{rows}]", ""])
+
+
+def _text(value: str) -> str:
+    """Return a TOML string; those of JSON are among them."""
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _number(value: float) -> str:
+    text = f"{value + 0.0:.10g}"
+    return text if any(c in text for c in ".en") else f"{text}.0"
+
+
+def sources_md(
+    name: str,
+    plan: Plan,
+    found: Aerodynamics,
+    values: Mapping[str, Coefficient],
+    polar: Polar,
+    thrust: Thrust | None,
+    limits: FlownLimits,
+    remarks: tuple[str, ...],
+) -> str:
+    """Return the text of SOURCES.md: every number with where it comes from."""
+    plane, b = plan.plane, plan.balance
+    files = ", ".join(f"`{n}`" for n in plan.sources)
+    out = [
+        f"# {name}: where every number comes from",
+        "",
+        f"Made by `testbench aircraft new` from {files}. **given** = stands there; **computed**, **estimated** "
+        "and **judged** as they",
+        "say. Nothing has been validated against flight.",
+        "",
+        "| number | value | source |",
+        "|---|---|---|",
+        f"| S, b, cbar | {plane.S_m2:.5g} m2, {plane.b_m:.5g} m, {plane.cbar_m:.5g} m | {_reference(plan)} |",
+        f"| mass | {b.mass_kg:.5g} kg | {b.source} |",
+        f"| centre of gravity | x = {b.cg_m[0]:.5g}, y = {b.cg_m[1]:.5g}, z = {b.cg_m[2]:.5g} m in the file | "
+        "as the mass |",
+        f"| Ixx, Iyy, Izz, Ixz | {b.Ixx:.4g}, {b.Iyy:.4g}, {b.Izz:.4g}, {b.Ixz:.4g} kg m2 | as the mass |",
+    ]
+    for control, servo in plan.servos.items():
+        out.append(
+            f"| {control}: throw, lag, rate limit | {servo.throw_deg:g} deg, {servo.lag_rad_s:g} rad/s, "
+            f"{servo.rate_limit_deg_s:g} deg/s | {_given(plan, control)} |"
+        )
+    if thrust is not None:
+        out.append(f"| thrust | {thrust.static_N:.4g} N nominal | {thrust.words} |")
+        out.append(f"| thrust line | | {_line(plan)} |")
+    else:
+        out.append("| thrust | none | given: no motor |")
+    out.append(
+        f"| CD0, k, CL at least drag | {polar.CD0:.4g}, {polar.k:.4g}, {polar.CL_least_drag:.3g} | computed: "
+        "build-up, a parabola fitted "
+        f"where lift is straight ({found.polar_rms:.2g} rms of CD); CD0 includes {plan.said.drag.CD0_added:g} "
+        "given as CD0_added |"
+    )
+    for key, words in limits.sources.items():
+        low, high = getattr(limits, key)
+        out.append(f"| limit of {key} | {low:g} to {high:g} | {words} |")
+    out += [
+        "",
+        "## Coefficients",
+        "",
+        f"Computed at the trimmed alpha of {found.alpha_rad / DEG_RAD:.2f} deg (CL = {found.CL:.3f}) by both "
+        "methods of "
+        "`testbench/aircraft/geometry/aerodynamics.py`,",
+        "where formulas and sources stand. Per rad; rates as p b/2V, q cbar/2V, r b/2V, alphadot cbar/2V; "
+        "moments about the centre of",
+        f"gravity. Gradient of the downwash at the tail: {found.buildup.downwash:.3f} (build-up) and "
+        f"{found.lattice.downwash:.3f} (lattice).",
+        "",
+        "The deviation is relative, one standard deviation: that of two values, |a - b| / sqrt(2), or a "
+        "**judged** floor if that is",
+        f"larger (`coefficients.py`). That of Cm_alpha is {NEUTRAL_POINT:g} CL_alpha at least, the judged doubt "
+        "about the neutral point.",
+        "",
+        "| coefficient | build-up | lattice | used | deviation | from | whose value, and why |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for c in values.values():
+        lattice = "" if c.lattice is None else f"{c.lattice:.4g}"
+        build = "" if c.buildup is None else f"{c.buildup:.4g}"
+        origin = "difference" if c.from_difference else "floor"
+        out.append(
+            f"| {c.name} | {build} | {lattice} | {c.used:.4g} | {100.0 * c.deviation:.0f} % | {origin} | {c.why} |"
+        )
+    out.append("")
+    out.append("CD is the drag coefficient at the trimmed alpha; the model carries the polar.")
+    absent = [n for n in ROWS if n not in values]
+    if absent:
+        out.append(f"Zero by symmetry, or for want of a surface: {', '.join(absent)}.")
+    if {"de", "da"} <= set(plan.servos) and _shared(plan, "de", "da"):
+        out.append("Elevons: elevator and aileron have servos of their own in the model; each may use its whole throw.")
+    if {"de", "dr"} <= set(plan.servos) and _shared(plan, "de", "dr"):
+        out.append("V-tail: elevator and rudder have servos of their own in the model; each may use its whole throw.")
+    if remarks:
+        out += ["", "## Remarks", "", *(f"- {r[0].upper()}{r[1:]}." for r in remarks)]
+    return "\n".join([*out, ""])
+
+
+def _reference(plan: Plan) -> str:
+    r = plan.said.reference
+    given = [k.split("_")[0] for k, v in r.model_dump().items() if v is not None]
+    rest = "computed: the wing as seen from above, its span and mean aerodynamic chord"
+    if plan.file.name not in plan.sources or any(n.lower().endswith(".avl") for n in plan.sources):
+        rest = "given: Sref, Bref, Cref"
+    return f"{', '.join(given)} given; others {rest}" if given else rest
+
+
+def _given(plan: Plan, control: str) -> str:
+    servo = plan.servos[control]  # type: ignore[index]
+    assumed = [k for k in ("lag_rad_s", "rate_limit_deg_s") if k not in servo.model_fields_set]
+    if not assumed:
+        return "given"
+    return f"given; {' and '.join(assumed)} assumed, those of the Ultra Stick 25e (aircraft_models/taurus)"
+
+
+def _line(plan: Plan) -> str:
+    motor = plan.said.motor
+    assert motor is not None
+    where = "through the centre of gravity, assumed" if motor.at_m is None else "given"
+    return f"{where}; {motor.down_deg:g} deg down, {motor.right_deg:g} deg to the right"
+
+
+def _shared(plan: Plan, a: str, b: str) -> bool:
+    """Say whether two controls move one and the same part of a surface."""
+    return any({a, b} <= {f.moves for f in s.flaps} for s in plan.plane.surfaces)

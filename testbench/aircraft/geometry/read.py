@@ -1,0 +1,240 @@
+"""Read the plan of an aircraft: geometry.toml, or an AVL file and what lies beside it; all faults at once."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from testbench.aircraft.geometry.airfoils import Airfoil, airfoil
+from testbench.aircraft.geometry.avl import read_avl
+from testbench.aircraft.geometry.masses import Balance, balance
+from testbench.aircraft.geometry.schema import BesideAvl, Common, Fin, GeometryFile, Servo, Trapezoid
+from testbench.aircraft.geometry.shape import Flap, Hull, LiftingSurface, Moved, Plane, Role, Station
+from testbench.core.errors import Faults, ScenarioError
+from testbench.core.schema import parse, read_toml
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that is known of an aircraft before anything is computed.
+
+    Attributes:
+        title: one line for people.
+        file: what all but the lifting surfaces came from.
+        said: that file, read.
+        plane: the outside.
+        balance: mass, centre of gravity, inertias.
+        servos: control -> what moves it.
+        sources: files to keep beside the model, by the path that the first of them names them by.
+    """
+
+    title: str
+    file: Path
+    said: Common
+    plane: Plane
+    balance: Balance
+    servos: Mapping[Moved, Servo]
+    sources: Mapping[str, Path] = field(default_factory=dict)
+
+
+def read_plan(path: Path, mass: Path | None = None) -> Plan:
+    """Read a plan.
+
+    Args:
+        path: geometry.toml, or a file of AVL (.avl).
+        mass: beside an AVL file, a TOML file with what it lacks.
+
+    Raises:
+        RecordError: a file cannot be read.
+        ScenarioError: it breaks its schema, or does not make an aircraft; names every fault.
+    """
+    if path.suffix.lower() == ".avl":
+        if mass is None:
+            raise ScenarioError(
+                [f"{path}: an AVL file lacks mass, design speed, throws and motor: give them with --mass FILE.toml"]
+            )
+        return _from_avl(path, mass)
+    if mass is not None:
+        raise ScenarioError([f"--mass goes with an AVL file, got '{path}': write [mass] into it"])
+    said, problems = parse(GeometryFile, read_toml(path), path)
+    faults = Faults(path)
+    faults.extend(problems)
+    plane = _plane(said, faults) if said is not None else None
+    if faults or plane is None or said is None:
+        raise ScenarioError(faults)
+    sources = {s.airfoil.name: s.airfoil.file for x in plane.surfaces for s in x.stations if s.airfoil.file is not None}
+    return _plan(said, plane, said.control, path, {path.name: path, **sources}, said.title or path.stem)
+
+
+def _plan(
+    said: Common, plane: Plane, servos: Mapping[Moved, Servo], file: Path, sources: Mapping[str, Path], title: str
+) -> Plan:
+    faults = Faults(file)
+    found = faults.attempt("mass", balance, said.mass, plane.b_m, plane.length_m)
+    if found is None:
+        raise ScenarioError(faults)
+    return Plan(title, file, said, _nose_down(plane, found.cg_m[0]), found, servos, sources)
+
+
+def _nose_down(plane: Plane, cg_x_m: float) -> Plane:
+    """Return the aircraft with an elevator that pitches the nose down: ahead of the centre of gravity it moves up."""
+    moved = [s for s in plane.surfaces if s.role == "tail" and any(f.moves == "de" for f in s.flaps)]
+    if not moved or max(moved, key=lambda s: s.area_m2).quarter_chord_m[0] >= cg_x_m:
+        return plane
+    turned = (
+        replace(s, flaps=tuple(replace(f, gain=-f.gain) if f.moves == "de" else f for f in s.flaps))
+        for s in plane.surfaces
+    )
+    return replace(plane, surfaces=tuple(turned))
+
+
+def _from_avl(path: Path, beside: Path) -> Plan:
+    said, faults = parse(BesideAvl, read_toml(beside), beside)
+    if said is None or faults:
+        raise ScenarioError(faults)
+    avl = read_avl(path, {n: c.avl for n, c in said.control.items()}, said.spare_airfoil, said.length_unit_m)
+    notes = list(avl.notes)
+    cg = said.mass.cg_m
+    if cg is not None and abs(cg[0] - avl.reference_m[0]) > 1e-3 * avl.cbar_m:
+        notes.append(
+            f"moments are about the centre of gravity, x = {cg[0]:g} m, not about Xref = {avl.reference_m[0]:g} m"
+        )
+    r = said.reference
+    plane = Plane(avl.surfaces, _body(said), r.S_m2 or avl.S_m2, r.b_m or avl.b_m, r.cbar_m or avl.cbar_m, tuple(notes))
+    files = {s.airfoil.name: s.airfoil.file for x in plane.surfaces for s in x.stations if s.airfoil.file is not None}
+    sources = {path.name: path, beside.name: beside, **files}
+    return _plan(said, plane, said.control, beside, sources, said.title or avl.title)
+
+
+def _body(said: Common) -> tuple[Hull, ...]:
+    rows = said.fuselage.section if said.fuselage else ()
+    return tuple(Hull(s.x_m, s.z_m, s.width_m, s.height_m) for s in rows)
+
+
+def _plane(said: GeometryFile, faults: Faults) -> Plane | None:
+    """Return the outside of an aircraft of geometry.toml, or None with its faults noted."""
+    flaps: dict[str, list[Flap]] = {"wing": [], "tail": [], "fin": []}
+    have = {"wing": True, "tail": said.tail is not None, "fin": bool(said.fin)}
+    for moved, c in said.control.items():
+        if not have[c.surface]:
+            there = " or ".join(k for k, v in have.items() if v)
+            faults.note(
+                f"control.{moved}.surface",
+                f"the aircraft must have the surface that moves, got '{c.surface}'; it has {there}",
+            )
+        flaps[c.surface].append(Flap(moved, c.span_from, c.span_to, c.chord_fraction))
+        if moved == "da" and c.surface == "fin":
+            faults.note("control.da.surface", "ailerons must be on the wing or the tail, got 'fin'")
+        if moved == "de" and c.surface == "fin":
+            faults.note("control.de.surface", "an elevator must be on the wing or the tail, got 'fin'")
+        if moved == "dr" and c.surface == "wing":
+            faults.note("control.dr.surface", "a rudder must be on a fin or a V-tail, got 'wing'")
+        if moved == "dr" and c.surface == "tail" and said.tail is not None and _flat(said.tail):
+            faults.note("control.dr.surface", "a rudder must be on a fin or a V-tail, got a tail without dihedral")
+    surfaces: list[LiftingSurface | None] = [_surface(said.wing, "wing", "wing", flaps["wing"], faults)]
+    if said.tail is not None:
+        surfaces.append(_surface(said.tail, "tail", "tail", flaps["tail"], faults))
+    for i, fin in enumerate(said.fin):
+        name = "fin" if len(said.fin) == 1 else f"fin[{i}]"
+        surfaces.append(_surface(fin, "fin", name, flaps["fin"], faults))
+    built = [s for s in surfaces if s is not None]
+    if len(built) < len(surfaces) or faults:
+        return None
+    wing = built[0]
+    r = said.reference
+    b = r.b_m or wing.span_m
+    S = r.S_m2 or wing.projected_m2
+    return Plane(tuple(built), _body(said), S, b, r.cbar_m or wing.mean_chord_m)
+
+
+def _flat(tail: Trapezoid) -> bool:
+    if tail.section:
+        return tail.section[0].z_m == tail.section[-1].z_m
+    return tail.dihedral_deg == 0.0
+
+
+def _surface(given: Trapezoid, role: Role, name: str, flaps: list[Flap], faults: Faults) -> LiftingSurface | None:
+    folder = Path(str(faults.file)).parent
+    key = name if role != "fin" else (name if "[" in name else "fin[0]")
+    if given.section:
+        return _by_sections(given, role, name, key, flaps, faults, folder)
+    assert given.span_m is not None  # the schema has seen to it
+    assert given.root_chord_m is not None
+    if given.airfoil is None:
+        faults.note(f"{key}.airfoil", _no_coordinates("the surface"))
+        return None
+    shape = faults.attempt(f"{key}.airfoil", airfoil, given.airfoil, folder)
+    if shape is None:
+        return None
+    fin = isinstance(given, Fin)
+    mirrored = given.twin if isinstance(given, Fin) else True
+    if given.y_m and not mirrored:
+        faults.note(
+            f"{key}.y_m", f"a single fin must stand in the plane of symmetry, got {given.y_m:g}: set twin = true"
+        )
+    if role != "fin" and given.y_m:
+        faults.note(f"{key}.y_m", "a wing or tail must begin in the plane of symmetry; give sections for a gap")
+    if mirrored and fin and not given.y_m:
+        faults.note(f"{key}.y_m", "twin fins must stand apart, got 0")
+    tip = given.tip_chord_m or given.root_chord_m
+    side = given.span_m if role == "fin" else 0.5 * given.span_m
+    aft = side * math.tan(math.radians(given.sweep_deg)) + 0.25 * (given.root_chord_m - tip)
+    tilt = math.radians(given.dihedral_deg)
+    if role == "fin":
+        down = -1.0 if isinstance(given, Fin) and given.downwards else 1.0
+        across, up = side * math.sin(tilt), down * side * math.cos(tilt)
+    else:
+        across, up = side, side * math.tan(tilt)
+    twist = given.incidence_deg
+    return LiftingSurface(
+        name,
+        role,
+        mirrored,
+        (
+            Station(given.x_m, given.y_m, given.z_m, given.root_chord_m, twist, shape),
+            Station(given.x_m + aft, given.y_m + across, given.z_m + up, tip, twist + given.twist_deg, shape),
+        ),
+        tuple(flaps),
+    )
+
+
+def _no_coordinates(what: str) -> str:
+    return f'{what} must have coordinates: give airfoil = "naca2412" or a file of coordinates'
+
+
+def _by_sections(
+    given: Trapezoid, role: Role, name: str, key: str, flaps: list[Flap], faults: Faults, folder: Path
+) -> LiftingSurface | None:
+    stations: list[Station] = []
+    known: dict[str, Airfoil] = {}
+    for i, s in enumerate(given.section):
+        wanted = s.airfoil or given.airfoil
+        if wanted is None:
+            faults.note(f"{key}.section[{i}].airfoil", _no_coordinates("the section"))
+            continue
+        if wanted not in known:
+            shape = faults.attempt(f"{key}.section[{i}].airfoil", airfoil, wanted, folder)
+            if shape is None:
+                continue
+            known[wanted] = shape
+        stations.append(Station(s.x_m, s.y_m, s.z_m, s.chord_m, s.twist_deg + given.incidence_deg, known[wanted]))
+    if len(stations) < len(given.section):
+        return None
+    mirrored = given.twin if isinstance(given, Fin) else True
+    surface = LiftingSurface(name, role, mirrored, tuple(stations), tuple(flaps))
+    gaps = [math.hypot(b.y_m - a.y_m, b.z_m - a.z_m) for a, b in itertools.pairwise(stations)]
+    if min(gaps) <= 0.0:
+        faults.note(f"{key}.section", "sections must lie apart in y or z, got two at one place")
+        return None
+    if mirrored and min(s.y_m for s in stations) < 0.0:
+        faults.note(
+            f"{key}.section", "sections must be those of the right side (y_m >= 0); the left one is its mirror image"
+        )
+    if role != "fin" and not surface.projected_m2 > 0.0:
+        faults.note(f"{key}.section", "a wing or tail must have span along y")
+    if role == "fin" and not mirrored and any(s.y_m for s in stations):
+        faults.note(f"{key}.section", "a single fin must stand in the plane of symmetry: set twin = true")
+    return surface

@@ -1,0 +1,141 @@
+"""The command ``testbench aircraft new``: an aircraft of your own from its geometry."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from testbench.core.constants import DEG_RAD, PERCENT
+from testbench.core.errors import RecordError, ScenarioError
+from testbench.page.page import COMPUTED, Page
+from testbench.page.tables import Column, Table
+from testbench.page.terminal import console, stages
+
+if TYPE_CHECKING:
+    from testbench.aircraft import Aircraft
+    from testbench.aircraft.geometry.build import Made
+
+_REPORT = "from_geometry"
+
+
+def new(
+    plan: Annotated[Path, typer.Argument(help="geometry.toml, or a file of AVL (.avl).", show_default=False)],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder of the aircraft; aircraft/NAME if not given.")
+    ] = None,
+    mass: Annotated[
+        Path | None,
+        typer.Option(help="Beside an AVL file: a TOML file with what it lacks (mass, design speed, throws, motor)."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Write over an aircraft that lies there already.")] = False,
+) -> None:
+    """Make an aircraft from its geometry: a JSBSim model, its limits, and how well each coefficient is known.
+
+    Example: `testbench aircraft new geometry.toml -o aircraft/mine`, then `testbench aircraft aircraft/mine`.
+    """
+    from testbench.flight import load_aircraft
+    from testbench.aircraft.geometry.aerodynamics import aerosandbox
+    from testbench.aircraft.geometry.build import model_from_plan
+    from testbench.aircraft.geometry.read import read_plan
+
+    folder = out if out is not None else Path("aircraft") / default_name(plan)
+    check_name(folder)
+    if (folder / "aircraft.toml").exists() and not force:
+        raise RecordError(f"a new aircraft must go to a folder without one, got '{folder}': give another, or --force")
+    with stages() as say:
+        say("read the plan")
+        read = read_plan(plan, mass)
+        aerosandbox()
+        say("compute coefficients by strips and by a vortex lattice")
+        made = model_from_plan(read, folder.name)
+        say("write the aircraft")
+        made.write(folder)
+        page = new_page(made, load_aircraft(folder))
+        page.write(folder / _REPORT)
+    page.show(console(), folder / _REPORT)
+    print(f"Aircraft: {folder}")
+    print(f"Next: testbench aircraft {folder}")
+
+
+def default_name(plan: Path) -> str:
+    """Return the name of an aircraft after its plan: that of the file, or of its folder for geometry.toml."""
+    return plan.resolve().parent.name if plan.stem == "geometry" else plan.stem
+
+
+def check_name(folder: Path) -> None:
+    """Refuse a folder whose name cannot name a model.
+
+    Raises:
+        ScenarioError: it holds other characters than letters, digits, "_", "-" and ".".
+    """
+    name = folder.name
+    if not name or not name.replace("_", "").replace("-", "").replace(".", "").isalnum() or not name.isascii():
+        raise ScenarioError(
+            [f"an aircraft's name must be of letters, digits, '_', '-' and '.', got '{name}': give -o aircraft/NAME"]
+        )
+
+
+def new_page(made: Made, aircraft: Aircraft) -> Page:
+    """Return the page of an aircraft that was made from its geometry: three views, coefficients, remarks."""
+    from testbench.questions.aircraft.three_view_figures import outline_plates
+
+    table = coefficient_table(made)
+    return Page(
+        kicker=f"Aircraft from its geometry: {made.name}",
+        title=made.plan.title,
+        heading="In short",
+        answer=new_answer(made),
+        tables=[table],
+        plates=outline_plates(aircraft),
+        packages=(*COMPUTED, "aerosandbox"),
+        terminal=[table.without("what", "why")],
+    )
+
+
+def new_answer(made: Made) -> list[str]:
+    """Return in sentences what was made and what to mind."""
+    plane, b = made.plan.plane, made.plan.balance
+    values, found = made.coefficients, made.found
+    margin = -values["Cm_alpha"].used / values["CL_alpha"].used / PERCENT
+    doubt = values["Cm_alpha"].deviation * abs(margin)
+    badly = [c.name for c in values.values() if c.from_difference]
+    out = [
+        f"{b.mass_kg:.4g} kg, wing area {plane.S_m2:.4g} m², span {plane.b_m:.4g} m, mean chord {plane.cbar_m:.4g} m",
+        f"at {made.plan.said.design_V_m_s:g} m/s it flies at {found.alpha_rad / DEG_RAD:.1f} deg of alpha with "
+        "a lift coefficient of "
+        f"{found.CL:.2f}; the static margin is {margin:.0f} ± {doubt:.0f} % of the mean chord",
+    ]
+    if badly:
+        out.append(f"the two methods differ by more than the usual doubt in {', '.join(badly)}")
+    return [*out, *made.remarks]
+
+
+def coefficient_table(made: Made) -> Table:
+    """Return both methods' coefficients, the values used, and their deviations."""
+    from testbench.aircraft.geometry.coefficients import ROWS
+
+    columns = (
+        Column("coefficient", "coefficient"),
+        Column("what", "what"),
+        Column("build_up", "build-up", digits=4),
+        Column("lattice", "lattice", digits=4),
+        Column("used", "used", digits=4),
+        Column("deviation", "deviation", "%", decimals=0),
+        Column("from", "from"),
+        Column("why", "whose value, and why"),
+    )
+    rows = tuple(
+        (
+            c.name, ROWS[c.name].words, c.buildup, c.lattice, c.used, c.deviation / PERCENT,
+            "difference" if c.from_difference else "floor", c.why,
+        )
+        for c in made.coefficients.values()
+    )  # fmt: skip
+    caption = (
+        "Per rad; rates as p b/2V, q c̄/2V, r b/2V, alphadot c̄/2V; moments about the centre of gravity. CD at "
+        "the trimmed "
+        "alpha. Deviation: relative, one standard deviation, from the difference of the two methods or a judged floor."
+    )
+    return Table("coefficients", "Coefficients by both methods", caption, columns, rows, wide=True)
