@@ -158,6 +158,9 @@ def read_avl(
     meaning = _meanings(lines, controls, names, notes)
     surfaces = [_lifting(lines, s, meaning, spare, unit_m) for s in found]
     surfaces = _geared(_roles(_joined(surfaces)), notes)
+    beside = [s.name for s in surfaces[1:] if s.role == "wing"]
+    if beside:
+        notes.append(f"taken as parts of the wing that the build-up treats each by itself: {', '.join(beside)}")
     return AvlPlane(
         title,
         S * unit_m**2,

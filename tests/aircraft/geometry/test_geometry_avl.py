@@ -110,6 +110,13 @@ def test_twin_fins_and_controls_that_nobody_named(tmp_path):
     assert sum("DESIGN" in n for n in found.notes) == 2
 
 
+def test_a_second_wing_is_told(tmp_path):
+    upper = surface("Upper", "YDUPLICATE\n0\n", section(0.1, 0, 0.5, 0.4), section(0.1, 1, 0.5, 0.4))
+    found = read(tmp_path, HEAD + WING + upper)
+    assert [s.role for s in found.surfaces] == ["wing", "wing"]
+    assert any("treats each by itself: Upper" in n for n in found.notes)
+
+
 REFUSED = {
     "cut": (WING[: WING.rindex("NACA") + 5], None, r"line \d+: the file ends where the digits of a NACA section"),
     "cut earlier": (WING[: WING.rindex("SECTION")], None, r"'Wing' must have at least two sections, got 1; .* cut"),
