@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import shutil
 import tomllib
 import xml.etree.ElementTree as ET
 from pathlib import Path
@@ -11,7 +12,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from testbench.flight import load_aircraft
 from testbench.aircraft.geometry.aerodynamics import Aerodynamics, Method
 from testbench.aircraft.geometry.coefficients import ROWS, coefficients
 from testbench.aircraft.geometry.drawing import _chords
@@ -23,6 +23,7 @@ from testbench.aircraft.outline import Surface
 from testbench.core.constants import G0_M_S2
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import AIRCRAFT_MODELS
+from testbench.flight import load_aircraft
 from testbench.questions.aircraft.contract import aircraft_laws
 
 pytest.importorskip("aerosandbox", reason="needs the extra geometry: pip install flight-testbench[geometry]")
@@ -182,7 +183,7 @@ def test_a_coefficient_that_the_model_lacks_is_refused(made, tmp_path):
     folder = made["vtail"][1]
     text = (folder / "aircraft.toml").read_text(encoding="utf-8")
     assert tomllib.loads(text)["uncertainty"]["Cm_q"] >= 0.15
-    (tmp_path / "vtail.xml").write_bytes((folder / "vtail.xml").read_bytes())
+    shutil.copytree(folder, tmp_path, dirs_exist_ok=True)
     (tmp_path / "aircraft.toml").write_text(text.replace("\nCm_q = ", "\nCm_qq = "), encoding="utf-8")
     with pytest.raises(
         ScenarioError, match=r"uncertainty.Cm_qq: the model must have this coefficient; did you mean 'Cm_q'"
