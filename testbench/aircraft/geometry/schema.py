@@ -263,7 +263,7 @@ class Common(Strict):
     title: str = ""
     design_V_m_s: Positive
     design_h_m: Annotated[float, Field(ge=-400.0, le=15000.0)] = 100.0
-    rate_hz: Annotated[float, Field(ge=50.0, le=2000.0)] = 240.0
+    rate_hz: Annotated[float, Field(ge=50.0, le=2000.0)] = 400.0
     mass: Mass
     fuselage: Fuselage | None = None
     motor: Motor | None = None
