@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import OutOption, ShowByDefault, Wings
+from testbench.questions.options import OutOption, ShowByDefault, Wings, refuse
 
 command = typer.Typer(
     cls=ShowByDefault,
@@ -19,18 +19,20 @@ command = typer.Typer(
 
 @command.command()
 def show(
+    context: typer.Context,
     name: Annotated[str, typer.Argument(help="Packaged aircraft, or a folder of your own.", show_default=False)],
     wings: Annotated[
         Wings, typer.Option(help="Whether the elastic modes move (flexible) or are held (rigid).")
     ] = Wings.flexible,
     out: OutOption = Path("results"),
     export: Annotated[
-        Path | None, typer.Option(help="Folder for the model at its design condition, as plain JSBSim XML.")
+        Path | None,
+        typer.Option(help="Write only the model, as plain JSBSim XML for its design condition, into this folder."),
     ] = None,
 ) -> None:
     """Trim an aircraft over its speed range and show its modes, frequency responses and derivatives.
 
-    Example: `testbench aircraft eolo --export root/aircraft` also writes a model that stock JSBSim loads from `root`.
+    Example: `testbench aircraft eolo --export root/aircraft` only writes a model that stock JSBSim loads from `root`.
     """
     from testbench.aircraft import load_aircraft
     from testbench.questions.aircraft.ask import survey
@@ -39,6 +41,10 @@ def show(
 
     loaded = load_aircraft(name, wings.value)
     name = Path(name).name  # of the folder, where a path is given
+    if export is not None:
+        refuse(context, "with --export, which writes the model alone", "out")
+        print(f"Model: {export_aircraft(loaded, name, export)[0]}")
+        return
     folder = out / folder_name(loaded, name)
     with stages() as say:
         say("trim and linearise over speed")
@@ -46,7 +52,4 @@ def show(
         say("write report")
         page = aircraft_page(found)
         page.write(folder)
-        exported = export_aircraft(found, export) if export is not None else []
     page.show(console(), folder)
-    if exported:
-        print(f"Model: {exported[0]}")

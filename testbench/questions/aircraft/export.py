@@ -3,32 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from testbench.aircraft import Aircraft
 from testbench.core.files import write_file
-
-if TYPE_CHECKING:
-    from testbench.questions.aircraft.ask import Survey
+from testbench.flight import FlightCondition
 
 
-def export_aircraft(survey: Survey, folder: Path | str) -> list[Path]:
+def export_aircraft(aircraft: Aircraft, name: str, folder: Path | str) -> list[Path]:
     """Write NAME/NAME.xml, NAME/Engines/ and NAME/README.md: a model that stock JSBSim loads from ``folder``.
 
-    The elastic equations are made for the design condition (the trimmed speed nearest to it) and the aircraft's own
-    frame rate.
+    The elastic equations are made for the design condition and the aircraft's own frame rate. Nothing is flown: the XML
+    is made of the aircraft's own, so that an aircraft that does not trim can be looked at elsewhere.
 
     Raises:
         RecordError: the folder cannot be written to.
     """
-    envelope, name = survey.envelope, survey.name
-    aircraft = envelope.aircraft
-    condition = envelope.trims[envelope.design].condition
+    condition = FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m)
     place = Path(folder) / name
     rate = aircraft.rate_hz
     note = (
         f"# {name}\n\n{aircraft.title}. Plain JSBSim model, for the `aircraft/` folder of a JSBSim root directory.\n\n"
     )
-    if envelope.elastic:
+    if aircraft.flown_modes() is not None:
         note += (
             f"The elastic equations are made for {rate:g} frames per second: set the frame time to 1/{rate:g} s before "
             f"the model is loaded, as any other gives wrong modes. They are exact at {condition}, and close at other "

@@ -15,6 +15,7 @@ from testbench.aircraft.amend import Amendment
 from testbench.core.constants import FT_M
 from testbench.core.paths import aircraft_names
 from testbench.evaluation.envelope import fly_envelope
+from testbench.flight import FlightCondition, trim
 from testbench.questions.aircraft.answer import aircraft_answer, shapes_missing
 from testbench.questions.aircraft.ask import SpeedRange, Survey, survey
 from testbench.questions.aircraft.export import export_aircraft
@@ -171,17 +172,17 @@ def test_the_export_loads_trims_and_flies_in_stock_jsbsim(name, tmp_path):
 
     aircraft = load_aircraft(name)
     V = aircraft.design_V_m_s
-    found = Survey(name, fly_envelope(aircraft, [V]), SpeedRange(V, V, 0.1), (V,), (V,), ())
-    paths = export_aircraft(found, tmp_path / "aircraft")
-    h = found.envelope.h_m
+    h = aircraft.design_h_m
+    paths = export_aircraft(aircraft, name, tmp_path / "aircraft")
     note = paths[-1].read_text(encoding="utf-8")
     assert f"{aircraft.rate_hz:g}" in note
-    assert ("elastic equations are made for" in note) == bool(found.envelope.elastic)
+    elastic = aircraft.flown_modes() is not None
+    assert ("elastic equations are made for" in note) == elastic
     jsbsim.set_logger(jsbsim.FGLogger())
     fdm = jsbsim.FGFDMExec(str(tmp_path))
     fdm.set_debug_level(0)
     fdm.set_dt(1.0 / aircraft.rate_hz)
-    assert fdm.load_model(found.name)
+    assert fdm.load_model(name)
     fdm["ic/h-sl-ft"], fdm["ic/vt-fps"] = h / FT_M, V / FT_M
     fdm.run_ic()
     fdm["propulsion/set-running"] = -1
@@ -191,6 +192,6 @@ def test_the_export_loads_trims_and_flies_in_stock_jsbsim(name, tmp_path):
     # JSBSim's own trim leaves 1e-5 m/s2 and more; an unstable spiral or phugoid grows little in two seconds.
     assert fdm["velocities/vt-fps"] * FT_M == pytest.approx(V, rel=5e-3)
     assert fdm["position/h-sl-ft"] * FT_M == pytest.approx(h, abs=1.0)
-    if found.envelope.elastic:
-        state = found.envelope.trims[found.envelope.design].state
+    if elastic:
+        state = trim(aircraft, FlightCondition(V, h)).state
         assert fdm["modal/eta-1"] == pytest.approx(state["eta_1"], rel=0.05)
