@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lifting_line import LiftingLine, sections
 from strip_loads import StripModel
 from strips import (
     STRIPS,
@@ -139,6 +140,40 @@ def test_a_mode_shape_that_is_a_rigid_motion_has_the_derivatives_of_that_motion(
 def test_forces_across_symmetries_are_nothing(strips):
     bend = Shape(strips.wing.y, np.zeros(STRIPS))
     assert strips.force(strips.flow("p"), bend) == 0.0
+
+
+def test_an_elliptic_wing_on_a_lifting_line_has_glauerts_moments():
+    """A_1 = CL / pi AR, A_2 of the motion: Cl = -pi AR A_2 / 4, Cn = 3 pi AR A_1 A_2 / 4, and -CL / 8 of the tilt."""
+    b, AR, CL = 4.0, 18.9, 0.7
+    y = sections(b)
+    line = LiftingLine(b, 4.0 * b / (np.pi * AR) * np.sqrt(1.0 - (2.0 * y / b) ** 2), CL, profile_drag=0.02)
+    assert line.area_m2 == pytest.approx(b**2 / AR)
+    assert line.lift_slope() == pytest.approx(2.0 * np.pi * AR / (AR + 2.0))
+    assert line.moments("p")["Cl"] == pytest.approx(-np.pi / 4.0 * AR / (AR + 4.0))
+    assert line.moments("p")["Cn"] == pytest.approx(-CL / 8.0 * (AR - 2.0) / (AR + 4.0))
+    induced = -0.75 * CL**2 * (AR + 2.0) / (2.0 * np.pi * AR * (AR + 4.0))
+    assert line.moments("r")["Cn"] == pytest.approx(induced - 0.02 / 4.0)  # 4 cd / S b^2 times the integral of c y^2
+
+
+def test_lifting_line_and_strips_agree_on_what_both_give(derive):
+    """Roll damping, roll due to yaw, aileron: strips have no induced antisymmetric downwash, some 2 / AR too much."""
+    for motion in ("p", "r", "da"):
+        line = derive.LINE.moments(motion, derive.MODEL.aileron)["Cl"]
+        strips = derive.MODEL.effect(derive.MODEL.flow(motion))["Cl"]
+        tail = derive.MODEL.effect(replace(derive.MODEL.flow(motion), wing=np.zeros(STRIPS)))["Cl"]
+        assert 0.85 < line / (strips - tail) < 1.0, motion
+    assert derive.LINE.lift_slope() == pytest.approx(derive.WING.lift_slope, rel=2e-3)  # Helmbold's formula
+
+
+def test_yaw_damping_of_eolo_is_that_of_its_fin_and_wing(derive):
+    """By hand: -2 Sv a / S (l / b)^2 of the fin; -cd times 8 / S b^2 times the integral of c y^2 of the right wing."""
+    fin = -2.0 * derive.TAIL.fin_area_m2 * derive.TAIL.fin_slope / derive.S * (derive.TAIL.arm_m / derive.b) ** 2
+    root, half = derive.WING.root_chord_m, 0.5 * derive.b
+    profile = -8.0 * 0.015 / (derive.S * derive.b**2) * root * half**3 * (1.0 / 3.0 - (1.0 - derive.TAPER) / 4.0)
+    assert fin == pytest.approx(-0.0274, abs=5e-5)
+    induced = derive.rigid()["Cn_r"] - fin - profile
+    assert -0.003 < induced < -0.0025  # an elliptic wing of that CL and AR: -0.0027
+    assert load_aircraft("eolo").coefficient("Cn_r") == derive.rigid()["Cn_r"]
 
 
 def test_the_files_of_eolo_hold_what_the_script_derives(derive):
