@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from testbench.core.constants import DEG_RAD
 from testbench.evaluation.modes import frequency_and_damping
 from testbench.page.labels import number
+from testbench.questions.aircraft.tables import elevator_left
 
 if TYPE_CHECKING:
     from testbench.questions.aircraft.ask import Survey
@@ -21,6 +23,8 @@ def aircraft_answer(survey: Survey) -> list[str]:
         + ("" if ends else ", the whole range that its limits allow")
     ]
     out += [f"outside that range: {reason}" for reason in ends]
+    if "de" in envelope.aircraft.controls:
+        out.append(_elevator_words(survey))
     if envelope.elastic:
         onsets = [envelope.onset(name) for name in envelope.elastic]
         unstable = sorted((o for o in onsets if o.V_m_s is not None), key=lambda o: o.V_m_s or 0.0)
@@ -36,6 +40,22 @@ def aircraft_answer(survey: Survey) -> list[str]:
             said.append(f"{name} {_motion_words(pole, wn, zeta)}")
     out.append(f"rigid modes at {envelope.speeds[envelope.design]:g} m/s: {'; '.join(said)}")
     return out
+
+
+def _elevator_words(survey: Survey) -> str:
+    """Return what the trim takes of the elevator at the design speed and leaves for an input, and at the slowest."""
+    envelope = survey.envelope
+    design = envelope.trims[envelope.design]
+    said = []
+    for V in (envelope.speeds[envelope.design], survey.range.slowest):
+        up, down = (a / DEG_RAD for a in elevator_left(survey, V))
+        said.append(f"{up:.1f} deg up and {down:.1f} deg down")
+    full = envelope.aircraft.controls["de"].full / DEG_RAD
+    return (
+        f"trim at {envelope.speeds[envelope.design]:g} m/s takes {abs(design.controls['de']) / DEG_RAD:.1f} of the "
+        f"elevator's {full:g} deg and leaves {said[0]} for an input; at "
+        f"{survey.range.slowest:g} m/s it leaves {said[1]}"
+    )
 
 
 def _motion_words(pole: complex, wn: float, zeta: float) -> str:

@@ -12,16 +12,17 @@ from rich.console import Console
 
 from testbench.aircraft import Insert, load_aircraft
 from testbench.aircraft.amend import Amendment
-from testbench.core.constants import FT_M
+from testbench.core.constants import DEG_RAD, FT_M
 from testbench.core.paths import aircraft_names
 from testbench.evaluation.envelope import fly_envelope
-from testbench.flight import FlightCondition, trim
+from testbench.flight import FlightCondition, Manoeuvre, fly, trim
+from testbench.inputs import InputSignal
 from testbench.questions.aircraft.answer import aircraft_answer, shapes_missing
 from testbench.questions.aircraft.ask import SpeedRange, Survey, survey
 from testbench.questions.aircraft.export import export_aircraft
 from testbench.questions.aircraft.figures import aircraft_plates
 from testbench.questions.aircraft.page import aircraft_page, folder_name
-from testbench.questions.aircraft.tables import aircraft_tables, coefficient_table
+from testbench.questions.aircraft.tables import aircraft_tables, coefficient_table, trim_table
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +87,27 @@ def test_the_answer_gives_the_range_and_the_onset(flexible, rigid):
     assert not any("elastic" in s for s in aircraft_answer(rigid))
     for refused in rigid.range.beyond:
         assert any(refused.reason in s for s in aircraft_answer(rigid))
+
+
+def test_the_elevator_that_trim_leaves_is_what_an_input_can_take(rigid):
+    """Taurus at 12 m/s: -8.4 of 12.5 deg; a step of more than the smaller side meets the stop, one of less does not."""
+    keys = [column.key for column in trim_table(rigid).columns]
+    table = {row[0]: dict(zip(keys, row, strict=True)) for row in trim_table(rigid).rows}
+    for row in table.values():
+        assert row["de_up"] + row["de_down"] == pytest.approx(25.0)
+        assert 12.5 + row["de"] == pytest.approx(row["de_up"])
+    assert (round(table[12.0]["de_up"], 1), round(table[12.0]["de_down"], 1)) == (4.1, 20.9)
+    (said,) = (s for s in aircraft_answer(rigid) if "elevator" in s)
+    assert "at 12 m/s takes 8.4 of the elevator's 12.5 deg and leaves 4.1 deg up and 20.9 deg down" in said
+    aircraft = load_aircraft("taurus")
+    trimmed = trim(aircraft, FlightCondition(12.0, 100.0))
+    reached = []
+    for amplitude_deg in (4.0, 6.0):
+        u = np.zeros((240, 1))
+        u[24:96] = -amplitude_deg * DEG_RAD
+        flown = fly(aircraft, trimmed, Manoeuvre("up", InputSignal(np.arange(240) / 240.0, u, ("de",)), 0.0), 100.0)
+        reached.append(float(np.min(flown["de"])) / DEG_RAD)
+    assert reached == pytest.approx([-12.44, -12.5], abs=0.02)
 
 
 def test_figures_are_the_same_bytes_each_time_and_have_a_narrow_form(rigid):
