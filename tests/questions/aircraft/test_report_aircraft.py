@@ -13,6 +13,7 @@ from rich.console import Console
 from testbench.aircraft import Insert, load_aircraft
 from testbench.aircraft.amend import Amendment
 from testbench.core.constants import DEG_RAD, FT_M
+from testbench.core.errors import LimitError
 from testbench.core.paths import aircraft_names
 from testbench.evaluation.envelope import fly_envelope
 from testbench.flight import FlightCondition, Manoeuvre, fly, trim
@@ -90,7 +91,7 @@ def test_the_answer_gives_the_range_and_the_onset(flexible, rigid):
 
 
 def test_the_elevator_that_trim_leaves_is_what_an_input_can_take(rigid):
-    """Taurus at 12 m/s: -8.4 of 12.5 deg; a step of more than the smaller side meets the stop, one of less does not."""
+    """Taurus at 12 m/s: -8.4 of 12.5 deg; a step of more than the smaller side is refused, one of less is flown."""
     keys = [column.key for column in trim_table(rigid).columns]
     table = {row[0]: dict(zip(keys, row, strict=True)) for row in trim_table(rigid).rows}
     for row in table.values():
@@ -101,13 +102,16 @@ def test_the_elevator_that_trim_leaves_is_what_an_input_can_take(rigid):
     assert "at 12 m/s takes 8.4 of the elevator's 12.5 deg and leaves 4.1 deg up and 20.9 deg down" in said
     aircraft = load_aircraft("taurus")
     trimmed = trim(aircraft, FlightCondition(12.0, 100.0))
-    reached = []
-    for amplitude_deg in (4.0, 6.0):
+
+    def least(amplitude_deg):
         u = np.zeros((240, 1))
         u[24:96] = -amplitude_deg * DEG_RAD
-        flown = fly(aircraft, trimmed, Manoeuvre("up", InputSignal(np.arange(240) / 240.0, u, ("de",)), 0.0), 100.0)
-        reached.append(float(np.min(flown["de"])) / DEG_RAD)
-    assert reached == pytest.approx([-12.44, -12.5], abs=0.02)
+        signal = InputSignal(np.arange(240) / 240.0, u, ("de",))
+        return float(np.min(fly(aircraft, trimmed, Manoeuvre("up", signal, 0.0), 120.0)["de"])) / DEG_RAD
+
+    assert least(4.0) == pytest.approx(-12.44, abs=0.02)
+    with pytest.raises(LimitError, match=r"-8[.]44 at trim and -4[.]20 from the input"):
+        least(4.2)
 
 
 def test_figures_are_the_same_bytes_each_time_and_have_a_narrow_form(rigid):
