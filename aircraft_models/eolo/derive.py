@@ -4,8 +4,9 @@
     python aircraft_models/eolo/derive.py --write    # write them into eolo.xml and aircraft.toml
 
 Published (EOLO paper, tables 1 and 2): S, b, cbar, mass, inertias, the eight frequencies and damping ratios. Everything
-else below is estimated; the mode shapes and generalised masses follow from it by Rayleigh-Ritz, and the coefficients by
-strips. The frequencies of the assumed-mode model differ from the ground test's; the ground test's are used.
+else below is estimated; the mode shapes and generalised masses follow from it by Rayleigh-Ritz, the coefficients by
+strips, and the yawing moments of the wing, made of induced velocities, by a lifting line. The frequencies of the
+assumed-mode model differ from the ground test's; the ground test's are used.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from scipy.optimize import least_squares
 
 from testbench.aircraft.strips import coupling
 from testbench.aircraft.strips.coupling import MOTIONS, Vibration, at_stations, coupled_modes
+from testbench.aircraft.strips.lifting_line import LiftingLine, sections
 from testbench.aircraft.strips.loads import StripModel
 from testbench.aircraft.strips.ritz import Modes, Stiffness, asymmetric_modes, symmetric_modes
 from testbench.aircraft.strips.shapes import Shape, Tail, Wing
@@ -62,6 +64,13 @@ MODEL = StripModel(
     CL=0.69,
     zero_lift_rad=0.30 / 5.65,
     aileron=(1.2, 1.9, 0.4),
+)
+# The profile drag is estimated: a section at a Reynolds number of 2.3e5.
+LINE = LiftingLine(
+    b,
+    WING.root_chord_m * (1.0 - (1.0 - TAPER) * np.abs(sections(b)) / (0.5 * b)),
+    CL=MODEL.CL,
+    profile_drag=0.015,
 )
 BODY = {"CY_beta": -0.15, "Cn_beta": -0.010}  # estimated: the fuselage
 STATIONS = np.linspace(0.0, 0.5 * b, 17)
@@ -110,19 +119,20 @@ MOTION_FIELDS = tuple(n for n in Shape.__dataclass_fields__ if n != "symmetric")
 
 
 def rigid() -> dict[str, float]:
-    """Return the coefficients of eolo.xml that strips give."""
+    """Return the coefficients of eolo.xml that strips give, and the wing's yawing moments by the lifting line."""
     out = {}
     for symmetric, motions in MOTIONS.items():
         for motion in motions:
             for name, value in MODEL.effect(MODEL.flow(motion)).items():
                 if motion != "zero" and (symmetric or (name, motion) not in SKIPPED):
                     out[f"{name}_{motion}"] = value + BODY.get(f"{name}_{motion}", 0.0)
+    for motion in ("p", "r", "da"):
+        out[f"Cn_{motion}"] += LINE.moments(motion, MODEL.aileron)["Cn"]
     out["CL0"] = MODEL.effect(MODEL.flow("zero"))["CL"]
     return {name: float(f"{value:.4g}") for name, value in out.items()}
 
 
-# Strips see no yawing moment of a wing that rolls (the tilt of its lift); these stay estimates in the XML.
-SKIPPED = {("CY", "da"), ("Cn", "da"), ("Cn", "p"), ("Cn", "r")}
+SKIPPED = {("CY", "da")}  # nothing
 
 
 def elastic_toml() -> str:

@@ -70,7 +70,7 @@ def test_an_agent_designs_for_an_aircraft_that_is_not_packaged(tmp_path):
 def test_an_exported_visitor_flies_in_jsbsim_alone(tmp_path):
     import jsbsim
 
-    done = command("aircraft", "SGS", "--export", tmp_path / "aircraft", "-o", tmp_path / "out")
+    done = command("aircraft", "SGS", "--export", tmp_path / "aircraft")
     assert done.returncode == 0, done.stderr
     glider = load_aircraft("SGS")
     trimmed = trim(glider, FlightCondition(glider.design_V_m_s, glider.design_h_m))

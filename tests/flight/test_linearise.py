@@ -17,9 +17,13 @@ def linear(eolo, eolo_trim):
     return linearise(eolo, eolo_trim)
 
 
-def test_every_mode_is_stable_at_16_m_s(linear):
+def test_every_mode_but_the_spiral_is_stable_at_16_m_s(linear):
     # Heading and height are not states or integrate only; the roots at zero are theirs.
-    assert np.max(linear.poles().real) < 1e-3
+    poles = linear.poles()
+    (spiral,) = poles[poles.real > 1e-3]
+    assert spiral.imag == 0.0
+    # Constant of Routh's cubic, g / V (L_beta N_r - L_r N_beta): this fin damps yaw too little for 4 deg of dihedral.
+    assert 0.0 < spiral.real < 0.1
 
 
 def test_linear_and_nonlinear_flight_agree_for_a_small_input(eolo, eolo_trim, linear):

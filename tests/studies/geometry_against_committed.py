@@ -22,11 +22,11 @@ HEAD = ("aircraft", "coefficient", "packaged", "build_up", "lattice", "used", "d
 
 def rows(name: str) -> Iterator[tuple[str, ...]]:
     """Yield the rows of one packaged aircraft with a geometry.toml."""
-    from testbench.flight import load_aircraft
     from testbench.aircraft.geometry.build import model_from_plan
     from testbench.aircraft.geometry.read import read_plan
     from testbench.core.errors import ModelError
     from testbench.core.paths import AIRCRAFT_MODELS
+    from testbench.flight import load_aircraft
 
     aircraft = load_aircraft(name)
     made = model_from_plan(read_plan(AIRCRAFT_MODELS / name / "geometry.toml"), name)

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from testbench.core.constants import DEG_RAD
 from testbench.evaluation.modes import frequency_and_damping
 from testbench.page.labels import number
+from testbench.questions.aircraft.tables import elevator_left
 
 if TYPE_CHECKING:
     from testbench.evaluation.envelope import Envelope
@@ -22,6 +24,8 @@ def aircraft_answer(survey: Survey) -> list[str]:
         + ("" if ends else ", the whole range that its limits allow")
     ]
     out += [f"outside that range: {reason}" for reason in ends]
+    if "de" in envelope.aircraft.controls:
+        out.append(_elevator_words(survey))
     if envelope.elastic:
         out += onset_sentences(envelope)
     out += [sentence for name in envelope.motion if (sentence := _rigid_instability(survey, name))]
@@ -43,6 +47,22 @@ def onset_sentences(envelope: Envelope) -> list[str]:
     if not unstable:
         return [f"no elastic mode becomes unstable up to {envelope.speeds[-1]:g} m/s"]
     return [f"the elastic mode {o.sentence.replace(f'{o.name}: ', f'{o.name} is ', 1)}" for o in unstable]
+
+
+def _elevator_words(survey: Survey) -> str:
+    """Return what the trim takes of the elevator at the design speed and leaves for an input, and at the slowest."""
+    envelope = survey.envelope
+    design = envelope.trims[envelope.design]
+    said = []
+    for V in (envelope.speeds[envelope.design], survey.range.slowest):
+        up, down = (a / DEG_RAD for a in elevator_left(survey, V))
+        said.append(f"{up:.1f} deg up and {down:.1f} deg down")
+    full = envelope.aircraft.controls["de"].full / DEG_RAD
+    return (
+        f"trim at {envelope.speeds[envelope.design]:g} m/s takes {abs(design.controls['de']) / DEG_RAD:.1f} of the "
+        f"elevator's {full:g} deg and leaves {said[0]} for an input; at "
+        f"{survey.range.slowest:g} m/s it leaves {said[1]}"
+    )
 
 
 def _motion_words(pole: complex, wn: float, zeta: float) -> str:

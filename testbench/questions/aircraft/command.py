@@ -10,7 +10,7 @@ import typer
 from testbench.page.terminal import console, stages
 from testbench.questions.aircraft.flexible.command import flexible
 from testbench.questions.aircraft.new import new
-from testbench.questions.options import OutOption, ShowByDefault, Wings
+from testbench.questions.options import OutOption, ShowByDefault, Wings, refuse
 
 command = typer.Typer(
     cls=ShowByDefault,
@@ -24,6 +24,7 @@ command.command("new")(new)
 
 @command.command()
 def show(
+    context: typer.Context,
     name: Annotated[
         str,
         typer.Argument(
@@ -37,12 +38,13 @@ def show(
     ] = Wings.flexible,
     out: OutOption = Path("results"),
     export: Annotated[
-        Path | None, typer.Option(help="Folder for the model at its design condition, as plain JSBSim XML.")
+        Path | None,
+        typer.Option(help="Write only the model, as plain JSBSim XML for its design condition, into this folder."),
     ] = None,
 ) -> None:
     """Trim an aircraft over its speed range and show its modes, frequency responses and derivatives.
 
-    Example: `testbench aircraft eolo --export root/aircraft` also writes a model that stock JSBSim loads from `root`.
+    Example: `testbench aircraft eolo --export root/aircraft` only writes a model that stock JSBSim loads from `root`.
     """
     from testbench.flight import load_aircraft
     from testbench.questions.aircraft.ask import survey
@@ -51,6 +53,10 @@ def show(
 
     loaded = load_aircraft(name, wings.value)
     name = loaded.name.removesuffix(", rigid wings")
+    if export is not None:
+        refuse(context, "with --export, which writes the model alone", "out")
+        print(f"Model: {export_aircraft(loaded, name, export)[0]}")
+        return
     folder = out / folder_name(loaded, name)
     with stages() as say:
         say("trim and linearise over speed")
@@ -58,10 +64,7 @@ def show(
         say("write report")
         page = aircraft_page(found)
         page.write(folder)
-        exported = export_aircraft(found, export) if export is not None else []
     page.show(console(), folder)
-    if exported:
-        print(f"Model: {exported[0]}")
 
 
 @command.command("adopt")

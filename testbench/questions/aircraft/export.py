@@ -3,32 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from testbench.aircraft import Aircraft
 from testbench.core.files import write_file
-
-if TYPE_CHECKING:
-    from testbench.questions.aircraft.ask import Survey
+from testbench.flight import FlightCondition
 
 
-def export_aircraft(survey: Survey, folder: Path | str) -> list[Path]:
+def export_aircraft(aircraft: Aircraft, name: str, folder: Path | str) -> list[Path]:
     """Write NAME/NAME.xml, NAME/Engines/ and NAME/README.md: a model that stock JSBSim loads from ``folder``.
 
-    The elastic equations are made for the design condition (the trimmed speed nearest to it) and the aircraft's own
-    frame rate.
+    The elastic equations are made for the design condition and the aircraft's own frame rate. Nothing is flown: the XML
+    is made of the aircraft's own, so that an aircraft that does not trim can be looked at elsewhere.
 
     Raises:
         RecordError: the folder cannot be written to.
     """
-    envelope, name = survey.envelope, survey.name
-    aircraft = envelope.aircraft
-    condition = envelope.trims[envelope.design].condition
+    condition = FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m)
     place = Path(folder) / name
     rate = aircraft.rate_hz
     note = (
         f"# {name}\n\n{aircraft.title}. Plain JSBSim model, for the `aircraft/` folder of a JSBSim root directory.\n\n"
     )
-    if envelope.elastic:
+    if aircraft.flown_modes() is not None:
         note += (
             f"The elastic equations are made for {rate:g} frames per second: set the frame time to 1/{rate:g} s before "
             f"the model is loaded, as any other gives wrong modes. They are exact at {condition}, and close at other "
@@ -36,6 +32,19 @@ def export_aircraft(survey: Survey, folder: Path | str) -> list[Path]:
         )
     else:
         note += f"The model has no elastic equations and flies at any frame rate; {rate:g} per second is its own.\n"
+    note += _commands(aircraft)
     out = [write_file(place / f"{name}.xml", aircraft.model_xml(rate, condition.qbar_Pa, condition.V_m_s))]
     out += [write_file(place / "Engines" / file, text) for file, text in aircraft.engine_files.items()]
     return [*out, write_file(place / "README.md", note)]
+
+
+def _commands(aircraft: Aircraft) -> str:
+    """Return how a foreign model is commanded and what it must be told before it flies; empty for one of our form."""
+    if aircraft.adapter is None:
+        return ""
+    rows = [f"- {c.name}: `{c.command}`, {'0 to 1' if c.name == 'thr' else 'rad'}" for c in aircraft.controls.values()]
+    told = [f"- `{name}` = {value:g}" for name, value in aircraft.adapter.settings.items()]
+    return (
+        "\nIts controls are commanded through these properties:\n\n" + "\n".join(rows) + "\n\nSet once it is loaded, "
+        "before its engines are started (`propulsion/set-running` = -1):\n\n" + "\n".join(told) + "\n"
+    )

@@ -35,10 +35,10 @@ def new(
 
     Example: `testbench aircraft new geometry.toml -o aircraft/mine`, then `testbench aircraft aircraft/mine`.
     """
-    from testbench.flight import load_aircraft
     from testbench.aircraft.geometry.aerodynamics import aerosandbox
     from testbench.aircraft.geometry.build import model_from_plan
     from testbench.aircraft.geometry.read import read_plan
+    from testbench.flight import load_aircraft
 
     folder = out if out is not None else Path("aircraft") / default_name(plan)
     check_name(folder)

@@ -38,17 +38,32 @@ def trim_table(survey: Survey) -> Table:
     modal = [f"eta_{envelope.elastic[n]}" for n in envelope.names("longitudinal", elastic=True)]
     columns = [Column("V", "V", "m/s", given=True, digits=5), Column("qbar", "q̄", "Pa", decimals=0)]
     columns += [Column(c, symbol(c), shown_unit(c)[1], decimals=2) for c in channels]
+    if "de" in channels:
+        columns += [
+            Column(f"de_{way}", f"{symbol('de')} {way}", "deg", "left for an input", decimals=1)
+            for way in ("up", "down")
+        ]
     columns += [Column(c, symbol(c), "", "static deflection", digits=3) for c in modal]
     rows: list[tuple[Value, ...]] = []
     for V in survey.tabled:
         t = envelope.trims[envelope.nearest(V)]
         held = {"alpha": t.alpha / DEG_RAD, "de": t.controls.get("de", 0.0) / DEG_RAD}
         held["thr"] = t.controls.get("thr", 0.0) / PERCENT
-        rows.append((V, t.state["qbar"], *(held[c] for c in channels), *(t.state[c] for c in modal)))
+        left = [a / DEG_RAD for a in elevator_left(survey, V)] if "de" in channels else []
+        rows.append((V, t.state["qbar"], *(held[c] for c in channels), *left, *(t.state[c] for c in modal)))
     caption = f"Steady level flight at {envelope.h_m:g} m in the standard atmosphere; controls as commanded."
+    if "de" in channels:
+        caption += " Left for an input: how far the elevator turns from trim to its stops, trailing edge up and down."
     if modal:
         caption += " Deflections are those of the symmetric modes, each in its own unit (table of elastic modes)."
     return Table("trim", "Trim over speed", caption, tuple(columns), tuple(rows))
+
+
+def elevator_left(survey: Survey, V_m_s: float) -> tuple[float, float]:
+    """Return how far the elevator can turn from its trim, trailing edge up and down, rad; both are positive."""
+    envelope = survey.envelope
+    at, control = envelope.trims[envelope.nearest(V_m_s)].controls["de"], envelope.aircraft.controls["de"]
+    return at - control.low, control.full - at
 
 
 def untrimmed_table(survey: Survey) -> Table:

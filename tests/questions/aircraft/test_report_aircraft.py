@@ -12,16 +12,18 @@ from rich.console import Console
 
 from testbench.aircraft import Insert
 from testbench.aircraft.amend import Amendment
-from testbench.core.constants import FT_M
+from testbench.core.constants import DEG_RAD, FT_M
+from testbench.core.errors import LimitError
 from testbench.core.paths import aircraft_names
 from testbench.evaluation.envelope import fly_envelope
-from testbench.flight import load_aircraft
+from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, trim
+from testbench.inputs import InputSignal
 from testbench.questions.aircraft.answer import aircraft_answer, shapes_missing
 from testbench.questions.aircraft.ask import SpeedRange, Survey, survey
 from testbench.questions.aircraft.export import export_aircraft
 from testbench.questions.aircraft.figures import aircraft_plates
 from testbench.questions.aircraft.page import aircraft_page, folder_name
-from testbench.questions.aircraft.tables import aircraft_tables, coefficient_table
+from testbench.questions.aircraft.tables import aircraft_tables, coefficient_table, trim_table
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +88,30 @@ def test_the_answer_gives_the_range_and_the_onset(flexible, rigid):
     assert not any("elastic" in s for s in aircraft_answer(rigid))
     for refused in rigid.range.beyond:
         assert any(refused.reason in s for s in aircraft_answer(rigid))
+
+
+def test_the_elevator_that_trim_leaves_is_what_an_input_can_take(rigid):
+    """Taurus at 12 m/s: -8.4 of 12.5 deg; a step of more than the smaller side is refused, one of less is flown."""
+    keys = [column.key for column in trim_table(rigid).columns]
+    table = {row[0]: dict(zip(keys, row, strict=True)) for row in trim_table(rigid).rows}
+    for row in table.values():
+        assert row["de_up"] + row["de_down"] == pytest.approx(25.0)
+        assert 12.5 + row["de"] == pytest.approx(row["de_up"])
+    assert (round(table[12.0]["de_up"], 1), round(table[12.0]["de_down"], 1)) == (4.1, 20.9)
+    (said,) = (s for s in aircraft_answer(rigid) if "elevator" in s)
+    assert "at 12 m/s takes 8.4 of the elevator's 12.5 deg and leaves 4.1 deg up and 20.9 deg down" in said
+    aircraft = load_aircraft("taurus")
+    trimmed = trim(aircraft, FlightCondition(12.0, 100.0))
+
+    def least(amplitude_deg):
+        u = np.zeros((240, 1))
+        u[24:96] = -amplitude_deg * DEG_RAD
+        signal = InputSignal(np.arange(240) / 240.0, u, ("de",))
+        return float(np.min(fly(aircraft, trimmed, Manoeuvre("up", signal, 0.0), 120.0)["de"])) / DEG_RAD
+
+    assert least(4.0) == pytest.approx(-12.44, abs=0.02)
+    with pytest.raises(LimitError, match=r"-8[.]44 at trim and -4[.]20 from the input"):
+        least(4.2)
 
 
 def test_figures_are_the_same_bytes_each_time_and_have_a_narrow_form(rigid):
@@ -172,17 +198,17 @@ def test_the_export_loads_trims_and_flies_in_stock_jsbsim(name, tmp_path):
 
     aircraft = load_aircraft(name)
     V = aircraft.design_V_m_s
-    found = Survey(name, fly_envelope(aircraft, [V]), SpeedRange(V, V, 0.1), (V,), (V,), ())
-    paths = export_aircraft(found, tmp_path / "aircraft")
-    h = found.envelope.h_m
+    h = aircraft.design_h_m
+    paths = export_aircraft(aircraft, name, tmp_path / "aircraft")
     note = paths[-1].read_text(encoding="utf-8")
     assert f"{aircraft.rate_hz:g}" in note
-    assert ("elastic equations are made for" in note) == bool(found.envelope.elastic)
+    elastic = aircraft.flown_modes() is not None
+    assert ("elastic equations are made for" in note) == elastic
     jsbsim.set_logger(jsbsim.FGLogger())
     fdm = jsbsim.FGFDMExec(str(tmp_path))
     fdm.set_debug_level(0)
     fdm.set_dt(1.0 / aircraft.rate_hz)
-    assert fdm.load_model(found.name)
+    assert fdm.load_model(name)
     fdm["ic/h-sl-ft"], fdm["ic/vt-fps"] = h / FT_M, V / FT_M
     fdm.run_ic()
     fdm["propulsion/set-running"] = -1
@@ -192,6 +218,6 @@ def test_the_export_loads_trims_and_flies_in_stock_jsbsim(name, tmp_path):
     # JSBSim's own trim leaves 1e-5 m/s2 and more; an unstable spiral or phugoid grows little in two seconds.
     assert fdm["velocities/vt-fps"] * FT_M == pytest.approx(V, rel=5e-3)
     assert fdm["position/h-sl-ft"] * FT_M == pytest.approx(h, abs=1.0)
-    if found.envelope.elastic:
-        state = found.envelope.trims[found.envelope.design].state
+    if elastic:
+        state = trim(aircraft, FlightCondition(V, h)).state
         assert fdm["modal/eta-1"] == pytest.approx(state["eta_1"], rel=0.05)

@@ -33,10 +33,16 @@ def flown():
 
 
 @pytest.fixture(scope="module")
-def record(flown, tmp_path_factory):
-    """The measured record as a file."""
-    (measured,) = (r for name, r in flown[1].items() if not name.endswith("_truth"))
-    return measured.save(tmp_path_factory.mktemp("records") / "calm.nc")
+def records(flown, tmp_path_factory):
+    """The measured records as files."""
+    measured = [r for name, r in flown[1].items() if not name.endswith("_truth")]
+    folder = tmp_path_factory.mktemp("records")
+    return [r.save(folder / f"calm_{i}.nc") for i, r in enumerate(measured, 1)]
+
+
+@pytest.fixture(scope="module")
+def record(records):
+    return records[0]
 
 
 def test_symmetric_modes_of_the_flight_are_those_of_the_linear_model(flown):
@@ -75,13 +81,13 @@ def test_tables_and_files(flown, tmp_path):
     assert "Stabilisation diagram" in (tmp_path / PAGE).read_text("utf-8")
 
 
-def test_the_command_on_a_record_finds_what_the_scenario_found(flown, record, tmp_path, monkeypatch, capsys):
-    status, _ = ends(monkeypatch, capsys, "modes", record, "--band", 2.5, 40, "-o", tmp_path)
+def test_the_command_on_records_finds_what_the_scenario_found(flown, records, tmp_path, monkeypatch, capsys):
+    status, _ = ends(monkeypatch, capsys, "modes", *records, "--band", 2.5, 40, "-o", tmp_path)
     assert status == 0
-    found = json.loads((tmp_path / "calm_modes" / "models" / "modes.json").read_text("utf-8"))
+    found = json.loads((tmp_path / "calm_1_modes" / "models" / "modes.json").read_text("utf-8"))
     expected = [m.frequency_hz for m in flown[0].found.modes]
     assert [m["frequency_hz"] for m in found["modes"]] == pytest.approx(expected, rel=1e-12)
-    assert not (tmp_path / "calm_modes" / "figures" / "shapes.png").exists()  # places along the wing are not known
+    assert not (tmp_path / "calm_1_modes" / "figures" / "shapes.png").exists()  # places along the wing are not known
 
 
 def test_a_description_of_records_is_taken_as_well(record, tmp_path, monkeypatch, capsys):
@@ -90,7 +96,7 @@ source = "s"
 rights = "r"
 folder = "{record.parent.as_posix()}"
 time = {{ column = "t" }}
-record = [{{ name = "a", file = "calm.nc", use = "split" }}]
+record = [{{ name = "a", file = "calm_1.nc", use = "split" }}]
 channel = [
   {{ name = "de", column = "de", unit = "rad" }},
   {{ name = "az_wing_1", column = "az_wing_1", unit = "m/s2" }},
@@ -116,7 +122,7 @@ def test_wrong_words_are_answered_in_one_line(flown, record, tmp_path, monkeypat
     _, kept = flown
     truth = next(r for name, r in kept.items() if name.endswith("_truth")).select(["q", "az_wing_1"])
     true_file, bare = truth.save(tmp_path / "truth.nc"), tmp_path / "bare.nc"
-    kept["turbulence_eolo_ten_accelerometers"].select(["q", "V"]).save(bare)
+    kept["turbulence 1_eolo_ten_accelerometers"].select(["q", "V"]).save(bare)
     for words, status, part in (
         ((tmp_path / "none.nc",), 2, "a record file must exist"),
         (("eolo_turbulnce",), 2, "did you mean 'eolo_turbulence'?"),
@@ -138,9 +144,9 @@ def test_wrong_words_are_answered_in_one_line(flown, record, tmp_path, monkeypat
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("rms_m_s", "low", "high"), [(0.25, -0.5, 0.5), (1.0, -4.0, -1.0)])
-def test_airspeed_that_wanders_moves_the_torsion_mode(rms_m_s, low, high):
-    """Mean error of ten seeds, %: its standard deviation is some 0.2 in weak turbulence and 0.7 in the scenario's."""
+@pytest.mark.parametrize("rms_m_s", [0.25, 1.0])
+def test_flights_of_half_a_minute_leave_the_torsion_mode_in_its_place(rms_m_s):
+    """Mean error of ten seeds below 0.5 %. In flights of two minutes it was -1 to -4 % at 1 m/s: airspeed wandered."""
     scenario = ModesScenario.load(FILE)
     scenario = scenario.model_copy(update={"air": scenario.air.model_copy(update={"turbulence_rms_m_s": rms_m_s})})
     errors = []
@@ -150,7 +156,7 @@ def test_airspeed_that_wanders_moves_the_torsion_mode(rms_m_s, low, high):
         errors.append(100.0 * (2.0 * np.pi * match.found.frequency_hz / abs(match.true.pole) - 1.0))
         if rms_m_s == 1.0:
             assert any("airspeed wandered" in text for text in result.found.advice)
-    assert low < np.mean(errors) < high
+    assert abs(np.mean(errors)) < 0.5
 
 
 def test_every_fault_of_a_scenario_is_named(tmp_path):
@@ -160,7 +166,7 @@ def test_every_fault_of_a_scenario_is_named(tmp_path):
         ('suite = "eolo_ten_accelerometers"', 'suite = "eolo_alpha"', "has no sensor on the wing"),
         ('aircraft = "eolo"', 'aircraft = "taurus"', "must have elastic modes"),
         ("band_hz = [2.5, 40.0]", 'channels = ["az_wing_6"]', "channels must be sensed by the suite, got 'az_wing_6'"),
-        ("duration_s = 120.0", "duration_s = -1.0", "flight[0].duration_s"),
+        ("duration_s = 30.0", "duration_s = -1.0", "flight[0].duration_s"),
         ("h_m = 547.0", "h_m = 1.0", "air.height_m"),
     ):
         file = tmp_path / "changed.toml"
@@ -182,6 +188,6 @@ def test_options_replace_what_a_scenario_says():
 def test_records_from_python(flown):
     records = flown[0].records
     result = find_modes(records, ModeSearch(band_hz=(8.0, 30.0)))
-    assert result.title == "Modes of turbulence"
+    assert result.title == "Modes of turbulence 1, turbulence 2, turbulence 3, turbulence 4"
     assert not result.true
     assert len(modes_tables(result)) == 2
