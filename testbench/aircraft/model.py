@@ -152,10 +152,10 @@ class Aircraft:
         if self.adapter is not None:
             self.adapter.apply(tree)
         for amendment in sorted(self.amendments, key=lambda a: a.upstream):
-            amendment.apply(tree)
+            amendment.apply(tree, self)
         elastic = self.flown_modes()
         if elastic is not None and len(elastic):
-            add_modes(tree, elastic, 1.0 / rate_hz, qbar_Pa, V_m_s)
+            add_modes(tree, elastic, 1.0 / rate_hz, qbar_Pa, V_m_s, self.adapter)
         return tree
 
     def source_of(self, channel: str) -> tuple[str | None, float]:

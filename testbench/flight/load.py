@@ -13,6 +13,8 @@ from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_name
 from testbench.flight.adopt import Adopted, adopt
 from testbench.flight.check import checked
 from testbench.flight.coefficients import Perturbed
+from testbench.flight.condition import FlightCondition
+from testbench.flight.executive import Executive
 
 
 def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None = None) -> Aircraft:
@@ -50,7 +52,14 @@ def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None
 
 
 def _whole(aircraft: Aircraft) -> Aircraft:
-    """Return the aircraft with its coefficients, which are found when they are first asked for."""
+    """Return the aircraft with its coefficients, which are found when they are first asked for.
+
+    A foreign model gets its centre of gravity, too, which is where forces act that are added to it.
+    """
+    if aircraft.adapter is not None and aircraft.adapter.cg_in is None:
+        fdm = Executive(aircraft, aircraft.rate_hz, FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m))
+        x, y, z = (fdm.get(f"inertia/cg-{axis}-in") for axis in "xyz")
+        aircraft = replace(aircraft, adapter=replace(aircraft.adapter, cg_in=(x, y, z)))
     return replace(aircraft, perturbed=Perturbed(aircraft))
 
 
