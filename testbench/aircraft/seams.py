@@ -79,7 +79,7 @@ def with_servo(aircraft: Aircraft, control: str, lag_rad_s: float) -> tuple[Airc
 
 
 def scaled_mass(aircraft: Aircraft, factors: Mapping[str, float]) -> tuple[tuple[Change, ...], MassProperties]:
-    """Return the changes that multiply mass and inertia as flown, about the centre of gravity, and what becomes of them.
+    """Return the changes that multiply mass and inertia about the centre of gravity, as flown, and the result.
 
     Args:
         aircraft: foreign or not.

@@ -134,9 +134,14 @@ records hold no input that tells one servo effect from another; their lags are i
 EFFECTS: dict[str, Effect] = _OF_AIRCRAFT | sensor_effects(("V", "alpha", "q", "theta", "az"))
 
 
-def library(suite: SensorSuite) -> dict[str, Effect]:
-    """Return every effect that a belief with this suite may lack, by name."""
-    return _OF_AIRCRAFT | sensor_effects(suite.outputs)
+def library(suite: SensorSuite, aircraft: Aircraft | None = None) -> dict[str, Effect]:
+    """Return every effect that a belief with this suite may lack, by name.
+
+    Those that ``aircraft`` cannot have, if it is given, are left out: a glider has no thrust that may lag.
+    """
+    known = _OF_AIRCRAFT | sensor_effects(suite.outputs)
+    without = {} if aircraft is None else left_out(known, aircraft, suite)
+    return {n: e for n, e in known.items() if n not in without}
 
 
 def catalogue(suite: SensorSuite) -> dict[str, Effect]:
@@ -150,7 +155,7 @@ def left_out(effects: Mapping[str, Effect], aircraft: Aircraft, suite: SensorSui
     for name, effect in effects.items():
         try:
             start = {p.name: p.starts[0] for p in effect.parameters}
-            effect.amend(aircraft, suite, start)[0].model_tree(aircraft.rate_hz, 100.0, aircraft.design_V_m_s)
+            effect.amend(aircraft, suite, start)
         except ModelError as error:
             out[name] = error.message
     return out
