@@ -201,11 +201,13 @@ class Aircraft:
         Raises:
             ModelError: there is no such coefficient, or the model does not trim at its design condition.
         """
-        for function in ET.fromstring(self.xml).iter("function"):
-            if function.get("name") == f"aero/coefficient/{name}":
-                values = function.findall("product/value")
-                if len(values) == 1:
-                    return float(values[0].text or "nan")
+        function_name = f"aero/coefficient/{name}"
+        if function_name in self.xml:  # reading a large model takes milliseconds
+            for function in ET.fromstring(self.xml).iter("function"):
+                if function.get("name") == function_name:
+                    values = function.findall("product/value")
+                    if len(values) == 1:
+                        return float(values[0].text or "nan")
         try:
             return self.perturbed[name]
         except KeyError as error:
