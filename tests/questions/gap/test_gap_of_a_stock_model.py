@@ -57,9 +57,7 @@ def test_a_slow_servo_is_found_that_the_model_does_not_have(believed):
 def test_a_stock_model_has_the_nuisances_of_its_coefficients(believed):
     t = np.arange(100) / 100.0
     moved = 0.05 * (t > 0.6)[:, None]
-    elevator, lateral = (
-        FlightRecord(t_s=t, channels=(f"{n}_cmd",), data=moved, kind="measured") for n in ("de", "da")
-    )
+    elevator, lateral = (FlightRecord(t_s=t, channels=(f"{n}_cmd",), data=moved, kind="measured") for n in ("de", "da"))
     assert dict(believed.priors_of([elevator])) == dict(PRIORS)
     assert set(believed.priors_of([lateral])) == {*PRIORS, *LATERAL_PRIORS}
 
