@@ -20,6 +20,8 @@ SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
 """Control -> the word that its properties are named by."""
 PREFIX = "testbench/"
 THROTTLE = f"{PREFIX}throttle-command"
+CHANNEL = "testbench"
+"""Name of the channel that moves the surfaces."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ class Adapter:
         if self.throttles:
             declared[THROTTLE] = 0.0
             tree.insert(_first_system(tree), _throttle_system(self.throttles, _outputs(tree)))
-        channel = ET.Element("channel", {"name": "testbench"})
+        channel = ET.Element("channel", {"name": CHANNEL})
         for link in self.links:
             declared[link.command] = 0.0
             if link.surface != link.command:

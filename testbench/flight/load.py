@@ -7,6 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from testbench.aircraft import Aircraft, read_aircraft
+from testbench.aircraft.adapter import CHANNEL
 from testbench.aircraft.source import find_model, read_source
 from testbench.core.errors import ModelError
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, resolve, stock_root
@@ -82,7 +83,13 @@ def adopted_at(path: Path, V_m_s: float | None = None, h_m: float | None = None)
 
 @lru_cache(maxsize=64)
 def _adopted(main: Path, V_m_s: float | None, h_m: float | None, changed: tuple[int, ...]) -> Adopted:
-    return adopt(read_source(main), V_m_s, h_m)
+    source = read_source(main)
+    if f'<channel name="{CHANNEL}">' in source.xml:
+        raise ModelError(
+            f"a model is adopted as its author wrote it, but '{main}' holds the channels that the testbench adds: "
+            "load the model that it was made from, or fly this one in JSBSim by its testbench/...-command properties"
+        )
+    return adopt(source, V_m_s, h_m)
 
 
 @lru_cache(maxsize=64)

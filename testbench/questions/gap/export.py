@@ -91,6 +91,7 @@ def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: Fli
         rigid = replace(aircraft, elastic=None, amendments=bare)
         out[AIRFRAME] = _one_factor(rigid.model_xml(rate_hz, condition.qbar_Pa, condition.V_m_s), note)
     if aircraft.adapter is not None:
+        out["README.md"] = _how_to_command(aircraft, rate_hz)
         return out | {f"Engines/{file}": text for file, text in aircraft.engine_files.items()}
     out["aircraft.toml"] = _description(
         (AIRCRAFT_MODELS / name / "aircraft.toml").read_text(encoding="utf-8"),
@@ -99,6 +100,21 @@ def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: Fli
         rate_hz,
     )
     return out | {f"Engines/{file}": text for file, text in aircraft.engine_files.items()}
+
+
+def _how_to_command(aircraft: Aircraft, rate_hz: float) -> str:
+    """Return what whoever flies an amended foreign model in JSBSim must know."""
+    assert aircraft.adapter is not None
+    commands = "\n".join(
+        f"- {c.command}: {c.low:.4g} to {c.full:.4g}{'' if n == 'thr' else ' rad'}"
+        for n, c in aircraft.controls.items()
+    )
+    told = "\n".join(f"- {n} = {v:g}" for n, v in aircraft.adapter.settings.items())
+    return (
+        f"# {aircraft.name}, amended\n\nA JSBSim model with the channels that the testbench adds to it; it flies at "
+        f"{rate_hz:g} frames a second and cannot be adopted again. It is commanded by\n\n{commands}\n\n"
+        + (f"and is told, once it is loaded,\n\n{told}\n" if told else "")
+    )
 
 
 def air_text(met: MetGust) -> str:

@@ -5,14 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from testbench.core.errors import ModelError
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
 from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, trim
 from testbench.inputs import build
 from testbench.inputs.signal import InputSignal
+from testbench.questions.gap.ask import GapResult
 from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed
 from testbench.questions.gap.brought import choose
 from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS, library
+from testbench.questions.gap.export import amended_files, write_amended
 from testbench.questions.gap.workflow import find_gap
 from testbench.sensors import load_suite
 
@@ -39,7 +42,7 @@ def believed() -> Believed:
     return Believed(aircraft, load_suite("eolo_gap"), CONDITION, 100.0)
 
 
-def test_a_slow_servo_is_found_that_the_model_does_not_have(believed):
+def test_a_slow_servo_is_found_that_the_model_does_not_have(believed, tmp_path):
     """Its corner frequency within three standard errors; the held-out flight agrees to the noise afterwards."""
     truth = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 6.0})
     records = {"multistep": measured(truth, MULTISTEP, 1), "throttle": measured(truth, THROTTLE, 2)}
@@ -49,6 +52,13 @@ def test_a_slow_servo_is_found_that_the_model_does_not_have(believed):
     best = finding.naming.best
     assert best is not None
     assert best.values["lag_rad_s"] == pytest.approx(6.0, abs=3.0 * best.errors["lag_rad_s"])
+    result = GapResult("stock", "", "", "jsbsim:c172p", records, finding)
+    files = amended_files(result)
+    assert set(files) >= {"c172p/c172p.xml", "c172p/README.md", "model.diff"}
+    assert "- testbench/elevator-command-rad: -0." in files["c172p/README.md"]
+    write_amended(result, tmp_path)
+    with pytest.raises(ModelError, match="as its author wrote it"):
+        load_aircraft(str(tmp_path / "c172p"))
     (shrink,) = finding.shrink
     assert float(np.mean(shrink.energy_after)) < 1.2
     assert float(np.mean(shrink.energy_before)) > 3.0
@@ -57,13 +67,14 @@ def test_a_slow_servo_is_found_that_the_model_does_not_have(believed):
 def test_a_stock_model_has_the_nuisances_of_its_coefficients(believed):
     t = np.arange(100) / 100.0
     moved = 0.05 * (t > 0.6)[:, None]
-    elevator, lateral = (FlightRecord(t_s=t, channels=(f"{n}_cmd",), data=moved, kind="measured") for n in ("de", "da"))
+    made = {"t_s": t, "data": moved, "kind": "measured"}
+    elevator, lateral = (FlightRecord(channels=(f"{n}_cmd",), **made) for n in ("de", "da"))
     assert dict(believed.priors_of([elevator])) == dict(PRIORS)
     assert set(believed.priors_of([lateral])) == {*PRIORS, *LATERAL_PRIORS}
 
 
 def test_re_tuned_coefficients_fly_as_the_linear_model_says(believed):
-    """A multistep with four coefficients off: the flight leaves the linear prediction by less than a tenth of its span."""
+    """With four coefficients off the flight leaves the linear prediction by less than a tenth of its span."""
     record = measured(believed, MULTISTEP, 6)
     tuned = believed.with_nuisances({"Cm_alpha": 0.8, "Cm_q": 1.2, "CL_alpha": 1.05, "CD": 1.1})
     change = tuned.predict(record) - believed.predict(record)
