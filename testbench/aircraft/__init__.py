@@ -1,6 +1,6 @@
 """Aircraft folders read into frozen objects, their elastic modes, and changes to them."""
 
-from testbench.aircraft.amend import Amendment, Insert, Memory, ScaleCoefficient, SetProperty, SetText
+from testbench.aircraft.amend import Amendment, Increment, Insert, Memory, ScaleCoefficient, SetProperty, SetText
 from testbench.aircraft.elastic import ElasticMode, ElasticModel
 from testbench.aircraft.model import Aircraft, Control, read_aircraft
 
@@ -10,6 +10,7 @@ __all__ = [
     "Control",
     "ElasticMode",
     "ElasticModel",
+    "Increment",
     "Insert",
     "Memory",
     "ScaleCoefficient",

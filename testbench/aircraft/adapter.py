@@ -20,6 +20,8 @@ SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
 """Control -> the word that its properties are named by."""
 PREFIX = "testbench/"
 THROTTLE = f"{PREFIX}throttle-command"
+CHANNEL = "testbench"
+"""Name of the channel that moves the surfaces."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +46,15 @@ class Link:
         drives: properties that follow the deflection.
         lag_rad_s: corner frequency of the servo; None if the surface is where its command is.
         rate_limit_rad_s: of the servo; None without one.
+        apart: True if command and surface are properties of their own even without a lag, so that something can be put
+            between them.
     """
 
     control: str
     drives: tuple[Drive, ...]
     lag_rad_s: float | None = None
     rate_limit_rad_s: float | None = None
+    apart: bool = False
 
     @property
     def word(self) -> str:
@@ -63,8 +68,9 @@ class Link:
 
     @property
     def surface(self) -> str:
-        """Property of the deflection, rad: where the servo stands, or the command itself without one."""
-        return self.command if self.lag_rad_s is None else f"{PREFIX}{self.word}-pos-rad"
+        """Property of the deflection, rad: where the servo stands, or the command itself unless they are apart."""
+        joined = self.lag_rad_s is None and not self.apart
+        return self.command if joined else f"{PREFIX}{self.word}-pos-rad"
 
     @property
     def lag(self) -> str:
@@ -86,12 +92,14 @@ class Adapter:
         throttles: property of the throttle of every engine; all follow one command.
         settings: property -> value, set before it flies: gear, flaps, mixture, magnetos, fuel.
         neutral: property -> value of those that the model reads and nothing defines.
+        cg_in: centre of gravity as it flies, inches in the structural frame, found when the model is loaded.
     """
 
     links: tuple[Link, ...] = ()
     throttles: tuple[str, ...] = ()
     settings: Mapping[str, float] = field(default_factory=dict)
     neutral: Mapping[str, float] = field(default_factory=dict)
+    cg_in: tuple[float, float, float] | None = None
 
     def link(self, control: str) -> Link | None:
         """Return the link of a control, or None."""
@@ -99,7 +107,7 @@ class Adapter:
 
     def apply(self, tree: ET.Element) -> None:
         """Add declarations and channels to a model in place."""
-        _declare(tree, self.neutral)
+        declare(tree, self.neutral)
         control = tree.find("flight_control")
         if control is None:
             control = ET.Element("flight_control", {"name": "FCS"})
@@ -108,13 +116,16 @@ class Adapter:
         if self.throttles:
             declared[THROTTLE] = 0.0
             tree.insert(_first_system(tree), _throttle_system(self.throttles, _outputs(tree)))
-        channel = ET.Element("channel", {"name": "testbench"})
+        channel = ET.Element("channel", {"name": CHANNEL})
         for link in self.links:
             declared[link.command] = 0.0
-            if link.lag_rad_s is not None:
-                declared |= {link.surface: 0.0, link.lag: link.lag_rad_s, f"{PREFIX}{link.word}-previous-rad": 0.0}
+            if link.surface != link.command:
+                declared[link.surface] = 0.0
                 declared[link.rate_limit] = 1e3 if link.rate_limit_rad_s is None else link.rate_limit_rad_s
-                for element in ET.fromstring(f"<channel>{_SERVO.replace('WORD', link.word)}</channel>"):
+                if link.lag_rad_s is not None:
+                    declared |= {link.lag: link.lag_rad_s, f"{PREFIX}{link.word}-previous-rad": 0.0}
+                servo = _RIGID if link.lag_rad_s is None else _SERVO
+                for element in ET.fromstring(f"<channel>{servo.replace('WORD', link.word)}</channel>"):
                     channel.append(element)
         renamed = _own_names(tree)
         for name, terms in _by_property(self.links).items():
@@ -123,7 +134,7 @@ class Adapter:
                 declared[target] = 0.0
                 _read_instead(tree, name, target)
             channel.append(_drive(target, terms))
-        _declare(tree, declared)
+        declare(tree, declared)
         control.append(channel)
 
 
@@ -138,7 +149,7 @@ def _first_system(tree: ET.Element) -> int:
     return min([i for i, t in enumerate(tags) if t in {"system", "autopilot", "flight_control"}], default=len(tags))
 
 
-def _declare(tree: ET.Element, properties: Mapping[str, float]) -> None:
+def declare(tree: ET.Element, properties: Mapping[str, float]) -> None:
     """Declare properties before anything that reads them."""
     if not properties:
         return
@@ -296,5 +307,30 @@ _SERVO = f"""
 <fcs_function name="testbench/WORD-memory">
   <function> <sum> <property>testbench/WORD-command-rad</property> <value>0</value> </sum> </function>
   <output>testbench/WORD-previous-rad</output>
+</fcs_function>
+"""
+# A surface that is where its command is, unless it would have to turn faster than a limit.
+_RIGID = """
+<fcs_function name="testbench/WORD-actuator">
+  <function>
+    <ifthen>
+      <gt> <property>simulation/dt</property> <value>0</value> </gt>
+      <sum>
+        <property>testbench/WORD-pos-rad</property>
+        <max>
+          <product> <value>-1</value> <property>testbench/WORD-rate-limit-rad_sec</property>
+            <property>simulation/dt</property> </product>
+          <min>
+            <product> <property>testbench/WORD-rate-limit-rad_sec</property>
+              <property>simulation/dt</property> </product>
+            <difference> <property>testbench/WORD-command-rad</property> <property>testbench/WORD-pos-rad</property>
+            </difference>
+          </min>
+        </max>
+      </sum>
+      <property>testbench/WORD-command-rad</property>
+    </ifthen>
+  </function>
+  <output>testbench/WORD-pos-rad</output>
 </fcs_function>
 """

@@ -1,12 +1,26 @@
-"""Amendments: named changes to an aircraft that are carried as data and applied when its JSBSim model is written."""
+"""Amendments: named changes to an aircraft that are carried as data and applied when its JSBSim model is written.
+
+A change is told which aircraft it is applied to, and reaches a model of any form: coefficients and thrust by reactions
+(:mod:`testbench.aircraft.reactions`), mass and inertia by what is added to those as flown. What asks an aircraft where
+its commands, surfaces and masses are stands in :mod:`testbench.aircraft.seams`.
+"""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from testbench.aircraft.elastic import ElasticMode, ElasticModel
+from testbench.aircraft.reactions import COEFFICIENTS, MOTIONS, THRUST, WHOLE, number, quantity, react
+from testbench.core.constants import FT_M, SLUG_KG
 from testbench.core.errors import ModelError
+
+if TYPE_CHECKING:
+    from testbench.aircraft.model import Aircraft
+
+_SLUG_FT2 = SLUG_KG * FT_M**2
+_UNITS_KG_M2 = {"KG*M2": 1.0, "SLUG*FT2": _SLUG_FT2}
 
 
 @dataclass(frozen=True)
@@ -16,7 +30,7 @@ class SetProperty:
     name: str
     value: float
 
-    def apply(self, tree: ET.Element) -> None:
+    def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Change ``tree`` in place; ModelError if no such property is declared."""
         found = [e for e in tree.iter("property") if (e.text or "").strip() == self.name and "value" in e.attrib]
         if not found:
@@ -31,7 +45,7 @@ class SetText:
     path: str
     value: float
 
-    def apply(self, tree: ET.Element) -> None:
+    def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Change ``tree`` in place; ModelError if no such element exists."""
         element = tree.find(self.path)
         if element is None:
@@ -47,7 +61,7 @@ class Insert:
     xml: str
     position: int | None = None
 
-    def apply(self, tree: ET.Element) -> None:
+    def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Change ``tree`` in place; ModelError if the parent does not exist."""
         parent = tree if self.parent == "." else tree.find(self.parent)
         if parent is None:
@@ -57,14 +71,52 @@ class Insert:
 
 
 @dataclass(frozen=True)
+class Increment:
+    """Add the product of ``terms`` to an aerodynamic coefficient: CL, CD (drag positive), CY, Cl, Cm or Cn.
+
+    Attributes:
+        coefficient: which.
+        name: of the term: the function of a model in the testbench's own form.
+        terms: XML of each factor.
+    """
+
+    coefficient: str
+    name: str
+    terms: tuple[str, ...]
+
+    def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
+        """Change ``tree`` in place; ModelError if a model in the testbench's own form lacks the axis."""
+        terms = [ET.fromstring(t) for t in self.terms]
+        if aircraft.adapter is not None:
+            react(tree, self.coefficient, terms, _centre(aircraft))
+            return
+        axis, length = COEFFICIENTS[self.coefficient]
+        parent = tree.find(f"aerodynamics/axis[@name='{axis}']")
+        if parent is None:
+            raise ModelError(f"an increment of {self.coefficient} needs <axis name='{axis}'>, {aircraft.name} has none")
+        product = ET.SubElement(ET.SubElement(parent, "function", {"name": self.name}), "product")
+        lengths = [] if length is None else [quantity(length)]
+        product.extend([quantity("aero/qbar-psf"), quantity("metrics/Sw-sqft"), *lengths, *terms])
+
+
+@dataclass(frozen=True)
 class ScaleCoefficient:
-    """Multiply the aerodynamic coefficient ``aero/coefficient/NAME`` by a factor."""
+    """Multiply an aerodynamic coefficient by a factor.
+
+    In a model in the testbench's own form it is the function ``aero/coefficient/NAME``. Of any other it is what
+    perturbing it at its design condition gives (:mod:`testbench.flight.coefficients`): (factor - 1) C x is added, with
+    x the angle, nondimensional rate or deflection itself and not its deviation from trim. "CD" and the other five
+    without a variable are the whole coefficient in flight, "CL0" its part that follows nothing.
+    """
 
     name: str
     factor: float
 
-    def apply(self, tree: ET.Element) -> None:
+    def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Change ``tree`` in place; ModelError if the model has no such coefficient."""
+        if aircraft.adapter is not None:
+            react(tree, self.name[:2], self._terms(aircraft), _centre(aircraft))
+            return
         for function in tree.iter("function"):
             product = function.find("product")
             if function.get("name") == f"aero/coefficient/{self.name}" and product is not None:
@@ -72,8 +124,90 @@ class ScaleCoefficient:
                 return
         raise ModelError(f"an amended coefficient must exist in the model, got '{self.name}'")
 
+    def _terms(self, aircraft: Aircraft) -> list[ET.Element]:
+        """Return the factors of what is added to a model of another form."""
+        more = number(self.factor - 1.0)
+        if self.name in WHOLE:
+            _, length = COEFFICIENTS[self.name]
+            over = ET.Element("quotient")
+            below = ET.Element("product")
+            least = ET.SubElement(below, "max")
+            least.extend([quantity("aero/qbar-psf"), number(1e-6)])
+            below.extend([quantity(n) for n in ("metrics/Sw-sqft", *((length,) if length else ()))])
+            over.extend([quantity(WHOLE[self.name]), below])
+            return [more, over]
+        value = number(aircraft.coefficient(self.name))
+        variable = "zero" if self.name.endswith("0") else self.name.partition("_")[2]
+        if variable in {"de", "da", "dr"}:
+            surface = aircraft.source_of(variable)[0]
+            if surface is None:
+                raise ModelError(f"{self.name} needs the control {variable}, {aircraft.name} has none")
+            return [more, value, quantity(surface)]
+        return [more, value, *(quantity(n) for n in MOTIONS[variable])]
 
-Change = SetProperty | SetText | Insert | ScaleCoefficient
+
+@dataclass(frozen=True)
+class Thrust:
+    """Add a share of all forces and moments of the engines, at a model of any form.
+
+    Attributes:
+        share: XML; -0.2 takes a fifth away.
+    """
+
+    share: str
+
+    def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
+        """Change ``tree`` in place."""
+        for name in THRUST:
+            react(tree, name, [ET.fromstring(self.share)], _centre(aircraft))
+
+
+@dataclass(frozen=True)
+class ThrustLine:
+    """Raise the line of the thrust by ``up_m``: the thrust gets a pitching moment about the centre of gravity."""
+
+    up_m: float
+
+    def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
+        """Change ``tree`` in place."""
+        react(tree, "thrust-line", [number(-self.up_m / FT_M)], _centre(aircraft))
+
+
+@dataclass(frozen=True)
+class AddInertia:
+    """Add to a moment or product of inertia (Ixx ... Ixy), kg m2; signs of products as JSBSim gives and takes them."""
+
+    axis: str
+    kg_m2: float
+
+    def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
+        """Change ``tree`` in place; ModelError if the model has no mass or a unit that is not known."""
+        balance = tree.find("mass_balance")
+        if balance is None:
+            raise ModelError(f"{aircraft.name} must hold <mass_balance>, it does not")
+        element = balance.find(self.axis.lower())
+        if element is None:
+            element = ET.Element(self.axis.lower(), {"unit": "KG*M2"})
+            element.text = "0.0"
+            balance.insert(0, element)
+        unit = (element.get("unit") or "SLUG*FT2").upper()
+        if unit not in _UNITS_KG_M2:
+            raise ModelError(f"{self.axis} of {aircraft.name} must be in KG*M2 or SLUG*FT2, got {unit}")
+        element.text = repr(float(element.text or "nan") + self.kg_m2 / _UNITS_KG_M2[unit])
+
+
+Change = SetProperty | SetText | Insert | Increment | ScaleCoefficient | Thrust | ThrustLine | AddInertia
+
+
+def _centre(aircraft: Aircraft) -> tuple[float, float, float]:
+    """Return where the centre of gravity was when the model was loaded, in.
+
+    Raises:
+        ModelError: nobody has looked.
+    """
+    if aircraft.adapter is None or aircraft.adapter.cg_in is None:
+        raise ModelError(f"{aircraft.name} must be loaded with load_aircraft before it is changed")
+    return aircraft.adapter.cg_in
 
 
 @dataclass(frozen=True)
@@ -112,10 +246,10 @@ class Amendment:
     memories: tuple[Memory, ...] = ()
     upstream: int = 0
 
-    def apply(self, tree: ET.Element) -> None:
+    def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Apply the edits of the XML to ``tree`` in place."""
         for change in self.changes:
-            change.apply(tree)
+            change.apply(tree, aircraft)
 
     def modes_added(self, elastic: ElasticModel | None, S_m2: float, cbar_m: float) -> ElasticModel | None:
         """Return the elastic model with the modes of this amendment after its own."""

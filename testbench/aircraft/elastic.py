@@ -31,32 +31,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.linalg import block_diag, expm
 
+from testbench.aircraft.adapter import SURFACES, Adapter
+from testbench.aircraft.paths import path_of, read_by_aerodynamics
+from testbench.aircraft.reactions import COEFFICIENTS, MOTIONS, react
 from testbench.core.constants import PSF_PA
 from testbench.core.record import FloatArray
-
-# Where a model says that the elevator stands, if that is not where its servo does.
-ELEVATOR_SURFACE = "fcs/elevator-surface-rad"
-# How each motion variable of C_Q reads in JSBSim: properties whose product is the nondimensional variable.
-MOTIONS: dict[str, tuple[str, ...]] = {
-    "zero": (),
-    "alpha": ("aero/alpha-rad",),
-    "q": ("velocities/q-aero-rad_sec", "aero/ci2vel"),
-    "de": ("fcs/elevator-pos-rad",),
-    "beta": ("aero/beta-rad",),
-    "p": ("velocities/p-aero-rad_sec", "aero/bi2vel"),
-    "r": ("velocities/r-aero-rad_sec", "aero/bi2vel"),
-    "da": ("fcs/left-aileron-pos-rad",),
-    "dr": ("fcs/rudder-pos-rad",),
-}
-# Coefficient -> JSBSim axis and the reference length that its moment takes.
-COEFFICIENTS: dict[str, tuple[str, str | None]] = {
-    "CL": ("LIFT", None),
-    "CD": ("DRAG", None),
-    "CY": ("SIDE", None),
-    "Cl": ("ROLL", "metrics/bw-ft"),
-    "Cm": ("PITCH", "metrics/cbarw-ft"),
-    "Cn": ("YAW", "metrics/bw-ft"),
-}
 
 
 @dataclass(frozen=True)
@@ -188,22 +167,17 @@ def _function(name: str, body: ET.Element, copyto: str | None = None) -> ET.Elem
 
 
 def add_modes(
-    tree: ET.Element,
-    elastic: ElasticModel,
-    dt_s: float,
-    qbar_Pa: float,
-    V_m_s: float,
-    surfaces: Mapping[str, str] | None = None,
+    tree: ET.Element, elastic: ElasticModel, dt_s: float, qbar_Pa: float, V_m_s: float, adapter: Adapter | None = None
 ) -> None:
     """Write the modal states and their coupling into a JSBSim model, in place.
 
     Args:
-        tree: the ``fdm_config`` element of the rigid aircraft.
+        tree: the ``fdm_config`` element of the rigid aircraft, amendments included.
         elastic: the modes.
         dt_s: frame time for which the coefficients are made; the model flies at this rate only.
         qbar_Pa: dynamic pressure for which the exact step is made.
         V_m_s: true airspeed for which it is made.
-        surfaces: control -> property of its deflection, rad, in a model that does not use the names of MOTIONS.
+        adapter: of a foreign model.
     """
     K, D, _ = elastic.matrices(qbar_Pa, V_m_s)
     numbers = range(1, len(elastic) + 1)
@@ -217,9 +191,8 @@ def add_modes(
     assert aerodynamics is not None
     tree.insert(list(tree).index(aerodynamics), system)
 
-    behind = any((p.text or "").strip() == ELEVATOR_SURFACE for p in tree.findall("flight_control/property"))
-    motions = MOTIONS | {"de": (ELEVATOR_SURFACE,)} if behind else MOTIONS
-    motions = motions | {control: (name,) for control, name in (surfaces or {}).items()}
+    paths = [path for path in (path_of(adapter, control) for control in SURFACES) if path is not None]
+    motions = MOTIONS | {path.control: (read_by_aerodynamics(tree, path),) for path in paths}
     functions: list[ET.Element] = [_rigid_force(elastic, i, motions) for i in numbers]
     functions += [
         _function(f"modal/input-{i}", _element("sum", _property(f"modal/force-{i}"), _product(2.0, f"modal/extra-{i}"),
@@ -247,7 +220,7 @@ def add_modes(
         functions.append(_acceleration(elastic, K, D, i))
     for position, function in enumerate(functions):
         aerodynamics.insert(position, function)
-    _add_effects(aerodynamics, elastic)
+    _add_effects(tree, aerodynamics, elastic, adapter)
 
 
 def _rigid_force(elastic: ElasticModel, i: int, motions: Mapping[str, tuple[str, ...]]) -> ET.Element:
@@ -309,7 +282,7 @@ def _acceleration(elastic: ElasticModel, K: FloatArray, D: FloatArray, i: int) -
     return _function(f"modal/etaddot-{i}", _sum(terms))
 
 
-def _add_effects(aerodynamics: ET.Element, elastic: ElasticModel) -> None:
+def _add_effects(tree: ET.Element, aerodynamics: ET.Element, elastic: ElasticModel, adapter: Adapter | None) -> None:
     for coefficient, (axis_name, length) in COEFFICIENTS.items():
         terms = []
         for i, mode in enumerate(elastic.modes, 1):
@@ -317,6 +290,10 @@ def _add_effects(aerodynamics: ET.Element, elastic: ElasticModel) -> None:
                 terms.append(_product(mode.effect_eta[coefficient], f"modal/eta-{i}"))
             if mode.effect_etadot.get(coefficient):
                 terms.append(_product(mode.effect_etadot[coefficient], f"modal/etadot-{i}", "aero/ci2vel"))
+        if adapter is not None and adapter.cg_in is not None:
+            if terms:
+                react(tree, coefficient, [_sum(terms)], adapter.cg_in)
+            continue
         axis = next((a for a in aerodynamics.findall("axis") if a.get("name") == axis_name), None)
         if not terms or axis is None:
             continue

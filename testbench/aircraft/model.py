@@ -154,11 +154,10 @@ class Aircraft:
         if self.adapter is not None:
             self.adapter.apply(tree)
         for amendment in sorted(self.amendments, key=lambda a: a.upstream):
-            amendment.apply(tree)
+            amendment.apply(tree, self)
         elastic = self.flown_modes()
         if elastic is not None and len(elastic):
-            surfaces = {x.control: x.surface for x in self.adapter.links} if self.adapter is not None else {}
-            add_modes(tree, elastic, 1.0 / rate_hz, qbar_Pa, V_m_s, surfaces)
+            add_modes(tree, elastic, 1.0 / rate_hz, qbar_Pa, V_m_s, self.adapter)
         return tree
 
     def source_of(self, channel: str) -> tuple[str | None, float]:
@@ -209,11 +208,13 @@ class Aircraft:
         Raises:
             ModelError: there is no such coefficient, or the model does not trim at its design condition.
         """
-        for function in ET.fromstring(self.xml).iter("function"):
-            if function.get("name") == f"aero/coefficient/{name}":
-                values = function.findall("product/value")
-                if len(values) == 1:
-                    return float(values[0].text or "nan")
+        function_name = f"aero/coefficient/{name}"
+        if function_name in self.xml:  # reading a large model takes milliseconds
+            for function in ET.fromstring(self.xml).iter("function"):
+                if function.get("name") == function_name:
+                    values = function.findall("product/value")
+                    if len(values) == 1:
+                        return float(values[0].text or "nan")
         try:
             return self.perturbed[name]
         except KeyError as error:

@@ -37,6 +37,8 @@ _ALPHADOT = "aero/alphadot-rad_sec"
 def coefficients(aircraft: Aircraft, trimmed: TrimmedFlight) -> dict[str, float]:
     """Return the coefficients of a model at trim: CL, CD, ... themselves, and their derivatives CL_alpha to Cn_dr.
 
+    CL0, CD0, ... are what is left of them when every derivative times its variable is taken away.
+
     Derivatives are per rad of angles and deflections, and per nondimensional rate: p b/2V, q cbar/2V, r b/2V and
     alphadot cbar/2V. Those of lift, drag and pitching moment by lateral motions, and the others by longitudinal ones,
     are included; a symmetric aircraft has none. What the model does not have is zero.
@@ -61,6 +63,8 @@ def coefficients(aircraft: Aircraft, trimmed: TrimmedFlight) -> dict[str, float]
     used = np.flatnonzero(np.abs(X).max(axis=0) > 1e-12)
     found = np.linalg.lstsq(X[:, used], Y, rcond=None)[0]
     out = {c: float(v) for c, v in zip(COEFFICIENTS, y0, strict=True)}
+    still = y0 - x0[used] @ found
+    out |= {f"{c}0": float(v) for c, v in zip(COEFFICIENTS, still, strict=True)}
     for k, row in zip(used, found, strict=True):
         out |= {f"{c}_{_VARIABLES[k]}": float(v) + 0.0 for c, v in zip(COEFFICIENTS, row, strict=True)}
     return out

@@ -8,12 +8,15 @@ from functools import lru_cache
 from pathlib import Path
 
 from testbench.aircraft import Aircraft, read_aircraft
+from testbench.aircraft.adapter import CHANNEL
 from testbench.aircraft.source import find_model, read_source
 from testbench.core.errors import ModelError
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, resolve, stock_root
 from testbench.flight.adopt import Adopted, adopt
 from testbench.flight.check import checked
 from testbench.flight.coefficients import Perturbed
+from testbench.flight.condition import FlightCondition
+from testbench.flight.executive import Executive
 
 
 def load_aircraft(name: str | Path, wings: str = "flexible", folder: Path | None = None) -> Aircraft:
@@ -55,9 +58,16 @@ class AircraftNote(UserWarning):
 
 
 def _whole(aircraft: Aircraft) -> Aircraft:
-    """Return the aircraft with its coefficients, which are found when they are first asked for; warn of its notes."""
+    """Return the aircraft with its coefficients, which are found when they are first asked for; warn of its notes.
+
+    A foreign model gets its centre of gravity, too, which is where forces act that are added to it.
+    """
     for note in aircraft.notes:
         warnings.warn(AircraftNote(note), stacklevel=3)
+    if aircraft.adapter is not None and aircraft.adapter.cg_in is None:
+        fdm = Executive(aircraft, aircraft.rate_hz, FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m))
+        x, y, z = (fdm.get(f"inertia/cg-{axis}-in") for axis in "xyz")
+        aircraft = replace(aircraft, adapter=replace(aircraft.adapter, cg_in=(x, y, z)))
     return replace(aircraft, perturbed=Perturbed(aircraft))
 
 
@@ -80,7 +90,13 @@ def adopted_at(path: Path, V_m_s: float | None = None, h_m: float | None = None)
 
 @lru_cache(maxsize=64)
 def _adopted(main: Path, V_m_s: float | None, h_m: float | None, changed: tuple[int, ...]) -> Adopted:
-    return adopt(read_source(main), V_m_s, h_m)
+    source = read_source(main)
+    if f'<channel name="{CHANNEL}">' in source.xml:
+        raise ModelError(
+            f"a model is adopted as its author wrote it, but '{main}' holds the channels that the testbench adds: "
+            "load the model that it was made from, or fly this one in JSBSim by its testbench/...-command properties"
+        )
+    return adopt(source, V_m_s, h_m)
 
 
 @lru_cache(maxsize=64)

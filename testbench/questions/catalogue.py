@@ -61,9 +61,10 @@ def scenarios() -> Rows:
 
 def effects() -> Rows:
     """Return the effects that the gap workflow can name."""
-    from testbench.questions.gap.effects import EFFECTS
+    from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS
 
-    return [("effect", "physics"), *((n, e.physics) for n, e in EFFECTS.items())]
+    by_name = ((n, f"(searched only if it is named) {e.physics}") for n, e in OTHER_SERVOS.items())
+    return [("effect", "physics"), *((n, e.physics) for n, e in EFFECTS.items()), *by_name]
 
 
 FAMILIES: dict[str, Callable[[], Rows]] = {

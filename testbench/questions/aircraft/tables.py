@@ -181,8 +181,10 @@ def derivative_table(survey: Survey) -> Table:
 def coefficient_table(aircraft: Aircraft) -> Table:
     """Return every aerodynamic coefficient of the JSBSim model, amendments included, with value and description."""
     tree = ET.fromstring(aircraft.xml)
+    if aircraft.adapter is not None and aircraft.amendments:
+        aircraft.adapter.apply(tree)  # amendments of a foreign model act on what it brings
     for amendment in aircraft.amendments:
-        amendment.apply(tree)
+        amendment.apply(tree, aircraft)
     rows: list[tuple[Value, ...]] = []
     for axis in tree.findall("aerodynamics/axis"):
         for function in axis.findall("function"):

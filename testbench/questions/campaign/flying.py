@@ -168,7 +168,7 @@ def _run(
     suites = change_suites(tuple(_suite(name) for name in scenario.suites), inputs)
     c, air = scenario.condition, scenario.air
     key = (
-        (scenario.aircraft, scenario.wings, repr(aircraft.amendments), c.V_m_s, c.h_m, c.gamma_deg),
+        (scenario.aircraft, scenario.wings, repr((aircraft.adapter, aircraft.amendments)), c.V_m_s, c.h_m, c.gamma_deg),
         (scenario.simulation.rate_hz, air.wind_north_m_s, air.wind_east_m_s, air.wind_down_m_s),
     )
     trimmed: TrimmedFlight = _TRIMS.get(key, lambda: trim_for(scenario, aircraft))

@@ -4,8 +4,10 @@
                                   change of the mass, of one moment of inertia, of all of them, percent
     aircraft.cg_x_m, .cg_y_m, .cg_z_m
                                   shift of the centre of gravity forward, right, down
-    coefficient.NAME              factor on the aerodynamic coefficient aero/coefficient/NAME
-    property.NAME                 value of a property that the model declares, in its own unit
+    coefficient.NAME              factor on an aerodynamic coefficient: aero/coefficient/NAME of a model in the
+                                  testbench's own form; of any other CL, CD, CY, Cl, Cm, Cn or a derivative, Cm_alpha
+    property.NAME                 value of a property that the model declares, or that a foreign model is told before
+                                  it flies, in its own unit
     sensor.CHANNEL.FIELD          figure of that sensor in every suite: noise_std, bias, scale, lag_s, delay_s, quantum,
                                   dropout, in SI; or with the unit behind it: bias_deg, noise_std_deg_s
     anything else                 a key of the scenario: condition.V_m_s, air.turbulence_rms_m_s, wings,
@@ -24,16 +26,18 @@ from dataclasses import fields, replace
 from typing import Any
 
 from testbench.aircraft import Aircraft
-from testbench.aircraft.amend import Amendment, Change, ScaleCoefficient, SetProperty, SetText
+from testbench.aircraft.amend import Amendment, Change, ScaleCoefficient
+from testbench.aircraft.seams import INERTIAS, moved_centre, scaled_mass, with_setting
 from testbench.core.channels import channel, unit_factor
-from testbench.core.constants import JSBSIM_LENGTH_M, PERCENT
+from testbench.core.constants import PERCENT
 from testbench.core.errors import ChannelError, ModelError, ScenarioError, nearest
 from testbench.sensors import Sensor, SensorSuite
 from testbench.sensors.sensor import ACCELEROMETERS
 
 ROOMS = ("aircraft", "coefficient", "property", "sensor")
-_INERTIAS = ("Ixx", "Iyy", "Izz", "Ixz")
-AIRCRAFT_KEYS = ("mass_percent", "inertia_percent", *(f"{i}_percent" for i in _INERTIAS), "cg_x_m", "cg_y_m", "cg_z_m")
+_NOTHING = 1e-9  # a coefficient that is found by differences and is smaller is zero
+_CENTRE = {"cg_x_m": (0, -1.0), "cg_y_m": (1, 1.0), "cg_z_m": (2, -1.0)}
+AIRCRAFT_KEYS = ("mass_percent", "inertia_percent", *(f"{i}_percent" for i in INERTIAS), "cg_x_m", "cg_y_m", "cg_z_m")
 SENSOR_FIELDS = ("noise_std", "bias", "scale", "lag_s", "delay_s", "quantum", "dropout")
 _IN_UNIT = ("noise_std", "bias", "quantum")
 _UNITS = {"deg": "deg", "deg_s": "deg/s", "deg_s2": "deg/s2", "m": "m", "m_s": "m/s", "m_s2": "m/s2", "percent": "%"}
@@ -104,57 +108,52 @@ def change_aircraft(aircraft: Aircraft, inputs: Mapping[str, Any]) -> Aircraft:
         ModelError: the aircraft has no such coefficient or property, or a change that it cannot take.
     """
     changes: list[Change] = []
-    mass = aircraft.mass
-    tree: ET.Element | None = None
+    shift = [0.0, 0.0, 0.0]  # aft, right, up, as JSBSim's structural axes run
+    as_loaded = aircraft
     for key, value in inputs.items():
         head, _, name = key.partition(".")
         if head == "coefficient" and name:
-            if not any(
-                f.get("name") == f"aero/coefficient/{name}" for f in ET.fromstring(aircraft.xml).iter("function")
-            ):
-                raise ModelError(_no_coefficient(aircraft, name))
+            _check_coefficient(as_loaded, name)
             changes.append(ScaleCoefficient(name, float(value)))
         elif head == "property" and name:
-            changes.append(SetProperty(name, float(value)))
+            aircraft, edits = with_setting(aircraft, name, float(value))
+            changes += edits
         elif head == "aircraft" and name:
-            tree = ET.fromstring(aircraft.xml) if tree is None else tree
-            if name in {"cg_x_m", "cg_y_m", "cg_z_m"}:
-                changes.append(_moved(tree, name[3], float(value)))
+            if name in _CENTRE:
+                axis, sign = _CENTRE[name]
+                shift[axis] = sign * float(value)
                 continue
             if name not in AIRCRAFT_KEYS:
                 raise ModelError(f"unknown key 'aircraft.{name}'{nearest(name, AIRCRAFT_KEYS)}")
             factor = 1.0 + float(value) * PERCENT
             if factor <= 0.0 and name != "Ixz_percent":
                 raise ModelError(f"aircraft.{name} > -100 must hold, got {value:g}")
-            elements = {"mass_percent": ("mass",), "inertia_percent": _INERTIAS}.get(name, (name.split("_")[0],))
-            for element in elements:
-                path = "mass_balance/" + ("emptywt" if element == "mass" else element.lower())
-                old = float(str(tree.findtext(path)))
-                changes.append(SetText(path, old * factor))
-                field = "mass_kg" if element == "mass" else element
-                mass = replace(mass, **{field: getattr(mass, field) * factor})
+            kinds = {"mass_percent": ("mass_kg",), "inertia_percent": INERTIAS}.get(name, (name.split("_")[0],))
+            edits, mass = scaled_mass(aircraft, dict.fromkeys(kinds, factor))
+            aircraft = replace(aircraft, mass=mass)
+            changes += edits
+    if any(shift):
+        changes += moved_centre(aircraft, shift)  # of the mass that it has by now
     if not changes:
         return aircraft
-    amendment = Amendment("campaign", "values of one run of a campaign", tuple(changes))
-    return replace(aircraft, mass=mass).amended(amendment)
+    return aircraft.amended(Amendment("campaign", "values of one run of a campaign", tuple(changes)))
 
 
-def _no_coefficient(aircraft: Aircraft, name: str) -> str:
+def _check_coefficient(aircraft: Aircraft, name: str) -> None:
+    """Refuse a coefficient that an aircraft does not have.
+
+    Raises:
+        ModelError: the model in the testbench's own form has no function for it; that of a foreign one is zero.
+    """
     prefix = "aero/coefficient/"
     names = [str(f.get("name")) for f in ET.fromstring(aircraft.xml).iter("function")]
     known = [n.removeprefix(prefix) for n in names if n.startswith(prefix)]
-    return f"{aircraft.name} must have the coefficient that is varied, got '{name}'{nearest(name, known)}"
-
-
-def _moved(tree: ET.Element, axis: str, shift_m: float) -> SetText:
-    """Return the change that moves the centre of gravity; JSBSim's structural axes run aft, right and up."""
-    path = "mass_balance/location[@name='CG']"
-    place = tree.find(path)
-    unit = (place.get("unit") or "").upper() if place is not None else ""
-    if place is None or unit not in JSBSIM_LENGTH_M:
-        raise ModelError("a model whose centre of gravity moves must hold <location name='CG'> in M, FT or IN")
-    sign = {"x": -1.0, "y": 1.0, "z": -1.0}[axis]
-    return SetText(f"{path}/{axis}", float(str(place.findtext(axis))) + sign * shift_m / JSBSIM_LENGTH_M[unit])
+    if aircraft.adapter is not None:
+        known = [n for n, v in aircraft.perturbed.items() if abs(v) > _NOTHING]
+    if name not in known:
+        raise ModelError(
+            f"{aircraft.name} must have the coefficient that is varied, got '{name}'{nearest(name, known)}"
+        )
 
 
 def change_suites(suites: tuple[SensorSuite, ...], inputs: Mapping[str, Any]) -> tuple[SensorSuite, ...]:

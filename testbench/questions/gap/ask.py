@@ -89,7 +89,7 @@ def run_gap(
     with located(file, "suite"):
         believed = Believed(aircraft, suite, condition, scenario.simulation.rate_hz or aircraft.rate_hz)
     with located(file, "effects"):
-        choice = choose(suite, scenario.effects, (*scenario.more_effects, *more_effects), file)
+        choice = choose(suite, scenario.effects, (*scenario.more_effects, *more_effects), file, aircraft)
     notes = not_compared(suite)
     if scenario.hidden is not None:
         with located(file, "manoeuvre"):
@@ -149,7 +149,7 @@ def run_flights(
         FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the measured commands.
         RecordError: a record cannot be used.
     """
-    choice = choose(flights.believed.suite, None, more_effects)
+    choice = choose(flights.believed.suite, None, more_effects, None, flights.believed.aircraft)
     finding = find_gap(
         flights.believed,
         flights.naming,

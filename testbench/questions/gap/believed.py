@@ -51,6 +51,7 @@ LATERAL_PRIORS: Mapping[str, float] = {
     "Cn_da": 0.30,
     "Cn_dr": 0.10,
 }
+NOTHING = 1e-9  # a coefficient of a foreign model that is smaller is what differences leave of zero
 BEYOND = 0.25  # share of the range between its limits by which a hypothesis may exceed them on either side
 
 
@@ -135,6 +136,20 @@ class Believed:
         amendment = Amendment("tuning", "re-tuned coefficients", changes)
         at_rest = None if self.at_rest is None else self.at_rest.amended(amendment)
         return replace(self, aircraft=self.aircraft.amended(amendment), at_rest=at_rest)
+
+    def priors_of(self, records: Sequence[FlightRecord]) -> Mapping[str, float]:
+        """Return the nuisances of hypotheses about these records, see :func:`priors_of`: those that the aircraft has.
+
+        An aircraft without a rudder has no Cn_dr, and what is zero stays zero however it is scaled.
+        """
+        return {n: d for n, d in priors_of(records, self.aircraft).items() if self._has(n)}
+
+    def _has(self, coefficient: str) -> bool:
+        if self.aircraft.adapter is None:
+            return f'"aero/coefficient/{coefficient}"' in self.aircraft.xml
+        control = coefficient.partition("_")[2]
+        there = control not in CONTROLS or control in self.aircraft.controls
+        return there and abs(self.aircraft.coefficient(coefficient)) > NOTHING
 
     def predict(self, record: FlightRecord) -> FloatArray:
         """Return what the believed sensors would have read on this record, (n, outputs), without noise, from JSBSim.
@@ -284,7 +299,8 @@ class _Key:
     @classmethod
     def of(cls, aircraft: Aircraft, condition: FlightCondition, rate_hz: float) -> _Key:
         limits = tuple(sorted(aircraft.limits.items()))
-        contents = (aircraft.xml, repr(aircraft.elastic), repr(aircraft.amendments), aircraft.mass, limits)
+        changed = (repr(aircraft.adapter), repr(aircraft.elastic), repr(aircraft.amendments))
+        contents = (aircraft.xml, *changed, aircraft.mass, limits)
         return cls(aircraft, (aircraft.name, contents), condition, rate_hz)
 
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from testbench.aircraft import Aircraft
 from testbench.core import bring
 from testbench.core.errors import ScenarioError, TestbenchError, nearest
-from testbench.questions.gap.effects import Effect, library
+from testbench.questions.gap.effects import Effect, catalogue, left_out, library
 from testbench.sensors import SensorSuite
 
 FOLDER = "effects"
@@ -61,6 +62,7 @@ def choose(
     only: Sequence[str] | None = None,
     more: Sequence[str] = (),
     beside: Path | None = None,
+    aircraft: Aircraft | None = None,
 ) -> Choice:
     """Return the library of a suite, or ``only`` some effects, and ``more``; the files of those that are brought run.
 
@@ -69,6 +71,7 @@ def choose(
         only: names of the library, or ``FILE.py:NAME``, that take the place of the whole library.
         more: the same, searched beside those.
         beside: the scenario's file; names are looked for from its folder, and from the working directory.
+        aircraft: as believed; effects that it cannot have are left out, which the notes say.
 
     Raises:
         ScenarioError: a name is not known, or not that of an effect; a file cannot be run; two effects share a name.
@@ -78,16 +81,21 @@ def choose(
     notes = []
     for name in (*(only or ()), *more):
         if not bring.is_brought(name):
-            chosen[name] = _packaged(name, known)
+            chosen[name] = _packaged(name, catalogue(suite))
             continue
         path, attribute = bring.find(name, beside, FOLDER)
         effect = load_effect(path, attribute)
-        if effect.name in {**known, **chosen}:
+        if effect.name in {**catalogue(suite), **chosen}:
             name_of_its_own = f"an effect that is brought must have a name of its own, got '{effect.name}' of {name}"
             raise ScenarioError([f"{name_of_its_own}, which another effect has"])
         chosen[effect.name] = effect
         notes.append(f"the effect '{effect.name}' is code of {path}; that file was run (SHA-256 {bring.sha256(path)})")
-    return Choice(chosen, tuple(notes))
+    without = left_out(chosen, aircraft, suite) if aircraft is not None else {}
+    by_reason: dict[str, list[str]] = {}
+    for name, why in without.items():
+        by_reason.setdefault(why, []).append(name)
+    notes += [f"not searched: {', '.join(names)}, since {why}" for why, names in by_reason.items()]
+    return Choice({n: e for n, e in chosen.items() if n not in without}, tuple(notes))
 
 
 def load_effect(path: Path, attribute: str) -> Effect:
@@ -118,7 +126,7 @@ def faults(names: Sequence[str], suite: SensorSuite | None, beside: Path | None)
             if bring.is_brought(name):
                 _look_at(*bring.find(name, beside, FOLDER))
             elif suite is not None:
-                _packaged(name, library(suite))
+                _packaged(name, catalogue(suite))
         except ScenarioError as error:
             out += error.faults
     return out

@@ -24,7 +24,7 @@ from testbench import __version__
 from testbench.core.errors import LimitError, RecordError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.flight.air import Air, turbulence_rms
-from testbench.questions.gap.believed import Believed, priors_of
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.evidence.air import AirFound, listen
 from testbench.questions.gap.evidence.gusts import record_key
@@ -118,7 +118,7 @@ def fly_control(
 
     Returns None if the believed aircraft does not survive the commands with any of ten draws of its coefficients.
     """
-    priors = priors_of(records, believed.aircraft)
+    priors = believed.priors_of(records)
     for attempt in range(_DRAWS):
         rng = np.random.default_rng(np.random.SeedSequence([number, attempt]))
         drawn = np.clip(rng.standard_normal(len(priors)), -_CUT, _CUT)
@@ -220,6 +220,7 @@ def _fingerprint(believed: Believed, records: Sequence[FlightRecord], air: AirFo
     """Return a digest of all that control flights depend on."""
     a = believed.aircraft
     parts = [__version__, a.xml, repr((a.elastic, a.amendments, a.mass, a.limits, believed.suite, believed.condition))]
+    parts += [] if a.adapter is None else [repr(a.adapter)]
     parts += [repr((believed.rate_hz, air.moves, air.rms_m_s, air.height_m)), *map(record_key, records)]
     return blake2b("\0".join(parts).encode(), digest_size=16).hexdigest()
 

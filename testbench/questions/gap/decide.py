@@ -17,7 +17,7 @@ from testbench.core.errors import LimitError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.flight.air import Gust
 from testbench.questions.gap import tell
-from testbench.questions.gap.believed import Believed, priors_of
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.evidence.commanded import MOVED, commands
@@ -348,7 +348,7 @@ def rest(
     """
     if best.scatter_s or best.effect.met is not None or believed.whiten is not None:
         return None
-    priors = priors_of(records, believed.aircraft)
+    priors = believed.priors_of(records)
     nuisances = np.array([best.nuisances[n] for n in priors])
     point = Hypothesis.at(believed, believed.with_effect(best.effect, best.values), tuple(records), nuisances, priors)
     parts = {e.name for e in best.effect.singles}

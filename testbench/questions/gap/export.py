@@ -15,7 +15,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft, ElasticMode
 from testbench.core.files import write_file
-from testbench.core.paths import AIRCRAFT_MODELS
+from testbench.core.paths import AIRCRAFT_MODELS, STOCK
 from testbench.flight import FlightCondition
 from testbench.page.labels import file_stem
 from testbench.questions.gap.effects.base import MetGust
@@ -54,7 +54,7 @@ def amended_files(result: GapResult) -> dict[str, str]:
     best = result.finding.naming.best
     if best is not None and best.effect.met is not None:
         return out
-    name = result.aircraft
+    name = file_stem(result.aircraft.removeprefix(STOCK)) if old.aircraft.adapter is not None else result.aircraft
     models = [aircraft_files(b.aircraft, name, b.rate_hz, b.condition) for b in (old, new)]
     if models[0] == models[1]:
         return out
@@ -73,9 +73,9 @@ def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: Fli
 
     NAME.xml is the whole model, which stock JSBSim loads. It must fly at ``rate_hz`` frames per second, as delays,
     servos of second order, memories of the flow and elastic modes count frames. Equations of elastic modes are made for
-    ``condition``. With aircraft.toml the folder is an aircraft of the testbench. If there are modes, aircraft.toml
-    lists them and names airframe.xml. That model lacks their equations, as these are written anew for every rate and
-    condition.
+    ``condition``. With aircraft.toml the folder is an aircraft of the testbench; a foreign model gets none, and has to
+    be told what the adapter tells it. If there are modes, aircraft.toml lists them and names airframe.xml. That model
+    lacks their equations, as these are written anew for every rate and condition.
 
     Args:
         aircraft: the amended aircraft.
@@ -90,6 +90,9 @@ def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: Fli
         bare = tuple(replace(a, modes=()) for a in aircraft.amendments)
         rigid = replace(aircraft, elastic=None, amendments=bare)
         out[AIRFRAME] = _one_factor(rigid.model_xml(rate_hz, condition.qbar_Pa, condition.V_m_s), note)
+    if aircraft.adapter is not None:
+        out["README.md"] = _how_to_command(aircraft, rate_hz)
+        return out | {f"Engines/{file}": text for file, text in aircraft.engine_files.items()}
     out["aircraft.toml"] = _description(
         (AIRCRAFT_MODELS / name / "aircraft.toml").read_text(encoding="utf-8"),
         aircraft,
@@ -97,6 +100,21 @@ def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: Fli
         rate_hz,
     )
     return out | {f"Engines/{file}": text for file, text in aircraft.engine_files.items()}
+
+
+def _how_to_command(aircraft: Aircraft, rate_hz: float) -> str:
+    """Return what whoever flies an amended foreign model in JSBSim must know."""
+    assert aircraft.adapter is not None
+    commands = "\n".join(
+        f"- {c.command}: {c.low:.4g} to {c.full:.4g}{'' if n == 'thr' else ' rad'}"
+        for n, c in aircraft.controls.items()
+    )
+    told = "\n".join(f"- {n} = {v:g}" for n, v in aircraft.adapter.settings.items())
+    return (
+        f"# {aircraft.name}, amended\n\nA JSBSim model with the channels that the testbench adds to it; it flies at "
+        f"{rate_hz:g} frames a second and cannot be adopted again. It is commanded by\n\n{commands}\n\n"
+        + (f"and is told, once it is loaded,\n\n{told}\n" if told else "")
+    )
 
 
 def air_text(met: MetGust) -> str:

@@ -26,7 +26,7 @@ from testbench.core.scenario.inputs import Doublet, Input, Pulse, StandardMultis
 from testbench.flight import load_aircraft
 from testbench.inputs import build
 from testbench.line import condition_of
-from testbench.questions.gap.believed import Believed, priors_of
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.evidence.commanded import commands, quiet_samples
@@ -167,9 +167,9 @@ def plan_gap(scenario: Scenario, progress: Callable[[str], None] | None = None) 
     rate = scenario.simulation.rate_hz or aircraft.rate_hz
     with located(None, f"sensors '{suite.name}'"):
         believed = Believed(aircraft, suite, condition_of(scenario.condition), rate)
-    effects = tuple(e for e in library(suite).values() if e.met is None)  # nobody plans to meet a gust
+    effects = tuple(e for e in library(suite, aircraft).values() if e.met is None)  # nobody plans to meet a gust
     records = [as_record(believed, spec) for spec in scenario.manoeuvre]
-    priors = priors_of(records, aircraft)
+    priors = believed.priors_of(records)
     parts = []
     for spec, record in zip(scenario.manoeuvre, records, strict=True):
         say(f"signatures in {spec.name}")
@@ -296,7 +296,7 @@ def separate(believed: Believed, records: Sequence[FlightRecord], fits: Sequence
     effects = [f.effect for f in fits]
     sizes = {f.effect.name: list(f.values.values()) for f in fits}
     plain = replace(believed, whiten=None)
-    priors = priors_of(records, believed.aircraft)
+    priors = believed.priors_of(records)
     flown = sum_of([Grams.of(plain, r, effects, sizes, priors) for r in records])
     quiet = max(quiet_samples(r) * r.dt_s for r in records)
     best, words = 0.0, ""

@@ -104,7 +104,7 @@ def find_gap(
             checked = ahead.take("check", instruments)
     if naming.best is not None:
         say("look at what is left")
-    known = library(believed.suite) if effects is None else effects
+    known = library(believed.suite, believed.aircraft) if effects is None else effects
     naming, unexplained = judged(naming, believed, naming_records, list(held_out.values()), known)
     beside = None
     if controls:

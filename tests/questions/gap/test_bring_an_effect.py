@@ -89,7 +89,7 @@ def test_a_file_is_looked_for_beside_the_scenario_and_in_the_effects_of_the_proj
 
 
 def test_check_reads_a_file_without_running_it(folder):
-    changed(folder, "FORCE = ", "raise RuntimeError('run')\nFORCE = ")
+    changed(folder, "BELOW = ", "raise RuntimeError('run')\nBELOW = ")
     assert GapScenario.load(folder / "banner.toml").effects is not None
     with pytest.raises(ScenarioError, match=r"must run without an error, got RuntimeError: run \(my_effect.py, line"):
         load_effect(folder / "my_effect.py", "EFFECT")
@@ -101,7 +101,7 @@ def test_check_reads_a_file_without_running_it(folder):
         ("my_effect.py:EFECT", "must define 'EFECT'; did you mean 'EFFECT'"),
         ("my_efect.py:EFFECT", "the file of 'my_efect.py:EFFECT' must exist"),
         ("my_effect.py:amend", "must be an Effect"),
-        ("my_effect.py:FORCE", "must be an Effect"),
+        ("my_effect.py:BELOW", "must be an Effect"),
         ("actuator_leg", "must name an effect of the library or FILE.py:NAME, got 'actuator_leg'"),
     ],
 )

@@ -95,7 +95,7 @@ def test_a_set_gets_the_manoeuvre_that_separates_it(believed):
 
 
 def test_a_plan_names_what_to_add(monkeypatch):
-    monkeypatch.setattr(plan_module, "library", lambda suite: {n: EFFECTS[n] for n in FEW})
+    monkeypatch.setattr(plan_module, "library", lambda suite, aircraft: {n: EFFECTS[n] for n in FEW})
     said: list[str] = []
     found = plan_gap(Scenario.load("eolo_alpha"), said.append)
     assert found.manoeuvres == ("3-2-1-1", "doublet")

@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import math
 
-from testbench.aircraft import Insert, Memory
+from testbench.aircraft import Aircraft, Increment, Insert, Memory
+from testbench.aircraft.seams import control_path
 from testbench.questions.gap.effects.reroute import component, corner, moving, product, prop, value
 
 ALPHA = "aero/alpha-rad"
 
 
-def force(axis: str, label: str, *terms: str) -> Insert:
-    """Return the edit that adds qbar S times the product of ``terms`` (XML) to an axis (LIFT, DRAG)."""
-    body = product(prop("aero/qbar-psf"), prop("metrics/Sw-sqft"), *terms)
-    return Insert(f"aerodynamics/axis[@name='{axis}']", f'<function name="gap/{label}"> {body} </function>')
+def force(coefficient: str, label: str, *terms: str) -> Increment:
+    """Return the edit that adds the product of ``terms`` (XML) to a coefficient (CL, CD, ...)."""
+    return Increment(coefficient, f"gap/{label}", terms)
 
 
-def pitching_moment(label: str, *terms: str) -> Insert:
-    """Return the edit that adds qbar S cbar times the product of ``terms`` (XML) to the pitching moment."""
-    return force("PITCH", label, prop("metrics/cbarw-ft"), *terms)
+def pitching_moment(label: str, *terms: str) -> Increment:
+    """Return the edit that adds the product of ``terms`` (XML) to the pitching moment coefficient."""
+    return force("Cm", label, *terms)
+
+
+def need_engine(aircraft: Aircraft) -> None:
+    """Refuse an aircraft without an engine.
+
+    Raises:
+        ModelError: nothing drives it.
+    """
+    control_path(aircraft, "thr")
 
 
 def excess(term: str, least: float) -> str:
@@ -26,10 +35,15 @@ def excess(term: str, least: float) -> str:
     return f"<difference> {term} {value(least)} </difference>"
 
 
-def thrust_coefficient() -> str:
-    """Return the XML of T / (qbar S)."""
+def thrust_coefficient(aircraft: Aircraft) -> str:
+    """Return the XML of T / (qbar S).
+
+    Raises:
+        ModelError: nothing drives the aircraft.
+    """
+    need_engine(aircraft)
     below = product(f"<max> {prop('aero/qbar-psf')} {value(1e-6)} </max>", prop("metrics/Sw-sqft"))
-    return f"<quotient> {prop('propulsion/engine/thrust-lbs')} {below} </quotient>"
+    return f"<quotient> {prop(str(aircraft.source_of('thrust')[0]))} {below} </quotient>"
 
 
 def followed(label: str, term: str, time_s: float, rate_hz: float) -> tuple[tuple[Insert, ...], Memory]:

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from testbench.aircraft import Aircraft, Amendment, Insert
+from testbench.aircraft import Aircraft, Amendment, Increment
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import product, prop, value
+from testbench.questions.gap.effects.reroute import prop, value
 from testbench.sensors import SensorSuite
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Add a pitching moment in proportion to alphadot cbar / 2V."""
     cm = values["Cm_alphadot"]
-    names = ("aero/qbar-psf", "metrics/Sw-sqft", "metrics/cbarw-ft", "aero/alphadot-rad_sec", "aero/ci2vel")
-    body = product(*(prop(n) for n in names), value(cm))
-    edit = Insert("aerodynamics/axis[@name='PITCH']", f'<function name="gap/Cm_alphadot"> {body} </function>')
+    edit = Increment("Cm", "gap/Cm_alphadot", (prop("aero/alphadot-rad_sec"), prop("aero/ci2vel"), value(cm)))
     return aircraft.amended(Amendment("alpha_dot", f"Cm_alphadot {cm:+.4g} more", (edit,))), suite
 
 

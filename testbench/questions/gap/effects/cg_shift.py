@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from dataclasses import replace
 
-from testbench.aircraft import Aircraft, Amendment, SetText
-from testbench.core.constants import FT_M
-from testbench.core.errors import ModelError
+from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.seams import moved_centre
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
 from testbench.sensors import SensorSuite
 from testbench.sensors.sensor import ACCELEROMETERS
-
-_PATH = "mass_balance/location[@name='CG']"
-_LENGTH_M = {"M": 1.0, "FT": FT_M, "IN": FT_M / 12.0}
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
@@ -23,17 +18,12 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
         ModelError: the model does not say where the centre of gravity is.
     """
     shift = values["aft_chords"] * aircraft.geometry.cbar_m
-    location = ET.fromstring(aircraft.xml).find(_PATH)
-    x = None if location is None else location.findtext("x")
-    if location is None or x is None or (location.get("unit") or "").upper() not in _LENGTH_M:
-        raise ModelError(f"{aircraft.name} must say where its centre of gravity is (<location name='CG'>), it does not")
-    moved = float(x) + shift / _LENGTH_M[location.get("unit", "").upper()]
     sensors = tuple(
         replace(s, position_m=(s.position_m[0] + shift, *s.position_m[1:])) if s.channel in ACCELEROMETERS else s
         for s in suite.sensors
     )
     text = f"centre of gravity {1000.0 * shift:+.3g} mm aft"
-    amended = aircraft.amended(Amendment("cg_shift", text, (SetText(f"{_PATH}/x", moved),)))
+    amended = aircraft.amended(Amendment("cg_shift", text, moved_centre(aircraft, (shift, 0.0, 0.0))))
     return amended, replace(suite, sensors=sensors)
 
 

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from testbench.aircraft import Aircraft, Amendment, Insert
+from testbench.aircraft import Aircraft, Amendment, Increment
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import product, prop, value
+from testbench.questions.gap.effects.reroute import value
 from testbench.sensors import SensorSuite
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Add a constant drag coefficient."""
     cd = values["CD"]
-    body = product(prop("aero/qbar-psf"), prop("metrics/Sw-sqft"), value(cd))
-    function = f'<function name="aero/coefficient/CD_increment"> {body} </function>'
-    edit = Insert("aerodynamics/axis[@name='DRAG']", function)
+    edit = Increment("CD", "aero/coefficient/CD_increment", (value(cd),))
     return aircraft.amended(Amendment("drag_increment", f"drag coefficient {cd:+.4g}", (edit,))), suite
 
 

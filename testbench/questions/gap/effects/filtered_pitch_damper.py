@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.seams import opened
 from testbench.questions.gap.effects.base import AUTOPILOT, Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import ELEVATOR, URGED, filtered_feedback
+from testbench.questions.gap.effects.reroute import URGED, filtered_feedback
 from testbench.sensors import SensorSuite
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Add gain times filtered pitch rate, q / (1 + lag s), to what the elevator servo is told."""
     gain, lag = values["gain_s"], values["lag_s"]
-    edit, state = filtered_feedback(ELEVATOR, "filtered-pitch-damper", "velocities/q-rad_sec", gain, lag)
+    aircraft, path = opened(aircraft, "de")
+    edit, state = filtered_feedback(path.command, "filtered-pitch-damper", "velocities/q-rad_sec", gain, lag)
     text = f"elevator fed back {gain:+.4g} rad per rad/s of pitch rate behind a filter of {lag:.3g} s"
     return aircraft.amended(Amendment("filtered_pitch_damper", text, (edit,), memories=(state,))), suite
 

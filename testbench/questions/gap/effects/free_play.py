@@ -1,43 +1,56 @@
-"""Play in the elevator's linkage."""
+"""Play in the linkage of a control."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment
-from testbench.aircraft.elastic import ELEVATOR_SURFACE
+from testbench.aircraft.paths import ControlPath
+from testbench.aircraft.seams import opened
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects.base import LINKAGE, Effect, Parameter, Values
 from testbench.questions.gap.effects.reroute import moving, prop, value
-from testbench.questions.gap.effects.servo import LAG, POSITION, BehindServo, behind_servo, column_of, declared
+from testbench.questions.gap.effects.servo import (
+    WORDS,
+    BehindServo,
+    behind_servo,
+    column_of,
+    corner_of,
+    named,
+)
 from testbench.sensors import SensorSuite
 
 WIDEST_RAD = 0.06  # some 3 degrees, several times what airworthiness codes let a worn surface have (from memory)
 _LEAST_HALF_RAD = 1e-9  # a play of this width is none
 
 
-def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+def amend(control: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Put a play of the given width between servo and surface; in the middle of it at trim."""
-    text = f"elevator linkage with a play of {values['width_rad']:.3g} rad"
-    edit = within_play(prop(ELEVATOR_SURFACE), values["width_rad"])
-    return aircraft.amended(Amendment("free_play", text, (edit,))), suite
+    aircraft, path = opened(aircraft, control)
+    text = f"{path.word} linkage with a play of {values['width_rad']:.3g} rad"
+    edit = within_play(path, prop(path.surface), values["width_rad"])
+    return aircraft.amended(Amendment(named(control, "free_play"), text, (edit,))), suite
 
 
-def shape(names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, values: Values) -> FloatArray:
+def shape(
+    control: str, names: Sequence[str], u: FloatArray, dt_s: float, aircraft: Aircraft, values: Values
+) -> FloatArray:
     """Return commands that take the servo without play where the commands ``u`` (n, m) take the surface behind it."""
-    return before_play(names, u, dt_s, aircraft, values["width_rad"])
+    return before_play(control, names, u, dt_s, aircraft, values["width_rad"])
 
 
-def within_play(drawn: str, width_rad: float) -> BehindServo:
+def within_play(path: ControlPath, drawn: str, width_rad: float) -> BehindServo:
     """Return the edit that lets the surface stand where ``drawn`` (XML) says, within a play about the servo."""
-    low, high = (f"<sum> {prop(POSITION)} {value(s * 0.5 * width_rad)} </sum>" for s in (-1.0, 1.0))
-    return behind_servo(moving(f"<min> <max> {drawn} {low} </max> {high} </min>", prop(POSITION)))
+    low, high = (f"<sum> {prop(path.servo)} {value(s * 0.5 * width_rad)} </sum>" for s in (-1.0, 1.0))
+    return behind_servo(path, moving(f"<min> <max> {drawn} {low} </max> {high} </min>", prop(path.servo)))
 
 
 def before_play(
+    control: str,
     names: Sequence[str],
     u: FloatArray,
     dt_s: float,
@@ -53,11 +66,11 @@ def before_play(
     """
     from scipy.signal import lfilter
 
-    column = column_of(names)
+    column = column_of(names, control)
     if column is None:
         return u
     half, creep, slower = half_of(width_rad), creep_1_s * dt_s, power - 1.0
-    start, whole = float(u[0, column]), math.exp(-declared(aircraft, LAG) * dt_s)
+    start, whole = float(u[0, column]), math.exp(-corner_of(aircraft, control) * dt_s)
     servo = np.asarray(lfilter([1.0 - whole], [1.0, -whole], u[:, column] - start)) + start
     d = [start]
     for x in servo.tolist():
@@ -74,18 +87,26 @@ def half_of(width_rad: float) -> float:
     return max(0.5 * width_rad, _LEAST_HALF_RAD)
 
 
-EFFECT = Effect(
-    name="free_play",
-    title="free play of the elevator",
-    place="elevator",
-    physics=(
-        "Worn hinges or rods let the servo move by a certain angle before the surface follows. "
-        "Every reversal loses the play: small inputs vanish in it, large ones arrive late and reduced by half of it."
-    ),
-    parameters=(Parameter("width_rad", "rad", 0.0, WIDEST_RAD, (0.01, 0.03), none=0.0),),
-    amend=amend,
-    mistaken_for="a dead band of the servo; a lower elevator effectiveness if all inputs are of one size",
-    separated_by="two amplitudes of the same input; a measured deflection, which only the dead band moves",
-    shape=shape,
-    upstream=LINKAGE,
-)
+def effect(control: str) -> Effect:
+    """Return the effect for a control."""
+    word = WORDS[control]
+    return Effect(
+        name=named(control, "free_play"),
+        title=f"free play of the {word}",
+        place=word,
+        physics=(
+            "Worn hinges or rods let the servo move by a certain angle before the surface follows. "
+            "Every reversal loses the play: small inputs vanish in it, large ones arrive late and reduced by half of "
+            "it."
+        ),
+        parameters=(Parameter("width_rad", "rad", 0.0, WIDEST_RAD, (0.01, 0.03), none=0.0),),
+        amend=partial(amend, control),
+        mistaken_for=f"a dead band of the servo; a lower {word} effectiveness if all inputs are of one size",
+        separated_by="two amplitudes of the same input; a measured deflection, which only the dead band moves",
+        shape=partial(shape, control),
+        lateral=control in ("da", "dr"),
+        upstream=LINKAGE,
+    )
+
+
+EFFECT = effect("de")

@@ -17,7 +17,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
     rate = -_DECAY * FT_M / aircraft.geometry.b_m
     share = f"<exp> {product(value(rate), prop('position/h-agl-ft'))} </exp>"
     lift = product(value(aircraft.coefficient("CL_alpha")), prop(ALPHA))
-    edit = force("LIFT", "ground-effect", value(values["k"]), share, lift)
+    edit = force("CL", "ground-effect", value(values["k"]), share, lift)
     text = f"lift slope {100 * values['k']:+.3g} % at the ground, next to nothing at one span"
     return aircraft.amended(Amendment("ground_effect", text, (edit,))), suite
 

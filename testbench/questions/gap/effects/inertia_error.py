@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from dataclasses import replace
 
-from testbench.aircraft import Aircraft, Amendment, SetText
+from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.seams import scaled_mass
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
 from testbench.sensors import SensorSuite
-
-_PATH = "mass_balance/iyy"
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Multiply the moment of inertia in pitch."""
     factor = values["factor"]
-    written = float(ET.fromstring(aircraft.xml).findtext(_PATH, "nan"))
-    edit = SetText(_PATH, written * factor)
-    amended = aircraft.amended(Amendment("inertia_error", f"Iyy {factor:.4g} times the believed one", (edit,)))
-    return replace(amended, mass=replace(aircraft.mass, Iyy=aircraft.mass.Iyy * factor)), suite
+    changes, mass = scaled_mass(aircraft, {"Iyy": factor})
+    amendment = Amendment("inertia_error", f"Iyy {factor:.4g} times the believed one", changes)
+    return replace(aircraft.amended(amendment), mass=mass), suite
 
 
 EFFECT = Effect(

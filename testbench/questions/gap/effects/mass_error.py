@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from dataclasses import replace
 
-from testbench.aircraft import Aircraft, Amendment, SetText
+from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.seams import scaled_mass
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
 from testbench.sensors import SensorSuite
 
@@ -13,11 +13,8 @@ from testbench.sensors import SensorSuite
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Multiply the mass; the moments of inertia stay, as for a load at the centre of gravity."""
     factor = values["factor"]
-    written = float(ET.fromstring(aircraft.xml).findtext("mass_balance/emptywt", "nan"))
-    amendment = Amendment(
-        "mass_error", f"mass {factor:.4g} times the believed one", (SetText("mass_balance/emptywt", written * factor),)
-    )
-    mass = replace(aircraft.mass, mass_kg=aircraft.mass.mass_kg * factor)
+    changes, mass = scaled_mass(aircraft, {"mass_kg": factor})
+    amendment = Amendment("mass_error", f"mass {factor:.4g} times the believed one", changes)
     return replace(aircraft.amended(amendment), mass=mass), suite
 
 

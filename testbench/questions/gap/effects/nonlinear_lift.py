@@ -11,7 +11,7 @@ from testbench.sensors import SensorSuite
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Add CL_alpha2 alpha^2 to the lift coefficient."""
-    edit = force("LIFT", "nonlinear-lift", value(values["CL_alpha2"]), prop(ALPHA), prop(ALPHA))
+    edit = force("CL", "nonlinear-lift", value(values["CL_alpha2"]), prop(ALPHA), prop(ALPHA))
     return aircraft.amended(
         Amendment("nonlinear_lift", f"lift with {values['CL_alpha2']:+.3g} alpha^2 more", (edit,))
     ), suite

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from testbench.aircraft import Aircraft, Amendment, Insert
+from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.seams import added_load
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
 from testbench.sensors import SensorSuite
 from testbench.sensors.sensor import ACCELEROMETERS
@@ -15,17 +16,13 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
     load, aft = values["ratio"] * aircraft.mass.mass_kg, values["aft_chords"] * aircraft.geometry.cbar_m
     total = aircraft.mass.mass_kg + load
     shift = load / total * aft
-    point = (
-        f'<pointmass name="payload"> <weight unit="KG">{load!r}</weight> '
-        f'<location unit="M"> <x>{aft!r}</x> <y>0</y> <z>0</z> </location> </pointmass>'
-    )
     sensors = tuple(
         replace(s, position_m=(s.position_m[0] + shift, *s.position_m[1:])) if s.channel in ACCELEROMETERS else s
         for s in suite.sensors
     )
     mass = replace(aircraft.mass, mass_kg=total)
     text = f"load of {load:.3g} kg {1000 * aft:+.3g} mm aft of the origin"
-    amended = aircraft.amended(Amendment("payload", text, (Insert("mass_balance", point),)))
+    amended = aircraft.amended(Amendment("payload", text, added_load(aircraft, load, aft)))
     return replace(amended, mass=mass), replace(suite, sensors=sensors)
 
 

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.seams import opened
 from testbench.questions.gap.effects.base import AUTOPILOT, Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import ELEVATOR, URGED, product, prop, reroute, value
+from testbench.questions.gap.effects.reroute import URGED, product, prop, reroute, value
 from testbench.sensors import SensorSuite
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Add gain times pitch rate to what the elevator servo is told."""
     gain = values["gain_s"]
-    body = f"<sum> {prop(ELEVATOR)} {product(value(gain), prop('velocities/q-rad_sec'))} </sum>"
-    edit = reroute(ELEVATOR, "pitch-damper", body)
+    aircraft, path = opened(aircraft, "de")
+    body = f"<sum> {prop(path.command)} {product(value(gain), prop('velocities/q-rad_sec'))} </sum>"
+    edit = reroute(path.command, "pitch-damper", body)
     text = f"elevator fed back {gain:+.4g} rad per rad/s of pitch rate"
     return aircraft.amended(Amendment("pitch_damper", text, (edit,))), suite
 

@@ -6,12 +6,10 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from testbench.aircraft import Insert, Memory
+from testbench.aircraft import Aircraft, Insert, Memory
+from testbench.aircraft.adapter import declare
 from testbench.core.errors import ModelError
 
-ELEVATOR = "fcs/elevator-command-rad"
-RUDDER = "fcs/rudder-command-rad"
-THROTTLE = "fcs/throttle-cmd-norm"
 # Least gain, s, of a rate feedback: one of the wrong sign takes damping away, and whoever flies feels it before it is
 # larger. Where a fit asks for more, the feedback only stands for something slow that the library does not hold.
 URGED = -0.02
@@ -36,27 +34,35 @@ class Reroute(Insert):
     target: str = ""
     memory: tuple[str, ...] = ()
 
-    def apply(self, tree: ET.Element) -> None:
+    def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Change ``tree`` in place; ModelError if no component reads the command."""
         control = tree.find("flight_control")
-        channels = [] if control is None else control.findall("channel")
+        channels = [c for part in ("flight_control", "system") for c in tree.findall(f"{part}/channel")]
         for channel in channels:
-            readers = [c for c in channel if any(_reads(p, self.command) for p in c.iter("property"))]
+            readers = [c for c in channel if any(_reads(p, self.command) for p in _read(c))]
             if not readers or control is None:
                 continue
             for reader in readers:
-                for p in reader.iter("property"):
+                for p in _read(reader):
                     if _reads(p, self.command):
                         p.text = self.target
             place = list(channel).index(readers[0])
             for i, component in enumerate(ET.fromstring(self.xml)):
                 channel.insert(place + i, component)
+            if aircraft.adapter is not None:  # the throttle of a foreign model is read before its control system
+                declare(tree, dict.fromkeys((*self.memory, self.target), 0.0))
+                return
             for name in (*self.memory, self.target):
                 declared = ET.Element("property", {"value": "0"})
                 declared.text = name
                 control.insert(0, declared)
             return
         raise ModelError(f"a rerouted command must be read by a component of <flight_control>, got '{self.command}'")
+
+
+def _read(component: ET.Element) -> list[ET.Element]:
+    """Return the elements of a component that name what it reads."""
+    return [e for tag in ("property", "input", "independentVar") for e in component.iter(tag)]
 
 
 def _reads(element: ET.Element, name: str) -> bool:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.seams import control_path
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects import thrust_lag
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import THROTTLE, moving, prop, reroute
+from testbench.questions.gap.effects.reroute import moving, prop, reroute
 from testbench.questions.gap.effects.thrust_lag import lagged
 from testbench.sensors import SensorSuite
 
@@ -17,9 +18,10 @@ _FIRST, _SECOND = "gap/thrust-stages-first", "gap/thrust-stages"
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Put two first-order lags in series behind the throttle command."""
-    first = moving(lagged(_FIRST, THROTTLE, values["lag_s"]), prop(THROTTLE))
-    second = moving(lagged(_SECOND, _FIRST, values["second_lag_s"]), prop(THROTTLE))
-    edit = reroute(THROTTLE, "thrust-stages", second, (("first", first),))
+    throttle = control_path(aircraft, "thr").command
+    first = moving(lagged(_FIRST, throttle, values["lag_s"]), prop(throttle))
+    second = moving(lagged(_SECOND, _FIRST, values["second_lag_s"]), prop(throttle))
+    edit = reroute(throttle, "thrust-stages", second, (("first", first),))
     text = f"thrust lags by {values['lag_s']:.4g} s and {values['second_lag_s']:.4g} s in series"
     return aircraft.amended(Amendment("second_order_thrust_lag", text, (edit,))), suite
 

@@ -1,4 +1,8 @@
-"""What lies between the elevator command and the surface, shared by the effects that change it."""
+"""What lies between the command of a control and its surface, shared by the effects that change it.
+
+Each of these effects is made for a control by a function ``effect``. Those of the elevator have plain names, those of
+others have the control before it: rate_limit, aileron_rate_limit.
+"""
 
 from __future__ import annotations
 
@@ -10,14 +14,37 @@ from dataclasses import dataclass
 import numpy as np
 
 from testbench.aircraft import Aircraft, Insert
-from testbench.aircraft.elastic import ELEVATOR_SURFACE
+from testbench.aircraft.adapter import PREFIX, declare
+from testbench.aircraft.paths import ControlPath
+from testbench.aircraft.seams import control_path
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects.reroute import component
 
-POSITION = "fcs/elevator-pos-rad"
-LAG = "fcs/elevator-lag-rad_sec"
-LIMIT = "fcs/elevator-rate-limit-rad_sec"
+_READING = ("property", "input", "independentVar")
+WORDS = {"de": "elevator", "da": "aileron", "dr": "rudder", "thr": "throttle"}
+COEFFICIENTS = {"de": ("Cm_de", "CL_de"), "da": ("Cl_da", "Cn_da"), "dr": ("Cn_dr", "CY_dr")}
+"""Control -> the coefficients that its effectiveness consists of, the first of them the moment that it is there for."""
+
+
+def named(control: str, name: str) -> str:
+    """Return the name of an effect for a control."""
+    return name if control == "de" else f"{WORDS[control]}_{name}"
+
+
+def labelled(control: str, label: str) -> str:
+    """Return the label of an effect's properties for a control."""
+    return label if control == "de" else f"{WORDS[control]}-{label}"
+
+
+def corner_of(aircraft: Aircraft, control: str) -> float:
+    """Return the corner frequency of a servo, rad/s, amendments included; infinite where there is none.
+
+    Raises:
+        ModelError: the aircraft has no such control.
+    """
+    path = control_path(aircraft, control)
+    return math.inf if path.lag is None else declared(aircraft, path.lag)
 
 
 def declared(aircraft: Aircraft, name: str) -> float:
@@ -51,55 +78,71 @@ def through_servo(
 
 @dataclass(frozen=True)
 class BehindServo(Insert):
-    """Let the aerodynamics, and elastic modes, read a component's output instead of the elevator's position.
+    """Let the aerodynamics, and elastic modes, read a component's output instead of the servo's position.
 
-    The component ends in ELEVATOR_SURFACE, which is declared with value 0.
+    The component ends in the surface of the path, which is declared with value 0.
     """
 
-    def apply(self, tree: ET.Element) -> None:
-        """Change ``tree`` in place; ModelError if no channel moves the elevator."""
+    path: ControlPath | None = None
+
+    def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
+        """Change ``tree`` in place; ModelError if no channel moves the surface."""
+        assert self.path is not None
+        position, surface = self.path.servo, self.path.surface
         control = tree.find("flight_control")
         for channel in [] if control is None else control.findall("channel"):
-            if control is not None and any((e.text or "").strip() == POSITION for e in channel.iter("output")):
-                for p in (e for part in tree.findall("aerodynamics") for e in part.iter("property")):
-                    if (p.text or "").strip() == POSITION:
-                        p.text = ELEVATOR_SURFACE
-                channel.append(ET.fromstring(self.xml))
+            if control is not None and any((e.text or "").strip() == position for e in channel.iter("output")):
+                parts = [*tree.findall("aerodynamics"), *tree.findall("external_reactions")]
+                driven = [c for c in channel if c.get("name", "").startswith(f"{PREFIX}drive-")]
+                for p in (e for part in (*parts, *driven) for e in part.iter() if e.tag in _READING):
+                    if (p.text or "").strip() == position:
+                        p.text = surface
+                place = list(channel).index(driven[0]) if driven else len(channel)
+                channel.insert(place, ET.fromstring(self.xml))
+                if aircraft.adapter is not None:
+                    declare(tree, {surface: 0.0})
+                    return
                 memory = ET.Element("property", {"value": "0"})
-                memory.text = ELEVATOR_SURFACE
+                memory.text = surface
                 control.insert(0, memory)
                 return
-        raise ModelError(f"a component behind the servo needs a channel that ends in {POSITION}, the model has none")
+        raise ModelError(f"a component behind the servo needs a channel that ends in {position}, the model has none")
 
 
-def behind_servo(body: str) -> BehindServo:
-    """Return the edit that lets the aerodynamics read the function ``body`` (XML) for the elevator's position."""
-    return BehindServo(".", component(ELEVATOR_SURFACE, body))
+def behind_servo(path: ControlPath, body: str) -> BehindServo:
+    """Return the edit that lets the aerodynamics read the function ``body`` (XML) for the servo's position."""
+    return BehindServo(".", component(path.surface, body), None, path)
 
 
 @dataclass(frozen=True)
 class OneSidedLimit(Insert):
-    """Give the elevator servo another rate limit in the negative direction (trailing edge up).
+    """Give a servo another rate limit in the negative direction.
 
     Attributes:
         limit: rad/s.
     """
 
     limit: float = 0.0
+    path: ControlPath | None = None
 
-    def apply(self, tree: ET.Element) -> None:
+    def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Change ``tree`` in place; ModelError if the servo has no limit to change."""
+        assert self.path is not None
         control = tree.find("flight_control")
-        servo = tree.find("flight_control/channel/fcs_function[@name='fcs/elevator-actuator']")
+        servo = tree.find(f"flight_control/channel/fcs_function[@name='{self.path.actuator}']")
+        name = f"gap/{labelled(self.path.control, 'rate-limit-up')}"
         for bound in [] if servo is None else servo.iter("max"):
             for p in bound.findall("product/property"):
-                if control is not None and (p.text or "").strip() == LIMIT:
-                    p.text = "gap/rate-limit-up"
+                if control is not None and (p.text or "").strip() == self.path.rate_limit:
+                    p.text = name
+                    if aircraft.adapter is not None:
+                        declare(tree, {name: self.limit})
+                        return
                     memory = ET.Element("property", {"value": repr(float(self.limit))})
                     memory.text = p.text
                     control.insert(0, memory)
                     return
-        raise ModelError("an asymmetric rate limit needs an elevator servo with a limit, the model has none")
+        raise ModelError(f"an asymmetric rate limit needs a servo of the {self.path.word} with a limit, there is none")
 
 
 def column_of(names: Sequence[str], name: str = "de") -> int | None:

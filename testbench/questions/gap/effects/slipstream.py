@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from testbench.aircraft import Aircraft, Amendment, Insert
+from testbench.aircraft import Aircraft, Amendment, Increment
+from testbench.aircraft.seams import control_path
 from testbench.questions.gap.effects.aero import pitching_moment, thrust_coefficient
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
 from testbench.questions.gap.effects.reroute import product, prop, value
-from testbench.questions.gap.effects.servo import POSITION
 from testbench.sensors import SensorSuite
 
 
@@ -16,12 +16,16 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
     return aircraft.amended(Amendment("slipstream", f"slipstream on the tail, k = {values['k']:.3g}", (edit,))), suite
 
 
-def blown(aircraft: Aircraft, label: str, k: float, damping_share: float) -> Insert:
-    """Return the edit that adds k T / (qbar S) times the moment of the elevator plus a share of that of pitch rate."""
-    of_elevator = product(value(aircraft.coefficient("Cm_de")), prop(POSITION))
+def blown(aircraft: Aircraft, label: str, k: float, damping_share: float) -> Increment:
+    """Return the edit that adds k T / (qbar S) times the moment of the elevator plus a share of that of pitch rate.
+
+    Raises:
+        ModelError: the aircraft has no engine or no elevator.
+    """
+    of_elevator = product(value(aircraft.coefficient("Cm_de")), prop(control_path(aircraft, "de").servo))
     cm_q = value(damping_share * aircraft.coefficient("Cm_q"))
     of_rate = product(cm_q, prop("velocities/q-aero-rad_sec"), prop("aero/ci2vel"))
-    return pitching_moment(label, value(k), thrust_coefficient(), f"<sum> {of_elevator} {of_rate} </sum>")
+    return pitching_moment(label, value(k), thrust_coefficient(aircraft), f"<sum> {of_elevator} {of_rate} </sum>")
 
 
 EFFECT = Effect(

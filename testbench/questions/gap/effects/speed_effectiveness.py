@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.seams import control_path
 from testbench.core.constants import FT_M
 from testbench.questions.gap.effects.aero import excess, pitching_moment
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
 from testbench.questions.gap.effects.reroute import product, prop, value
-from testbench.questions.gap.effects.servo import POSITION
 from testbench.sensors import SensorSuite
 
 
@@ -15,7 +15,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
     """Multiply the elevator's moment by 1 + k s + curve s^2 with s = V / V0 - 1, V0 the design speed."""
     over = excess(product(value(FT_M / aircraft.design_V_m_s), prop("velocities/vt-fps")), 1.0)
     factor = f"<sum> {value(values['k'])} {product(value(values['curve']), over)} </sum>"
-    moment = product(value(aircraft.coefficient("Cm_de")), prop(POSITION))
+    moment = product(value(aircraft.coefficient("Cm_de")), prop(control_path(aircraft, "de").servo))
     edit = pitching_moment("speed-effectiveness", factor, over, moment)
     text = (
         f"elevator effectiveness changes by {values['k']:+.3g} times the relative change of speed, "

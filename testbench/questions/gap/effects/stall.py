@@ -12,7 +12,7 @@ from testbench.sensors import SensorSuite
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Take away the lift that separation loses, see :func:`lost_lift`, and add the drag that it brings."""
     X = attached(values["alpha_rad"], values["sharpness"])
-    lift, drag = force("LIFT", "stall", lost_lift(aircraft, X)), force("DRAG", "stall-drag", won_drag(values["CD"], X))
+    lift, drag = force("CL", "stall", lost_lift(aircraft, X)), force("CD", "stall-drag", won_drag(values["CD"], X))
     text = f"flow separates about alpha = {values['alpha_rad']:.3g} rad, CD rises by {values['CD']:.3g} at most"
     return aircraft.amended(Amendment("stall", text, (lift, drag))), suite
 

@@ -14,8 +14,8 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
     """Let the separation point follow its static value with a lag; lift and drag as in a static stall."""
     X = attached(values["alpha_rad"], values["sharpness"])
     edits, separation = followed("separation", X, values["time_s"], aircraft.rate_hz)
-    lift = force("LIFT", "stall-hysteresis", lost_lift(aircraft, prop("gap/separation")))
-    drag = force("DRAG", "stall-hysteresis-drag", won_drag(values["CD"], prop("gap/separation")))
+    lift = force("CL", "stall-hysteresis", lost_lift(aircraft, prop("gap/separation")))
+    drag = force("CD", "stall-hysteresis-drag", won_drag(values["CD"], prop("gap/separation")))
     text = (
         f"flow separates about alpha = {values['alpha_rad']:.3g} rad, late by {values['time_s']:.2g} s, CD rises by "
         f"{values['CD']:.3g} at most"

@@ -8,9 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.seams import control_path
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import THROTTLE, moving, product, prop, reroute, value
+from testbench.questions.gap.effects.reroute import moving, product, prop, reroute, value
 from testbench.sensors import SensorSuite
 
 _SMALLEST_S = 1e-6  # below any frame time: the throttle passes unchanged
@@ -19,8 +20,9 @@ _SMALLEST_S = 1e-6  # below any frame time: the throttle passes unchanged
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Put a first-order lag behind the throttle command; exact for a command held from frame to frame."""
     lag = values["lag_s"]
-    body = moving(lagged("gap/thrust-lag", THROTTLE, lag), prop(THROTTLE))
-    edit = reroute(THROTTLE, "thrust-lag", body)
+    throttle = control_path(aircraft, "thr").command
+    body = moving(lagged("gap/thrust-lag", throttle, lag), prop(throttle))
+    edit = reroute(throttle, "thrust-lag", body)
     return aircraft.amended(Amendment("thrust_lag", f"thrust lags by {lag:.4g} s", (edit,))), suite
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment, Insert
+from testbench.aircraft.amend import Change, Thrust
 from testbench.core.constants import FT_M
-from testbench.questions.gap.effects.aero import excess
+from testbench.questions.gap.effects.aero import excess, need_engine
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
 from testbench.questions.gap.effects.reroute import component, product, prop, value
 from testbench.sensors import SensorSuite
@@ -14,11 +15,14 @@ THRUST = "fcs/throttle-pos-norm"  # share of the static thrust, after all that s
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Multiply thrust by scale - k (V / V0 - 1), V0 the design speed."""
+    need_engine(aircraft)
     scale, k = values["scale"], values["k"]
     over = excess(product(value(FT_M / aircraft.design_V_m_s), prop("velocities/vt-fps")), 1.0)
     factor = f"<difference> {value(scale)} {product(value(k), over)} </difference>"
     lapse = component(THRUST, product(factor, prop(THRUST)))
-    edit = Insert("flight_control", f'<channel name="gap/thrust-lapse"> {lapse} </channel>')
+    edit: Change = Insert("flight_control", f'<channel name="gap/thrust-lapse"> {lapse} </channel>')
+    if aircraft.adapter is not None:
+        edit = Thrust(f"<difference> {factor} {value(1.0)} </difference>")
     text = f"thrust {scale:.4g} times the believed one at design speed, less {k:.3g} times the relative rise of speed"
     return aircraft.amended(Amendment("thrust_lapse", text, (edit,))), suite
 

@@ -5,19 +5,20 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from testbench.aircraft import Aircraft, Amendment, SetText
+from testbench.aircraft.amend import Change, ThrustLine
+from testbench.questions.gap.effects.aero import need_engine
 from testbench.questions.gap.effects.base import Effect, Parameter
 from testbench.sensors import SensorSuite
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Mapping[str, float]) -> tuple[Aircraft, SensorSuite]:
-    """Move the thruster up (positive) or down."""
-    z = values["z_m"]
-    amendment = Amendment(
-        "thrust_line",
-        f"thrust line {1000 * z:+.1f} mm above the centre of gravity",
-        (SetText("propulsion/engine/thruster/location/z", z),),
-    )
-    return aircraft.amended(amendment), suite
+    """Move the thruster up (positive) or down from the centre of gravity; of a foreign model, from where it is."""
+    need_engine(aircraft)
+    z, above = values["z_m"], "the centre of gravity"
+    edit: Change = SetText("propulsion/engine/thruster/location/z", z)
+    if aircraft.adapter is not None:
+        edit, above = ThrustLine(z), "the believed one"
+    return aircraft.amended(Amendment("thrust_line", f"thrust line {1000 * z:+.1f} mm above {above}", (edit,))), suite
 
 
 EFFECT = Effect(

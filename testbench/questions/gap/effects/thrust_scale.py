@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.amend import Change, Thrust
+from testbench.aircraft.seams import control_path
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import THROTTLE, product, prop, reroute, value
+from testbench.questions.gap.effects.reroute import product, prop, reroute, value
 from testbench.sensors import SensorSuite
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
-    """Multiply what the motor is told; thrust is proportional to it at every speed."""
-    scale = values["scale"]
-    edit = reroute(THROTTLE, "thrust-scale", product(value(scale), prop(THROTTLE)))
+    """Multiply what the motor is told, to which thrust is proportional at every speed; of a foreign model, whose thrust
+    may be any function of the throttle, multiply all forces and moments of the engines."""
+    scale, throttle = values["scale"], control_path(aircraft, "thr").command
+    edit: Change = reroute(throttle, "thrust-scale", product(value(scale), prop(throttle)))
+    if aircraft.adapter is not None:
+        edit = Thrust(value(scale - 1.0))
     return aircraft.amended(Amendment("thrust_scale", f"throttle gives {scale:.4g} times the thrust", (edit,))), suite
 
 

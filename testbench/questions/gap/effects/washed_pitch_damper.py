@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.seams import opened
 from testbench.questions.gap.effects.base import AUTOPILOT, Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import ELEVATOR, URGED, washed_feedback
+from testbench.questions.gap.effects.reroute import URGED, washed_feedback
 from testbench.sensors import SensorSuite
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Add gain times washed-out pitch rate, s / (s + washout) q, to what the elevator servo is told."""
     gain, washout = values["gain_s"], values["washout_rad_s"]
-    edit, state = washed_feedback(ELEVATOR, "washed-pitch-damper", "velocities/q-rad_sec", gain, washout)
+    aircraft, path = opened(aircraft, "de")
+    edit, state = washed_feedback(path.command, "washed-pitch-damper", "velocities/q-rad_sec", gain, washout)
     text = f"elevator fed back {gain:+.4g} rad per rad/s of pitch rate, washed out below {washout:.3g} rad/s"
     return aircraft.amended(Amendment("washed_pitch_damper", text, (edit,), memories=(state,))), suite
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.seams import opened
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import RUDDER, URGED, washed_feedback
+from testbench.questions.gap.effects.reroute import URGED, washed_feedback
 from testbench.sensors import SensorSuite
 
 
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Add gain times washed-out yaw rate, s / (s + washout) r, to what the rudder servo is told."""
     gain, washout = values["gain_s"], values["washout_rad_s"]
-    edit, state = washed_feedback(RUDDER, "yaw-damper", "velocities/r-rad_sec", gain, washout)
+    aircraft, path = opened(aircraft, "dr")
+    edit, state = washed_feedback(path.command, "yaw-damper", "velocities/r-rad_sec", gain, washout)
     text = f"rudder fed back {gain:+.4g} rad per rad/s of yaw rate, washed out below {washout:.3g} rad/s"
     return aircraft.amended(Amendment("yaw_damper", text, (edit,), memories=(state,))), suite
 

@@ -12,7 +12,7 @@ from scipy.linalg import cho_factor, cho_solve
 from testbench.core.errors import LimitError, ModelError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.estimators.residuals import coloured_information
-from testbench.questions.gap.believed import LATERAL_PRIORS, Believed, priors_of
+from testbench.questions.gap.believed import LATERAL_PRIORS, Believed
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.search.parallel import spread
 
@@ -57,12 +57,12 @@ class Hypothesis:
     ) -> Hypothesis:
         """Fly ``model`` with its nuisances at the values ``nuisances`` (k,), or as believed.
 
-        ``priors``, if not given, are those that the records ask for (:func:`.believed.priors_of`).
+        ``priors``, if not given, are those that the records ask for (:meth:`.Believed.priors_of`).
 
         Raises:
             FlightAborted, TrimError, LimitError: it cannot fly the measured commands.
         """
-        priors = priors_of(records, believed.aircraft) if priors is None else priors
+        priors = believed.priors_of(records) if priors is None else priors
         nuisances = np.ones(len(priors)) if nuisances is None else nuisances
         tuned = model.with_nuisances(dict(zip(priors, nuisances.tolist(), strict=True)))
         return cls(believed, model, records, priors, nuisances, _flown(tuned, records))

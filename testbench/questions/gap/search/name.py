@@ -73,7 +73,8 @@ def name_effect(
     start = Hypothesis.at(believed, believed, tuple(records))
     tuned = retune(start)
     say("screen the library")
-    choice = tuple(sought(tuned, e) for e in (library(believed.suite) if effects is None else effects).values())
+    known = library(believed.suite, believed.aircraft) if effects is None else effects
+    choice = tuple(sought(tuned, e) for e in known.values())
     linear = tuned.afresh(False)  # tangents of the kind that the effect is predicted with, else the two never cancel
     screened = screen_all([(tuned if e.flown else linear, e) for e in choice])
     rejected = {s.effect.name: s.why for s in screened if not s.seen}

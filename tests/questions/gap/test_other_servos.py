@@ -1,0 +1,90 @@
+"""Servo effects of aileron and rudder: their shapes stand for their flights, and they are found in data they made."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from testbench.core.record import FlightRecord
+from testbench.flight import FlightCondition, load_aircraft
+from testbench.questions.gap.believed import LATERAL_PRIORS, PRIORS, Believed
+from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS
+from testbench.questions.gap.effects.contract import recorded
+from testbench.questions.gap.search.fit import fit
+from testbench.questions.gap.search.hypothesis import Hypothesis
+from testbench.questions.gap.search.screening import screen
+from testbench.sensors import load_suite
+
+STOCK = ("taurus", "jsbsim:c172p")
+CONDITIONS = {"taurus": FlightCondition(15.0, 100.0), "jsbsim:c172p": FlightCondition(50.0, 1000.0)}
+LATERAL = {n: e for n, e in OTHER_SERVOS.items() if e.lateral}
+SIZES = {
+    "second_order_actuator": {"omega_rad_s": 15.0, "zeta": 0.6},
+    "delayed_servo": {"delay_s": 0.04, "omega_rad_s": 15.0, "zeta": 0.6},
+    "rate_limit": {"limit_rad_s": 0.3},
+    "asymmetric_rate_limit": {"down_rad_s": 0.2, "up_rad_s": 0.4},
+    "transport_delay": {"delay_s": 0.06},
+    "free_play": {"width_rad": 0.02},
+    "creeping_free_play": {"width_rad": 0.02, "creep_1_s": 2.0, "power": 1.5},
+    "dead_band": {"half_width_rad": 0.008},
+    "surface_scale": {"scale": 0.8},
+}
+
+
+def sized(name: str) -> dict[str, float]:
+    return SIZES[name.removeprefix("aileron_").removeprefix("rudder_")]
+
+
+def believe(aircraft: str) -> Believed:
+    suite = replace(load_suite("eolo_gap_lateral"), rate_hz=50.0)
+    return Believed(load_aircraft(aircraft, "rigid"), suite, CONDITIONS[aircraft], 100.0)
+
+
+def commands(suite_hz: float = 50.0) -> tuple[FlightRecord, ...]:
+    """Return records that hold commands only: doublets of two sizes of aileron, then of rudder."""
+    t = np.arange(round(6.0 * suite_hz)) / suite_hz
+    sizes = 0.05 * ((t > 1.0) & (t < 1.4)) - 0.05 * ((t >= 1.4) & (t < 1.8))
+    sizes = sizes + 0.02 * ((t > 3.5) & (t < 3.9)) - 0.02 * ((t >= 3.9) & (t < 4.3))
+    none = np.zeros_like(t)
+    made = ({"da": sizes, "dr": none}, {"da": none, "dr": sizes})
+    return tuple(
+        FlightRecord(t_s=t, channels=("da_cmd", "dr_cmd"), data=np.column_stack([*u.values()]), kind="measured")
+        for u in made
+    )
+
+
+@pytest.mark.parametrize("aircraft", STOCK)
+@pytest.mark.parametrize("name", [n for n, e in LATERAL.items() if e.shape is not None])
+def test_a_shape_stands_for_the_flight(name, aircraft):
+    """What the effect changes of roll or yaw rate, linear with its shape, against the flight: within a fifth."""
+    believed, control = believe(aircraft), "da" if name.startswith("aileron") else "dr"
+    record = commands()[("da", "dr").index(control)]
+    model = believed.with_effect(LATERAL[name], sized(name))
+    i = believed.outputs.index("p" if control == "da" else "r")
+    flown = (model.predict(record) - believed.predict(record))[:, i]
+    linear = (model.predict_linear(record) - believed.predict_linear(record))[:, i]
+    assert np.max(np.abs(flown)) > 1e-3
+    assert np.max(np.abs(flown - linear)) < 0.2 * np.max(np.abs(flown))
+
+
+@pytest.mark.parametrize("name", ["aileron_dead_band", "rudder_transport_delay", "aileron_rate_limit"])
+def test_an_effect_is_found_again_in_data_that_it_made(name):
+    """From noise-free records, nuisances free: no more than a fiftieth of the gap is left, its size to 5 %."""
+    believed, effect = believe("taurus"), LATERAL[name]
+    records = recorded(believed.with_effect(effect, sized(name)), commands())
+    start = Hypothesis.at(believed, believed, records, np.ones(len(PRIORS) + len(LATERAL_PRIORS)))
+    found = fit(screen(start, effect), start.chi2, 0.0, 1)
+    assert found is not None
+    assert found.chi2 < max(0.02 * start.chi2, 1.0)
+    for parameter, value in sized(name).items():
+        assert found.values[parameter] == pytest.approx(value, rel=0.05)
+
+
+def test_names_of_other_controls_say_whose_they_are():
+    for name, effect in LATERAL.items():
+        control = name.split("_")[0]
+        assert effect.place == control
+        assert "elevator" not in effect.title + effect.physics
+        assert all(n.startswith(control) and n in LATERAL | EFFECTS for n in effect.contains)
