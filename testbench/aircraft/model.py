@@ -98,6 +98,7 @@ class Aircraft:
             form.
         perturbed: its aerodynamic coefficients at the design condition, as they are found by perturbing the model.
         notes: what whoever flies it should know: what was found odd when it was loaded.
+        stabiliser: control -> motion -> gain of the feedback that it is always flown with.
         uncertainty: coefficient -> relative standard deviation of the believed value; empty if nobody has said.
     """
 
@@ -120,6 +121,7 @@ class Aircraft:
     notes: tuple[str, ...] = ()
     perturbed: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
+    stabiliser: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def with_rigid_wings(self) -> Aircraft:
         """Return the aircraft with its modes frozen at zero deflection."""
@@ -290,6 +292,9 @@ class _AircraftFile(Strict):
     drawing: Outline | None = None
     wing_station: Annotated[tuple[_WingStation, ...], Field(strict=False)] = ()
     uncertainty: dict[str, Positive] = {}
+    stabiliser: dict[
+        Literal["de", "da", "dr"], dict[Literal["alpha", "beta", "p", "q", "r", "phi", "theta"], float]
+    ] = {}
 
 
 def read_aircraft(folder: Path, wings: str = "flexible") -> Aircraft:
@@ -320,6 +325,9 @@ def read_aircraft(folder: Path, wings: str = "flexible") -> Aircraft:
         *(_quantity(tree, f"mass_balance/{axis}", _INERTIA, xml_path, 0.0) for axis in ("ixx", "iyy", "izz", "ixz")),
     )
     controls = _controls(described, path)
+    absent = [c for c in described.stabiliser if c not in controls]
+    if absent:
+        raise ScenarioError([f"{path}, stabiliser.{c}: the aircraft has no such control" for c in absent])
     limits = {}
     for key, (low, high) in described.limits.items():
         channel, factor = (key.removesuffix("_deg"), DEG_RAD) if key.endswith("_deg") else (key, 1.0)
@@ -354,6 +362,7 @@ def read_aircraft(folder: Path, wings: str = "flexible") -> Aircraft:
         wing_stations=tuple(WingStation(s.y_m, s.x_m, s.height_m) for s in described.wing_station),
         adapter=_adapter(described),
         uncertainty=described.uncertainty,
+        stabiliser={control: dict(gains.items()) for control, gains in described.stabiliser.items()},
     )
     return aircraft.with_rigid_wings() if wings == "rigid" else aircraft
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft, Control
 from testbench.aircraft.model import MassProperties
+from testbench.aircraft.stabiliser import stabilised
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ModelError, TrimError
 from testbench.core.record import FlightAborted
@@ -61,7 +62,13 @@ def checked(aircraft: Aircraft, file: Path) -> Aircraft:
         ModelError: a command moves no surface, moves it by another angle than is said, or turns the aircraft the wrong
             way; JSBSim refuses the model.
     """
-    contents = (aircraft.xml, repr(aircraft.adapter), repr(aircraft.controls), repr(aircraft.elastic))
+    contents = (
+        aircraft.xml,
+        repr(aircraft.adapter),
+        repr(aircraft.controls),
+        repr(aircraft.elastic),
+        repr(aircraft.stabiliser),
+    )
     mass, notes = _check(_Key(aircraft, file, (*contents, tuple(sorted(aircraft.engine_files.items())))))
     return replace(aircraft, mass=mass, notes=notes)
 
@@ -84,7 +91,7 @@ def _check(key: _Key) -> tuple[MassProperties, tuple[str, ...]]:
             continue
         _check_throw(fdm, control, condition, file)
         _check_sign(fdm, control, condition, file)
-    return mass, (*notes, *_departs(replace(aircraft, mass=mass), condition))
+    return mass, (*notes, *_departs(stabilised(replace(aircraft, mass=mass)), condition))
 
 
 def _check_drives(aircraft: Aircraft, condition: FlightCondition, file: Path) -> list[str]:

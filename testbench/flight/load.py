@@ -10,6 +10,7 @@ from pathlib import Path
 from testbench.aircraft import Aircraft, read_aircraft
 from testbench.aircraft.adapter import CHANNEL
 from testbench.aircraft.source import find_model, read_source
+from testbench.aircraft.stabiliser import stabilised
 from testbench.core.errors import ModelError
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, resolve, stock_root
 from testbench.flight.adopt import Adopted, adopt
@@ -68,7 +69,7 @@ def _whole(aircraft: Aircraft) -> Aircraft:
         fdm = Executive(aircraft, aircraft.rate_hz, FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m))
         x, y, z = (fdm.get(f"inertia/cg-{axis}-in") for axis in "xyz")
         aircraft = replace(aircraft, adapter=replace(aircraft.adapter, cg_in=(x, y, z)))
-    return replace(aircraft, perturbed=Perturbed(aircraft))
+    return stabilised(replace(aircraft, perturbed=Perturbed(aircraft)))
 
 
 def adopted_at(path: Path, V_m_s: float | None = None, h_m: float | None = None) -> Adopted:

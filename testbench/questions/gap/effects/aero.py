@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from testbench.aircraft import Aircraft, Increment, Insert, Memory
+from testbench.aircraft.reroute import component, corner, moving, product, prop, value
 from testbench.aircraft.seams import control_path
-from testbench.questions.gap.effects.reroute import component, corner, moving, product, prop, value
 
 ALPHA = "aero/alpha-rad"
 

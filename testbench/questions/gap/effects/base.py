@@ -14,6 +14,9 @@ from testbench.core.record import FloatArray
 from testbench.flight.air import Gust
 from testbench.sensors import SensorSuite
 
+# Least gain, s, of a rate feedback: one of the wrong sign takes damping away, and whoever flies feels it before it is
+# larger. Where a fit asks for more, the feedback only stands for something slow that the library does not hold.
+URGED = -0.02
 # Where an effect acts, from the forces up to the pilot's command; what acts farther up passes through all below it.
 FORCES, LINKAGE, SERVO, GEARING, AUTOPILOT, LINK = range(6)
 

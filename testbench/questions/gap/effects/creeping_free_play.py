@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import product, prop, value
 from testbench.aircraft.seams import opened
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects.base import LINKAGE, Effect, Parameter, Values
 from testbench.questions.gap.effects.free_play import WIDEST_RAD, before_play, half_of, within_play
-from testbench.questions.gap.effects.reroute import product, prop, value
 from testbench.questions.gap.effects.servo import WORDS, named
 from testbench.sensors import SensorSuite
 

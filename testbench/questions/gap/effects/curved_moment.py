@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import prop, value
 from testbench.questions.gap.effects.aero import ALPHA, pitching_moment
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import prop, value
 from testbench.sensors import SensorSuite
 
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import moving, prop, reroute, value
 from testbench.aircraft.seams import opened
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects.base import SERVO, Effect, Parameter, Values
 from testbench.questions.gap.effects.free_play import WIDEST_RAD
-from testbench.questions.gap.effects.reroute import moving, prop, reroute, value
 from testbench.questions.gap.effects.servo import WORDS, column_of, corner_of, labelled, named, through_servo
 from testbench.sensors import SensorSuite
 

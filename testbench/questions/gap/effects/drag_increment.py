@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment, Increment
+from testbench.aircraft.reroute import value
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import value
 from testbench.sensors import SensorSuite
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import filtered_feedback
 from testbench.aircraft.seams import opened
-from testbench.questions.gap.effects.base import AUTOPILOT, Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import URGED, filtered_feedback
+from testbench.questions.gap.effects.base import AUTOPILOT, URGED, Effect, Parameter, Values
 from testbench.sensors import SensorSuite
 
 

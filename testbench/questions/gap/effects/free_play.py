@@ -10,10 +10,10 @@ import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.aircraft.paths import ControlPath
+from testbench.aircraft.reroute import moving, prop, value
 from testbench.aircraft.seams import opened
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects.base import LINKAGE, Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import moving, prop, value
 from testbench.questions.gap.effects.servo import (
     WORDS,
     BehindServo,

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import product, prop, value
 from testbench.core.constants import FT_M
 from testbench.questions.gap.effects.aero import ALPHA, force
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import product, prop, value
 from testbench.sensors import SensorSuite
 
 _DECAY = 4.0  # of the effect with height over span: gone at one span, half there at a sixth (estimate after handbooks)

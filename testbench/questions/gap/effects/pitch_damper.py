@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import product, prop, reroute, value
 from testbench.aircraft.seams import opened
-from testbench.questions.gap.effects.base import AUTOPILOT, Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import URGED, product, prop, reroute, value
+from testbench.questions.gap.effects.base import AUTOPILOT, URGED, Effect, Parameter, Values
 from testbench.sensors import SensorSuite
 
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.aircraft.elastic import first_order_hold
+from testbench.aircraft.reroute import moving, product, prop, reroute, value
 from testbench.aircraft.seams import opened
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects import actuator_lag
 from testbench.questions.gap.effects.base import SERVO, Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import moving, product, prop, reroute, value
 from testbench.questions.gap.effects.servo import WORDS, column_of, corner_of, labelled, named
 from testbench.sensors import SensorSuite
 

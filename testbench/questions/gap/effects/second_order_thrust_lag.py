@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import moving, prop, reroute
 from testbench.aircraft.seams import control_path
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects import thrust_lag
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import moving, prop, reroute
 from testbench.questions.gap.effects.thrust_lag import lagged
 from testbench.sensors import SensorSuite
 

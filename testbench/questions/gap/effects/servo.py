@@ -16,10 +16,10 @@ import numpy as np
 from testbench.aircraft import Aircraft, Insert
 from testbench.aircraft.adapter import PREFIX, declare
 from testbench.aircraft.paths import ControlPath
+from testbench.aircraft.reroute import component
 from testbench.aircraft.seams import control_path
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
-from testbench.questions.gap.effects.reroute import component
 
 _READING = ("property", "input", "independentVar")
 WORDS = {"de": "elevator", "da": "aileron", "dr": "rudder", "thr": "throttle"}

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment, Increment
+from testbench.aircraft.reroute import product, prop, value
 from testbench.aircraft.seams import control_path
 from testbench.questions.gap.effects.aero import pitching_moment, thrust_coefficient
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import product, prop, value
 from testbench.sensors import SensorSuite
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import product, prop, value
 from testbench.aircraft.seams import control_path
 from testbench.core.constants import FT_M
 from testbench.questions.gap.effects.aero import excess, pitching_moment
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import product, prop, value
 from testbench.sensors import SensorSuite
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import prop
 from testbench.questions.gap.effects.aero import followed, force
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import prop
 from testbench.questions.gap.effects.stall import attached, lost_lift, won_drag
 from testbench.sensors import SensorSuite
 

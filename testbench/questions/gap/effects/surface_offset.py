@@ -5,9 +5,9 @@ from __future__ import annotations
 from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import prop, reroute, value
 from testbench.aircraft.seams import opened
 from testbench.questions.gap.effects.base import GEARING, Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import prop, reroute, value
 from testbench.questions.gap.effects.servo import COEFFICIENTS, WORDS, labelled, named
 from testbench.sensors import SensorSuite
 

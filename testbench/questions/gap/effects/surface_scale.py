@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from functools import partial
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import moving, product, prop, reroute, value
 from testbench.aircraft.seams import opened
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects.base import GEARING, Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import moving, product, prop, reroute, value
 from testbench.questions.gap.effects.servo import COEFFICIENTS, WORDS, column_of, labelled, named
 from testbench.sensors import SensorSuite
 

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import moving, product, prop, reroute, value
 from testbench.aircraft.seams import control_path
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import moving, product, prop, reroute, value
 from testbench.sensors import SensorSuite
 
 _SMALLEST_S = 1e-6  # below any frame time: the throttle passes unchanged

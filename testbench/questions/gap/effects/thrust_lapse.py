@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment, Insert
 from testbench.aircraft.amend import Change, Thrust
+from testbench.aircraft.reroute import component, product, prop, value
 from testbench.core.constants import FT_M
 from testbench.questions.gap.effects.aero import excess, need_engine
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import component, product, prop, value
 from testbench.sensors import SensorSuite
 
 THRUST = "fcs/throttle-pos-norm"  # share of the static thrust, after all that stands between command and engine

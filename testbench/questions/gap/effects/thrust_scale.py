@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
 from testbench.aircraft.amend import Change, Thrust
+from testbench.aircraft.reroute import product, prop, reroute, value
 from testbench.aircraft.seams import control_path
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import product, prop, reroute, value
 from testbench.sensors import SensorSuite
 
 

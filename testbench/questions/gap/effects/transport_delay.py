@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import moving, product, prop, reroute, value
 from testbench.aircraft.seams import opened
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects.base import LINK, Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import moving, product, prop, reroute, value
 from testbench.questions.gap.effects.servo import WORDS, column_of, labelled, named
 from testbench.sensors import SensorSuite
 

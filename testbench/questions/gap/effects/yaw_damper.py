@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import washed_feedback
 from testbench.aircraft.seams import opened
-from testbench.questions.gap.effects.base import Effect, Parameter, Values
-from testbench.questions.gap.effects.reroute import URGED, washed_feedback
+from testbench.questions.gap.effects.base import URGED, Effect, Parameter, Values
 from testbench.sensors import SensorSuite
 
 

@@ -6,13 +6,11 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from testbench.aircraft import Aircraft, Insert, Memory
 from testbench.aircraft.adapter import declare
+from testbench.aircraft.amend import Insert, Memory
+from testbench.aircraft.model import Aircraft
 from testbench.core.errors import ModelError
 
-# Least gain, s, of a rate feedback: one of the wrong sign takes damping away, and whoever flies feels it before it is
-# larger. Where a fit asks for more, the feedback only stands for something slow that the library does not hold.
-URGED = -0.02
 _SHORTEST_S = 0.005  # lag that a linear model still tells from none
 _STANDS_STILL = "<gt> <property>simulation/dt</property> <value>0</value> </gt>"
 
