@@ -42,6 +42,7 @@ _SETTINGS = {
     "propulsion/cutoff_cmd": 0.0,
     "propulsion/fuel_freeze": 1.0,
 }
+_FEED_LBS = 5.0
 _PER_ENGINE = {"fcs/mixture-cmd-norm": 1.0, "fcs/advance-cmd-norm": 1.0, "fcs/feather-cmd-norm": 0.0}
 _NOT_FIXED_WING = (("rotor", "a rotor: a helicopter or autogyro"),)
 
@@ -112,6 +113,8 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
     engines = fdm.fdm.get_propulsion().get_num_engines()
     settings = {n: v for n, v in _SETTINGS.items() if fdm.has(n)}
     settings |= {f"{n}[{i}]": v for i in range(engines) for n, v in _PER_ENGINE.items() if fdm.has(f"{n}[{i}]")}
+    fed = _empty_feeds(fdm, tree)
+    settings |= {f"propulsion/tank[{i}]/contents-lbs": _FEED_LBS for i in fed}
     throttles = tuple(f"fcs/throttle-cmd-norm[{i}]" for i in range(engines))
     raw = replace(raw, adapter=Adapter(settings=settings, neutral=neutral))
     raw = replace(raw, geometry=_geometry(fdm, source), mass=_mass(fdm, source))
@@ -131,6 +134,10 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
     missing = tuple(a for a in ("ixx", "iyy", "izz", "ixz") if tree.find(f"mass_balance/{a}") is None)
     if missing:
         assumed.append(f"the model gives no {', '.join(missing)}: zero, as JSBSim takes it")
+    if fed:
+        assumed.append(
+            f"the tanks that feed engines are empty in the file ({', '.join(map(str, fed))}): {_FEED_LBS:g} lb each"
+        )
     if source.left_out:
         found.append(f"left out: {', '.join(source.left_out)} (a flight is recorded by the testbench)")
     if source.included:
@@ -253,6 +260,17 @@ def _engine(fdm: Executive, tree: ET.Element, i: int) -> str:
     governed = f"propulsion/engine[{i}]/constant-speed-mode"
     how = " of constant speed" if turning and fdm.has(governed) and fdm.get(governed) else ""
     return f"{kind} {file}{turning}{how}"
+
+
+def _empty_feeds(fdm: Executive, tree: ET.Element) -> list[int]:
+    """Return the empty tanks of engines that no tank with fuel feeds: those that pumps fill once time goes on."""
+    out: list[int] = []
+    for engine in tree.findall("propulsion/engine"):
+        feeds = [int(float(f.text or "-1")) for f in engine.findall("feed")]
+        names = {i: f"propulsion/tank[{i}]/contents-lbs" for i in feeds}
+        if feeds and all(fdm.has(n) and fdm.get(n) <= 0.0 for n in names.values()):
+            out += [i for i in feeds if i not in out]
+    return out
 
 
 def _tanks(fdm: Executive) -> list[float]:

@@ -2,16 +2,27 @@
 
 JSBSim has no property that sets the speed of a propeller. It moves only with time,
 
-    omega+ = omega + omegadot dt,   omegadot = (torque of the engine - torque of the propeller) / inertia
+    omega+ = omega + omegadot dt,   omegadot = (power of the engine - power of the propeller) / (omega inertia)
 
 by one step of Euler's rule in every frame (source of FGPropeller, JSBSim 1.3.3). The length of a frame is ours to
 choose, however: one frame of the right length, backwards in time if need be, takes the speed to any value, and the
 initial conditions then put everything else back.
+
+A governor turns the blades by (speed - wanted speed) dt in every frame, between two stops. At rest the speed is the one
+wanted, or the blades are at a stop. Here the governor is switched off meanwhile and the angle of the blades is sought
+that gives both; with the governor switched on again, frames of a flight change nothing any more.
+
+A turboprop gives no power while time stands still, and afterwards begins at idle. Its gas generator is therefore put
+where the throttle wants it (N1 = idle + throttle (most - idle)), and forces are read after frames of a nanosecond.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,17 +38,40 @@ ADAMS_BASHFORTH_3 = 4
 _NONE = 0
 INTEGRATORS = ("rate/rotational", "rate/translational", "position/rotational", "position/translational")
 _GLANCE_S = 1e-6  # a frame so short that nothing moves, from which the acceleration is read
-_LONGEST_S = 0.05
-_FRAMES = 3000
-_SETTLED = 1e-10  # of the speed, from frame to frame
-_SLOW, _FAST = 0.7, 0.3  # ratios of two changes in a row, beyond which frames are made longer or shorter
+_INSTANT_S = 1e-9  # a frame in which nothing moves at all
+_HISTORY = 4  # frames that the integrators remember
+_SETTLED = 1e-10  # of the speed
+_HP_FTLB_S = 550.0
+_ITERATIONS = 150
+_FRAME_S, _SHORTEST_S, _LONGEST_S = 0.02, 1e-3, 5.0
+_MOST_CHANGE = 0.15  # of a speed in one frame
+_MOST_TURN_DEG = 5.0
+_TURN_DEG = 0.05  # by which blades are turned to see what it changes
+_GOVERNS_ABOVE_RPM = 200.0  # JSBSim: no oil pressure below
+_START_DEG = (0.0, 5.0, 10.0, 20.0)  # above the fine stop, where an engine is started
+
+
+@dataclass(frozen=True)
+class _Propeller:
+    """What the file of an engine and its propeller says: stops (deg), speeds (rpm), inertia (slug ft2), N1 (%),
+    lag of the manifold pressure."""
+
+    kind: str = ""
+    low: float = 0.0
+    high: float = 0.0
+    least_rpm: float = 0.0
+    most_rpm: float = 0.0
+    inertia: float = 1.0
+    idle_n1: float = 30.0
+    most_n1: float = 100.0
+    lag_s: float = 0.0
 
 
 class Propellers:
     """The propellers of a model.
 
     Args:
-        fdm: executive that holds the model, engines running.
+        fdm: executive that holds the model.
         count: number of engines.
     """
 
@@ -46,22 +80,60 @@ class Propellers:
         names = [f"propulsion/engine[{i}]/propeller-rpm" for i in range(count)]
         self._numbers = [i for i, name in enumerate(names) if fdm.has(name)]
         self._nodes = [fdm.node(names[i]) for i in self._numbers]
-        modes = [f"propulsion/engine[{i}]/constant-speed-mode" for i in self._numbers]
-        self._governed = [fdm.has(name) and fdm.get(name) != 0.0 for name in modes]
-        self._step_s: float | None = None
         self._integrators = [fdm.node(f"simulation/integrator/{name}") for name in INTEGRATORS]
+        self._files = _files(fdm.aircraft.xml, tuple(sorted(fdm.aircraft.engine_files.items())))
+        modes = [f"propulsion/engine[{i}]/constant-speed-mode" for i in self._numbers]
+        turns = [self._file(i).high > self._file(i).low for i in self._numbers]
+        adapted = fdm.aircraft.adapter is not None
+        self._governed = [
+            k
+            for k, (i, name) in enumerate(zip(self._numbers, modes, strict=True))
+            if adapted and turns[k] and fdm.has(name) and fdm.get(name) != 0.0 and self._has(i, "power-hp")
+        ]
+        self._turboprops = [i for i in self._numbers if adapted and self._file(i).kind == "turboprop"]
+        self._slope: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self._nodes)
 
+    def _file(self, engine: int) -> _Propeller:
+        return self._files[engine] if engine < len(self._files) else _Propeller()
+
+    def _has(self, engine: int, name: str) -> bool:
+        return self._fdm.has(f"propulsion/engine[{engine}]/{name}")
+
+    def _node(self, k: int, name: str) -> Any:
+        return self._fdm.node(f"propulsion/engine[{self._numbers[k]}]/{name}")
+
     @property
     def governed(self) -> bool:
         """Whether a governor keeps the speed of any of them by the angle of its blades."""
-        return any(self._governed)
+        return bool(self._governed)
 
     def speeds(self) -> FloatArray:
         """Return the speeds (n,), rad/s."""
         return np.array([node.get_double_value() for node in self._nodes]) * RPM_RAD_S
+
+    def start(self) -> None:
+        """Start the engines in flight; the model must be placed at speed.
+
+        JSBSim lets an engine run up in frames of half a second, in which a governor turns its blades from stop to stop
+        and stalls it: it is held still meanwhile.
+        """
+        self._govern(False)
+        for above in _START_DEG:
+            for k in self._governed:
+                file = self._file(self._numbers[k])
+                self._node(k, "blade-angle").set_double_value(min(file.low + above, file.high))
+            self._fdm.fdm.get_propulsion().init_running(-1)
+            if not self._stands():
+                break
+        self._govern(True)
+
+    def _stands(self) -> bool:
+        """Return whether a piston engine with a governed propeller stands still."""
+        pistons = [k for k in self._governed if self._file(self._numbers[k]).kind == "piston"]
+        return any(self._nodes[k].get_double_value() < 1.0 for k in pistons)
 
     def accelerations(self) -> FloatArray:
         """Return the rates of change of the speeds (n,), rad/s2, at the state that was placed last."""
@@ -72,33 +144,24 @@ class Propellers:
     def settle(self) -> None:
         """Bring every propeller to the speed at which engine and air turn it with the same torque.
 
-        JSBSim's own search does it, except where a governor turns the blades by so much in every frame: its frames of
-        half a second are then too long. Here they are at first as long as those of a flight, then as long as the
-        motion allows.
+        JSBSim's own search does it where nothing turns the blades.
         """
         if not len(self):
             return
-        if not self.governed:
+        if self.governed or self._turboprops:
+            self._balance()
+        else:
             self._fdm.fdm.get_propulsion().get_steady_state()
             self._fdm.fdm.run_ic()
-            return
-        frame = 1.0 / self._fdm.rate_hz
-        dt, last = self._step_s or frame, 0.0
-        for _ in range(_FRAMES):
-            start = self.speeds()
-            self._frame(dt)
-            now = self.speeds()
-            change = now - start
-            k = int(np.argmax(np.abs(change)))
-            if abs(change[k]) <= _SETTLED * max(abs(now[k]), 1.0):
-                break
-            ratio, was = (change[k] / last if last else 1.0), dt
-            if ratio > _SLOW:
-                dt = min(1.5 * dt, _LONGEST_S)
-            elif ratio < _FAST:
-                dt = max(0.5 * dt, 0.1 * frame)
-            last = float(change[k]) * dt / was
-        self._step_s = dt
+        self.hold()
+
+    def hold(self) -> None:
+        """Let engines give the power of their throttle, speeds held, where they would not while time stands still."""
+        if self._turboprops:
+            self._march(_INSTANT_S)
+            self._spool()
+            for _ in range(_HISTORY):
+                self._march(_INSTANT_S)
 
     def turn_to(self, speeds_rad_s: FloatArray) -> None:
         """Put the speeds where they are wanted, (n,) rad/s; throttles may be anywhere meanwhile."""
@@ -110,8 +173,108 @@ class Propellers:
                 break
             self._frame(away[k] / rates[k])
 
-    def _frame(self, dt_s: float) -> None:
-        """Let one frame of this length pass in which nothing moves but what turns, and put the rest back."""
+    def _balance(self) -> None:
+        """Seek speeds and blade angles at which nothing changes.
+
+        Newton's method, a frame at a time: blades that can are turned so that the frame ends at the speed wanted;
+        where they are at a stop, the length of the frame is the time constant of the speed, which makes Euler's rule a
+        step of Newton's.
+        """
+        files = [self._file(i) for i in self._numbers]
+        governed = np.isin(np.arange(len(self)), self._governed)
+        low = np.array([f.low for f in files])
+        high = np.array([f.high for f in files])
+        advance = [f"fcs/advance-cmd-norm[{i}]" for i in self._numbers]
+        levers = [self._fdm.get(n) if self._fdm.has(n) else 1.0 for n in advance]
+        wanted = np.array([f.least_rpm + (f.most_rpm - f.least_rpm) * a for f, a in zip(files, levers, strict=True)])
+        if self._stands():
+            self.start()
+        self._govern(False)
+        if self._turboprops:
+            self._march(_INSTANT_S)
+            self._spool()
+        rpm, rates = self._look()
+        if self._slope is None:
+            self._slope = self._turned(rates, low, high)
+            rpm, rates = self._look()
+        fill = max([_FRAME_S, *(self._file(i).lag_s for i in self._numbers)])
+        slowing = np.full(len(self), -1.0 / _FRAME_S)  # d rate / d speed, 1/s
+        fresh = False  # manifolds have filled to what the throttle wants only after a frame
+        for _ in range(_ITERATIONS):
+            pitch = self._pitch()
+            scale = _SETTLED * np.maximum(np.abs(rpm), 1.0)
+            away = wanted - rpm
+            stopped = ~governed | ((pitch <= low) & (away > scale)) | ((pitch >= high) & (away < -scale))
+            if fresh and np.all(stopped | (np.abs(away) <= scale)) and np.all(np.abs(rates) <= scale):
+                break
+            dt = fill
+            turned = pitch.copy()
+            for k in self._governed:
+                step = (away[k] / dt - rates[k]) / self._slope[k] if self._slope[k] else 0.0
+                turned[k] = np.clip(pitch[k] + np.clip(step, -_MOST_TURN_DEG, _MOST_TURN_DEG), low[k], high[k])
+            self._set_pitch(turned)
+            moved = turned - pitch
+            before = rates
+            if np.any(moved):
+                rpm, before = self._look()
+                slope = np.divide(before - rates, moved, out=np.zeros(len(self)), where=np.abs(moved) > 1e-6)
+                self._slope = np.where(slope < 0.0, slope, self._slope)
+            if np.any(stopped):
+                k = int(np.argmax(np.where(stopped, np.abs(before), -1.0)))
+                dt = -1.0 / slowing[k]
+            fastest = float(np.max(np.abs(before) / np.maximum(rpm, 1.0)))
+            dt = max(min(dt, _MOST_CHANGE / fastest if fastest else dt), _SHORTEST_S)
+            self._march(dt)
+            fresh = True
+            was = rpm
+            if self._turboprops:
+                self._spool()
+            rpm, rates = self._look()
+            change = rpm - was
+            found = np.divide(rates - before, change, out=np.zeros(len(self)), where=np.abs(change) > 1e-7 * np.abs(rpm))
+            slowing = np.where(found < 0.0, np.clip(found, -1.0 / _SHORTEST_S, -1.0 / _LONGEST_S), slowing)
+        self._govern(True)
+        self._fdm.fdm.run_ic()
+
+    def _turned(self, rates: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+        """Return d rate / d blade angle (n,), rpm/s per deg."""
+        pitch = self._pitch()
+        step = np.where(pitch + _TURN_DEG <= high, _TURN_DEG, -_TURN_DEG)
+        self._set_pitch(pitch + step)
+        _, moved = self._look()
+        self._set_pitch(pitch)
+        return np.asarray((moved - rates) / step)
+
+    def _pitch(self) -> FloatArray:
+        return np.array([self._node(k, "blade-angle").get_double_value() for k in range(len(self))])
+
+    def _set_pitch(self, pitch_deg: FloatArray) -> None:
+        for k in self._governed:
+            self._node(k, "blade-angle").set_double_value(float(pitch_deg[k]))
+
+    def _govern(self, on: bool) -> None:
+        for k in self._governed:
+            self._node(k, "constant-speed-mode").set_double_value(1.0 if on else 0.0)
+
+    def _spool(self) -> None:
+        """Put gas generators where their throttles want them."""
+        for i in self._turboprops:
+            file = self._file(i)
+            throttle = self._fdm.get(f"fcs/throttle-pos-norm[{i}]")
+            self._fdm.set(f"propulsion/engine[{i}]/n1", file.idle_n1 + throttle * (file.most_n1 - file.idle_n1))
+
+    def _look(self) -> tuple[FloatArray, FloatArray]:
+        """Return speeds (n,), rpm, and their rates of change, rpm/s."""
+        self._march(_INSTANT_S)
+        rpm = np.array([node.get_double_value() for node in self._nodes])
+        given = np.array([self._node(k, "power-hp").get_double_value() for k in range(len(self))]) * _HP_FTLB_S
+        taken = np.array([self._node(k, "propeller-power-ftlbps").get_double_value() for k in range(len(self))])
+        omega = np.maximum(rpm * RPM_RAD_S, 0.01)
+        inertia = np.array([self._file(i).inertia for i in self._numbers])
+        return rpm, (given - taken) / omega / inertia / RPM_RAD_S
+
+    def _march(self, dt_s: float) -> None:
+        """Let one frame of this length pass in which nothing moves but what turns."""
         fdm = self._fdm.fdm
         for node in self._integrators:
             node.set_double_value(_NONE)
@@ -120,4 +283,53 @@ class Propellers:
         fdm.set_dt(1.0 / self._fdm.rate_hz)
         for node in self._integrators:
             node.set_double_value(ADAMS_BASHFORTH_3)
-        fdm.run_ic()
+
+    def _frame(self, dt_s: float) -> None:
+        """Let one frame pass in which nothing moves but what turns, and put the rest back."""
+        if self._turboprops:
+            self._march(_INSTANT_S)
+            self._spool()
+        self._march(dt_s)
+        self._fdm.fdm.run_ic()
+
+
+@lru_cache(maxsize=64)
+def _files(xml: str, engine_files: tuple[tuple[str, str], ...]) -> tuple[_Propeller, ...]:
+    """Return what is said of every engine and its propeller; JSBSim's defaults where nothing is."""
+    texts = dict(engine_files)
+    tree, out = ET.fromstring(xml), []
+    for element in tree.findall("propulsion/engine"):
+        engine = _root(element, texts)
+        thruster = element.find("thruster")
+        file = None if thruster is None else _root(thruster, texts)
+        kind = "" if engine is None else engine.tag.removesuffix("_engine")
+        numbers = {name: _number(file, name) for name in ("minpitch", "maxpitch", "minrpm", "maxrpm")}
+        inertia = None if file is None else file.find("ixx")
+        unit = "SLUG*FT2" if inertia is None else inertia.get("unit", "SLUG*FT2").upper()
+        factor = 1.0 / 1.35594 if unit == "KG*M2" else 1.0
+        out.append(
+            _Propeller(
+                kind,
+                numbers["minpitch"],
+                numbers["maxpitch"],
+                numbers["minrpm"],
+                numbers["maxrpm"],
+                _number(file, "ixx", 1.0) * factor,
+                _number(engine, "idlen1", 30.0),
+                _number(engine, "maxn1", 100.0),
+                _number(engine, "man-press-lag", 1.0) if kind == "piston" else 0.0,
+            )
+        )
+    return tuple(out)
+
+
+def _root(element: ET.Element, texts: dict[str, str]) -> ET.Element | None:
+    """Return the root of the file that an element names; of what the element itself holds if it names none."""
+    text = texts.get(f"{element.get('file', '')}.xml")
+    return next(iter(element), None) if text is None else ET.fromstring(text)
+
+
+def _number(element: ET.Element | None, name: str, default: float = 0.0) -> float:
+    text = None if element is None else element.findtext(name)
+    value = default if text is None else float(text)
+    return value if math.isfinite(value) else default
