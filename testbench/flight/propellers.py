@@ -45,6 +45,8 @@ _HP_FTLB_S = 550.0
 _ITERATIONS = 150
 _FRAME_S, _SHORTEST_S, _LONGEST_S = 0.02, 1e-3, 5.0
 _MOST_CHANGE = 0.15  # of a speed in one frame
+_SEARCHES, _STIFF_1_S = 3, -3.0  # of JSBSim's own search, whose frames of 0.5 s go with slow propellers only
+_CAREFUL, _FIRST_S = 0.01, 0.05  # a change of throttle, and the first frame after it
 _MOST_TURN_DEG = 5.0
 _TURN_DEG = 0.05  # by which blades are turned to see what it changes
 _GOVERNS_ABOVE_RPM = 200.0  # JSBSim: no oil pressure below
@@ -92,6 +94,8 @@ class Propellers:
         ]
         self._turboprops = [i for i in self._numbers if adapted and self._file(i).kind == "turboprop"]
         self._slope: FloatArray | None = None
+        self._slowing: FloatArray | None = None
+        self._throttles: FloatArray | None = None
 
     def __len__(self) -> int:
         return len(self._nodes)
@@ -198,16 +202,25 @@ class Propellers:
             self._slope = self._turned(rates, low, high)
             rpm, rates = self._look()
         fill = max([_FRAME_S, *(self._file(i).lag_s for i in self._numbers)])
-        slowing = np.full(len(self), -1.0 / _FRAME_S)  # d rate / d speed, 1/s
+        if self._slowing is None:
+            self._slowing = np.full(len(self), -1.0 / _FRAME_S)
+        slowing, searches = self._slowing, 0  # d rate / d speed, 1/s
         fresh = False  # manifolds have filled to what the throttle wants only after a frame
+        throttles = np.array([self._fdm.get(f"fcs/throttle-pos-norm[{i}]") for i in self._numbers])
+        longest = fill
+        if self._throttles is None or np.max(np.abs(throttles - self._throttles)) > _CAREFUL:
+            longest = min(fill, _FIRST_S)  # the power changes within a frame as the manifold empties or fills
+        self._throttles = throttles
         for _ in range(_ITERATIONS):
+            if self._stands():
+                break
             pitch = self._pitch()
             scale = _SETTLED * np.maximum(np.abs(rpm), 1.0)
             away = wanted - rpm
             stopped = ~governed | ((pitch <= low) & (away > scale)) | ((pitch >= high) & (away < -scale))
-            if fresh and np.all(stopped | (np.abs(away) <= scale)) and np.all(np.abs(rates) <= scale):
+            if fresh and longest == fill and np.all(stopped | (np.abs(away) <= scale)) and np.all(np.abs(rates) <= scale):
                 break
-            dt = fill
+            dt = longest
             turned = pitch.copy()
             for k in self._governed:
                 step = (away[k] / dt - rates[k]) / self._slope[k] if self._slope[k] else 0.0
@@ -222,17 +235,25 @@ class Propellers:
             if np.any(stopped):
                 k = int(np.argmax(np.where(stopped, np.abs(before), -1.0)))
                 dt = -1.0 / slowing[k]
+                if longest < fill:
+                    dt = min(dt, longest)
             fastest = float(np.max(np.abs(before) / np.maximum(rpm, 1.0)))
             dt = max(min(dt, _MOST_CHANGE / fastest if fastest else dt), _SHORTEST_S)
-            self._march(dt)
+            if np.all(stopped) and not self._turboprops and searches < _SEARCHES and np.min(slowing) > _STIFF_1_S and longest == fill:
+                searches += 1
+                self._fdm.fdm.get_propulsion().get_steady_state()
+            else:
+                self._march(dt)
             fresh = True
             was = rpm
             if self._turboprops:
                 self._spool()
             rpm, rates = self._look()
+            longest = min(2.0 * longest, fill)
             change = rpm - was
             found = np.divide(rates - before, change, out=np.zeros(len(self)), where=np.abs(change) > 1e-7 * np.abs(rpm))
             slowing = np.where(found < 0.0, np.clip(found, -1.0 / _SHORTEST_S, -1.0 / _LONGEST_S), slowing)
+        self._slowing = slowing
         self._govern(True)
         self._fdm.fdm.run_ic()
 
