@@ -24,7 +24,7 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.channels import CHANNELS, CONTROLS, channel, modal_channels
-from testbench.core.constants import FT_M
+from testbench.core.constants import FT_M, LBF_N
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
 from testbench.core.scratch import Scratch
@@ -32,6 +32,7 @@ from testbench.flight.condition import FlightCondition
 from testbench.flight.propellers import ADAMS_BASHFORTH_3, INTEGRATORS, Propellers
 
 _SEA_LEVEL_PSF = 2116.228
+HP_W = 745.7
 _FREEZE = "propulsion/fuel_freeze"
 _GUSTS = tuple(f"atmosphere/gust-{axis}-fps" for axis in ("north", "east", "down"))
 
@@ -246,6 +247,17 @@ class Executive:
                 self.propellers.hold()
             else:
                 self.propellers.settle()
+
+    def engine_state(self) -> str:
+        """Return in words what the first engine does as it stands."""
+        engine = "propulsion/engine"
+        if not self.has(f"{engine}/thrust-lbs"):
+            return "it has no engine"
+        thrust = self.get(f"{engine}/thrust-lbs") * LBF_N
+        running = "runs" if self.get(f"{engine}/set-running") else "does not run"
+        rpm = f" at {self.get(f'{engine}/propeller-rpm'):.0f} rpm" if self.has(f"{engine}/propeller-rpm") else ""
+        power = f", {self.get(f'{engine}/power-hp') * HP_W / 1e3:.0f} kW" if self.has(f"{engine}/power-hp") else ""
+        return f"engine 0 {running}{rpm}{power} and gives {thrust:.3g} N"
 
     def read(self) -> dict[str, float]:
         """Return every channel of the current state, SI."""
