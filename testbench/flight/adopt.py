@@ -16,7 +16,7 @@ from testbench.aircraft import Aircraft, Control
 from testbench.aircraft.adapter import THROTTLE, Adapter
 from testbench.aircraft.model import Geometry, MassProperties
 from testbench.aircraft.source import Source
-from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, RPM_RAD_S, SLUG_KG
+from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, LBF_N, SLUG_KG
 from testbench.core.errors import ModelError, TrimError
 from testbench.flight.condition import FlightCondition, TrimmedFlight, air_density
 from testbench.flight.executive import Executive
@@ -43,6 +43,10 @@ _SETTINGS = {
     "propulsion/fuel_freeze": 1.0,
 }
 _FEED_LBS = 5.0
+_LEVER = re.compile(r"/?controls/engines/engine(\[\d+\])?/throttle")
+_FILTER_FRAMES = 60  # in which a filter between command and engine moves
+_NO_THRUST, _ABSURD = 0.01, 20.0  # of the weight
+_CLOSE, _CRUISE = 1.15, 1.3  # of the slowest speed: a design speed below the first becomes the second
 _PER_ENGINE = {"fcs/mixture-cmd-norm": 1.0, "fcs/advance-cmd-norm": 1.0, "fcs/feather-cmd-norm": 0.0}
 _NOT_FIXED_WING = (("rotor", "a rotor: a helicopter or autogyro"),)
 
@@ -88,6 +92,7 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
         TrimError: it trims nowhere.
     """
     tree = ET.fromstring(source.xml)
+    _check_propellers(tree, source)
     for text in (source.xml, *source.engine_files.values()):
         for tag, words in _NOT_FIXED_WING:
             if f"<{tag} " in text or f"<{tag}>" in text:
@@ -115,19 +120,24 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
     settings |= {f"{n}[{i}]": v for i in range(engines) for n, v in _PER_ENGINE.items() if fdm.has(f"{n}[{i}]")}
     fed = _empty_feeds(fdm, tree)
     settings |= {f"propulsion/tank[{i}]/contents-lbs": _FEED_LBS for i in fed}
-    throttles = tuple(f"fcs/throttle-cmd-norm[{i}]" for i in range(engines))
     raw = replace(raw, adapter=Adapter(settings=settings, neutral=neutral))
     raw = replace(raw, geometry=_geometry(fdm, source), mass=_mass(fdm, source))
     height = h_m if h_m is not None else _HEIGHT_M[_size(raw.geometry.b_m)]
     speeds = [V_m_s] if V_m_s is not None else [_speed(raw, height, CL) for CL in _LIFT]
     probed = probe(raw, FlightCondition(speeds[0], height), 0.05)
+    throttles, powered, said = _throttles(raw, neutral, engines, FlightCondition(speeds[0], height))
     aircraft = _controlled(raw, probed, throttles)
-    trimmed = _first_trim(aircraft, speeds, height)
+    heights = [height, *(h for h in (_HEIGHT_M["middle"], _HEIGHT_M["small"]) if h < height and h_m is None)]
+    trimmed = _first_trim(aircraft, speeds, heights)
+    height = trimmed.condition.h_m
     design = trimmed.condition.V_m_s
     aircraft = replace(aircraft, design_V_m_s=design, design_h_m=height)
-    slowest, fastest, ends = _range(aircraft, design, height)
+    slowest, fastest, ends = _range(aircraft, trimmed)
+    if V_m_s is None and design < _CLOSE * slowest:
+        design = float(f"{min(_CRUISE * slowest, math.sqrt(slowest * fastest)):.3g}")
+        aircraft = replace(aircraft, design_V_m_s=design)
     aircraft = replace(aircraft, limits=_limits(slowest, fastest, height))
-    trimmed = trim(aircraft, FlightCondition(design, height))
+    trimmed = trim(aircraft, FlightCondition(design, height), near=trimmed)
     found, assumed = list(probed.found), list(probed.assumed)
     if neutral:
         assumed.append(f"the model reads {', '.join(neutral)}, which nothing in it defines: declared as 0")
@@ -142,8 +152,12 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
         found.append(f"left out: {', '.join(source.left_out)} (a flight is recorded by the testbench)")
     if source.included:
         found.append(f"included files that were put into it: {', '.join(source.included)}")
+    found += said
+    if height != heights[0]:
+        found.append(f"it trims nowhere at {heights[0]:g} m: flown at {height:g} m")
     if not throttles:
-        found.append("no engine: it is trimmed over its flight-path angle, and flies descending")
+        why = "no engine" if not engines else "no engine with thrust"
+        found.append(f"{why}: it is trimmed over its flight-path angle, and flies descending")
     assumed.append(f"limits of alpha, beta, attitude and height are the testbench's, of speed from the trims found")
     return Adopted(
         aircraft,
@@ -157,6 +171,27 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
         fastest,
         ends,
     )
+
+
+def _check_propellers(tree: ET.Element, source: Source) -> None:
+    """Raise ModelError if a propeller is larger than the aircraft: a diameter without a unit is taken in feet."""
+    span = tree.find("metrics/wingspan")
+    length = {"FT": FT_M, "IN": FT_M / 12.0, "M": 1.0}
+    if span is None or span.text is None:
+        return
+    b = float(span.text) * length.get(span.get("unit", "FT").upper(), FT_M)
+    for name, text in source.engine_files.items():
+        root = ET.fromstring(text)
+        diameter = root.find("diameter") if root.tag == "propeller" else None
+        if diameter is None or diameter.text is None:
+            continue
+        unit = diameter.get("unit")
+        D = float(diameter.text) * length.get((unit or "FT").upper(), FT_M)
+        if D > b:
+            raise ModelError(
+                f"a propeller must be smaller than the span of {b:.3g} m, but the one of {name} measures {D:.3g} m: "
+                f"<diameter> {diameter.text.strip()} has {'no unit and counts as feet' if unit is None else unit}"
+            )
 
 
 def _title(tree: ET.Element, name: str) -> str:
@@ -205,27 +240,86 @@ def _controlled(raw: Aircraft, probed: Probe, throttles: tuple[str, ...]) -> Air
     return replace(raw, adapter=replace(raw.adapter, links=probed.links, throttles=throttles), controls=controls)
 
 
-def _first_trim(aircraft: Aircraft, speeds: Sequence[float], h_m: float) -> TrimmedFlight:
+def _throttles(
+    raw: Aircraft, neutral: Mapping[str, float], engines: int, condition: FlightCondition
+) -> tuple[tuple[str, ...], bool, list[str]]:
+    """Return the throttles that engines follow, whether they give thrust, and what was found.
+
+    A command that the model's own control system does not pass on is replaced by the position at the engine; levers of
+    FlightGear that nothing in the model moves follow the same command.
+    """
+    if not engines:
+        return (), False, []
+    said = []
+    levers = tuple(n for n in neutral if _LEVER.fullmatch(n))
+    commands = tuple(f"fcs/throttle-cmd-norm[{i}]" for i in range(engines))
+    positions = tuple(f"fcs/throttle-pos-norm[{i}]" for i in range(engines))
+    chosen, thrusts = commands, [0.0]
+    for names in (commands, positions):
+        chosen = (*names, *levers)
+        assert raw.adapter is not None
+        tried = replace(
+            raw,
+            adapter=replace(raw.adapter, throttles=chosen),
+            controls={"thr": Control("thr", THROTTLE, 1.0)},
+        )
+        fdm = Executive(tried, RATE_HZ, condition)
+        follows, thrusts = True, []
+        V = condition.V_m_s
+        for throttle in (0.8, 1.0, 0.3):
+            fdm.command({"thr": throttle})
+            fdm.place(condition.h_m, 0.05, 0.0, (V * math.cos(0.05), 0.0, V * math.sin(0.05)))
+            for _ in range(3):
+                fdm.fdm.run_ic()
+            at = [fdm.get(n) for n in positions]
+            for _ in range(_FILTER_FRAMES):
+                fdm.fdm.run_ic()
+            later = [fdm.get(n) for n in positions]
+            still = all(abs(a - b) < 1e-6 for a, b in zip(at, later, strict=True))
+            follows = follows and still and (not thrusts or at != before)
+            before = at
+            fdm.evaluate()
+            thrusts.append(sum(fdm.get(f"propulsion/engine[{i}]/thrust-lbs") for i in range(engines)) * LBF_N)
+        if follows:
+            break
+    if chosen[0] == positions[0]:
+        said.append("throttle: the model passes the command on late or not at all: the engines are commanded directly")
+    if levers:
+        said.append(f"throttle: {', '.join(levers)} follow it")
+    most, weight = max(thrusts), raw.mass.mass_kg * G0_M_S2
+    if most < _NO_THRUST * weight:
+        said.append(
+            f"engines: {most:.3g} N at full throttle for a weight of {weight:.3g} N ({fdm.engine_state()}): counted as none"
+        )
+        return (), False, said
+    if most > _ABSURD * weight:
+        said.append(f"engines: {most:.3g} N at full throttle for a weight of {weight:.3g} N")
+    return chosen, True, said
+
+
+def _first_trim(aircraft: Aircraft, speeds: Sequence[float], heights: Sequence[float]) -> TrimmedFlight:
     reasons = []
-    for V in speeds:
-        try:
-            return trim(aircraft, FlightCondition(V, h_m))
-        except TrimError as error:
-            reasons.append(error.message)
+    for h in heights:
+        for V in speeds:
+            try:
+                return trim(aircraft, FlightCondition(V, h))
+            except TrimError as error:
+                reasons.append(error.message)
     raise TrimError(
-        f"{aircraft.name} must trim somewhere, but none of {', '.join(f'{V:g}' for V in speeds)} m/s at {h_m:g} m does; "
-        f"the first: {reasons[0]}; name a speed with --speed"
+        f"{aircraft.name} must trim somewhere, but none of {', '.join(f'{V:g}' for V in speeds)} m/s at "
+        f"{' or '.join(f'{h:g}' for h in heights)} m does; the first: {reasons[0]}; name a speed with --speed"
     )
 
 
-def _range(aircraft: Aircraft, design: float, h_m: float) -> tuple[float, float, tuple[str, str]]:
+def _range(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tuple[str, str]]:
     """Return the slowest and fastest speed that trims in steps of 8 %, and why those beyond do not."""
     ends, reasons = [], []
+    design, h_m = first.condition.V_m_s, first.condition.h_m
     for factor, last in ((1.0 / _SPEED_STEP, _SLOWER * design), (_SPEED_STEP, _FASTER * design)):
-        V, reason = design, "no trim was sought beyond"
+        V, reason, near = design, "no trim was sought beyond", first
         while (V * factor - last) * (factor - 1.0) < 0.0:
             try:
-                trim(aircraft, FlightCondition(V * factor, h_m))
+                near = trim(aircraft, FlightCondition(V * factor, h_m), near=near)
             except TrimError as error:
                 reason = error.message
                 break

@@ -132,6 +132,10 @@ class Propellers:
             self._fdm.fdm.get_propulsion().init_running(-1)
             if not self._stands():
                 break
+        else:
+            for i in self._numbers:
+                self._fdm.fdm.get_propulsion().get_engine(i).init_running()
+        self._throttles = None
         self._govern(True)
 
     def _stands(self) -> bool:

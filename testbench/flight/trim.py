@@ -107,7 +107,7 @@ def trim(
         )
     residual = problem.accelerations(x, to_rest=True)
     found = problem.values(x)
-    _check(aircraft, condition, found, residual, problem.tolerance)
+    _check(aircraft, condition, found, residual, problem.most)
     controls = {n: v for n, v in found.items() if n in aircraft.controls}
     condition = replace(condition, gamma_rad=found.get("gamma", condition.gamma_rad))
     alpha = found["alpha"]
@@ -157,7 +157,12 @@ class _Problem:
         """Return whether the unknowns leave no more than the tolerance and lie within their limits."""
         low, high = self._bounds()
         inside = bool(np.all(x >= low - 1e-9) and np.all(x <= high + 1e-9))
-        return inside and bool(np.max(np.abs(self.accelerations(x, to_rest=True))) < self.tolerance)
+        return inside and bool(np.max(np.abs(self.accelerations(x, to_rest=True))) < self.most)
+
+    @property
+    def most(self) -> float:
+        """Acceleration that is accepted, m/s2 and rad/s2: filters of foreign models may never come quite to rest."""
+        return PROPELLER_TOLERANCE if self._fdm.aircraft.adapter is not None else self.tolerance
 
     def _bounds(self) -> tuple[FloatArray, FloatArray]:
         """Return the lowest and highest values of the unknowns (n,)."""
@@ -225,7 +230,11 @@ class _Problem:
         unit = "m/s2" if k < 3 else "rad/s2"
         left = f"{residual[k]:.2g} {unit} of {_MOTIONS[k]} are left"
         for i, name in enumerate(self.names):
-            if name in aircraft.controls and not np.max(np.abs(J[:, i])) > _NO_EFFECT:
+            if name not in aircraft.controls or np.max(np.abs(J[:, i])) > _NO_EFFECT:
+                continue
+            moved = [np.where(np.arange(len(x)) == i, low[i] + f * (high[i] - low[i]), x) for f in (0.3, 0.9)]
+            if not np.max(np.abs(self.accelerations(moved[1]) - self.accelerations(moved[0]))) > _NO_EFFECT:
+                self.accelerations(x, to_rest=True)
                 said = f"; {fdm.engine_state()}" if name == "thr" else ""
                 return f"trim of {where} needs a balance, but {_WORDS[name]} has no effect there: {left}{said}"
         stops = [
@@ -246,7 +255,7 @@ class _Problem:
         jacobian, before, most = None, np.inf, self.tolerance
         for _ in range(40):
             left = float(np.max(np.abs(residual)))
-            if left < most:
+            if left < most or (left < self.most and not left < _KEPT * before):
                 break
             if jacobian is None or not left < _KEPT * before:
                 jacobian = self._jacobian(x)
