@@ -43,6 +43,7 @@ _SETTINGS = {
     "propulsion/fuel_freeze": 1.0,
 }
 _FEED_LBS = 5.0
+_THOROUGH = 2  # speeds at which damped steps from several starts are tried, when no quick trim succeeds
 _LEVER = re.compile(r"/?controls/engines/engine(\[\d+\])?/throttle")
 _FILTER_FRAMES = 60  # in which a filter between command and engine moves
 _NO_THRUST, _ABSURD = 0.01, 20.0  # of the weight
@@ -299,12 +300,12 @@ def _throttles(
 
 def _first_trim(aircraft: Aircraft, speeds: Sequence[float], heights: Sequence[float]) -> TrimmedFlight:
     reasons = []
-    for h in heights:
-        for V in speeds:
-            try:
-                return trim(aircraft, FlightCondition(V, h))
-            except TrimError as error:
-                reasons.append(error.message)
+    quick = [(V, h, False) for h in heights for V in speeds]
+    for V, h, thorough in (*quick, *((V, heights[0], True) for V in speeds[:_THOROUGH])):
+        try:
+            return trim(aircraft, FlightCondition(V, h), thorough=thorough)
+        except TrimError as error:
+            reasons += [error.message] if thorough else []
     raise TrimError(
         f"{aircraft.name} must trim somewhere, but none of {', '.join(f'{V:g}' for V in speeds)} m/s at "
         f"{' or '.join(f'{h:g}' for h in heights)} m does; the first: {reasons[0]}; name a speed with --speed"
@@ -319,7 +320,7 @@ def _range(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tupl
         V, reason, near = design, "no trim was sought beyond", first
         while (V * factor - last) * (factor - 1.0) < 0.0:
             try:
-                near = trim(aircraft, FlightCondition(V * factor, h_m), near=near)
+                near = trim(aircraft, FlightCondition(V * factor, h_m), near=near, thorough=False)
             except TrimError as error:
                 reason = error.message
                 break

@@ -29,7 +29,8 @@ _THROTTLE_STARTS = (0.3, 0.8)  # a propeller that gives no thrust at the first h
 _RADIUS_NORTH, _RADIUS_EAST = 6335439.0, 6378137.0
 _ALPHA = (-10.0 * DEG_RAD, 20.0 * DEG_RAD)
 _STARTS = ((0.05, 0.8), (0.15, 0.5), (0.0, 1.0))  # alpha, throttle of damped steps
-_DESCENTS = 25
+_FEW = 5
+_JACOBIANS = 10  # of Newton's method on a foreign model
 _NEARLY = 1e-3  # m/s2 and rad/s2: from there Newton's method is tried again
 _NO_EFFECT = 1e-7  # m/s2 and rad/s2 per unit of a control
 _MOTIONS = ("udot", "vdot", "wdot", "pdot", "qdot", "rdot")
@@ -54,6 +55,7 @@ def trim(
     rate_hz: float | None = None,
     air: Air | None = None,
     near: TrimmedFlight | None = None,
+    thorough: bool = True,
 ) -> TrimmedFlight:
     """Trim in steady straight flight without sideslip.
 
@@ -70,7 +72,7 @@ def trim(
     Where Newton's method fails on a foreign model, damped steps within the limits of alpha and the controls follow,
     from several starts; what stands against a balance is read off from where they end.
 
-    ``near`` is a trim of the same aircraft to start from.
+    ``near`` is a trim of the same aircraft to start from. Not ``thorough``, damped steps are few and serve the reason.
 
     Raises:
         TrimError: there is no equilibrium within the limits of the controls and the flight envelope.
@@ -90,13 +92,13 @@ def trim(
     if near is not None:
         x, solvable = problem.newton(problem.beside(near))
         solvable = solvable and problem.balanced(x)
-    if not solvable:
+    if not solvable and (near is None or thorough):
         for throttle in problem.throttle_starts:
             x, solvable = problem.newton(problem.start(throttle))
             if solvable and (aircraft.adapter is None or problem.balanced(x)):
                 break
     if aircraft.adapter is not None and not (solvable and problem.balanced(x)):
-        x = problem.descend()
+        x = problem.descend() if thorough else problem.descend([x], _FEW)
         if not problem.balanced(x):
             raise TrimError(problem.reason(x))
     elif not solvable:
@@ -173,19 +175,20 @@ class _Problem:
         low, high = zip(*(ends[n] for n in self.names), strict=True)
         return np.array(low), np.array(high)
 
-    def descend(self) -> FloatArray:
+    def descend(self, starts: Sequence[FloatArray] = (), steps: int = 12) -> FloatArray:
         """Return where damped steps of least squares within the limits end, the best of several starts.
 
         Levenberg and Marquardt: a step that leaves more than before is shortened and turned towards the steepest
         descent; unknowns at a limit that would leave it are held there.
         """
         low, high = self._bounds()
-        best, least = self.start(_THROTTLE_STARTS[0]), np.inf
-        for alpha, throttle in _STARTS:
-            x = np.clip(np.where(np.array(self.names) == "alpha", alpha, self.start(throttle)), low, high)
+        best, least = np.clip(self.start(_THROTTLE_STARTS[0]), low, high), np.inf
+        is_alpha = np.array(self.names) == "alpha"
+        for first in starts or [np.where(is_alpha, alpha, self.start(throttle)) for alpha, throttle in _STARTS]:
+            x = np.clip(np.nan_to_num(first), low, high)
             residual = self.accelerations(x)
             damping, stuck = 1e-3, False
-            for _ in range(_DESCENTS):
+            for _ in range(steps):
                 J = self._jacobian(x)
                 if not (np.all(np.isfinite(J)) and np.all(np.isfinite(residual))):
                     break
@@ -252,12 +255,15 @@ class _Problem:
         A Jacobian costs twelve evaluations; it is kept for as long as each step takes most of the residual away.
         """
         residual = self.accelerations(x)
-        jacobian, before, most = None, np.inf, self.tolerance
+        jacobian, before, most, made = None, np.inf, self.tolerance, 0
         for _ in range(40):
             left = float(np.max(np.abs(residual)))
             if left < most or (left < self.most and not left < _KEPT * before):
                 break
             if jacobian is None or not left < _KEPT * before:
+                made += 1
+                if made > _JACOBIANS and self._fdm.aircraft.adapter is not None:
+                    break
                 jacobian = self._jacobian(x)
                 if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian) > 1e12:
                     return x, False
