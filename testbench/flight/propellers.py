@@ -96,6 +96,7 @@ class Propellers:
         self._slope: FloatArray | None = None
         self._slowing: FloatArray | None = None
         self._throttles: FloatArray | None = None
+        self._share = 1.0
 
     def __len__(self) -> int:
         return len(self._nodes)
@@ -184,6 +185,9 @@ class Propellers:
     def _balance(self) -> None:
         """Seek speeds and blade angles at which nothing changes.
 
+        The manifold of a piston engine fills by the speed that was there before a frame and moves the speed itself; the
+        share of the way that blades are turned for is what is left of it, and found from frame to frame.
+
         Newton's method, a frame at a time: blades that can are turned so that the frame ends at the speed wanted;
         where they are at a stop, the length of the frame is the time constant of the speed, which makes Euler's rule a
         step of Newton's.
@@ -211,7 +215,7 @@ class Propellers:
         slowing, searches = self._slowing, 0  # d rate / d speed, 1/s
         fresh = False  # manifolds have filled to what the throttle wants only after a frame
         throttles = np.array([self._fdm.get(f"fcs/throttle-pos-norm[{i}]") for i in self._numbers])
-        longest = fill
+        longest, share = fill, self._share
         if self._throttles is None or np.max(np.abs(throttles - self._throttles)) > _CAREFUL:
             longest = min(fill, _FIRST_S)  # the power changes within a frame as the manifold empties or fills
         self._throttles = throttles
@@ -227,7 +231,7 @@ class Propellers:
             dt = longest
             turned = pitch.copy()
             for k in self._governed:
-                step = (away[k] / dt - rates[k]) / self._slope[k] if self._slope[k] else 0.0
+                step = (share * away[k] / dt - rates[k]) / self._slope[k] if self._slope[k] else 0.0
                 turned[k] = np.clip(pitch[k] + np.clip(step, -_MOST_TURN_DEG, _MOST_TURN_DEG), low[k], high[k])
             self._set_pitch(turned)
             moved = turned - pitch
@@ -253,11 +257,14 @@ class Propellers:
             if self._turboprops:
                 self._spool()
             rpm, rates = self._look()
+            k = int(np.argmax(np.where(stopped, 0.0, np.abs(away))))
+            if longest == fill == dt and abs(away[k]) > 10.0 * scale[k] and not stopped[k]:
+                share = float(np.clip(share + (wanted[k] - rpm[k]) / away[k], 0.1, 1.0))
             longest = min(2.0 * longest, fill)
             change = rpm - was
             found = np.divide(rates - before, change, out=np.zeros(len(self)), where=np.abs(change) > 1e-7 * np.abs(rpm))
             slowing = np.where(found < 0.0, np.clip(found, -1.0 / _SHORTEST_S, -1.0 / _LONGEST_S), slowing)
-        self._slowing = slowing
+        self._slowing, self._share = slowing, share
         self._govern(True)
         self._fdm.fdm.run_ic()
 

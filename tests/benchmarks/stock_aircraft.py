@@ -95,7 +95,7 @@ def beside_jsbsim(adopted, root: Path) -> str:
 
     aircraft, trimmed = adopted.aircraft, adopted.trimmed
     if THROTTLE not in [c.command for c in aircraft.controls.values()]:
-        return "none: JSBSim does not trim gliders"
+        return "none: JSBSim's trim needs a throttle"
     fdm = jsbsim.FGFDMExec(str(root))
     fdm.set_debug_level(0)
     fdm.set_dt(1.0 / trimmed.rate_hz)
@@ -138,7 +138,8 @@ def doubling(adopted) -> str:
 def flown(adopted) -> str:
     """Return how a flight with a doublet in the elevator ended."""
     from testbench.core.errors import TestbenchError
-    from testbench.flight import FlightAborted, Manoeuvre, fly
+    from testbench.flight import Manoeuvre, fly
+    from testbench.flight.simulate import FlightAborted
     from testbench.inputs.signal import InputSignal
 
     aircraft, trimmed = adopted.aircraft, adopted.trimmed
