@@ -20,7 +20,7 @@ from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, LBF_N, SLUG_KG
 from testbench.core.errors import ModelError, TrimError
 from testbench.flight.condition import FlightCondition, TrimmedFlight, air_density
 from testbench.flight.executive import Executive
-from testbench.flight.probe import Probe, probe, undefined
+from testbench.flight.probe import NO_SURFACES, Probe, probe, undefined
 from testbench.flight.trim import trim
 
 RATE_HZ = 200.0
@@ -49,7 +49,10 @@ _FILTER_FRAMES = 60  # in which a filter between command and engine moves
 _NO_THRUST, _ABSURD = 0.01, 20.0  # of the weight
 _CLOSE, _CRUISE = 1.15, 1.3  # of the slowest speed: a design speed below the first becomes the second
 _PER_ENGINE = {"fcs/mixture-cmd-norm": 1.0, "fcs/advance-cmd-norm": 1.0, "fcs/feather-cmd-norm": 0.0}
-_NOT_FIXED_WING = (("rotor", "a rotor: a helicopter or autogyro"),)
+_NOT_FIXED_WING = (
+    ("rotor", "a rotor: a helicopter or autogyro"),
+    ("gas_cell", "cells of gas that carry it: an airship or balloon"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +96,12 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
         TrimError: it trims nowhere.
     """
     tree = ET.fromstring(source.xml)
-    _check_propellers(tree, source)
     for text in (source.xml, *source.engine_files.values()):
         for tag, words in _NOT_FIXED_WING:
             if f"<{tag} " in text or f"<{tag}>" in text:
-                raise ModelError(f"an aircraft must be flown by wings and control surfaces, but {source.name} has {words}")
+                raise ModelError(
+                    f"an aircraft must be flown by wings and control surfaces, but {source.name} has {words}"
+                )
     raw = Aircraft(
         source.name,
         _title(tree, source.name),
@@ -125,8 +129,14 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
     raw = replace(raw, geometry=_geometry(fdm, source), mass=_mass(fdm, source))
     height = h_m if h_m is not None else _HEIGHT_M[_size(raw.geometry.b_m)]
     speeds = [V_m_s] if V_m_s is not None else [_speed(raw, height, CL) for CL in _LIFT]
-    probed = probe(raw, FlightCondition(speeds[0], height), 0.05)
-    throttles, powered, said = _throttles(raw, neutral, engines, FlightCondition(speeds[0], height))
+    try:
+        probed = probe(raw, FlightCondition(speeds[0], height), 0.05)
+    except ModelError as error:
+        number = f"{engines} engine{'s' if engines != 1 else ''}" if engines else "nothing at all"
+        steered = f"; it is steered by {number}" if str(error).startswith(NO_SURFACES) else ""
+        raise ModelError(f"{error}{steered}") from error
+    _check_propellers(tree, source)
+    throttles, said = _throttles(raw, neutral, engines, FlightCondition(speeds[0], height))
     aircraft = _controlled(raw, probed, throttles)
     heights = [height, *(h for h in (_HEIGHT_M["middle"], _HEIGHT_M["small"]) if h < height and h_m is None)]
     trimmed = _first_trim(aircraft, speeds, heights)
@@ -159,7 +169,7 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
     if not throttles:
         why = "no engine" if not engines else "no engine with thrust"
         found.append(f"{why}: it is trimmed over its flight-path angle, and flies descending")
-    assumed.append(f"limits of alpha, beta, attitude and height are the testbench's, of speed from the trims found")
+    assumed.append("limits of alpha, beta, attitude and height are the testbench's, of speed from the trims found")
     return Adopted(
         aircraft,
         trimmed,
@@ -188,7 +198,7 @@ def _check_propellers(tree: ET.Element, source: Source) -> None:
             continue
         unit = diameter.get("unit")
         D = float(diameter.text) * length.get((unit or "FT").upper(), FT_M)
-        if D > b:
+        if b < D:
             raise ModelError(
                 f"a propeller must be smaller than the span of {b:.3g} m, but the one of {name} measures {D:.3g} m: "
                 f"<diameter> {diameter.text.strip()} has {'no unit and counts as feet' if unit is None else unit}"
@@ -243,19 +253,20 @@ def _controlled(raw: Aircraft, probed: Probe, throttles: tuple[str, ...]) -> Air
 
 def _throttles(
     raw: Aircraft, neutral: Mapping[str, float], engines: int, condition: FlightCondition
-) -> tuple[tuple[str, ...], bool, list[str]]:
-    """Return the throttles that engines follow, whether they give thrust, and what was found.
+) -> tuple[tuple[str, ...], list[str]]:
+    """Return the throttles that engines follow, none if engines give no thrust, and what was found.
 
     A command that the model's own control system does not pass on is replaced by the position at the engine; levers of
     FlightGear that nothing in the model moves follow the same command.
     """
     if not engines:
-        return (), False, []
+        return (), []
     said = []
     levers = tuple(n for n in neutral if _LEVER.fullmatch(n))
     commands = tuple(f"fcs/throttle-cmd-norm[{i}]" for i in range(engines))
     positions = tuple(f"fcs/throttle-pos-norm[{i}]" for i in range(engines))
-    chosen, thrusts = commands, [0.0]
+    chosen: tuple[str, ...] = commands
+    thrusts = [0.0]
     for names in (commands, positions):
         chosen = (*names, *levers)
         assert raw.adapter is not None
@@ -265,7 +276,7 @@ def _throttles(
             controls={"thr": Control("thr", THROTTLE, 1.0)},
         )
         fdm = Executive(tried, RATE_HZ, condition)
-        follows, thrusts = True, []
+        follows, thrusts, before = True, [], [-1.0]
         V = condition.V_m_s
         for throttle in (0.8, 1.0, 0.3):
             fdm.command({"thr": throttle})
@@ -277,7 +288,7 @@ def _throttles(
                 fdm.fdm.run_ic()
             later = [fdm.get(n) for n in positions]
             still = all(abs(a - b) < 1e-6 for a, b in zip(at, later, strict=True))
-            follows = follows and still and (not thrusts or at != before)
+            follows = follows and still and at != before
             before = at
             fdm.evaluate()
             thrusts.append(sum(fdm.get(f"propulsion/engine[{i}]/thrust-lbs") for i in range(engines)) * LBF_N)
@@ -290,12 +301,13 @@ def _throttles(
     most, weight = max(thrusts), raw.mass.mass_kg * G0_M_S2
     if most < _NO_THRUST * weight:
         said.append(
-            f"engines: {most:.3g} N at full throttle for a weight of {weight:.3g} N ({fdm.engine_state()}): counted as none"
+            f"engines: {most:.3g} N at full throttle for a weight of {weight:.3g} N ({fdm.engine_state()}): "
+            "counted as none"
         )
-        return (), False, said
+        return (), said
     if most > _ABSURD * weight:
         said.append(f"engines: {most:.3g} N at full throttle for a weight of {weight:.3g} N")
-    return chosen, True, said
+    return chosen, said
 
 
 def _first_trim(aircraft: Aircraft, speeds: Sequence[float], heights: Sequence[float]) -> TrimmedFlight:

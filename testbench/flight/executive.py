@@ -63,7 +63,9 @@ class UndefinedProperties(ModelError):
         self.missing = tuple(missing)
 
 
-_NAMED_MISSING = re.compile(r"propert(?:y|ies)[^/\w]+(/?[\w/\-\[\]]+)[\s\"']+does not exist|(/?[\w\-]+/[\w/\-\[\]]+)[\s\"']+does not exist")
+_NAMED_MISSING = re.compile(
+    r"propert(?:y|ies)[^/\w]+(/?[\w/\-\[\]]+)[\s\"']+does not exist|(/?[\w\-]+/[\w/\-\[\]]+)[\s\"']+does not exist"
+)
 
 
 class Executive:
@@ -257,7 +259,11 @@ class Executive:
         running = "runs" if self.get(f"{engine}/set-running") else "does not run"
         rpm = f" at {self.get(f'{engine}/propeller-rpm'):.0f} rpm" if self.has(f"{engine}/propeller-rpm") else ""
         power = f", {self.get(f'{engine}/power-hp') * HP_W / 1e3:.0f} kW" if self.has(f"{engine}/power-hp") else ""
-        return f"engine 0 {running}{rpm}{power} and gives {thrust:.3g} N"
+        share = ""
+        if rpm and power and self.get(f"{engine}/power-hp") > 0.0:
+            useful = thrust * self.get("velocities/vt-fps") * FT_M / (self.get(f"{engine}/power-hp") * HP_W)
+            share = f", {100.0 * useful:.0f} % of its power"
+        return f"engine 0 {running}{rpm}{power} and gives {thrust:.3g} N{share}"
 
     def read(self) -> dict[str, float]:
         """Return every channel of the current state, SI."""

@@ -46,6 +46,7 @@ _ITERATIONS = 80
 _FRAME_S, _SHORTEST_S, _LONGEST_S = 0.02, 1e-3, 5.0
 _MOST_CHANGE = 0.15  # of a speed in one frame
 _SEARCHES, _STIFF_1_S = 3, -3.0  # of JSBSim's own search, whose frames of 0.5 s go with slow propellers only
+_MISSED = 0.02  # of a speed, by which a frame may miss the one expected before frames are made shorter
 _CAREFUL, _FIRST_S = 0.01, 0.05  # a change of throttle, and the first frame after it
 _MOST_TURN_DEG = 5.0
 _TURN_DEG = 0.05  # by which blades are turned to see what it changes
@@ -56,7 +57,7 @@ _START_DEG = (0.0, 5.0, 10.0, 20.0)  # above the fine stop, where an engine is s
 @dataclass(frozen=True)
 class _Propeller:
     """What the file of an engine and its propeller says: stops (deg), speeds (rpm), inertia (slug ft2), N1 (%),
-    lag of the manifold pressure."""
+    lag of the manifold pressure, torque (lb ft) above which JSBSim takes the throttle back."""
 
     kind: str = ""
     low: float = 0.0
@@ -67,6 +68,7 @@ class _Propeller:
     idle_n1: float = 30.0
     most_n1: float = 100.0
     lag_s: float = 0.0
+    torque_limit: float = 0.0
 
 
 class Propellers:
@@ -143,6 +145,19 @@ class Propellers:
         """Return whether a piston engine with a governed propeller stands still."""
         pistons = [k for k in self._governed if self._file(self._numbers[k]).kind == "piston"]
         return any(self._nodes[k].get_double_value() < 1.0 for k in pistons)
+
+    def limited(self) -> str:
+        """Return in words that the torque limiter of an engine is at work, "" if none is."""
+        for k, i in enumerate(self._numbers):
+            limit = self._file(i).torque_limit
+            power = self._node(k, "power-hp").get_double_value() if limit > 0.0 else 0.0
+            torque = power * _HP_FTLB_S / max(self._nodes[k].get_double_value() * RPM_RAD_S, 0.01)
+            if torque > limit > 0.0:
+                return (
+                    f"engine {i} has a torque of {torque:.0f} lb ft, and above {limit:.0f} (ielumaxtorque of its file) "
+                    "JSBSim takes its throttle back without end"
+                )
+        return ""
 
     def accelerations(self) -> FloatArray:
         """Return the rates of change of the speeds (n,), rad/s2, at the state that was placed last."""
@@ -226,7 +241,12 @@ class Propellers:
             scale = _SETTLED * np.maximum(np.abs(rpm), 1.0)
             away = wanted - rpm
             stopped = ~governed | ((pitch <= low) & (away > scale)) | ((pitch >= high) & (away < -scale))
-            if fresh and longest == fill and np.all(stopped | (np.abs(away) <= scale)) and np.all(np.abs(rates) <= scale):
+            if (
+                fresh
+                and longest == fill
+                and np.all(stopped | (np.abs(away) <= scale))
+                and np.all(np.abs(rates) <= scale)
+            ):
                 break
             dt = longest
             turned = pitch.copy()
@@ -247,7 +267,13 @@ class Propellers:
                     dt = min(dt, longest)
             fastest = float(np.max(np.abs(before) / np.maximum(rpm, 1.0)))
             dt = max(min(dt, _MOST_CHANGE / fastest if fastest else dt), _SHORTEST_S)
-            if np.all(stopped) and not self._turboprops and searches < _SEARCHES and np.min(slowing) > _STIFF_1_S and longest == fill:
+            if (
+                np.all(stopped)
+                and not self._turboprops
+                and searches < _SEARCHES
+                and np.min(slowing) > _STIFF_1_S
+                and longest == fill
+            ):
                 searches += 1
                 self._fdm.fdm.get_propulsion().get_steady_state()
             else:
@@ -260,9 +286,12 @@ class Propellers:
             k = int(np.argmax(np.where(stopped, 0.0, np.abs(away))))
             if longest == fill == dt and abs(away[k]) > 10.0 * scale[k] and not stopped[k]:
                 share = float(np.clip(share + (wanted[k] - rpm[k]) / away[k], 0.1, 1.0))
-            longest = min(2.0 * longest, fill)
+            missed = float(np.max(np.abs(rpm - was - before * dt) / np.maximum(was, 1.0)))
+            longest = min(2.0 * longest, fill) if missed < _MISSED else max(0.25 * longest, min(fill, _FIRST_S))
             change = rpm - was
-            found = np.divide(rates - before, change, out=np.zeros(len(self)), where=np.abs(change) > 1e-7 * np.abs(rpm))
+            found = np.divide(
+                rates - before, change, out=np.zeros(len(self)), where=np.abs(change) > 1e-7 * np.abs(rpm)
+            )
             slowing = np.where(found < 0.0, np.clip(found, -1.0 / _SHORTEST_S, -1.0 / _LONGEST_S), slowing)
         self._slowing, self._share = slowing, share
         self._govern(True)
@@ -350,6 +379,7 @@ def _files(xml: str, engine_files: tuple[tuple[str, str], ...]) -> tuple[_Propel
                 _number(engine, "idlen1", 30.0),
                 _number(engine, "maxn1", 100.0),
                 _number(engine, "man-press-lag", 1.0) if kind == "piston" else 0.0,
+                _number(engine, "ielumaxtorque") if kind == "turboprop" else 0.0,
             )
         )
     return tuple(out)

@@ -240,12 +240,15 @@ class _Problem:
                 self.accelerations(x, to_rest=True)
                 said = f"; {fdm.engine_state()}" if name == "thr" else ""
                 return f"trim of {where} needs a balance, but {_WORDS[name]} has no effect there: {left}{said}"
+        self.accelerations(x, to_rest=True)
         stops = [
             f"{_WORDS[n]} at its end of {_shown(n, at[n])}"
             for i, n in enumerate(self.names)
             if n != "phi" and (at[n] <= low[i] + 1e-9 or at[n] >= high[i] - 1e-9)
         ]
-        said = f"; {fdm.engine_state()}" if "thr" in at and at["thr"] > 0.999 else ""
+        limited = fdm.propellers.limited()
+        said = f"; {fdm.engine_state()}" if "thr" in at and (at["thr"] > 0.999 or limited) else ""
+        said += f"; {limited}" if limited else ""
         ends = f"with {', '.join(stops)} " if stops else "whatever the controls do, "
         return f"trim of {where} needs a balance, but {ends}{left}{said}"
 

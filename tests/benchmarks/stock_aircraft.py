@@ -1,7 +1,7 @@
 """Every model that comes with JSBSim: adopted, trimmed, compared with JSBSim's own trim, linearised and flown.
 
-Run with ``make stock``; it writes results/aircraft/stock.csv. Every model has a process of its own with a time limit, so
-that none can end or hold up the others. Columns:
+Run with ``make stock``; it writes results/aircraft/stock.csv. Every model has a process of its own with a time limit,
+so that none can end or hold up the others. Columns:
 
 - name, status ("flies", or why not), V_m_s, h_m, alpha_deg, controls (deg, throttle in %), gamma_deg;
 - residual: the largest acceleration left, m/s2 or rad/s2; trim_ms: median of three trims from scratch;
@@ -99,6 +99,8 @@ def beside_jsbsim(adopted, root: Path) -> str:
     fdm = jsbsim.FGFDMExec(str(root))
     fdm.set_debug_level(0)
     fdm.set_dt(1.0 / trimmed.rate_hz)
+    for key, value in aircraft.adapter.neutral.items():
+        fdm.set_property_value(key, value)  # a model that reads what nothing defines would end the process
     if not fdm.load_model(aircraft.name):
         return "none: the stock model does not load"
     for key, value in aircraft.adapter.settings.items():
@@ -194,7 +196,8 @@ def main(names: list[str]) -> None:
         print("; ".join(f"{k} {v}" for k, v in row.items()))
     flying = [row for row in rows if row["status"] == "flies"]
     times = [float(row["trim_ms"]) for row in flying] or [float("nan")]
-    print(f"{len(flying)} of {len(rows)} fly; trim {statistics.median(times):.0f} ms in the median, {max(times):.0f} at most")
+    middle, most = statistics.median(times), max(times)
+    print(f"{len(flying)} of {len(rows)} fly; trim {middle:.0f} ms in the median, {most:.0f} at most")
 
 
 if __name__ == "__main__":
