@@ -286,7 +286,8 @@ _SERVO = f"""
           <product> <value>-1</value> <property>testbench/WORD-rate-limit-rad_sec</property>
             <property>simulation/dt</property> </product>
           <min>
-            <product> <property>testbench/WORD-rate-limit-rad_sec</property> <property>simulation/dt</property> </product>
+            <product> <property>testbench/WORD-rate-limit-rad_sec</property>
+              <property>simulation/dt</property> </product>
             <sum>
               <product>
                 <difference> <value>1</value> <property>testbench/WORD-servo-b1</property>

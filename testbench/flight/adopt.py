@@ -43,6 +43,7 @@ _SETTINGS = {
     "propulsion/fuel_freeze": 1.0,
 }
 _FEED_LBS = 5.0
+_LEVERS, _SHORT = (1.0, 0.75, 0.5, 0.25, 0.0), 0.1  # of propellers; thrust of the weight below which they are tried
 _THOROUGH = 2  # speeds at which damped steps from several starts are tried, when no quick trim succeeds
 _LEVER = re.compile(r"/?controls/engines/engine(\[\d+\])?/throttle")
 _FILTER_FRAMES = 60  # in which a filter between command and engine moves
@@ -138,6 +139,14 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
     _check_propellers(tree, source)
     throttles, said = _throttles(raw, neutral, engines, FlightCondition(speeds[0], height))
     aircraft = _controlled(raw, probed, throttles)
+    lever = _lever(aircraft, engines, FlightCondition(speeds[0], height))
+    if lever < 1.0:
+        turned = {f"fcs/advance-cmd-norm[{i}]": lever for i in range(engines)}
+        assert aircraft.adapter is not None
+        aircraft = replace(
+            aircraft, adapter=replace(aircraft.adapter, settings={**aircraft.adapter.settings, **turned})
+        )
+        said.append(f"propellers: at full speed they give little thrust; the lever is set to {100.0 * lever:g} %")
     heights = [height, *(h for h in (_HEIGHT_M["middle"], _HEIGHT_M["small"]) if h < height and h_m is None)]
     trimmed = _first_trim(aircraft, speeds, heights)
     height = trimmed.condition.h_m
@@ -310,9 +319,30 @@ def _throttles(
     return chosen, said
 
 
+def _lever(aircraft: Aircraft, engines: int, condition: FlightCondition) -> float:
+    """Return the position of the propeller levers, 1 for full speed; less where thrust is short and that gives more."""
+    thrusts: dict[float, float] = {}
+    if "thr" not in aircraft.controls:
+        return 1.0
+    for lever in _LEVERS:
+        fdm = Executive(aircraft, RATE_HZ, condition)
+        names = [n for i in range(engines) if fdm.has(n := f"fcs/advance-cmd-norm[{i}]")]
+        if not fdm.propellers.governed or not names:
+            return 1.0
+        for name in names:
+            fdm.set(name, lever)
+        fdm.command({"thr": 1.0})
+        fdm.place(condition.h_m, 0.0, 0.0, (condition.V_m_s, 0.0, 0.0))
+        fdm.evaluate()
+        thrusts[lever] = fdm.get("forces/fbx-prop-lbs") * LBF_N
+        if lever == 1.0 and thrusts[lever] > _SHORT * aircraft.mass.mass_kg * G0_M_S2:
+            return 1.0
+    return max(thrusts, key=lambda x: thrusts[x])
+
+
 def _first_trim(aircraft: Aircraft, speeds: Sequence[float], heights: Sequence[float]) -> TrimmedFlight:
     reasons = []
-    quick = [(V, h, False) for h in heights for V in speeds]
+    quick = [(V, h, False) for h in heights for V in (speeds if h == heights[0] else speeds[:3])]
     for V, h, thorough in (*quick, *((V, heights[0], True) for V in speeds[:_THOROUGH])):
         try:
             return trim(aircraft, FlightCondition(V, h), thorough=thorough)

@@ -98,7 +98,7 @@ class Propellers:
         self._slope: FloatArray | None = None
         self._slowing: FloatArray | None = None
         self._throttles: FloatArray | None = None
-        self._share = 1.0
+        self._share, self._fill = 1.0, 0.0
 
     def __len__(self) -> int:
         return len(self._nodes)
@@ -224,7 +224,7 @@ class Propellers:
         if self._slope is None:
             self._slope = self._turned(rates, low, high)
             rpm, rates = self._look()
-        fill = max([_FRAME_S, *(self._file(i).lag_s for i in self._numbers)])
+        fill = self._fill or max([_FRAME_S, *(self._file(i).lag_s for i in self._numbers)])
         if self._slowing is None:
             self._slowing = np.full(len(self), -1.0 / _FRAME_S)
         slowing, searches = self._slowing, 0  # d rate / d speed, 1/s
@@ -287,13 +287,17 @@ class Propellers:
             if longest == fill == dt and abs(away[k]) > 10.0 * scale[k] and not stopped[k]:
                 share = float(np.clip(share + (wanted[k] - rpm[k]) / away[k], 0.1, 1.0))
             missed = float(np.max(np.abs(rpm - was - before * dt) / np.maximum(was, 1.0)))
-            longest = min(2.0 * longest, fill) if missed < _MISSED else max(0.25 * longest, min(fill, _FIRST_S))
+            if missed < _MISSED:
+                longest = min(2.0 * longest, fill)
+            else:
+                fill = max(0.5 * dt, min(fill, _FIRST_S)) if dt > _FIRST_S and fresh else fill
+                longest = max(0.25 * longest, min(fill, _FIRST_S))
             change = rpm - was
             found = np.divide(
                 rates - before, change, out=np.zeros(len(self)), where=np.abs(change) > 1e-7 * np.abs(rpm)
             )
             slowing = np.where(found < 0.0, np.clip(found, -1.0 / _SHORTEST_S, -1.0 / _LONGEST_S), slowing)
-        self._slowing, self._share = slowing, share
+        self._slowing, self._share, self._fill = slowing, share, fill
         self._govern(True)
         self._fdm.fdm.run_ic()
 
