@@ -96,6 +96,17 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
         ModelError: JSBSim refuses the model (its words are quoted), or it is no aircraft with wings and controls.
         TrimError: it trims nowhere.
     """
+    try:
+        return _adopted(source, V_m_s, h_m, 0.0)
+    except TrimError as first:
+        try:
+            return _adopted(source, V_m_s, h_m, 1.0)
+        except (TrimError, ModelError):
+            raise first from None
+
+
+def _adopted(source: Source, V_m_s: float | None, h_m: float | None, declared: float) -> Adopted:
+    """Return the aircraft with ``declared`` for what the model reads and nothing defines; tried anew only with any."""
     tree = ET.fromstring(source.xml)
     for text in (source.xml, *source.engine_files.values()):
         for tag, words in _NOT_FIXED_WING:
@@ -119,6 +130,11 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
     )
     somewhere = FlightCondition(50.0, 1000.0)
     neutral = undefined(raw, somewhere)
+    if declared:
+        levers = [n for n in neutral if not _LEVER.fullmatch(n)]
+        if not levers:
+            raise TrimError(f"{source.name} reads nothing that could be declared otherwise")
+        neutral = {n: declared if n in levers else 0.0 for n in neutral}
     raw = replace(raw, adapter=Adapter(neutral=neutral))
     fdm = Executive(raw, RATE_HZ, somewhere)
     engines = fdm.fdm.get_propulsion().get_num_engines()
@@ -160,7 +176,7 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
     trimmed = trim(aircraft, FlightCondition(design, height), near=trimmed)
     found, assumed = list(probed.found), list(probed.assumed)
     if neutral:
-        assumed.append(f"the model reads {', '.join(neutral)}, which nothing in it defines: declared as 0")
+        assumed.append(f"the model reads {', '.join(neutral)}, which nothing in it defines: declared as {declared:g}")
     missing = tuple(a for a in ("ixx", "iyy", "izz", "ixz") if tree.find(f"mass_balance/{a}") is None)
     if missing:
         assumed.append(f"the model gives no {', '.join(missing)}: zero, as JSBSim takes it")
@@ -319,6 +335,12 @@ def _throttles(
     return chosen, said
 
 
+def _declared(aircraft: Aircraft) -> str:
+    """Return in words what a model reads that nothing defines: it may want another value to fly."""
+    neutral = aircraft.adapter.neutral if aircraft.adapter is not None else {}
+    return f"; declared as 0, since nothing in the model defines them: {', '.join(neutral)}" if neutral else ""
+
+
 def _lever(aircraft: Aircraft, engines: int, condition: FlightCondition) -> float:
     """Return the position of the propeller levers, 1 for full speed; less where thrust is short and that gives more."""
     thrusts: dict[float, float] = {}
@@ -350,7 +372,8 @@ def _first_trim(aircraft: Aircraft, speeds: Sequence[float], heights: Sequence[f
             reasons += [error.message] if thorough else []
     raise TrimError(
         f"{aircraft.name} must trim somewhere, but none of {', '.join(f'{V:g}' for V in speeds)} m/s at "
-        f"{' or '.join(f'{h:g}' for h in heights)} m does; the first: {reasons[0]}; name a speed with --speed"
+        f"{' or '.join(f'{h:g}' for h in heights)} m does; the first: {reasons[0]}{_declared(aircraft)}; name a speed "
+        "with --speed"
     )
 
 

@@ -32,6 +32,7 @@ _STARTS = ((0.05, 0.8), (0.15, 0.5), (0.0, 1.0))  # alpha, throttle of damped st
 _FEW = 5
 _JACOBIANS = 10  # of Newton's method on a foreign model
 _NEARLY = 1e-3  # m/s2 and rad/s2: from there Newton's method is tried again
+_DIVERGED = 1e4  # m/s2 and rad/s2
 _NO_EFFECT = 1e-7  # m/s2 and rad/s2 per unit of a control
 _MOTIONS = ("udot", "vdot", "wdot", "pdot", "qdot", "rdot")
 _WORDS = {
@@ -232,6 +233,13 @@ class _Problem:
         k = int(np.argmax(np.abs(residual)))
         unit = "m/s2" if k < 3 else "rad/s2"
         left = f"{residual[k]:.2g} {unit} of {_MOTIONS[k]} are left"
+        if not np.max(np.abs(residual)) < _DIVERGED:
+            why = (
+                ": lift or moment by alphadot changes alphadot by more than itself"
+                if "aero/alphadot-rad_sec" in aircraft.xml
+                else ""
+            )
+            return f"trim of {where} needs forces that settle, but they grow from evaluation to evaluation{why}"
         for i, name in enumerate(self.names):
             if name not in aircraft.controls or np.max(np.abs(J[:, i])) > _NO_EFFECT:
                 continue
