@@ -43,6 +43,7 @@ _SETTINGS = {
     "propulsion/fuel_freeze": 1.0,
 }
 _FEED_LBS = 5.0
+_FAST_GLIDER_M_S = 60.0
 _LEVERS, _SHORT = (1.0, 0.75, 0.5, 0.25, 0.0), 0.1  # of propellers; thrust of the weight below which they are tried
 _THOROUGH = 2  # speeds at which damped steps from several starts are tried, when no quick trim succeeds
 _LEVER = re.compile(r"/?controls/engines/engine(\[\d+\])?/throttle")
@@ -155,6 +156,8 @@ def _adopted(source: Source, V_m_s: float | None, h_m: float | None, declared: f
     _check_propellers(tree, source)
     throttles, said = _throttles(raw, neutral, engines, FlightCondition(speeds[0], height))
     aircraft = _controlled(raw, probed, throttles)
+    if not throttles and h_m is None and speeds[0] > _FAST_GLIDER_M_S:
+        height = _HEIGHT_M["large"]  # it sinks by tens of metres per second
     lever = _lever(aircraft, engines, FlightCondition(speeds[0], height))
     if lever < 1.0:
         turned = {f"fcs/advance-cmd-norm[{i}]": lever for i in range(engines)}

@@ -154,8 +154,8 @@ class Propellers:
             torque = power * _HP_FTLB_S / max(self._nodes[k].get_double_value() * RPM_RAD_S, 0.01)
             if torque > limit > 0.0:
                 return (
-                    f"engine {i} has a torque of {torque:.0f} lb ft, and above {limit:.0f} (ielumaxtorque of its file) "
-                    "JSBSim takes its throttle back without end"
+                    f"JSBSim's torque limiter leaves engine {i}: it takes the throttle back above {limit:.0f} lb ft "
+                    f"(ielumaxtorque of the engine's file) at the propeller, which takes {torque:.0f} at this throttle"
                 )
         return ""
 

@@ -255,8 +255,12 @@ class _Problem:
             if n != "phi" and (at[n] <= low[i] + 1e-9 or at[n] >= high[i] - 1e-9)
         ]
         limited = fdm.propellers.limited()
-        said = f"; {fdm.engine_state()}" if "thr" in at and (at["thr"] > 0.999 or limited) else ""
-        said += f"; {limited}" if limited else ""
+        said = f"; {fdm.engine_state()}" if at.get("thr", 0.0) > 0.999 else ""
+        if limited:
+            return f"trim of {where} needs more power than {limited}"
+        if k == 0 and residual[0] < 0.0 and at.get("thr", 0.0) > 0.999:
+            lacks = -residual[0] * aircraft.mass.mass_kg
+            return f"trim of {where} needs {lacks:.3g} N more than full throttle gives: {fdm.engine_state()}"
         ends = f"with {', '.join(stops)} " if stops else "whatever the controls do, "
         return f"trim of {where} needs a balance, but {ends}{left}{said}"
 

@@ -51,7 +51,7 @@ def test_forces_and_moments_balance(name):
 
 @pytest.mark.parametrize("name", ["c172p", "c182", "pc7"])
 def test_a_flight_without_input_stays_at_trim(name):
-    """Propellers, governors, manifolds and gas generators go on where the trim left them: ten seconds change nothing.
+    """Propellers, governors, manifolds and gas generators go on where the trim left them: three seconds change nothing.
 
     Without the balance of propellers the airspeed departs by metres per second.
     """
