@@ -12,7 +12,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
   tests/questions/campaign/test_draws.py tests/questions/run/test_scenario.py tests/test_house_rules.py \
   tests/test_packaging.py
 
-.PHONY: demo quick lint test test-slow benchmarks blind-test docs campaign-cost design-study estimator-study reproduction clean
+.PHONY: demo quick lint test test-slow benchmarks stock blind-test docs campaign-cost design-study estimator-study reproduction clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -40,6 +40,10 @@ benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/subspace_speed.py
 	$(BIN)/python tests/benchmarks/output_error_speed.py
 	$(BIN)/python tests/benchmarks/gap_speed.py
+
+# Every model that comes with JSBSim, into results/aircraft/stock.csv: some five minutes on two cores.
+stock: $(VENV)/installed-dev
+	$(BIN)/python tests/benchmarks/stock_aircraft.py
 
 campaign-cost: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/campaign_cost.py

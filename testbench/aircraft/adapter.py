@@ -107,7 +107,6 @@ class Adapter:
 
     def apply(self, tree: ET.Element) -> None:
         """Add declarations and channels to a model in place."""
-        declare(tree, self.neutral)
         control = tree.find("flight_control")
         if control is None:
             control = ET.Element("flight_control", {"name": "FCS"})
@@ -115,8 +114,14 @@ class Adapter:
         declared: dict[str, float] = {}
         if self.throttles:
             declared[THROTTLE] = 0.0
-            tree.insert(_first_system(tree), _throttle_system(self.throttles, _outputs(tree)))
+            commands = [n for n in self.throttles if not _is_position(n)]
+            if commands:
+                tree.insert(_first_system(tree), _throttle_system(commands, _outputs(tree)))
+        declare(tree, self.neutral)
         channel = ET.Element("channel", {"name": CHANNEL})
+        for name in self.throttles:
+            if _is_position(name):  # last of all, whatever the model's own control system made of its throttle
+                channel.append(_throttle_gain(name, [name]))
         for link in self.links:
             declared[link.command] = 0.0
             if link.surface != link.command:
@@ -173,13 +178,24 @@ def _throttle_system(throttles: Sequence[str], outputs: set[str]) -> ET.Element:
     channel = ET.SubElement(system, "channel", {"name": "testbench throttle"})
     for name in throttles:
         position = name.replace("-cmd-norm", "-pos-norm")
-        targets = [name] if position in outputs or position.replace("[0]", "") in outputs else [name, position]
-        gain = ET.SubElement(channel, "pure_gain", {"name": f"{PREFIX}{name.replace('/', '-')}"})
-        ET.SubElement(gain, "input").text = THROTTLE
-        ET.SubElement(gain, "gain").text = "1.0"
-        for target in targets:
-            ET.SubElement(gain, "output").text = target
+        alone = position == name or position in outputs or position.replace("[0]", "") in outputs
+        channel.append(_throttle_gain(name, [name] if alone else [name, position]))
     return system
+
+
+def _is_position(name: str) -> bool:
+    """Return whether a throttle is driven at the engine, behind the model's own control system."""
+    return "-pos-norm" in name
+
+
+def _throttle_gain(name: str, targets: Sequence[str]) -> ET.Element:
+    own = name.strip("/").replace("/", "-").replace("[", "-").replace("]", "")
+    gain = ET.Element("pure_gain", {"name": f"{PREFIX}{own}"})
+    ET.SubElement(gain, "input").text = THROTTLE
+    ET.SubElement(gain, "gain").text = "1.0"
+    for target in targets:
+        ET.SubElement(gain, "output").text = target
+    return gain
 
 
 def _own_names(tree: ET.Element) -> set[str]:

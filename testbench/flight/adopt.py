@@ -16,11 +16,11 @@ from testbench.aircraft import Aircraft, Control
 from testbench.aircraft.adapter import THROTTLE, Adapter
 from testbench.aircraft.model import Geometry, MassProperties
 from testbench.aircraft.source import Source
-from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, SLUG_KG
+from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, LBF_N, SLUG_KG
 from testbench.core.errors import ModelError, TrimError
 from testbench.flight.condition import FlightCondition, TrimmedFlight, air_density
 from testbench.flight.executive import Executive
-from testbench.flight.probe import Probe, probe, undefined
+from testbench.flight.probe import NO_SURFACES, Probe, probe, undefined
 from testbench.flight.trim import trim
 
 RATE_HZ = 200.0
@@ -42,8 +42,19 @@ _SETTINGS = {
     "propulsion/cutoff_cmd": 0.0,
     "propulsion/fuel_freeze": 1.0,
 }
+_FEED_LBS = 5.0
+_FAST_GLIDER_M_S = 60.0
+_LEVERS, _SHORT = (1.0, 0.75, 0.5, 0.25, 0.0), 0.1  # of propellers; thrust of the weight below which they are tried
+_THOROUGH = 2  # speeds at which damped steps from several starts are tried, when no quick trim succeeds
+_LEVER = re.compile(r"/?controls/engines/engine(\[\d+\])?/throttle")
+_FILTER_FRAMES = 60  # in which a filter between command and engine moves
+_NO_THRUST, _ABSURD = 0.01, 20.0  # of the weight
+_CLOSE, _CRUISE = 1.15, 1.3  # of the slowest speed: a design speed below the first becomes the second
 _PER_ENGINE = {"fcs/mixture-cmd-norm": 1.0, "fcs/advance-cmd-norm": 1.0, "fcs/feather-cmd-norm": 0.0}
-_NOT_FIXED_WING = (("rotor", "a rotor: a helicopter or autogyro"),)
+_NOT_FIXED_WING = (
+    ("rotor", "a rotor: a helicopter or autogyro"),
+    ("gas_cell", "cells of gas that carry it: an airship or balloon"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,11 +97,24 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
         ModelError: JSBSim refuses the model (its words are quoted), or it is no aircraft with wings and controls.
         TrimError: it trims nowhere.
     """
+    try:
+        return _adopted(source, V_m_s, h_m, 0.0)
+    except TrimError as first:
+        try:
+            return _adopted(source, V_m_s, h_m, 1.0)
+        except (TrimError, ModelError):
+            raise first from None
+
+
+def _adopted(source: Source, V_m_s: float | None, h_m: float | None, declared: float) -> Adopted:
+    """Return the aircraft with ``declared`` for what the model reads and nothing defines; tried anew only with any."""
     tree = ET.fromstring(source.xml)
     for text in (source.xml, *source.engine_files.values()):
         for tag, words in _NOT_FIXED_WING:
             if f"<{tag} " in text or f"<{tag}>" in text:
-                raise ModelError(f"an aircraft must be flown by wings and control surfaces, but {source.name} has {words}")
+                raise ModelError(
+                    f"an aircraft must be flown by wings and control surfaces, but {source.name} has {words}"
+                )
     raw = Aircraft(
         source.name,
         _title(tree, source.name),
@@ -107,36 +131,72 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
     )
     somewhere = FlightCondition(50.0, 1000.0)
     neutral = undefined(raw, somewhere)
+    if declared:
+        levers = [n for n in neutral if not _LEVER.fullmatch(n)]
+        if not levers:
+            raise TrimError(f"{source.name} reads nothing that could be declared otherwise")
+        neutral = {n: declared if n in levers else 0.0 for n in neutral}
     raw = replace(raw, adapter=Adapter(neutral=neutral))
     fdm = Executive(raw, RATE_HZ, somewhere)
     engines = fdm.fdm.get_propulsion().get_num_engines()
     settings = {n: v for n, v in _SETTINGS.items() if fdm.has(n)}
     settings |= {f"{n}[{i}]": v for i in range(engines) for n, v in _PER_ENGINE.items() if fdm.has(f"{n}[{i}]")}
-    throttles = tuple(f"fcs/throttle-cmd-norm[{i}]" for i in range(engines))
+    fed = _empty_feeds(fdm, tree)
+    settings |= {f"propulsion/tank[{i}]/contents-lbs": _FEED_LBS for i in fed}
     raw = replace(raw, adapter=Adapter(settings=settings, neutral=neutral))
     raw = replace(raw, geometry=_geometry(fdm, source), mass=_mass(fdm, source))
     height = h_m if h_m is not None else _HEIGHT_M[_size(raw.geometry.b_m)]
     speeds = [V_m_s] if V_m_s is not None else [_speed(raw, height, CL) for CL in _LIFT]
-    probed = probe(raw, FlightCondition(speeds[0], height), 0.05)
+    try:
+        probed = probe(raw, FlightCondition(speeds[0], height), 0.05)
+    except ModelError as error:
+        number = f"{engines} engine{'s' if engines != 1 else ''}" if engines else "nothing at all"
+        steered = f"; it is steered by {number}" if str(error).startswith(NO_SURFACES) else ""
+        raise ModelError(f"{error}{steered}") from error
+    _check_propellers(tree, source)
+    throttles, said = _throttles(raw, neutral, engines, FlightCondition(speeds[0], height))
     aircraft = _controlled(raw, probed, throttles)
-    trimmed = _first_trim(aircraft, speeds, height)
+    if not throttles and h_m is None and speeds[0] > _FAST_GLIDER_M_S:
+        height = _HEIGHT_M["large"]  # it sinks by tens of metres per second
+    lever = _lever(aircraft, engines, FlightCondition(speeds[0], height))
+    if lever < 1.0:
+        turned = {f"fcs/advance-cmd-norm[{i}]": lever for i in range(engines)}
+        assert aircraft.adapter is not None
+        aircraft = replace(
+            aircraft, adapter=replace(aircraft.adapter, settings={**aircraft.adapter.settings, **turned})
+        )
+        said.append(f"propellers: at full speed they give little thrust; the lever is set to {100.0 * lever:g} %")
+    heights = [height, *(h for h in (_HEIGHT_M["middle"], _HEIGHT_M["small"]) if h < height and h_m is None)]
+    trimmed = _first_trim(aircraft, speeds, heights)
+    height = trimmed.condition.h_m
     design = trimmed.condition.V_m_s
     aircraft = replace(aircraft, design_V_m_s=design, design_h_m=height)
-    slowest, fastest, ends = _range(aircraft, design, height)
+    slowest, fastest, ends = _range(aircraft, trimmed)
+    if V_m_s is None and design < _CLOSE * slowest:
+        design = float(f"{min(_CRUISE * slowest, math.sqrt(slowest * fastest)):.3g}")
+        aircraft = replace(aircraft, design_V_m_s=design)
     aircraft = replace(aircraft, limits=_limits(slowest, fastest, height))
-    trimmed = trim(aircraft, FlightCondition(design, height))
+    trimmed = trim(aircraft, FlightCondition(design, height), near=trimmed)
     found, assumed = list(probed.found), list(probed.assumed)
     if neutral:
-        assumed.append(f"the model reads {', '.join(neutral)}, which nothing in it defines: declared as 0")
+        assumed.append(f"the model reads {', '.join(neutral)}, which nothing in it defines: declared as {declared:g}")
     missing = tuple(a for a in ("ixx", "iyy", "izz", "ixz") if tree.find(f"mass_balance/{a}") is None)
     if missing:
         assumed.append(f"the model gives no {', '.join(missing)}: zero, as JSBSim takes it")
+    if fed:
+        assumed.append(
+            f"the tanks that feed engines are empty in the file ({', '.join(map(str, fed))}): {_FEED_LBS:g} lb each"
+        )
     if source.left_out:
         found.append(f"left out: {', '.join(source.left_out)} (a flight is recorded by the testbench)")
     if source.included:
         found.append(f"included files that were put into it: {', '.join(source.included)}")
+    found += said
+    if height != heights[0]:
+        found.append(f"it trims nowhere at {heights[0]:g} m: flown at {height:g} m")
     if not throttles:
-        found.append("no engine: it is trimmed over its flight-path angle, and flies descending")
+        why = "no engine" if not engines else "no engine with thrust"
+        found.append(f"{why}: it is trimmed over its flight-path angle, and flies descending")
     assumed.append("limits of alpha, beta, attitude and height are the testbench's, of speed from the trims found")
     return Adopted(
         aircraft,
@@ -150,6 +210,27 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
         fastest,
         ends,
     )
+
+
+def _check_propellers(tree: ET.Element, source: Source) -> None:
+    """Raise ModelError if a propeller is larger than the aircraft: a diameter without a unit is taken in feet."""
+    span = tree.find("metrics/wingspan")
+    length = {"FT": FT_M, "IN": FT_M / 12.0, "M": 1.0}
+    if span is None or span.text is None:
+        return
+    b = float(span.text) * length.get(span.get("unit", "FT").upper(), FT_M)
+    for name, text in source.engine_files.items():
+        root = ET.fromstring(text)
+        diameter = root.find("diameter") if root.tag == "propeller" else None
+        if diameter is None or diameter.text is None:
+            continue
+        unit = diameter.get("unit")
+        D = float(diameter.text) * length.get((unit or "FT").upper(), FT_M)
+        if b < D:
+            raise ModelError(
+                f"a propeller must be smaller than the span of {b:.3g} m, but the one of {name} measures {D:.3g} m: "
+                f"<diameter> {diameter.text.strip()} has {'no unit and counts as feet' if unit is None else unit}"
+            )
 
 
 def _title(tree: ET.Element, name: str) -> str:
@@ -198,27 +279,116 @@ def _controlled(raw: Aircraft, probed: Probe, throttles: tuple[str, ...]) -> Air
     return replace(raw, adapter=replace(raw.adapter, links=probed.links, throttles=throttles), controls=controls)
 
 
-def _first_trim(aircraft: Aircraft, speeds: Sequence[float], h_m: float) -> TrimmedFlight:
+def _throttles(
+    raw: Aircraft, neutral: Mapping[str, float], engines: int, condition: FlightCondition
+) -> tuple[tuple[str, ...], list[str]]:
+    """Return the throttles that engines follow, none if engines give no thrust, and what was found.
+
+    A command that the model's own control system does not pass on is replaced by the position at the engine; levers of
+    FlightGear that nothing in the model moves follow the same command.
+    """
+    if not engines:
+        return (), []
+    said = []
+    levers = tuple(n for n in neutral if _LEVER.fullmatch(n))
+    commands = tuple(f"fcs/throttle-cmd-norm[{i}]" for i in range(engines))
+    positions = tuple(f"fcs/throttle-pos-norm[{i}]" for i in range(engines))
+    chosen: tuple[str, ...] = commands
+    thrusts = [0.0]
+    for names in (commands, positions):
+        chosen = (*names, *levers)
+        assert raw.adapter is not None
+        tried = replace(
+            raw,
+            adapter=replace(raw.adapter, throttles=chosen),
+            controls={"thr": Control("thr", THROTTLE, 1.0)},
+        )
+        fdm = Executive(tried, RATE_HZ, condition)
+        follows, thrusts, before = True, [], [-1.0]
+        V = condition.V_m_s
+        for throttle in (0.8, 1.0, 0.3):
+            fdm.command({"thr": throttle})
+            fdm.place(condition.h_m, 0.05, 0.0, (V * math.cos(0.05), 0.0, V * math.sin(0.05)))
+            for _ in range(3):
+                fdm.fdm.run_ic()
+            at = [fdm.get(n) for n in positions]
+            for _ in range(_FILTER_FRAMES):
+                fdm.fdm.run_ic()
+            later = [fdm.get(n) for n in positions]
+            still = all(abs(a - b) < 1e-6 for a, b in zip(at, later, strict=True))
+            follows = follows and still and at != before
+            before = at
+            fdm.evaluate()
+            thrusts.append(sum(fdm.get(f"propulsion/engine[{i}]/thrust-lbs") for i in range(engines)) * LBF_N)
+        if follows:
+            break
+    if chosen[0] == positions[0]:
+        said.append("throttle: the model passes the command on late or not at all: the engines are commanded directly")
+    if levers:
+        said.append(f"throttle: {', '.join(levers)} follow it")
+    most, weight = max(thrusts), raw.mass.mass_kg * G0_M_S2
+    if most < _NO_THRUST * weight:
+        said.append(
+            f"engines: {most:.3g} N at full throttle for a weight of {weight:.3g} N ({fdm.engine_state()}): "
+            "counted as none"
+        )
+        return (), said
+    if most > _ABSURD * weight:
+        said.append(f"engines: {most:.3g} N at full throttle for a weight of {weight:.3g} N")
+    return chosen, said
+
+
+def _declared(aircraft: Aircraft) -> str:
+    """Return in words what a model reads that nothing defines: it may want another value to fly."""
+    neutral = aircraft.adapter.neutral if aircraft.adapter is not None else {}
+    return f"; declared as 0, since nothing in the model defines them: {', '.join(neutral)}" if neutral else ""
+
+
+def _lever(aircraft: Aircraft, engines: int, condition: FlightCondition) -> float:
+    """Return the position of the propeller levers, 1 for full speed; less where thrust is short and that gives more."""
+    thrusts: dict[float, float] = {}
+    if "thr" not in aircraft.controls:
+        return 1.0
+    for lever in _LEVERS:
+        fdm = Executive(aircraft, RATE_HZ, condition)
+        names = [n for i in range(engines) if fdm.has(n := f"fcs/advance-cmd-norm[{i}]")]
+        if not fdm.propellers.governed or not names:
+            return 1.0
+        for name in names:
+            fdm.set(name, lever)
+        fdm.command({"thr": 1.0})
+        fdm.place(condition.h_m, 0.0, 0.0, (condition.V_m_s, 0.0, 0.0))
+        fdm.evaluate()
+        thrusts[lever] = fdm.get("forces/fbx-prop-lbs") * LBF_N
+        if lever == 1.0 and thrusts[lever] > _SHORT * aircraft.mass.mass_kg * G0_M_S2:
+            return 1.0
+    return max(thrusts, key=lambda x: thrusts[x])
+
+
+def _first_trim(aircraft: Aircraft, speeds: Sequence[float], heights: Sequence[float]) -> TrimmedFlight:
     reasons = []
-    for V in speeds:
+    quick = [(V, h, False) for h in heights for V in (speeds if h == heights[0] else speeds[:3])]
+    for V, h, thorough in (*quick, *((V, heights[0], True) for V in speeds[:_THOROUGH])):
         try:
-            return trim(aircraft, FlightCondition(V, h_m))
+            return trim(aircraft, FlightCondition(V, h), thorough=thorough)
         except TrimError as error:
-            reasons.append(error.message)
+            reasons += [error.message] if thorough else []
     raise TrimError(
-        f"{aircraft.name} must trim somewhere, but none of {', '.join(f'{V:g}' for V in speeds)} m/s at {h_m:g} m does; "
-        f"the first: {reasons[0]}; name a speed with --speed"
+        f"{aircraft.name} must trim somewhere, but none of {', '.join(f'{V:g}' for V in speeds)} m/s at "
+        f"{' or '.join(f'{h:g}' for h in heights)} m does; the first: {reasons[0]}{_declared(aircraft)}; name a speed "
+        "with --speed"
     )
 
 
-def _range(aircraft: Aircraft, design: float, h_m: float) -> tuple[float, float, tuple[str, str]]:
+def _range(aircraft: Aircraft, first: TrimmedFlight) -> tuple[float, float, tuple[str, str]]:
     """Return the slowest and fastest speed that trims in steps of 8 %, and why those beyond do not."""
     ends, reasons = [], []
+    design, h_m = first.condition.V_m_s, first.condition.h_m
     for factor, last in ((1.0 / _SPEED_STEP, _SLOWER * design), (_SPEED_STEP, _FASTER * design)):
-        V, reason = design, "no trim was sought beyond"
+        V, reason, near = design, "no trim was sought beyond", first
         while (V * factor - last) * (factor - 1.0) < 0.0:
             try:
-                trim(aircraft, FlightCondition(V * factor, h_m))
+                near = trim(aircraft, FlightCondition(V * factor, h_m), near=near, thorough=False)
             except TrimError as error:
                 reason = error.message
                 break
@@ -253,6 +423,17 @@ def _engine(fdm: Executive, tree: ET.Element, i: int) -> str:
     governed = f"propulsion/engine[{i}]/constant-speed-mode"
     how = " of constant speed" if turning and fdm.has(governed) and fdm.get(governed) else ""
     return f"{kind} {file}{turning}{how}"
+
+
+def _empty_feeds(fdm: Executive, tree: ET.Element) -> list[int]:
+    """Return the empty tanks of engines that no tank with fuel feeds: those that pumps fill once time goes on."""
+    out: list[int] = []
+    for engine in tree.findall("propulsion/engine"):
+        feeds = [int(float(f.text or "-1")) for f in engine.findall("feed")]
+        names = {i: f"propulsion/tank[{i}]/contents-lbs" for i in feeds}
+        if feeds and all(fdm.has(n) and fdm.get(n) <= 0.0 for n in names.values()):
+            out += [i for i in feeds if i not in out]
+    return out
 
 
 def _tanks(fdm: Executive) -> list[float]:

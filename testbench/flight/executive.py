@@ -24,13 +24,16 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.channels import CHANNELS, CONTROLS, channel, modal_channels
-from testbench.core.constants import FT_M
+from testbench.core.constants import FT_M, LBF_N
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
 from testbench.core.scratch import Scratch
 from testbench.flight.condition import FlightCondition
 from testbench.flight.propellers import ADAMS_BASHFORTH_3, INTEGRATORS, Propellers
 
+_SEA_LEVEL_PSF = 2116.228
+HP_W = 745.7
+_FREEZE = "propulsion/fuel_freeze"
 _GUSTS = tuple(f"atmosphere/gust-{axis}-fps" for axis in ("north", "east", "down"))
 
 
@@ -112,17 +115,34 @@ class Executive:
             self.set(f"simulation/integrator/{name}", ADAMS_BASHFORTH_3)
         if aircraft.adapter is not None:
             for name, value in aircraft.adapter.settings.items():
-                self.set(name, value)
-        self.fdm.get_propulsion().init_running(-1)
+                if name != _FREEZE:
+                    self.set(name, value)
+            if _FREEZE in aircraft.adapter.settings:
+                self.fdm.run_ic()  # engines find out here whether they have fuel, and not while it is frozen
+                self.set(_FREEZE, aircraft.adapter.settings[_FREEZE])
+        self.propellers = Propellers(self, self.fdm.get_propulsion().get_num_engines())
+        self.gust_nodes = [self.node(name) for name in _GUSTS]
+        self._wind = np.zeros(3)
+        if aircraft.adapter is None:
+            self.fdm.get_propulsion().init_running(-1)
+        else:
+            self.place(condition.h_m, 0.0, 0.0, (condition.V_m_s, 0.0, 0.0))
+            self.fdm.run_ic()
+            self.propellers.start()
+            self._lean()
         sources = [self._source(name) for name in (*CHANNELS, *modal_channels(self.mode_count))]
         found = [(name, prop, factor) for name, prop, factor in sources if self.has(prop)]
         self.channels = tuple(name for name, _, _ in found)
         self.factors = [factor for _, _, factor in found]
         self.channel_nodes = [self.node(str(prop)) for _, prop, _ in found]
         self.command_nodes = {n: self.node(aircraft.controls[n].command) for n in CONTROLS if n in aircraft.controls}
-        self.gust_nodes = [self.node(name) for name in _GUSTS]
-        self.propellers = Propellers(self, self.fdm.get_propulsion().get_num_engines())
-        self._wind = np.zeros(3)
+
+    def _lean(self) -> None:
+        """Lean the mixture for the height, as pilots do: a full rich one is too rich to burn at 3000 m."""
+        ratio = self.get("atmosphere/P-psf") / _SEA_LEVEL_PSF
+        for name in (f"fcs/mixture-cmd-norm[{i}]" for i in range(self.fdm.get_propulsion().get_num_engines())):
+            if self.has(name):
+                self.set(name, min(1.0, ratio))
 
     def _refusal(self, said: str) -> ModelError:
         """Return the error of a model that JSBSim refuses, in JSBSim's own words."""
@@ -228,8 +248,26 @@ class Executive:
         """
         for _ in range(self._to_rest if to_rest else self._iterations):
             self.fdm.run_ic()
-        if len(self.propellers) and not held:
-            self.propellers.settle()
+        if len(self.propellers):
+            if held:
+                self.propellers.hold()
+            else:
+                self.propellers.settle()
+
+    def engine_state(self) -> str:
+        """Return in words what the first engine does as it stands."""
+        engine = "propulsion/engine"
+        if not self.has(f"{engine}/thrust-lbs"):
+            return "it has no engine"
+        thrust = self.get(f"{engine}/thrust-lbs") * LBF_N
+        running = "runs" if self.get(f"{engine}/set-running") else "does not run"
+        rpm = f" at {self.get(f'{engine}/propeller-rpm'):.0f} rpm" if self.has(f"{engine}/propeller-rpm") else ""
+        power = f", {self.get(f'{engine}/power-hp') * HP_W / 1e3:.0f} kW" if self.has(f"{engine}/power-hp") else ""
+        share = ""
+        if rpm and power and self.get(f"{engine}/power-hp") > 0.0:
+            useful = thrust * self.get("velocities/vt-fps") * FT_M / (self.get(f"{engine}/power-hp") * HP_W)
+            share = f", {100.0 * useful:.0f} % of its power"
+        return f"engine 0 {running}{rpm}{power} and gives {thrust:.3g} N{share}"
 
     def read(self) -> dict[str, float]:
         """Return every channel of the current state, SI."""

@@ -24,6 +24,7 @@ from testbench.flight.executive import Executive, UndefinedProperties
 
 COMMANDS = {"de": "fcs/elevator-cmd-norm", "da": "fcs/aileron-cmd-norm", "dr": "fcs/rudder-cmd-norm"}
 """Control -> the pilot's command of every JSBSim model."""
+NO_SURFACES = "an aircraft must have control surfaces"
 _FULL_ASSUMED = 20.0 * DEG_RAD  # deflection of a surface whose model tells no angle
 _GRID = 9
 _SERVO_RATE_HZ = 1000.0
@@ -102,7 +103,9 @@ def probe(aircraft: Aircraft, condition: FlightCondition, alpha: float) -> Probe
         moved = bench.sweep(command)
         direct = bench.readable(control)
         if not moved and direct is not None:
-            links.append(Link(control, (Drive(direct, ((-_FULL_ASSUMED, -_FULL_ASSUMED), (_FULL_ASSUMED, _FULL_ASSUMED))),)))
+            links.append(
+                Link(control, (Drive(direct, ((-_FULL_ASSUMED, -_FULL_ASSUMED), (_FULL_ASSUMED, _FULL_ASSUMED))),))
+            )
             augmented.append(control)
             assumed.append(
                 f"{SURFACES[control]}: the aerodynamics reads {direct}, which {command} does not move by itself: it is "
@@ -154,7 +157,7 @@ def probe(aircraft: Aircraft, condition: FlightCondition, alpha: float) -> Probe
     links = _uncrossed(links)
     if not links:
         raise ModelError(
-            f"an aircraft must have control surfaces, but none of {', '.join(COMMANDS.values())} moves anything that "
+            f"{NO_SURFACES}, but none of {', '.join(COMMANDS.values())} moves anything that "
             f"the aerodynamics of {aircraft.name} reads"
         )
     return Probe(tuple(links), tuple(found), tuple(assumed), tuple(augmented))

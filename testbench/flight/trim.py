@@ -27,13 +27,36 @@ _ACCELERATIONS = (
 _THROTTLE_STARTS = (0.3, 0.8)  # a propeller that gives no thrust at the first has no effect there to start from
 # Radii of curvature (m) of the WGS 84 ellipsoid at the equator, where flights start: along the meridian and across it.
 _RADIUS_NORTH, _RADIUS_EAST = 6335439.0, 6378137.0
+_ALPHA = (-10.0 * DEG_RAD, 20.0 * DEG_RAD)
+_STARTS = ((0.05, 0.8), (0.15, 0.5), (0.0, 1.0))  # alpha, throttle of damped steps
+_FEW = 5
+_JACOBIANS = 10  # of Newton's method on a foreign model
+_NEARLY = 1e-3  # m/s2 and rad/s2: from there Newton's method is tried again
+_DIVERGED = 1e4  # m/s2 and rad/s2
+_NO_EFFECT = 1e-7  # m/s2 and rad/s2 per unit of a control
+_MOTIONS = ("udot", "vdot", "wdot", "pdot", "qdot", "rdot")
+_WORDS = {
+    "alpha": "the angle of attack",
+    "beta": "sideslip",
+    "gamma": "the flight-path angle",
+    "phi": "bank",
+    "de": "the elevator",
+    "da": "the aileron",
+    "dr": "the rudder",
+    "thr": "the throttle",
+}
 _KEPT = 0.3  # of the residual left by a step: with less the Jacobian is kept
 TOLERANCE = 1e-9  # m/s2 and rad/s2 left over; well above the rounding of JSBSim's forces
 PROPELLER_TOLERANCE = 1e-7  # the same with propellers, whose equilibrium JSBSim finds to some 1e-9 of the thrust
 
 
 def trim(
-    aircraft: Aircraft, condition: FlightCondition, rate_hz: float | None = None, air: Air | None = None
+    aircraft: Aircraft,
+    condition: FlightCondition,
+    rate_hz: float | None = None,
+    air: Air | None = None,
+    near: TrimmedFlight | None = None,
+    thorough: bool = True,
 ) -> TrimmedFlight:
     """Trim in steady straight flight without sideslip.
 
@@ -42,9 +65,15 @@ def trim(
 
     Newton's method on the six accelerations over alpha, phi, elevator, aileron, rudder and throttle, elastic modes in
     static equilibrium and propellers at their equilibrium at every step. What has no throttle is trimmed over the
-    flight-path angle in its place; what lacks a surface, over the rest, and over sideslip where it has no rudder. The rates are those of the horizon, see :func:`horizon_rates`. Without them the
-    nose would rise against the horizon and start a phugoid (0.12 m/s in a minute at 200 m/s). JSBSim's own trim stops
-    at 1e-5 m/s2, which drifts visibly in a minute's record.
+    flight-path angle in its place; what lacks a surface, over the rest, and over sideslip where it has no rudder. The
+    rates are those of the horizon, see :func:`horizon_rates`. Without them the nose would rise against the horizon and
+    start a phugoid (0.12 m/s in a minute at 200 m/s). JSBSim's own trim stops at 1e-5 m/s2, which drifts visibly in a
+    minute's record.
+
+    Where Newton's method fails on a foreign model, damped steps within the limits of alpha and the controls follow,
+    from several starts; what stands against a balance is read off from where they end.
+
+    ``near`` is a trim of the same aircraft to start from. Not ``thorough``, damped steps are few and serve the reason.
 
     Raises:
         TrimError: there is no equilibrium within the limits of the controls and the flight envelope.
@@ -60,12 +89,20 @@ def trim(
     if air is not None:
         fdm.set_wind(air.wind_m_s)
     problem = _Problem(fdm, condition)
-    solvable = False
-    for throttle in _THROTTLE_STARTS if "thr" in problem.names else _THROTTLE_STARTS[:1]:
-        x, solvable = problem.newton(throttle)
-        if solvable:
-            break
-    if not solvable:
+    x, solvable = problem.start(_THROTTLE_STARTS[0]), False
+    if near is not None:
+        x, solvable = problem.newton(problem.beside(near))
+        solvable = solvable and problem.balanced(x)
+    if not solvable and (near is None or thorough):
+        for throttle in problem.throttle_starts:
+            x, solvable = problem.newton(problem.start(throttle))
+            if solvable and (aircraft.adapter is None or problem.balanced(x)):
+                break
+    if aircraft.adapter is not None and not (solvable and problem.balanced(x)):
+        x = problem.descend() if thorough else problem.descend([x], _FEW)
+        if not problem.balanced(x):
+            raise TrimError(problem.reason(x))
+    elif not solvable:
         _check_limits(aircraft, condition, problem.values(x))
         raise TrimError(
             f"trim of {aircraft.name} at {condition} needs controls that can balance it, but on the way there they "
@@ -73,7 +110,7 @@ def trim(
         )
     residual = problem.accelerations(x, to_rest=True)
     found = problem.values(x)
-    _check(aircraft, condition, found, residual, problem.tolerance)
+    _check(aircraft, condition, found, residual, problem.most)
     controls = {n: v for n, v in found.items() if n in aircraft.controls}
     condition = replace(condition, gamma_rad=found.get("gamma", condition.gamma_rad))
     alpha = found["alpha"]
@@ -106,19 +143,142 @@ class _Problem:
         first = {"alpha": 0.05, "thr": throttle, "gamma": -0.05}
         return np.array([first.get(n, 0.0) for n in self.names])
 
-    def newton(self, throttle: float) -> tuple[FloatArray, bool]:
-        """Return the unknowns reached from ``throttle`` and whether every step on the way could be solved for.
+    @property
+    def throttle_starts(self) -> tuple[float, ...]:
+        """Throttles to start from, in this order; with a governor, first one that lets it govern."""
+        if "thr" not in self.names:
+            return _THROTTLE_STARTS[:1]
+        return _THROTTLE_STARTS[::-1] if self._fdm.propellers.governed else _THROTTLE_STARTS
+
+    def beside(self, near: TrimmedFlight) -> FloatArray:
+        """Return the unknowns of a trim that is known."""
+        known = {"alpha": near.alpha, "phi": near.phi, "beta": near.beta, "gamma": near.condition.gamma_rad}
+        known |= dict(near.controls)
+        return np.array([known.get(n, 0.0) for n in self.names])
+
+    def balanced(self, x: FloatArray) -> bool:
+        """Return whether the unknowns leave no more than the tolerance and lie within their limits."""
+        low, high = self._bounds()
+        inside = bool(np.all(x >= low - 1e-9) and np.all(x <= high + 1e-9))
+        return inside and bool(np.max(np.abs(self.accelerations(x, to_rest=True))) < self.most)
+
+    @property
+    def most(self) -> float:
+        """Acceleration that is accepted, m/s2 and rad/s2: filters of foreign models may never come quite to rest."""
+        return PROPELLER_TOLERANCE if self._fdm.aircraft.adapter is not None else self.tolerance
+
+    def _bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Return the lowest and highest values of the unknowns (n,)."""
+        aircraft = self._fdm.aircraft
+        ends = {"phi": (-0.35, 0.35), "beta": (-0.35, 0.35), "gamma": (-1.0, 0.5)}
+        ends["alpha"] = aircraft.limits.get("alpha", _ALPHA)
+        ends |= {n: (c.low, c.full) for n, c in aircraft.controls.items()}
+        low, high = zip(*(ends[n] for n in self.names), strict=True)
+        return np.array(low), np.array(high)
+
+    def descend(self, starts: Sequence[FloatArray] = (), steps: int = 12) -> FloatArray:
+        """Return where damped steps of least squares within the limits end, the best of several starts.
+
+        Levenberg and Marquardt: a step that leaves more than before is shortened and turned towards the steepest
+        descent; unknowns at a limit that would leave it are held there.
+        """
+        low, high = self._bounds()
+        best, least = np.clip(self.start(_THROTTLE_STARTS[0]), low, high), np.inf
+        is_alpha = np.array(self.names) == "alpha"
+        for first in starts or [np.where(is_alpha, alpha, self.start(throttle)) for alpha, throttle in _STARTS]:
+            x = np.clip(np.nan_to_num(first), low, high)
+            residual = self.accelerations(x)
+            damping, stuck = 1e-3, False
+            for _ in range(steps):
+                J = self._jacobian(x)
+                if not (np.all(np.isfinite(J)) and np.all(np.isfinite(residual))):
+                    break
+                slope = J.T @ residual
+                free = ~(((x <= low) & (slope > 0.0)) | ((x >= high) & (slope < 0.0)))
+                H = (J.T @ J)[np.ix_(free, free)]
+                for _ in range(6):
+                    step = np.zeros(len(x))
+                    damped = H + damping * np.diag(np.diag(H) + 1e-9)
+                    step[free] = np.linalg.solve(damped, slope[free]) if np.any(free) else 0.0
+                    trial = np.clip(x - np.clip(step, -0.2, 0.2), low, high)
+                    now = self.accelerations(trial)
+                    if np.linalg.norm(now) < np.linalg.norm(residual):
+                        break
+                    damping = min(10.0 * damping, 1e6)
+                else:
+                    stuck = True
+                if stuck:
+                    break
+                gain = 1.0 - np.linalg.norm(now) / np.linalg.norm(residual)
+                x, residual, damping = trial, now, max(0.1 * damping, 1e-12)
+                if gain < 1e-3 or np.max(np.abs(residual)) < self.tolerance:
+                    break
+            left = float(np.linalg.norm(residual))
+            if left < least:
+                best, least = x, left
+            if np.max(np.abs(residual)) < _NEARLY:
+                polished, solved = self.newton(x)
+                if solved and self.balanced(polished):
+                    return polished
+        return best
+
+    def reason(self, x: FloatArray) -> str:
+        """Return why there is no trim, read off from the unknowns that come nearest to one."""
+        fdm, aircraft = self._fdm, self._fdm.aircraft
+        where = f"{aircraft.name} at {self._condition}"
+        residual = self.accelerations(x, to_rest=True)
+        J = self._jacobian(x)
+        at = self.values(x)
+        low, high = self._bounds()
+        k = int(np.argmax(np.abs(residual)))
+        unit = "m/s2" if k < 3 else "rad/s2"
+        left = f"{residual[k]:.2g} {unit} of {_MOTIONS[k]} are left"
+        if not np.max(np.abs(residual)) < _DIVERGED:
+            why = (
+                ": lift or moment by alphadot changes alphadot by more than itself"
+                if "aero/alphadot-rad_sec" in aircraft.xml
+                else ""
+            )
+            return f"trim of {where} needs forces that settle, but they grow from evaluation to evaluation{why}"
+        for i, name in enumerate(self.names):
+            if name not in aircraft.controls or np.max(np.abs(J[:, i])) > _NO_EFFECT:
+                continue
+            moved = [np.where(np.arange(len(x)) == i, low[i] + f * (high[i] - low[i]), x) for f in (0.3, 0.9)]
+            if not np.max(np.abs(self.accelerations(moved[1]) - self.accelerations(moved[0]))) > _NO_EFFECT:
+                self.accelerations(x, to_rest=True)
+                said = f"; {fdm.engine_state()}" if name == "thr" else ""
+                return f"trim of {where} needs a balance, but {_WORDS[name]} has no effect there: {left}{said}"
+        self.accelerations(x, to_rest=True)
+        stops = [
+            f"{_WORDS[n]} at its end of {_shown(n, at[n])}"
+            for i, n in enumerate(self.names)
+            if n != "phi" and (at[n] <= low[i] + 1e-9 or at[n] >= high[i] - 1e-9)
+        ]
+        limited = fdm.propellers.limited()
+        said = f"; {fdm.engine_state()}" if at.get("thr", 0.0) > 0.999 else ""
+        if limited:
+            return f"trim of {where} needs more power than {limited}"
+        if k == 0 and residual[0] < 0.0 and at.get("thr", 0.0) > 0.999:
+            lacks = -residual[0] * aircraft.mass.mass_kg
+            return f"trim of {where} needs {lacks:.3g} N more than full throttle gives: {fdm.engine_state()}"
+        ends = f"with {', '.join(stops)} " if stops else "whatever the controls do, "
+        return f"trim of {where} needs a balance, but {ends}{left}{said}"
+
+    def newton(self, x: FloatArray) -> tuple[FloatArray, bool]:
+        """Return the unknowns reached from ``x`` and whether every step on the way could be solved for.
 
         A Jacobian costs twelve evaluations; it is kept for as long as each step takes most of the residual away.
         """
-        x = self.start(throttle)
         residual = self.accelerations(x)
-        jacobian, before, most = None, np.inf, self.tolerance
+        jacobian, before, most, made = None, np.inf, self.tolerance, 0
         for _ in range(40):
             left = float(np.max(np.abs(residual)))
-            if left < most:
+            if left < most or (left < self.most and not left < _KEPT * before):
                 break
             if jacobian is None or not left < _KEPT * before:
+                made += 1
+                if made > _JACOBIANS and self._fdm.aircraft.adapter is not None:
+                    break
                 jacobian = self._jacobian(x)
                 if not np.all(np.isfinite(jacobian)) or np.linalg.cond(jacobian) > 1e12:
                     return x, False
@@ -158,6 +318,10 @@ class _Problem:
         fdm.place(condition.h_m, theta, phi, uvw, horizon_rates(condition.h_m, theta, phi, uvw, fdm.wind_m_s))
         fdm.evaluate(to_rest)
         return np.array([fdm.get(name) * factor for name, factor in _ACCELERATIONS])
+
+
+def _shown(name: str, value: float) -> str:
+    return f"{100.0 * value:.0f} %" if name == "thr" else f"{value / DEG_RAD:.1f} deg"
 
 
 def _solved(jacobian: FloatArray, residual: FloatArray) -> FloatArray:

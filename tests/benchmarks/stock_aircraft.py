@@ -1,0 +1,207 @@
+"""Every model that comes with JSBSim: adopted, trimmed, compared with JSBSim's own trim, linearised and flown.
+
+Run with ``make stock``; it writes results/aircraft/stock.csv. Every model has a process of its own with a time limit,
+so that none can end or hold up the others. Columns:
+
+- name, status ("flies", or why not), V_m_s, h_m, alpha_deg, controls (deg, throttle in %), gamma_deg;
+- residual: the largest acceleration left, m/s2 or rad/s2; trim_ms: median of three trims from scratch;
+- jsbsim: JSBSim's own trim of the stock model with the same settings: alpha and elevator, JSBSim's less ours, deg; the
+  elevator is compared by the first property that it drives;
+- double_s: time to double of the fastest unstable motion, "stable" without one;
+- flown: 20 s with a doublet of 10 % of the elevator's throw from the second second on.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import statistics
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+
+COLUMNS = (
+    "name",
+    "status",
+    "V_m_s",
+    "h_m",
+    "alpha_deg",
+    "controls",
+    "gamma_deg",
+    "residual",
+    "trim_ms",
+    "jsbsim",
+    "double_s",
+    "flown",
+)
+RESULTS = Path(__file__).resolve().parents[2] / "results" / "aircraft" / "stock.csv"
+LIMIT_S = 120.0
+FLIGHT_S = 20.0
+DOUBLET = 0.1  # of the elevator's throw
+
+
+def study(name: str) -> dict[str, str]:
+    """Return the row of one model."""
+    from testbench.aircraft.source import find_model, read_source
+    from testbench.core.errors import TestbenchError
+    from testbench.core.paths import stock_root
+    from testbench.flight import trim
+    from testbench.flight.adopt import adopt
+
+    root = stock_root()
+    if root is None:
+        raise SystemExit("the jsbsim package must bring its models, but none are installed")
+    row = {"name": name}
+    try:
+        path = find_model(root / "aircraft" / name)
+        if path is None:
+            return row | {"status": "the folder holds no JSBSim model"}
+        adopted = adopt(read_source(path))
+    except TestbenchError as error:
+        return row | {"status": str(error).replace("\n", " ").replace(str(root), "JSBSim")}
+    trimmed = adopted.trimmed
+    condition = trimmed.condition
+    shown = {n: f"{v * (100.0 if n == 'thr' else np.rad2deg(1.0)):.2f}" for n, v in trimmed.controls.items()}
+    times = []
+    for _ in range(3):
+        start = time.perf_counter()
+        trim(adopted.aircraft, condition)
+        times.append(1e3 * (time.perf_counter() - start))
+    return row | {
+        "status": "flies",
+        "V_m_s": f"{condition.V_m_s:g}",
+        "h_m": f"{condition.h_m:g}",
+        "alpha_deg": f"{np.rad2deg(trimmed.alpha):.2f}",
+        "controls": " ".join(f"{n} {v}" for n, v in shown.items()),
+        "gamma_deg": f"{np.rad2deg(condition.gamma_rad):.2f}",
+        "residual": f"{np.max(np.abs(trimmed.residual)):.1e}",
+        "trim_ms": f"{statistics.median(times):.0f}",
+        "jsbsim": beside_jsbsim(adopted, root),
+        "double_s": doubling(adopted),
+        "flown": flown(adopted),
+    }
+
+
+def beside_jsbsim(adopted, root: Path) -> str:
+    """Return how JSBSim's own longitudinal trim of the stock model departs from ours."""
+    import jsbsim
+
+    from testbench.aircraft.adapter import THROTTLE
+    from testbench.core.constants import FT_M
+
+    aircraft, trimmed = adopted.aircraft, adopted.trimmed
+    if THROTTLE not in [c.command for c in aircraft.controls.values()]:
+        return "none: JSBSim's trim needs a throttle"
+    fdm = jsbsim.FGFDMExec(str(root))
+    fdm.set_debug_level(0)
+    fdm.set_dt(1.0 / trimmed.rate_hz)
+    for key, value in aircraft.adapter.neutral.items():
+        fdm.set_property_value(key, value)  # a model that reads what nothing defines would end the process
+    if not fdm.load_model(aircraft.name):
+        return "none: the stock model does not load"
+    for key, value in aircraft.adapter.settings.items():
+        fdm.set_property_value(key, value)
+    fdm.set_property_value("ic/h-sl-ft", trimmed.condition.h_m / FT_M)
+    fdm.set_property_value("ic/vt-fps", trimmed.condition.V_m_s / FT_M)
+    fdm.set_property_value("ic/gamma-deg", 0.0)
+    fdm.run_ic()
+    fdm.get_propulsion().init_running(-1)
+    try:
+        fdm.do_trim(0)
+    except RuntimeError as error:
+        return f"none: {' '.join(str(error).split())[:60]}"
+    away = np.rad2deg(fdm.get_property_value("aero/alpha-rad") - trimmed.alpha)
+    link = aircraft.adapter.link("de")
+    text = f"alpha {away:+.3f}"
+    if link is not None:
+        drive = link.drives[0]
+        deflections, values = np.array(drive.points).T
+        order = np.argsort(values)
+        de = np.interp(fdm.get_property_value(drive.name), values[order], deflections[order])
+        text += f" de {np.rad2deg(de - trimmed.controls['de']):+.3f}"
+    return text
+
+
+def doubling(adopted) -> str:
+    """Return the time to double of the fastest unstable motion, s."""
+    from testbench.flight import linearise
+
+    try:
+        worst = float(np.max(linearise(adopted.aircraft, adopted.trimmed).poles().real))
+    except Exception as error:  # linear models of foreign aircraft are being built
+        return f"not linearised: {type(error).__name__}"
+    return "stable" if worst <= 1e-4 else f"{np.log(2.0) / worst:.3g}"
+
+
+def flown(adopted) -> str:
+    """Return how a flight with a doublet in the elevator ended."""
+    from testbench.core.errors import TestbenchError
+    from testbench.flight import Manoeuvre, fly
+    from testbench.flight.simulate import FlightAborted
+    from testbench.inputs.signal import InputSignal
+
+    aircraft, trimmed = adopted.aircraft, adopted.trimmed
+    name = next((n for n in ("de", "da", "dr") if n in aircraft.controls), None)
+    if name is None:
+        return "no surface to move"
+    control = aircraft.controls[name]
+    size = DOUBLET * (control.full - control.low)
+    room = min(control.full - trimmed.controls[name], trimmed.controls[name] - control.low)
+    t = np.arange(round(FLIGHT_S * trimmed.rate_hz)) / trimmed.rate_hz
+    u = min(size, 0.9 * room) * (((t >= 2.0) & (t < 2.5)) * 1.0 - ((t >= 2.5) & (t < 3.0)) * 1.0)
+    try:
+        fly(aircraft, trimmed, Manoeuvre("doublet", InputSignal(t, u[:, None], (name,)), settle_s=0.0), 50.0)
+    except FlightAborted as error:
+        return f"ended after {error.time_s:.1f} s: {error.reason}"
+    except TestbenchError as error:
+        return str(error)
+    return "completed"
+
+
+def of(name: str) -> dict[str, str]:
+    """Return the row of one model, studied in a process of its own."""
+    command = [sys.executable, __file__, "--one", name]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT_S, check=False)
+    except subprocess.TimeoutExpired:
+        return {"name": name, "status": f"not decided within {LIMIT_S:g} s"}
+    marked = [line for line in done.stdout.splitlines() if line.startswith("ROW ")]
+    if not marked:
+        last = (done.stderr.strip().splitlines() or [f"ended with {done.returncode}"])[-1]
+        return {"name": name, "status": f"failed: {last}"}
+    return json.loads(marked[-1].removeprefix("ROW "))
+
+
+def main(names: list[str]) -> None:
+    """Study all models, or those named, and write the table."""
+    from testbench.core.paths import stock_root
+
+    root = stock_root()
+    if root is None:
+        raise SystemExit("the jsbsim package must bring its models, but none are installed")
+    everyone = sorted((p.name for p in (root / "aircraft").iterdir() if p.is_dir()), key=str.lower)
+    with ThreadPoolExecutor(2) as pool:
+        rows = list(pool.map(of, names or everyone))
+    if not names:
+        RESULTS.parent.mkdir(parents=True, exist_ok=True)
+        with RESULTS.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+            writer.writeheader()
+            writer.writerows(rows)
+    for row in rows:
+        print("; ".join(f"{k} {v}" for k, v in row.items()))
+    flying = [row for row in rows if row["status"] == "flies"]
+    times = [float(row["trim_ms"]) for row in flying] or [float("nan")]
+    middle, most = statistics.median(times), max(times)
+    print(f"{len(flying)} of {len(rows)} fly; trim {middle:.0f} ms in the median, {most:.0f} at most")
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--one"]:
+        print("ROW " + json.dumps(study(sys.argv[2])))
+    else:
+        main(sys.argv[1:])

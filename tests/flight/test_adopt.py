@@ -1,0 +1,156 @@
+"""Models that come with JSBSim, adopted: they balance, and their propellers are where a governor wants them."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from testbench.aircraft.source import find_model, read_source
+from testbench.core.constants import DEG_RAD, RPM_RAD_S
+from testbench.core.errors import ModelError
+from testbench.core.paths import stock_root
+from testbench.flight import FlightCondition, Manoeuvre, fly, trim
+from testbench.flight.adopt import Adopted, adopt
+from testbench.flight.executive import Executive
+from testbench.flight.trim import place_at_trim
+from testbench.inputs.signal import InputSignal
+
+ROOT = stock_root()
+pytestmark = pytest.mark.skipif(ROOT is None, reason="the jsbsim package brings no models")
+
+# Name: speed, m/s. c182 has a propeller of constant speed, pc7 one behind a turboprop.
+SPEEDS = {"c172p": 45.0, "f16": 150.0, "SGS": 29.0, "B747": 140.0, "c182": 55.0, "pc7": 80.0}
+
+
+@cache
+def adopted(name: str) -> Adopted:
+    path = find_model(ROOT / "aircraft" / name)
+    assert path is not None
+    return adopt(read_source(path), SPEEDS.get(name))
+
+
+def held(name: str) -> Executive:
+    """Return an executive in the trimmed state."""
+    found = adopted(name)
+    fdm = Executive(found.aircraft, found.trimmed.rate_hz, found.trimmed.condition)
+    place_at_trim(fdm, found.trimmed)
+    return fdm
+
+
+@pytest.mark.parametrize("name", SPEEDS)
+def test_forces_and_moments_balance(name):
+    trimmed = adopted(name).trimmed
+    assert np.max(np.abs(trimmed.residual)) < 1e-7
+    assert trimmed.state["V"] == pytest.approx(SPEEDS[name], rel=1e-9)
+    assert abs(trimmed.alpha) < 12.0 * DEG_RAD
+
+
+@pytest.mark.parametrize("name", ["c172p", "c182", "pc7"])
+def test_a_flight_without_input_stays_at_trim(name):
+    """Propellers, governors, manifolds and gas generators go on where the trim left them: three seconds change nothing.
+
+    Without the balance of propellers the airspeed departs by metres per second.
+    """
+    found = adopted(name)
+    rate = found.trimmed.rate_hz
+    n = round(3.0 * rate)
+    still = Manoeuvre("still", InputSignal(np.arange(n) / rate, np.zeros((n, 1)), ("de",)), settle_s=0.0)
+    record = fly(found.aircraft, found.trimmed, still, 10.0, ("V", "theta", "h"))
+    assert record["V"] == pytest.approx(SPEEDS[name], rel=1e-5)
+    assert record["theta"] == pytest.approx(record["theta"][0], abs=2e-5)
+
+
+@pytest.mark.parametrize("name", ["c182", "pc7"])
+def test_frames_of_a_flight_change_no_propeller(name):
+    """JSBSim's own frames, governor at work, rigid body held: an independent search for the same equilibrium."""
+    fdm = held(name)
+    before = fdm.propellers.speeds()
+    blade = fdm.get("propulsion/engine[0]/blade-angle")
+    for _ in range(400):
+        fdm.propellers._march(1.0 / fdm.rate_hz)
+    assert fdm.propellers.speeds() == pytest.approx(before, rel=1e-8)
+    assert fdm.get("propulsion/engine[0]/blade-angle") == pytest.approx(blade, abs=1e-5)
+
+
+@pytest.mark.parametrize("name", ["c182", "pc7"])
+def test_the_governor_gets_the_speed_it_asks_for(name):
+    found = adopted(name)
+    texts = " ".join(t for t in found.aircraft.engine_files.values() if "<propeller" in t)
+    wanted = re.search(r"<maxrpm>\s*([\d.]+)", texts)
+    assert wanted is not None
+    assert held(name).propellers.speeds()[0] == pytest.approx(float(wanted[1]) * RPM_RAD_S, rel=1e-9)
+
+
+def test_another_throttle_reaches_the_equilibrium_that_marching_reaches():
+    """From the trim to 90 % throttle: the search and eighty seconds of JSBSim's frames end at the same blade angle."""
+    found = adopted("c182")
+    state = found.trimmed
+    searched, marched = held("c182"), held("c182")
+    for fdm in (searched, marched):
+        fdm.command({"thr": 0.9})
+        V, a = state.condition.V_m_s, state.alpha
+        fdm.place(state.condition.h_m, state.theta, state.phi, (V * np.cos(a), 0.0, V * np.sin(a)))
+    searched.evaluate()
+    marched.fdm.run_ic()
+    for _ in range(16000):
+        marched.propellers._march(1.0 / marched.rate_hz)
+    for name in ("blade-angle", "power-hp", "propeller-rpm"):
+        prop = f"propulsion/engine[0]/{name}"
+        assert searched.get(prop) == pytest.approx(marched.get(prop), rel=1e-6)
+
+
+def test_a_glider_descends():
+    found = adopted("SGS")
+    assert "thr" not in found.aircraft.controls
+    assert -0.1 < found.trimmed.condition.gamma_rad < -0.01
+    # At small angles the glide ratio is that of lift to drag: weight along and across the path.
+    fdm = held("SGS")
+    lift, drag = fdm.get("forces/fwz-aero-lbs"), fdm.get("forces/fwx-aero-lbs")
+    assert abs(drag / lift) == pytest.approx(abs(np.tan(found.trimmed.condition.gamma_rad)), rel=5e-3)
+
+
+def test_without_a_rudder_sideslip_is_sought_in_its_place():
+    """The aircraft without its rudder, and with an asymmetry that a rudder balanced before."""
+    found = adopted("c172p")
+    aircraft = found.aircraft
+    assert aircraft.adapter is not None
+    links = tuple(x for x in aircraft.adapter.links if x.control != "dr")
+    controls = {n: c for n, c in aircraft.controls.items() if n != "dr"}
+    bare = replace(aircraft, adapter=replace(aircraft.adapter, links=links), controls=controls)
+    trimmed = trim(bare, found.trimmed.condition)
+    assert np.max(np.abs(trimmed.residual)) < 1e-7
+    assert "dr" not in trimmed.controls
+    assert 1e-4 < abs(trimmed.beta) < 5.0 * DEG_RAD
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("ah1s", "rotor"),
+        ("blank", "<fdm_config>"),
+        ("ball", "control surfaces"),
+        ("L410", "smaller than the span"),
+    ],
+)
+def test_what_is_no_aircraft_is_refused_with_the_reason(name, why):
+    with pytest.raises(ModelError, match=why):
+        adopted(name)
+
+
+def test_an_engine_without_thrust_counts_as_none():
+    """The propellers of the C-130 are driven by engines that JSBSim takes for jets: pounds of thrust for power."""
+    found = adopted("C130")
+    assert "thr" not in found.aircraft.controls
+    assert any("counted as none" in words for words in found.found)
+
+
+def test_a_trim_beside_another_is_the_same():
+    found = adopted("B747")
+    other = trim(found.aircraft, FlightCondition(150.0, found.trimmed.condition.h_m))
+    beside = trim(found.aircraft, other.condition, near=found.trimmed)
+    assert beside.alpha == pytest.approx(other.alpha, abs=1e-9)
+    assert beside.controls == pytest.approx(other.controls, abs=1e-8)
