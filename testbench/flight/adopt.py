@@ -15,16 +15,17 @@ from dataclasses import dataclass, replace
 from testbench.aircraft import Aircraft, Control
 from testbench.aircraft.adapter import THROTTLE, Adapter
 from testbench.aircraft.model import Geometry, MassProperties
+from testbench.aircraft.sketch import sketch
 from testbench.aircraft.source import Source
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, LBF_N, SLUG_KG
 from testbench.core.errors import ModelError, TrimError
 from testbench.flight.condition import FlightCondition, TrimmedFlight, air_density
 from testbench.flight.executive import Executive
+from testbench.flight.mass import geometry_flown, mass_flown
 from testbench.flight.probe import NO_SURFACES, Probe, probe, undefined
 from testbench.flight.trim import trim
 
 RATE_HZ = 200.0
-_SLUG_FT2 = SLUG_KG * FT_M**2
 _LIFT = (0.5, 0.35, 0.7, 0.25, 0.9, 0.15)  # lift coefficients at which a trim is sought first, in this order
 _SPEED_STEP = 1.08
 _FASTER, _SLOWER = 2.2, 0.5  # of the design speed: no trim is sought beyond
@@ -128,6 +129,7 @@ def _adopted(source: Source, V_m_s: float | None, h_m: float | None, declared: f
         source.xml,
         source.engine_files,
         adapter=Adapter(),
+        outline=sketch(tree),
     )
     somewhere = FlightCondition(50.0, 1000.0)
     neutral = undefined(raw, somewhere)
@@ -144,7 +146,7 @@ def _adopted(source: Source, V_m_s: float | None, h_m: float | None, declared: f
     fed = _empty_feeds(fdm, tree)
     settings |= {f"propulsion/tank[{i}]/contents-lbs": _FEED_LBS for i in fed}
     raw = replace(raw, adapter=Adapter(settings=settings, neutral=neutral))
-    raw = replace(raw, geometry=_geometry(fdm, source), mass=_mass(fdm, source))
+    raw = replace(raw, geometry=geometry_flown(fdm, source.path), mass=mass_flown(fdm, source.path))
     height = h_m if h_m is not None else _HEIGHT_M[_size(raw.geometry.b_m)]
     speeds = [V_m_s] if V_m_s is not None else [_speed(raw, height, CL) for CL in _LIFT]
     try:
@@ -234,31 +236,15 @@ def _check_propellers(tree: ET.Element, source: Source) -> None:
 
 
 def _title(tree: ET.Element, name: str) -> str:
+    """Return the model's name and the first sentence of its description."""
     said = " ".join((tree.findtext("fileheader/description") or "").split())
     first = re.split(r"(?<=[a-z0-9)])\. ", said)[0].strip().rstrip(".")
+    first = re.sub(r"^Models an? ", "", first)
     return f"{name}: {first[:100]}" if first else name
 
 
 def _size(b_m: float) -> str:
     return "small" if b_m < _SMALL_SPAN_M else "middle" if b_m < _LARGE_SPAN_M else "large"
-
-
-def _geometry(fdm: Executive, source: Source) -> Geometry:
-    S, b, cbar = (fdm.get(f"metrics/{n}") for n in ("Sw-sqft", "bw-ft", "cbarw-ft"))
-    for words, value in (("wing area <wingarea>", S), ("span <wingspan>", b), ("mean chord <chord>", cbar)):
-        if not value > 0.0:
-            raise ModelError(f"{words} > 0 must hold in <metrics>, got {value:g} in '{source.path}'")
-    return Geometry(S * FT_M**2, b * FT_M, cbar * FT_M)
-
-
-def _mass(fdm: Executive, source: Source) -> MassProperties:
-    """Return mass and inertias as flown, fuel and point masses included."""
-    mass = fdm.get("inertia/mass-slugs") * SLUG_KG
-    Ixx, Iyy, Izz, Ixz = (fdm.get(f"inertia/{n}-slugs_ft2") * _SLUG_FT2 for n in ("ixx", "iyy", "izz", "ixz"))
-    for words, value in (("mass", mass), ("Ixx", Ixx), ("Iyy", Iyy), ("Izz", Izz)):
-        if not (value > 0.0 and math.isfinite(value)):
-            raise ModelError(f"{words} > 0 must hold in <mass_balance>, got {value:g} in '{source.path}'")
-    return MassProperties(mass, Ixx, Iyy, Izz, Ixz)
 
 
 def _speed(aircraft: Aircraft, h_m: float, CL: float) -> float:
