@@ -41,7 +41,7 @@ benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/output_error_speed.py
 	$(BIN)/python tests/benchmarks/gap_speed.py
 
-# Every model that comes with JSBSim, into results/aircraft/stock.csv: some five minutes on two cores.
+# Every model that comes with JSBSim, into results/aircraft/stock.csv: some two minutes on two cores.
 stock: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/stock_aircraft.py
 

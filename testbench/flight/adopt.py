@@ -326,7 +326,7 @@ def _throttles(
 
 def _declared(aircraft: Aircraft) -> str:
     """Return in words what a model reads that nothing defines: it may want another value to fly."""
-    neutral = aircraft.adapter.neutral if aircraft.adapter is not None else {}
+    neutral = [n for n in (aircraft.adapter.neutral if aircraft.adapter else {}) if not _LEVER.fullmatch(n)]
     return f"; declared as 0, since nothing in the model defines them: {', '.join(neutral)}" if neutral else ""
 
 
