@@ -43,11 +43,11 @@ def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
     """Return the linear model about trim by fourth-order central differences of JSBSim's own equations.
 
     States: body velocities, rates, phi, theta, h, eta and etadot of every mode, those that amendments bring with them,
-    and the speed of propellers (all engines alike) with the manifold pressure of piston engines; governed propellers
-    are at their equilibrium throughout. Inputs: the deflections de, da, dr and thr, and the commands de_cmd, da_cmd,
-    dr_cmd, which pass through the servo lags first (further states, through which a feedback to a command passes too),
-    or are the deflections where there is no servo. Outputs: every channel of the simulator, and those of the wing
-    stations.
+    and the speed of propellers (all engines alike) with the manifold pressure of piston engines; those that are
+    governed or behind a gas generator are at their equilibrium throughout. Inputs: the deflections de, da, dr and thr,
+    and the commands de_cmd, da_cmd, dr_cmd, which pass through the servo lags first (further states, through which a
+    feedback to a command passes too), or are the deflections where there is no servo. Outputs: every channel of the
+    simulator, and those of the wing stations.
 
     Example:
         >>> import testbench as tb
@@ -152,7 +152,7 @@ class _Point:
     @property
     def engine(self) -> bool:
         """Whether the speed of its propellers is a state."""
-        return len(self.fdm.propellers) > 0 and not self.fdm.propellers.governed
+        return self.fdm.propellers.free and "thr" in self.inputs
 
     def servo_rate(self, control: str) -> float:
         """Return the corner frequency of a servo, rad/s."""

@@ -41,7 +41,7 @@ _INSTANT_S = 1e-9  # a frame in which nothing moves at all
 _HISTORY = 4  # frames that the integrators remember
 _SETTLED = 1e-10  # of the speed
 _HP_FTLB_S = 550.0
-_ITERATIONS = 80
+_ITERATIONS, _ROUNDS = 80, 5
 _FRAME_S, _SHORTEST_S, _LONGEST_S = 0.02, 1e-3, 5.0
 _MOST_CHANGE = 0.15  # of a speed in one frame
 _SEARCHES, _STIFF_1_S = 3, -3.0  # of JSBSim's own search, whose frames of 0.5 s go with slow propellers only
@@ -118,6 +118,11 @@ class Propellers:
         """Whether a governor keeps the speed of any of them by the angle of its blades."""
         return bool(self._governed)
 
+    @property
+    def free(self) -> bool:
+        """Whether the speeds follow from throttle and airspeed alone, neither governed nor behind a gas generator."""
+        return len(self) > 0 and not self.governed and not self._turboprops
+
     def speeds(self) -> FloatArray:
         """Return the speeds (n,), rad/s."""
         return np.array([node.get_double_value() for node in self._nodes]) * RPM_RAD_S
@@ -178,7 +183,9 @@ class Propellers:
         if not len(self):
             return
         if self.governed or self._turboprops:
-            self._balance()
+            for _ in range(_ROUNDS):  # where manifolds and blades chase each other, a fresh start gets nearer
+                if self._balance():
+                    break
         else:
             self._fdm.fdm.get_propulsion().get_steady_state()
             self._fdm.fdm.run_ic()
@@ -192,8 +199,8 @@ class Propellers:
             for _ in range(_HISTORY):
                 self._march(_INSTANT_S)
 
-    def _balance(self) -> None:
-        """Seek speeds and blade angles at which nothing changes.
+    def _balance(self) -> bool:
+        """Seek speeds and blade angles at which nothing changes; return whether they were found.
 
         The manifold of a piston engine fills by the speed that was there before a frame and moves the speed itself; the
         share of the way that blades are turned for is what is left of it, and found from frame to frame.
@@ -228,9 +235,10 @@ class Propellers:
         longest, share = fill, self._share
         if self._throttles is None or np.max(np.abs(throttles - self._throttles)) > _CAREFUL:
             longest = min(fill, _FIRST_S)  # the power changes within a frame as the manifold empties or fills
-        self._throttles = throttles
+        self._throttles, found_rest = throttles, False
         for _ in range(_ITERATIONS):
             if self._stands():
+                found_rest = True
                 break
             pitch = self._pitch()
             scale = _SETTLED * np.maximum(np.abs(rpm), 1.0)
@@ -242,6 +250,7 @@ class Propellers:
                 and np.all(stopped | (np.abs(away) <= scale))
                 and np.all(np.abs(rates) <= scale)
             ):
+                found_rest = True
                 break
             dt = longest
             turned = pitch.copy()
@@ -295,6 +304,7 @@ class Propellers:
         self._slowing, self._share, self._fill = slowing, share, fill
         self._govern(True)
         self._fdm.fdm.run_ic()
+        return found_rest
 
     def _turned(self, rates: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return d rate / d blade angle (n,), rpm/s per deg."""
