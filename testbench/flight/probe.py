@@ -11,6 +11,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
 from testbench.flight.condition import FlightCondition
 from testbench.flight.executive import Executive, UndefinedProperties
+from testbench.flight.propellers import ADAMS_BASHFORTH_3, INTEGRATORS
 
 COMMANDS = {"de": "fcs/elevator-cmd-norm", "da": "fcs/aileron-cmd-norm", "dr": "fcs/rudder-cmd-norm"}
 """Control -> the pilot's command of every JSBSim model."""
@@ -320,17 +322,25 @@ class _Bench:
             return rate / first, limit
         return (None, None) if limit is None else (_FAST_RAD_S, limit)
 
-    def _step(self, node: object, command: str, size: float) -> FloatArray | None:
-        """Return the value of a property from the step of its command until it rests, one value per frame."""
+    def _step(self, node: Any, command: str, size: float) -> FloatArray | None:
+        """Return the value of a property from the step of its command until it rests, one value per frame.
+
+        Time runs, as some servos stand still without it, but nothing of the aircraft moves.
+        """
         self._fdm.set(command, 0.0)
         self._rest()
-        values = [node.get_double_value()]  # type: ignore[attr-defined]
+        integrators = [self._fdm.node(f"simulation/integrator/{name}") for name in INTEGRATORS]
+        for integrator in integrators:
+            integrator.set_double_value(0.0)
+        values = [node.get_double_value()]
         self._fdm.set(command, size)
         for _ in range(_MOST_FRAMES):
-            self._fdm.fdm.run_ic()
-            values.append(node.get_double_value())  # type: ignore[attr-defined]
+            self._fdm.fdm.run()
+            values.append(node.get_double_value())
             if len(values) > 5 and values[-1] == values[-5]:
                 break
+        for integrator in integrators:
+            integrator.set_double_value(ADAMS_BASHFORTH_3)
         self._fdm.set(command, 0.0)
         self._rest()
         found = np.array(values)

@@ -1,6 +1,6 @@
 """Eigenvalues of our linear models against central differences made with JSBSim alone, on the models that it ships.
 
-    python tests/benchmarks/stock_eigenvalues.py            # all that trim, to results/aircraft/eigenvalues.csv
+    python tests/benchmarks/stock_eigenvalues.py            # all that trim
     python tests/benchmarks/stock_eigenvalues.py c172p f16
 
 The second way shares nothing with the package but the trimmed state and the position of the controls: the stock model
@@ -12,10 +12,8 @@ them out.
 
 from __future__ import annotations
 
-import csv
 import math
 import sys
-from pathlib import Path
 
 import jsbsim
 import numpy as np
@@ -148,7 +146,7 @@ def compare(name: str) -> dict[str, str]:
 
 
 def main(names: list[str]) -> None:
-    """Compare and write the table."""
+    """Compare and print the table; ``make stock`` writes it."""
     rows = []
     for name in names or stock_names():
         row = compare(name)
@@ -157,13 +155,6 @@ def main(names: list[str]) -> None:
     both = [r for r in rows if r["longitudinal"] and max(float(r[p]) for p in _PLANES) <= 100.0 * _WITHIN]
     one = [r for r in rows if r["longitudinal"] and min(float(r[p]) for p in _PLANES) <= 100.0 * _WITHIN]
     print(f"within {100.0 * _WITHIN:g} %: both motions {len(both)}, at least one {len(one)} of {len(rows)}")
-    if not names:
-        path = Path("results/aircraft/eigenvalues.csv")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(["name", *(f"{p} [%]" for p in _PLANES), "note"])
-            writer.writerows([r["name"], *(r[p] for p in _PLANES), r["note"]] for r in rows)
 
 
 if __name__ == "__main__":
