@@ -143,11 +143,12 @@ def beside_jsbsim(adopted, root: Path) -> str:
 
 def doubling(adopted) -> str:
     """Return the time to double of the fastest unstable motion, s."""
+    from testbench.core.errors import TestbenchError
     from testbench.flight import linearise
 
     try:
         worst = float(np.max(linearise(adopted.aircraft, adopted.trimmed).poles().real))
-    except Exception as error:  # linear models of foreign aircraft are being built
+    except TestbenchError as error:
         return f"not linearised: {type(error).__name__}"
     return "stable" if worst <= 1e-4 else f"{np.log(2.0) / worst:.3g}"
 
@@ -205,8 +206,8 @@ def page(rows: list[dict[str, str]]) -> str:
         "",
         f"- {len(flying)} of {len(rows)} trim and fly; {len(completed)} of them fly 20 s with an elevator doublet.",
         f"- A trim takes {statistics.median(times):.0f} ms in the median, {times[-1]:.0f} ms at most.",
-        "- Eigenvalues of both motions agree within 1 % with central differences of JSBSim's accelerations, made without "
-        f"this package, on {len(both)} models.",
+        "- Eigenvalues of both motions agree within 1 % with central differences of JSBSim's accelerations, made "
+        f"without this package, on {len(both)} models.",
         "",
         "Eigenvalues: largest difference, %. JSBSim's trim: its alpha and elevator less ours, deg, where it succeeds.",
         "",
