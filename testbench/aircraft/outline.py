@@ -67,6 +67,7 @@ class Outline(Strict):
         note: what the numbers are (published, derived, estimated), as sentences for the caption.
         wing, tail, fin: surfaces; a flying wing has no tail, a V-tail no fin.
         body_m: cross-sections of the fuselage from nose to end: x, half width, lowest and highest point.
+        sketched: areas and span are the model's own and the rest is a guess: good to look at, and for nothing else.
         elastic_axis: its place behind the leading edge of the wing, in chords, if known.
     """
 
@@ -75,6 +76,7 @@ class Outline(Strict):
     tail: Surface | None = None
     fin: Surface | None = None
     body_m: Annotated[tuple[Section, ...], Field(strict=False, min_length=2)]
+    sketched: bool = False
     elastic_axis: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
 
     @property

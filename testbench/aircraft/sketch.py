@@ -57,6 +57,7 @@ def sketch(tree: ET.Element) -> Outline | None:
             sweep_deg=20.0,
         ),
         body_m=tuple(body),
+        sketched=True,
     )
 
 

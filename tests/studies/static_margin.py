@@ -34,11 +34,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
 
-from testbench.aircraft import Aircraft, load_aircraft
+from testbench.aircraft import Aircraft
 from testbench.core.paths import AIRCRAFT_MODELS
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.evaluation.modes import frequency_and_damping
-from testbench.flight import FlightCondition, linearise, trim
+from testbench.flight import FlightCondition, linearise, load_aircraft, trim
 from testbench.questions.compare import compare
 from testbench.questions.compare.result import CompareResult
 from testbench.questions.compare.scenario import CompareScenario

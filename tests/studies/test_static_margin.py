@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from testbench.aircraft import load_aircraft
+from testbench.flight import load_aircraft
 from tests.studies import static_margin
 
 

@@ -18,7 +18,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from testbench.aircraft.model import Aircraft
-from testbench.aircraft.outline import Surface
+from testbench.aircraft.outline import Outline, Surface
 from testbench.aircraft.strips.coupling import MOTIONS
 from testbench.aircraft.strips.ground_test import GroundTestFile
 from testbench.aircraft.strips.loads import StripModel
@@ -79,6 +79,12 @@ def helmbold(aspect_ratio: float) -> float:
     return 2.0 * math.pi * aspect_ratio / (2.0 + math.sqrt(aspect_ratio**2 + 4.0))
 
 
+def drawn_of(aircraft: Aircraft) -> Outline | None:
+    """Return the drawing of an aircraft, if it is more than a sketch."""
+    outline = aircraft.outline
+    return outline if outline is not None and not outline.sketched else None
+
+
 def fit_strips(aircraft: Aircraft, test: GroundTestFile, own: Mapping[str, float]) -> FittedStrips:
     """Return the strips of an aircraft.
 
@@ -99,7 +105,7 @@ def fit_strips(aircraft: Aircraft, test: GroundTestFile, own: Mapping[str, float
         told.append(Constant(name, value, unit, source))
         return value
 
-    outline = aircraft.outline
+    outline = drawn_of(aircraft)
     wing_of, tail_of, fin_of = (
         getattr(test, name) or (getattr(outline, name) if outline else None) for name in ("wing", "tail", "fin")
     )
@@ -217,10 +223,11 @@ def fit_strips(aircraft: Aircraft, test: GroundTestFile, own: Mapping[str, float
 def _plan_forms(aircraft: Aircraft, test: GroundTestFile) -> str:
     """Return where the plan forms come from, in words."""
     given = [n for n in ("wing", "tail", "fin") if getattr(test, n) is not None]
-    drawn = [n for n in ("wing", "tail", "fin") if n not in given and aircraft.outline is not None]
+    drawn = [n for n in ("wing", "tail", "fin") if n not in given and drawn_of(aircraft) is not None]
     parts = [f"{', '.join(given)} from the file of the modes"] if given else []
-    if drawn and aircraft.outline is not None:
-        parts.append(f"{', '.join(drawn)} from the aircraft's drawing: {aircraft.outline.note}")
+    outline = drawn_of(aircraft)
+    if drawn and outline is not None:
+        parts.append(f"{', '.join(drawn)} from the aircraft's drawing: {outline.note}")
     return "; ".join(parts)
 
 

@@ -13,7 +13,7 @@ from testbench.aircraft.airframe import WingStation
 from testbench.aircraft.elastic import COEFFICIENTS, ElasticModel
 from testbench.aircraft.model import Aircraft
 from testbench.aircraft.strips.coupling import Vibration, coupled_modes
-from testbench.aircraft.strips.fit import FittedStrips, fit_strips
+from testbench.aircraft.strips.fit import FittedStrips, drawn_of, fit_strips
 from testbench.aircraft.strips.measured import generalised_mass, in_units, largest_motion, on_strips
 from testbench.aircraft.strips.reading import GroundTest, check_span
 from testbench.aircraft.strips.ritz import Inertia, asymmetric_inertia, symmetric_inertia
@@ -84,7 +84,7 @@ def make_flexible(aircraft: Aircraft, test: GroundTest, own: Mapping[str, float]
         )
     with located(test.path, "wing"):
         strips = fit_strips(aircraft, content, own)
-    if aircraft.outline is not None:
+    if drawn_of(aircraft) is not None:
         drawn = [name for name in ("wing", "tail", "fin") if getattr(content, name) is None]
         if drawn:
             notes.append(f"the plan form of {', '.join(drawn)} is that of the aircraft's drawing")

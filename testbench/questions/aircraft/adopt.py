@@ -134,6 +134,8 @@ def _drawing(aircraft: Aircraft) -> list[str]:
     for name in ("wing", "tail", "fin"):
         values = getattr(outline, name).model_dump(exclude_defaults=True)
         out.append(f"{name} = {{ {', '.join(f'{k} = {_short(v)}' for k, v in values.items())} }}")
+    if outline.sketched:
+        out.append("sketched = true")
     rows = ", ".join(f"[{', '.join(_short(x) for x in row)}]" for row in outline.body_m)
     return [*out, f"body_m = [{rows}]"]
 
