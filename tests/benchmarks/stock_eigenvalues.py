@@ -21,6 +21,8 @@ import numpy as np
 import testbench as tb
 from testbench.core.errors import TestbenchError
 from testbench.core.paths import stock_names, stock_root
+from testbench.flight.executive import Executive
+from testbench.flight.trim import place_at_trim
 
 _FT = 0.3048
 _STATES = ("u", "v", "w", "p", "q", "r", "phi", "theta")
@@ -45,6 +47,11 @@ def stock_matrix(name: str, aircraft: tb.Aircraft, trimmed: tb.TrimmedFlight) ->
     assert fdm.load_model(name)
     for key, value in {**aircraft.adapter.neutral, **aircraft.adapter.settings}.items():
         fdm[key] = value
+    ours = Executive(aircraft, trimmed.rate_hz, trimmed.condition)  # which leans the mixture for the height
+    place_at_trim(ours, trimmed)
+    for i in range(fdm.get_propulsion().get_num_engines()):
+        if ours.has(f"fcs/mixture-cmd-norm[{i}]"):
+            fdm[f"fcs/mixture-cmd-norm[{i}]"] = ours.get(f"fcs/mixture-cmd-norm[{i}]")
     fdm.get_propulsion().init_running(-1)
     x = np.array(
         [*(trimmed.state[a] / _FT for a in "uvw"), *(trimmed.state[a] for a in "pqr"), trimmed.phi, trimmed.theta]
