@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient, SetProperty
+from testbench.aircraft.amend import Change
+from testbench.aircraft.seams import with_servo
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import FlightCondition, TrimmedFlight, load_aircraft, trim
 from testbench.flight.air import Air
@@ -18,6 +20,8 @@ from testbench.inputs.signal import InputSignal
 from testbench.line import fly_and_measure
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.sensors import SensorSuite
+
+_LAG = "fcs/elevator-lag-rad_sec"  # of the packaged aircraft
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,11 +102,21 @@ def fly_hidden(
     return out
 
 
+def _lags(changes: Sequence[Change]) -> list[SetProperty]:
+    """Return the changes of the corner frequency of the elevator's servo."""
+    return [c for c in changes if isinstance(c, SetProperty) and c.name == _LAG]
+
+
 def _real(believed: Aircraft, truth: Truth) -> Aircraft:
-    changes = [*truth.changes, *(ScaleCoefficient(n, f) for n, f in truth.factors.items())]
+    changes: list[Change] = [*truth.changes, *(ScaleCoefficient(n, f) for n, f in truth.factors.items())]
     if truth.whole_servo:
-        changes.append(SetProperty("fcs/elevator-lag-rad_sec", 1e5))  # its slew limit stays
-    real = believed.amended(Amendment("hidden", "hidden", tuple(changes))) if changes else believed
+        changes.append(SetProperty(_LAG, 1e5))  # its slew limit stays
+    base = believed
+    for change in _lags(changes) if believed.adapter is not None else []:
+        # a foreign model has no servo of that name: it gets one, or another corner frequency
+        base, more = with_servo(base, "de", change.value)
+        changes = [*(c for c in changes if c is not change), *more]
+    real = base.amended(Amendment("hidden", "hidden", tuple(changes))) if changes else base
     return replace(real, mass=replace(real.mass, mass_kg=real.mass.mass_kg + truth.extra_kg))
 
 
