@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from testbench.core.paths import SUITES
+
 
 @dataclass(frozen=True)
 class Visitor:
@@ -20,6 +22,11 @@ class Visitor:
     def write(self, folder: Path) -> dict[str, Path]:
         """Write one scenario of every kind; return question -> file."""
         out = {}
+        if not self.throttle:  # and no sensor of its command
+            first, *sensors = (SUITES / "eolo_gap.toml").read_text(encoding="utf-8").split("[[sensor]]")
+            kept = "[[sensor]]".join([first, *(x for x in sensors if '"thr_cmd"' not in x)])
+            (folder / "suites").mkdir(exist_ok=True)
+            (folder / "suites" / "glider.toml").write_text(kept, encoding="utf-8")
         for question, text in self.scenarios().items():
             out[question] = folder / f"{question}_{self.name.rpartition(':')[2].rpartition('/')[2]}.toml"
             out[question].write_text(text, encoding="utf-8")
@@ -70,7 +77,8 @@ class Visitor:
         campaign = f'title = "{self.name}: scatter"\nruns = 4\nseed = 1\n[vary]\n{vary}[scenario]\n' + nested.replace(
             "seed = 1\n", "", 1
         )
-        gap = f'{head}suite = "eolo_gap"\n{condition}[hidden]\nkind = "slow_servo"\ncorner_rad_s = 5.0\n{flown}'
+        suite = "eolo_gap" if self.throttle else "glider"
+        gap = f'{head}suite = "{suite}"\n{condition}[hidden]\nkind = "slow_servo"\ncorner_rad_s = 5.0\n{flown}'
         return {
             "run": run, "compare": compare, "design": design, "plan": plan, "campaign": campaign, "gap": gap,
         }  # fmt: skip
