@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from testbench.aircraft.geometry.propulsion import Thrust
 from testbench.aircraft.geometry.read import Plan
 from testbench.aircraft.geometry.shape import Plane
 from testbench.core.constants import DEG_RAD
+from testbench.core.toml_text import quoted, real
 
 _BETA_DEG, _THETA_DEG, _PHI_DEG = 20.0, 60.0, 80.0
 _FASTEST, _CLIMB_M = 2.0, 1500.0
@@ -77,13 +77,13 @@ def aircraft_toml(
     said = plan.said
     out = [
         "# Made from its geometry by `testbench aircraft new`. Sources of every number: SOURCES.md.",
-        f"title = {_text(plan.title)}",
+        f"title = {quoted(plan.title)}",
         f'model = "{name}.xml"',
-        f"design_V_m_s = {_number(said.design_V_m_s)}  # the coefficients were computed for this condition",
-        f"design_h_m = {_number(said.design_h_m)}",
+        f"design_V_m_s = {real(said.design_V_m_s)}  # the coefficients were computed for this condition",
+        f"design_h_m = {real(said.design_h_m)}",
         "",
         "[simulation]",
-        f"rate_hz = {_number(said.rate_hz)}",
+        f"rate_hz = {real(said.rate_hz)}",
         "",
         "# full_deflection_deg is the throw of the geometry file.",
     ]
@@ -91,14 +91,14 @@ def aircraft_toml(
         out += [
             f"[controls.{control}]",
             f'command = "{COMMANDS[control]}"',
-            f"full_deflection_deg = {_number(servo.throw_deg)}",
+            f"full_deflection_deg = {real(servo.throw_deg)}",
         ]
     if said.motor is not None:
         out += ["[controls.thr]", 'command = "fcs/throttle-cmd-norm"']
     out += ["", "# A flight that leaves these is aborted.", "[limits]"]
     for key, words in limits.sources.items():
         low, high = getattr(limits, key)
-        out.append(f"{key} = [{_number(low)}, {_number(high)}]  # {words}")
+        out.append(f"{key} = [{real(low)}, {real(high)}]  # {words}")
     out += [
         "",
         "# Relative standard deviation of every coefficient, by which the believed model may be off: that of "
@@ -116,24 +116,14 @@ def aircraft_toml(
         "[drawing]",
     ]
     drawn = outline(centred)
-    out.append(f"note = {_text(drawn.note)}")
+    out.append(f"note = {quoted(drawn.note)}")
     for key in ("wing", "tail", "fin"):
         surface = getattr(drawn, key)
         if surface is not None:
             items = {k: v for k, v in surface.model_dump().items() if v or k.endswith(("span_m", "chord_m", "x_m"))}
-            out.append(f"{key} = {{ {', '.join(f'{k} = {_number(v)}' for k, v in items.items())} }}")
-    rows = ", ".join(f"[{', '.join(_number(round(v, 5)) for v in row)}]" for row in drawn.body_m)
+            out.append(f"{key} = {{ {', '.join(f'{k} = {real(v)}' for k, v in items.items())} }}")
+    rows = ", ".join(f"[{', '.join(real(round(v, 5)) for v in row)}]" for row in drawn.body_m)
     return "\n".join([*out, f"body_m = [{rows}]", ""])
-
-
-def _text(value: str) -> str:
-    """Return a TOML string; those of JSON are among them."""
-    return json.dumps(value, ensure_ascii=False)
-
-
-def _number(value: float) -> str:
-    text = f"{value + 0.0:.10g}"
-    return text if any(c in text for c in ".en") else f"{text}.0"
 
 
 def sources_md(

@@ -11,6 +11,7 @@ from testbench.aircraft.elastic import ElasticMode, WingShape
 from testbench.aircraft.strips.loads import StripModel
 from testbench.aircraft.strips.shapes import Shape, Wing
 from testbench.core.record import FloatArray
+from testbench.core.toml_text import quoted
 
 MOTIONS = {True: ("zero", "alpha", "q", "de"), False: ("beta", "p", "r", "da", "dr")}
 """Symmetric or not -> the rigid motions and controls that drive such modes."""
@@ -106,9 +107,3 @@ def elastic_toml(modes: Sequence[ElasticMode], stations_m: FloatArray, comments:
         blocks.append(said + head + "".join(rows) + f"shape = {{ {form} }}\n")
     stations = ", ".join(f"{y:g}" for y in stations_m)
     return f"[elastic]\nstations_m = [{stations}]\n\n" + "\n".join(blocks)
-
-
-def quoted(text: str) -> str:
-    """Return a text as a TOML string."""
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", " ")
-    return f'"{escaped}"'

@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 import textwrap
 
-from testbench.aircraft.strips.coupling import elastic_toml, quoted
+from testbench.aircraft.strips.coupling import elastic_toml
 from testbench.aircraft.strips.flexible import ETA_LIMIT, FRAMES, Flexible
 from testbench.aircraft.strips.reading import GroundTest
 from testbench.core.errors import ModelError
+from testbench.core.toml_text import quoted
 
 MARK = "# Made by `testbench aircraft flexible`"
 """Begins the first line of a file that may be written again."""

@@ -6,7 +6,6 @@ assumed.
 
 from __future__ import annotations
 
-import math
 import textwrap
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ModelError
 from testbench.core.files import write_file
+from testbench.core.toml_text import quoted, real
 from testbench.page.tables import Column, Table
 
 if TYPE_CHECKING:
@@ -62,8 +62,8 @@ def described(adopted: Adopted, model: str) -> str:
             f"{aircraft.title}. Made by `testbench aircraft adopt` from the model's own files: everything below was "
             "found by probing it in JSBSim unless it says assumed. It is checked against the model when it is loaded."
         ),
-        f"title = {_text(aircraft.title)}",
-        f"model = {_text(model)}",
+        f"title = {quoted(aircraft.title)}",
+        f"model = {quoted(model)}",
         f"design_V_m_s = {aircraft.design_V_m_s!r}",
         f"design_h_m = {aircraft.design_h_m!r}",
         "",
@@ -92,13 +92,13 @@ def described(adopted: Adopted, model: str) -> str:
     for link in adapter.links:
         lines += _control(link, aircraft)
     if adapter.throttles:
-        throttles = ", ".join(_text(x) for x in adapter.throttles)
+        throttles = ", ".join(quoted(x) for x in adapter.throttles)
         lines += ["[controls.thr]             # one command for all engines", f"engines = [{throttles}]", ""]
     lines += ["# What the model is told before it flies.", "[adapter.set]"]
-    lines += [f"{_text(n)} = {v!r}" for n, v in adapter.settings.items()]
+    lines += [f"{quoted(n)} = {v!r}" for n, v in adapter.settings.items()]
     if adapter.neutral:
         lines += ["", "# What the model reads and nothing in it defines.", "[adapter.declare]"]
-        lines += [f"{_text(n)} = {v!r}" for n, v in adapter.neutral.items()]
+        lines += [f"{quoted(n)} = {v!r}" for n, v in adapter.neutral.items()]
     lines += [
         "",
         "# A flight that leaves them is stopped. Speed: 15 % beyond the trims; the others are assumed.",
@@ -106,7 +106,7 @@ def described(adopted: Adopted, model: str) -> str:
     ]
     for channel, (low, high) in aircraft.limits.items():
         suffix, unit = _UNITS.get(channel, ("_deg", DEG_RAD))
-        lines.append(f"{channel}{suffix} = [{_short(low / unit)}, {_short(high / unit)}]")
+        lines.append(f"{channel}{suffix} = [{real(low / unit, 6)}, {real(high / unit, 6)}]")
     if aircraft.outline is not None:
         lines += ["", *_drawing(aircraft)]
     return "\n".join(lines) + "\n"
@@ -118,25 +118,25 @@ def _control(link: Link, aircraft: Aircraft) -> list[str]:
         f"[controls.{link.control}]              # {link.word}: deg of {link.control} -> value of what the model reads",
         f"throw_deg = [{_degrees(control.low)}, {_degrees(control.full)}]",
     ]
-    drives = (f"{_text(d.name)} = [{', '.join(f'[{_degrees(a)}, {v!r}]' for a, v in d.points)}]" for d in link.drives)
+    drives = (f"{quoted(d.name)} = [{', '.join(f'[{_degrees(a)}, {v!r}]' for a, v in d.points)}]" for d in link.drives)
     out.append(f"drives = {{ {', '.join(drives)} }}")
     if link.lag_rad_s is not None:
-        out.append(f"servo_lag_rad_s = {_short(link.lag_rad_s)}")
+        out.append(f"servo_lag_rad_s = {real(link.lag_rad_s, 6)}")
     if link.rate_limit_rad_s is not None:
-        out.append(f"servo_rate_limit_deg_s = {_short(link.rate_limit_rad_s / DEG_RAD)}")
+        out.append(f"servo_rate_limit_deg_s = {real(link.rate_limit_rad_s / DEG_RAD, 6)}")
     return [*out, ""]
 
 
 def _drawing(aircraft: Aircraft) -> list[str]:
     outline = aircraft.outline
     assert outline is not None
-    out = ["# For the drawing only; nothing here enters a flight.", "[drawing]", f"note = {_text(outline.note)}"]
+    out = ["# For the drawing only; nothing here enters a flight.", "[drawing]", f"note = {quoted(outline.note)}"]
     for name in ("wing", "tail", "fin"):
         values = getattr(outline, name).model_dump(exclude_defaults=True)
-        out.append(f"{name} = {{ {', '.join(f'{k} = {_short(v)}' for k, v in values.items())} }}")
+        out.append(f"{name} = {{ {', '.join(f'{k} = {real(v, 6)}' for k, v in values.items())} }}")
     if outline.sketched:
         out.append("sketched = true")
-    rows = ", ".join(f"[{', '.join(_short(x) for x in row)}]" for row in outline.body_m)
+    rows = ", ".join(f"[{', '.join(real(x, 6) for x in row)}]" for row in outline.body_m)
     return [*out, f"body_m = [{rows}]"]
 
 
@@ -153,22 +153,9 @@ def _listed(head: str, sentences: Iterable[str]) -> list[str]:
     return [f"# {head}", *out] if out else []
 
 
-def _text(words: str) -> str:
-    """Return a TOML basic string."""
-    escaped = words.replace("\\", "\\\\").replace('"', '\\"')
-    return '"' + "".join(c if c.isprintable() else " " for c in escaped) + '"'
-
-
 def _degrees(rad: float) -> str:
     """Return an angle in degrees that gives the same rad again to 1e-12."""
-    return _short(rad / DEG_RAD, 12)
-
-
-def _short(value: float, digits: int = 6) -> str:
-    if not math.isfinite(value):
-        return repr(value)
-    text = f"{value + 0.0:.{digits}g}"
-    return text if any(c in text for c in ".e") else f"{text}.0"
+    return real(rad / DEG_RAD, 12)
 
 
 def found_table(adopted: Adopted) -> Table:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from testbench.core.record import FlightRecord
+from testbench.core.toml_text import quoted
 from testbench.page.labels import file_stem, number
 from testbench.questions.design.answer import family_label, is_ratio
 
@@ -48,11 +49,11 @@ def scenario_toml(result: DesignResult, design: Design) -> str:
     lines = [
         f"# Designed input: {family_label(design.family)}, {design.words}. Predicted standard errors:",
         *(f"#   {text}" for text in _error_lines(result, design)),
-        f"title = {_text(f'{s.title}: {family_label(design.family)}')}",
+        f"title = {quoted(f'{s.title}: {family_label(design.family)}')}",
         f'aircraft = "{s.aircraft}"',
         *wings,
         f"seed = {s.seed}",
-        f"suites = [{', '.join(_text(name) for name in s.suites[:1])}]",
+        f"suites = [{', '.join(quoted(name) for name in s.suites[:1])}]",
         "",
         "[condition]",
         f"V_m_s = {float(s.condition.V_m_s)!r}",
@@ -68,14 +69,14 @@ def scenario_toml(result: DesignResult, design: Design) -> str:
         lines += [
             "",
             "[[manoeuvre]]",
-            f"name = {_text(family_label(one.family) + ('' if use == 'identification' else ' to judge'))}",
+            f"name = {quoted(family_label(one.family) + ('' if use == 'identification' else ' to judge'))}",
             f'use = "{use}"',
             f"duration_s = {round(one.duration_s - start, 6)!r}",
             f"settle_s = {round(start, 6)!r}",
         ]
         for spec in one.specs:
             lines += ["[[manoeuvre.input]]", *_entry(spec, start)]
-    lines += ["", "[identification]", f"inputs = [{', '.join(_text(i) for i in inputs)}]", *_estimator(result)]
+    lines += ["", "[identification]", f"inputs = [{', '.join(quoted(i) for i in inputs)}]", *_estimator(result)]
     return "\n".join(lines) + "\n"
 
 
@@ -102,12 +103,8 @@ def _value(value: Any) -> str:
     if isinstance(value, tuple):
         return f"[{', '.join(_value(v) for v in value)}]"
     if isinstance(value, str):
-        return _text(value)
+        return quoted(value)
     return repr(value) if isinstance(value, int) else repr(float(value))
-
-
-def _text(value: str) -> str:
-    return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 def _estimator(result: DesignResult) -> list[str]:

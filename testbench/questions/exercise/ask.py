@@ -8,6 +8,7 @@ from pathlib import Path
 
 from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.schema import Strict, parse, read_toml
+from testbench.core.toml_text import quoted
 from testbench.questions.exercise.answers import ANSWERS, template
 from testbench.questions.exercise.exercise import Case, Exercise, Handout
 from testbench.questions.exercise.names import CATALOGUE, NOTEBOOKS, load_exercise
@@ -106,12 +107,8 @@ def case_of(exercise: Exercise, sealed: Seal) -> Case:
 def _card(name: str, student: str, sealed: Seal) -> str:
     return (
         "# Whose version of which exercise this is; the checker reads it.\n"
-        f'exercise = "{name}"\nstudent = {_quoted(student)}\nkey_check = "{sealed.key_check}"\n'
+        f'exercise = "{name}"\nstudent = {quoted(student)}\nkey_check = "{sealed.key_check}"\n'
     )
-
-
-def _quoted(text: str) -> str:
-    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 def _texts(name: str, student: str, exercise: Exercise, handout: Handout) -> dict[str, str]:
