@@ -16,6 +16,8 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 SURFACES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
 """Control -> the word that its properties are named by."""
 PREFIX = "testbench/"
@@ -252,7 +254,9 @@ def _drive(target: str, terms: Sequence[tuple[Link, Drive]]) -> ET.Element:
     for i, (link, drive) in enumerate(terms):
         table = ET.SubElement(total, "table")
         ET.SubElement(table, "independentVar", {"lookup": "row"}).text = link.surface
-        offset = 0.0 if i == 0 else _at_zero(drive)  # what the property is without any deflection counts once
+        offset = (
+            0.0 if i == 0 else float(np.interp(0.0, *np.array(drive.points).T))
+        )  # what the property is without any deflection counts once
         rows = "\n".join(f"{d!r} {v - offset!r}" for d, v in drive.points)
         ET.SubElement(table, "tableData").text = f"\n{rows}\n"
     if len(terms) == 1:
@@ -261,24 +265,55 @@ def _drive(target: str, terms: Sequence[tuple[Link, Drive]]) -> ET.Element:
     return out
 
 
-def _at_zero(drive: Drive) -> float:
-    below = [p for p in drive.points if p[0] <= 0.0]
-    above = [p for p in drive.points if p[0] >= 0.0]
-    if not below or not above:
-        return drive.points[0][1]
-    (x0, y0), (x1, y1) = below[-1], above[0]
-    return y0 if x1 == x0 else y0 + (y1 - y0) * (0.0 - x0) / (x1 - x0)
-
-
-# The servo of the packaged aircraft: a first-order lag, exact for commands that run linearly from frame to frame,
-# x+ = a x + b0 c + b1 c+, a = exp(-lag dt), b1 = 1 - (1 - a)/(lag dt), b0 = 1 - a - b1, with a rate limit; while time
-# stands still the surface is where its command is.
-_X = (
-    "<product> <property>testbench/WORD-lag-rad_sec</property> "
-    "<max> <property>simulation/dt</property> <value>1e-9</value> </max> </product>"
+# A surface that turns by CHANGE in a frame, no faster than its limit; without time it is where its command is.
+_ACTUATOR = """
+<fcs_function name="testbench/WORD-actuator">
+  <function>
+    <ifthen>
+      <gt> <property>simulation/dt</property> <value>0</value> </gt>
+      <sum>
+        <property>testbench/WORD-pos-rad</property>
+        <max>
+          <product> <value>-1</value> <property>testbench/WORD-rate-limit-rad_sec</property>
+            <property>simulation/dt</property> </product>
+          <min>
+            <product> <property>testbench/WORD-rate-limit-rad_sec</property>
+              <property>simulation/dt</property> </product>
+            CHANGE
+          </min>
+        </max>
+      </sum>
+      <property>testbench/WORD-command-rad</property>
+    </ifthen>
+  </function>
+  <output>testbench/WORD-pos-rad</output>
+</fcs_function>
+"""
+# Without a lag it turns the whole way.
+_RIGID = _ACTUATOR.replace(
+    "CHANGE",
+    "<difference> <property>testbench/WORD-command-rad</property> <property>testbench/WORD-pos-rad</property> "
+    "</difference>",
 )
+# With the lag of the packaged aircraft it is exact for commands that run linearly from frame to frame:
+# x+ = a x + b0 c + b1 c+, a = exp(-lag dt), b1 = 1 - (1 - a)/(lag dt), b0 = 1 - a - b1.
+_LAGGED = """<sum>
+  <product>
+    <difference> <value>1</value> <property>testbench/WORD-servo-b1</property>
+      <property>testbench/WORD-servo-a</property> </difference>
+    <property>testbench/WORD-previous-rad</property>
+  </product>
+  <product> <property>testbench/WORD-servo-b1</property> <property>testbench/WORD-command-rad</property> </product>
+  <product>
+    <difference> <property>testbench/WORD-servo-a</property> <value>1</value> </difference>
+    <property>testbench/WORD-pos-rad</property>
+  </product>
+</sum>"""
 _SERVO = f"""
-<fcs_function name="testbench/WORD-servo-x"> <function> {_X} </function> </fcs_function>
+<fcs_function name="testbench/WORD-servo-x"> <function>
+  <product> <property>testbench/WORD-lag-rad_sec</property>
+    <max> <property>simulation/dt</property> <value>1e-9</value> </max> </product>
+</function> </fcs_function>
 <fcs_function name="testbench/WORD-servo-a">
   <function> <exp> <product> <value>-1</value> <property>testbench/WORD-servo-x</property> </product> </exp> </function>
 </fcs_function>
@@ -287,66 +322,9 @@ _SERVO = f"""
     <difference> <value>1</value> <property>testbench/WORD-servo-a</property> </difference>
     <property>testbench/WORD-servo-x</property> </quotient> </difference> </function>
 </fcs_function>
-<fcs_function name="testbench/WORD-actuator">
-  <function>
-    <ifthen>
-      <gt> <property>simulation/dt</property> <value>0</value> </gt>
-      <sum>
-        <property>testbench/WORD-pos-rad</property>
-        <max>
-          <product> <value>-1</value> <property>testbench/WORD-rate-limit-rad_sec</property>
-            <property>simulation/dt</property> </product>
-          <min>
-            <product> <property>testbench/WORD-rate-limit-rad_sec</property>
-              <property>simulation/dt</property> </product>
-            <sum>
-              <product>
-                <difference> <value>1</value> <property>testbench/WORD-servo-b1</property>
-                  <property>testbench/WORD-servo-a</property> </difference>
-                <property>testbench/WORD-previous-rad</property>
-              </product>
-              <product> <property>testbench/WORD-servo-b1</property> <property>testbench/WORD-command-rad</property>
-              </product>
-              <product>
-                <difference> <property>testbench/WORD-servo-a</property> <value>1</value> </difference>
-                <property>testbench/WORD-pos-rad</property>
-              </product>
-            </sum>
-          </min>
-        </max>
-      </sum>
-      <property>testbench/WORD-command-rad</property>
-    </ifthen>
-  </function>
-  <output>testbench/WORD-pos-rad</output>
-</fcs_function>
+{_ACTUATOR.replace("CHANGE", _LAGGED)}
 <fcs_function name="testbench/WORD-memory">
   <function> <sum> <property>testbench/WORD-command-rad</property> <value>0</value> </sum> </function>
   <output>testbench/WORD-previous-rad</output>
-</fcs_function>
-"""
-# A surface that is where its command is, unless it would have to turn faster than a limit.
-_RIGID = """
-<fcs_function name="testbench/WORD-actuator">
-  <function>
-    <ifthen>
-      <gt> <property>simulation/dt</property> <value>0</value> </gt>
-      <sum>
-        <property>testbench/WORD-pos-rad</property>
-        <max>
-          <product> <value>-1</value> <property>testbench/WORD-rate-limit-rad_sec</property>
-            <property>simulation/dt</property> </product>
-          <min>
-            <product> <property>testbench/WORD-rate-limit-rad_sec</property>
-              <property>simulation/dt</property> </product>
-            <difference> <property>testbench/WORD-command-rad</property> <property>testbench/WORD-pos-rad</property>
-            </difference>
-          </min>
-        </max>
-      </sum>
-      <property>testbench/WORD-command-rad</property>
-    </ifthen>
-  </function>
-  <output>testbench/WORD-pos-rad</output>
 </fcs_function>
 """

@@ -18,11 +18,10 @@ from testbench.aircraft.elastic import ElasticMode, ElasticModel, WingShape, add
 from testbench.aircraft.outline import Outline
 from testbench.aircraft.source import read_source
 from testbench.core.channels import CHANNELS
-from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, JSBSIM_LENGTH_M, LBF_N, SLUG_KG
+from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, JSBSIM_AREA_M2, JSBSIM_LENGTH_M, LBF_N, SLUG_KG
 from testbench.core.errors import Faults, ModelError, ScenarioError, nearest
 from testbench.core.schema import NonNegative, Positive, Strict, parse, read_toml
 
-_AREA_M2 = {"M2": 1.0, "FT2": FT_M**2}
 _MASS_KG = {"KG": 1.0, "LBS": LBF_N / G0_M_S2, "SLUG": SLUG_KG}
 _INERTIA = {"KG*M2": 1.0, "SLUG*FT2": SLUG_KG * FT_M**2}
 
@@ -316,7 +315,7 @@ def read_aircraft(folder: Path, wings: str = "flexible") -> Aircraft:
     source = read_source(xml_path)
     xml, tree = source.xml, ET.fromstring(source.xml)
     geometry = Geometry(
-        _quantity(tree, "metrics/wingarea", _AREA_M2, xml_path),
+        _quantity(tree, "metrics/wingarea", JSBSIM_AREA_M2, xml_path),
         _quantity(tree, "metrics/wingspan", JSBSIM_LENGTH_M, xml_path),
         _quantity(tree, "metrics/chord", JSBSIM_LENGTH_M, xml_path),
     )

@@ -6,9 +6,8 @@ import math
 import xml.etree.ElementTree as ET
 
 from testbench.aircraft.outline import Outline, Surface
-from testbench.core.constants import FT_M, JSBSIM_LENGTH_M
+from testbench.core.constants import JSBSIM_AREA_M2, JSBSIM_LENGTH_M
 
-_AREA_M2 = {"M2": 1.0, "FT2": FT_M**2}
 _ASPECT_TAIL, _ASPECT_FIN, _TAPER = 4.0, 1.4, 0.6  # of a usual aircraft
 _NOSE_SHARE = 0.6  # of the tail's arm, ahead of the centre of gravity
 _SLENDER = 9.0  # length over diameter of the fuselage
@@ -66,7 +65,7 @@ def _metric(tree: ET.Element, name: str) -> float:
     element = tree.find(f"metrics/{name}")
     if element is None:
         return 0.0
-    units = _AREA_M2 if name.endswith("area") else JSBSIM_LENGTH_M
+    units = JSBSIM_AREA_M2 if name.endswith("area") else JSBSIM_LENGTH_M
     try:
         return float(element.text or "nan") * units.get((element.get("unit") or "FT").upper(), math.nan) or 0.0
     except ValueError:

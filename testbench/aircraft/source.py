@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from testbench.core.errors import ModelError
-from testbench.core.paths import stock_root
+from testbench.core.paths import holds_jsbsim_model, stock_root
 
 _INCLUDES = (
     "metrics",
@@ -69,16 +69,11 @@ def find_model(path: Path) -> Path | None:
     named = path / f"{path.resolve().name}.xml"
     if named.is_file():
         return named
-    found = [p for p in sorted(path.glob("*.xml")) if _is_model(p)]
+    found = [p for p in sorted(path.glob("*.xml")) if holds_jsbsim_model(p)]
     if len(found) > 1:
         names = ", ".join(p.name for p in found)
         raise ModelError(f"a folder must hold one JSBSim model, or one of its own name, got {names}; name the file")
     return found[0] if found else None
-
-
-def _is_model(path: Path) -> bool:
-    with path.open("rb") as file:
-        return b"<fdm_config" in file.read(100_000)
 
 
 def read_source(path: Path) -> Source:

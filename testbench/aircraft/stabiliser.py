@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from testbench.aircraft.amend import Amendment
 from testbench.aircraft.model import Aircraft
 from testbench.aircraft.reroute import product, prop, reroute, value
@@ -43,12 +41,3 @@ def stabilised(aircraft: Aircraft) -> Aircraft:
         amendment = Amendment(f"stabiliser_{control}", f"{control} is fed back {said}", (edit,), upstream=_UPSTREAM)
         aircraft = aircraft.amended(amendment)
     return aircraft
-
-
-def gains_words(stabiliser: Mapping[str, Mapping[str, float]]) -> str:
-    """Return a stabiliser as aircraft.toml has it."""
-    rows = (
-        f"{control} = {{ {', '.join(f'{motion} = {gain:.3g}' for motion, gain in gains.items())} }}"
-        for control, gains in stabiliser.items()
-    )
-    return f"[stabiliser] {'; '.join(rows)}"

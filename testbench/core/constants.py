@@ -14,3 +14,4 @@ KT_M_S = 1852.0 / 3600.0  # international knot, m/s (exact)
 PERCENT = 0.01  # percent, 1
 RPM_RAD_S = 2.0 * math.pi / 60.0  # turn per minute, rad/s
 JSBSIM_LENGTH_M = {"M": 1.0, "FT": FT_M, "IN": FT_M / 12.0}  # units of length in JSBSim's files, m
+JSBSIM_AREA_M2 = {"M2": 1.0, "FT2": FT_M**2}  # and of area, m2

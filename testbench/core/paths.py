@@ -116,11 +116,12 @@ def is_jsbsim_model(path: Path) -> bool:
     Only the first part of a file is read.
     """
     if path.is_file():
-        return path.suffix.lower() == ".xml" and _holds_model(path)
-    return path.is_dir() and any(_holds_model(p) for p in sorted(path.glob("*.xml")))
+        return path.suffix.lower() == ".xml" and holds_jsbsim_model(path)
+    return path.is_dir() and any(holds_jsbsim_model(p) for p in sorted(path.glob("*.xml")))
 
 
-def _holds_model(path: Path) -> bool:
+def holds_jsbsim_model(path: Path) -> bool:
+    """Return whether the first part of a file begins a JSBSim model."""
     try:
         with path.open("rb") as file:
             return b"<fdm_config" in file.read(100_000)

@@ -17,7 +17,7 @@ from testbench.aircraft.adapter import THROTTLE, Adapter
 from testbench.aircraft.model import Geometry, MassProperties
 from testbench.aircraft.sketch import sketch
 from testbench.aircraft.source import Source
-from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, LBF_N, SLUG_KG
+from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, JSBSIM_LENGTH_M, LBF_N
 from testbench.core.errors import ModelError, TrimError
 from testbench.flight.condition import FlightCondition, TrimmedFlight, air_density
 from testbench.flight.executive import Executive
@@ -110,12 +110,61 @@ def adopt(source: Source, V_m_s: float | None = None, h_m: float | None = None) 
 def _adopted(source: Source, V_m_s: float | None, h_m: float | None, declared: float) -> Adopted:
     """Return the aircraft with ``declared`` for what the model reads and nothing defines; tried anew only with any."""
     tree = ET.fromstring(source.xml)
+    _check_wings(source)
+    raw, fdm, fed = _started(source, tree, declared)
+    assert raw.adapter is not None
+    neutral, engines = raw.adapter.neutral, fdm.fdm.get_propulsion().get_num_engines()
+    height = h_m if h_m is not None else _HEIGHT_M[_size(raw.geometry.b_m)]
+    speeds = [V_m_s] if V_m_s is not None else [_speed(raw, height, CL) for CL in _LIFT]
+    probed = _probed(raw, engines, FlightCondition(speeds[0], height))
+    _check_propellers(tree, source)
+    throttles, said = _throttles(raw, neutral, engines, FlightCondition(speeds[0], height))
+    aircraft = _controlled(raw, probed, throttles)
+    if not throttles and h_m is None and speeds[0] > _FAST_GLIDER_M_S:
+        height = _HEIGHT_M["large"]  # it sinks by tens of metres per second
+    aircraft, turned = _with_levers(aircraft, engines, FlightCondition(speeds[0], height))
+    heights = [height, *(h for h in (_HEIGHT_M["middle"], _HEIGHT_M["small"]) if h < height and h_m is None)]
+    first = _first_trim(aircraft, speeds, heights)
+    height, design = first.condition.h_m, first.condition.V_m_s
+    aircraft = replace(aircraft, design_V_m_s=design, design_h_m=height)
+    slowest, fastest, ends = _range(aircraft, first)
+    if V_m_s is None and design < _CLOSE * slowest:
+        design = float(f"{min(_CRUISE * slowest, math.sqrt(slowest * fastest)):.3g}")
+        aircraft = replace(aircraft, design_V_m_s=design)
+    aircraft = replace(aircraft, limits=_limits(slowest, fastest, height))
+    missing = tuple(a for a in ("ixx", "iyy", "izz", "ixz") if tree.find(f"mass_balance/{a}") is None)
+    found = [*probed.found, *_taken(source), *said, *turned]
+    if height != heights[0]:
+        found.append(f"it trims nowhere at {heights[0]:g} m: flown at {height:g} m")
+    if not throttles:
+        why = "no engine" if not engines else "no engine with thrust"
+        found.append(f"{why}: it is trimmed over its flight-path angle, and flies descending")
+    return Adopted(
+        aircraft,
+        trim(aircraft, FlightCondition(design, height), near=first),
+        tuple(found),
+        (*probed.assumed, *_assumed(neutral, declared, missing, fed)),
+        tuple(_engine(fdm, tree, i) for i in range(engines)),
+        tuple(_tanks(fdm)),
+        missing,
+        slowest,
+        fastest,
+        ends,
+    )
+
+
+def _check_wings(source: Source) -> None:
+    """Raise ModelError if something else than wings carries the model."""
     for text in (source.xml, *source.engine_files.values()):
         for tag, words in _NOT_FIXED_WING:
             if f"<{tag} " in text or f"<{tag}>" in text:
                 raise ModelError(
                     f"an aircraft must be flown by wings and control surfaces, but {source.name} has {words}"
                 )
+
+
+def _started(source: Source, tree: ET.Element, declared: float) -> tuple[Aircraft, Executive, list[int]]:
+    """Return the model without controls, ready to be started; an executive of it; and the empty tanks that it fills."""
     raw = Aircraft(
         source.name,
         _title(tree, source.name),
@@ -145,89 +194,68 @@ def _adopted(source: Source, V_m_s: float | None, h_m: float | None, declared: f
     settings |= {f"{n}[{i}]": v for i in range(engines) for n, v in _PER_ENGINE.items() if fdm.has(f"{n}[{i}]")}
     fed = _empty_feeds(fdm, tree)
     settings |= {f"propulsion/tank[{i}]/contents-lbs": _FEED_LBS for i in fed}
-    raw = replace(raw, adapter=Adapter(settings=settings, neutral=neutral))
-    raw = replace(raw, geometry=geometry_flown(fdm, source.path), mass=mass_flown(fdm, source.path))
-    height = h_m if h_m is not None else _HEIGHT_M[_size(raw.geometry.b_m)]
-    speeds = [V_m_s] if V_m_s is not None else [_speed(raw, height, CL) for CL in _LIFT]
+    adapter = Adapter(settings=settings, neutral=neutral)
+    geometry, mass = geometry_flown(fdm, source.path), mass_flown(fdm, source.path)
+    return replace(raw, adapter=adapter, geometry=geometry, mass=mass), fdm, fed
+
+
+def _probed(raw: Aircraft, engines: int, condition: FlightCondition) -> Probe:
+    """Probe the controls; the error of a model without surfaces says by what it is steered."""
     try:
-        probed = probe(raw, FlightCondition(speeds[0], height), 0.05)
+        return probe(raw, condition, 0.05)
     except ModelError as error:
         number = f"{engines} engine{'s' if engines != 1 else ''}" if engines else "nothing at all"
         steered = f"; it is steered by {number}" if str(error).startswith(NO_SURFACES) else ""
         raise ModelError(f"{error}{steered}") from error
-    _check_propellers(tree, source)
-    throttles, said = _throttles(raw, neutral, engines, FlightCondition(speeds[0], height))
-    aircraft = _controlled(raw, probed, throttles)
-    if not throttles and h_m is None and speeds[0] > _FAST_GLIDER_M_S:
-        height = _HEIGHT_M["large"]  # it sinks by tens of metres per second
-    lever = _lever(aircraft, engines, FlightCondition(speeds[0], height))
-    if lever < 1.0:
-        turned = {f"fcs/advance-cmd-norm[{i}]": lever for i in range(engines)}
-        assert aircraft.adapter is not None
-        aircraft = replace(
-            aircraft, adapter=replace(aircraft.adapter, settings={**aircraft.adapter.settings, **turned})
-        )
-        said.append(f"propellers: at full speed they give little thrust; the lever is set to {100.0 * lever:g} %")
-    heights = [height, *(h for h in (_HEIGHT_M["middle"], _HEIGHT_M["small"]) if h < height and h_m is None)]
-    trimmed = _first_trim(aircraft, speeds, heights)
-    height = trimmed.condition.h_m
-    design = trimmed.condition.V_m_s
-    aircraft = replace(aircraft, design_V_m_s=design, design_h_m=height)
-    slowest, fastest, ends = _range(aircraft, trimmed)
-    if V_m_s is None and design < _CLOSE * slowest:
-        design = float(f"{min(_CRUISE * slowest, math.sqrt(slowest * fastest)):.3g}")
-        aircraft = replace(aircraft, design_V_m_s=design)
-    aircraft = replace(aircraft, limits=_limits(slowest, fastest, height))
-    trimmed = trim(aircraft, FlightCondition(design, height), near=trimmed)
-    found, assumed = list(probed.found), list(probed.assumed)
+
+
+def _taken(source: Source) -> list[str]:
+    """Return what was put into the model and what was left out, in sentences."""
+    out = []
+    if source.left_out:
+        out.append(f"left out: {', '.join(source.left_out)} (a flight is recorded by the testbench)")
+    if source.included:
+        out.append(f"included files that were put into it: {', '.join(source.included)}")
+    return out
+
+
+def _assumed(neutral: Mapping[str, float], declared: float, missing: Sequence[str], fed: Sequence[int]) -> list[str]:
+    """Return what was assumed of the model, in sentences."""
+    out = []
     if neutral:
-        assumed.append(f"the model reads {', '.join(neutral)}, which nothing in it defines: declared as {declared:g}")
-    missing = tuple(a for a in ("ixx", "iyy", "izz", "ixz") if tree.find(f"mass_balance/{a}") is None)
+        out.append(f"the model reads {', '.join(neutral)}, which nothing in it defines: declared as {declared:g}")
     if missing:
-        assumed.append(f"the model gives no {', '.join(missing)}: zero, as JSBSim takes it")
+        out.append(f"the model gives no {', '.join(missing)}: zero, as JSBSim takes it")
     if fed:
-        assumed.append(
+        out.append(
             f"the tanks that feed engines are empty in the file ({', '.join(map(str, fed))}): {_FEED_LBS:g} lb each"
         )
-    if source.left_out:
-        found.append(f"left out: {', '.join(source.left_out)} (a flight is recorded by the testbench)")
-    if source.included:
-        found.append(f"included files that were put into it: {', '.join(source.included)}")
-    found += said
-    if height != heights[0]:
-        found.append(f"it trims nowhere at {heights[0]:g} m: flown at {height:g} m")
-    if not throttles:
-        why = "no engine" if not engines else "no engine with thrust"
-        found.append(f"{why}: it is trimmed over its flight-path angle, and flies descending")
-    assumed.append("limits of alpha, beta, attitude and height are the testbench's, of speed from the trims found")
-    return Adopted(
-        aircraft,
-        trimmed,
-        tuple(found),
-        tuple(assumed),
-        tuple(_engine(fdm, tree, i) for i in range(engines)),
-        tuple(_tanks(fdm)),
-        missing,
-        slowest,
-        fastest,
-        ends,
-    )
+    return [*out, "limits of alpha, beta, attitude and height are the testbench's, of speed from the trims found"]
+
+
+def _with_levers(aircraft: Aircraft, engines: int, condition: FlightCondition) -> tuple[Aircraft, list[str]]:
+    """Return the aircraft with its propeller levers where they give thrust, and what was found."""
+    lever, adapter = _lever(aircraft, engines, condition), aircraft.adapter
+    if lever == 1.0 or adapter is None:
+        return aircraft, []
+    turned = {f"fcs/advance-cmd-norm[{i}]": lever for i in range(engines)}
+    said = f"propellers: at full speed they give little thrust; the lever is set to {100.0 * lever:g} %"
+    return replace(aircraft, adapter=replace(adapter, settings={**adapter.settings, **turned})), [said]
 
 
 def _check_propellers(tree: ET.Element, source: Source) -> None:
     """Raise ModelError if a propeller is larger than the aircraft: a diameter without a unit is taken in feet."""
     span = tree.find("metrics/wingspan")
-    length = {"FT": FT_M, "IN": FT_M / 12.0, "M": 1.0}
     if span is None or span.text is None:
         return
-    b = float(span.text) * length.get(span.get("unit", "FT").upper(), FT_M)
+    b = float(span.text) * JSBSIM_LENGTH_M.get(span.get("unit", "FT").upper(), FT_M)
     for name, text in source.engine_files.items():
         root = ET.fromstring(text)
         diameter = root.find("diameter") if root.tag == "propeller" else None
         if diameter is None or diameter.text is None:
             continue
         unit = diameter.get("unit")
-        D = float(diameter.text) * length.get((unit or "FT").upper(), FT_M)
+        D = float(diameter.text) * JSBSIM_LENGTH_M.get((unit or "FT").upper(), FT_M)
         if b < D:
             raise ModelError(
                 f"a propeller must be smaller than the span of {b:.3g} m, but the one of {name} measures {D:.3g} m: "
@@ -428,5 +456,5 @@ def _tanks(fdm: Executive) -> list[float]:
         name = f"propulsion/tank[{i}]/contents-lbs"
         if not fdm.has(name):
             break
-        out.append(fdm.get(name) * SLUG_KG * FT_M / G0_M_S2)
+        out.append(fdm.get(name) * LBF_N / G0_M_S2)
     return out

@@ -23,7 +23,7 @@ from testbench.core.record import FlightAborted
 from testbench.flight.condition import FlightCondition
 from testbench.flight.executive import Executive
 from testbench.flight.mass import mass_flown
-from testbench.flight.probe import probe
+from testbench.flight.probe import TURNS, probe
 from testbench.flight.simulate import Manoeuvre, fly
 from testbench.flight.trim import trim
 from testbench.inputs.signal import InputSignal
@@ -33,11 +33,11 @@ _STEP = 0.1  # of the full deflection, for the sign
 _FRAMES = 60
 _SAME = 1e-3  # of mass and inertia: JSBSim converts units with five digits
 _SECONDS = 1.0
-_DEPARTED = {"V": 1.0, "theta": 5.0 * DEG_RAD, "phi": 5.0 * DEG_RAD}  # changes in a second that are no trim any more
-_MOMENTS = {
-    "de": ("moments/m-total-lbsft", -1.0, "nose down", "trailing edge down"),
-    "da": ("moments/l-total-lbsft", 1.0, "right wing down", "rolling right"),
-    "dr": ("moments/n-total-lbsft", -1.0, "nose left", "trailing edge left"),
+DEPARTED = {"V": 1.0, "theta": 5.0 * DEG_RAD, "phi": 5.0 * DEG_RAD}  # changes in a second that are no trim any more
+_WAYS = {
+    "de": ("nose down", "trailing edge down"),
+    "da": ("right wing down", "rolling right"),
+    "dr": ("nose left", "trailing edge left"),
 }
 
 
@@ -143,7 +143,7 @@ def _departs(aircraft: Aircraft, condition: FlightCondition) -> list[str]:
             f"{error.time_s:.2f} s"
         ]
     away = {c: float(np.abs(flown[c] - flown[c][0]).max()) for c in names}
-    for channel, most in _DEPARTED.items():
+    for channel, most in DEPARTED.items():
         if away[channel] > most:
             scale, unit = (1.0, "m/s") if channel == "V" else (1.0 / DEG_RAD, "deg")
             return [
@@ -193,11 +193,12 @@ def _check_throw(fdm: Executive, control: Control, condition: FlightCondition, f
 
 def _check_sign(fdm: Executive, control: Control, condition: FlightCondition, file: Path) -> None:
     """Raise ModelError if a positive deflection turns the aircraft the wrong way, or not at all."""
-    moment, wanted, way, meaning = _MOMENTS[control.name]
+    axis, wanted = TURNS[control.name]
+    way, meaning = _WAYS[control.name]
     got = []
     for sign in (-1.0, 1.0):
         _placed(fdm, condition, {control.name: sign * _STEP * min(control.full, -control.low)})
-        got.append(fdm.get(moment))
+        got.append(fdm.get(f"moments/{axis}-total-lbsft"))
     _placed(fdm, condition, {control.name: 0.0})
     change = got[1] - got[0]
     if not np.isfinite(change) or change == 0.0:

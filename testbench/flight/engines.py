@@ -12,23 +12,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from testbench.core.constants import FT_M
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
+from testbench.flight.executive import ACCELERATIONS
 from testbench.flight.linear_model import ENGINE, LinearModel
 
 if TYPE_CHECKING:
     from testbench.flight.condition import TrimmedFlight
     from testbench.flight.executive import Executive
 
-_RATES = (
-    ("accelerations/udot-ft_sec2", FT_M),
-    ("accelerations/vdot-ft_sec2", FT_M),
-    ("accelerations/wdot-ft_sec2", FT_M),
-    ("accelerations/pdot-rad_sec2", 1.0),
-    ("accelerations/qdot-rad_sec2", 1.0),
-    ("accelerations/rdot-rad_sec2", 1.0),
-)
 _MANIFOLD = "propulsion/engine/map-pa"
 _THROTTLE, _AIRSPEED = 0.02, 0.01  # kicks: of full throttle, and of the speed
 _FRAME_S = 0.02
@@ -116,7 +108,7 @@ class _Engine:
                 self._fdm.propellers.glance(_FRAME_S)
                 self._place()
                 channels = self._fdm.read() | {"psi": 0.0}
-                forces = np.array([self._fdm.get(n) * f for n, f in _RATES])
+                forces = np.array([self._fdm.get(n) * f for n, f in ACCELERATIONS])
                 state = self._state(k)
                 pair.append((state, self._rate(k), forces, np.array([channels.get(o, 0.0) for o in outputs])))
             up, down = pair

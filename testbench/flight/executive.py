@@ -13,7 +13,8 @@ import re
 import tempfile
 import weakref
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
 from pathlib import Path
@@ -29,7 +30,7 @@ from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
 from testbench.core.scratch import Scratch
 from testbench.flight.condition import FlightCondition
-from testbench.flight.propellers import ADAMS_BASHFORTH_3, INTEGRATORS, Propellers
+from testbench.flight.propellers import Propellers
 
 _SEA_LEVEL_PSF = 2116.228
 HP_W = 745.7
@@ -63,6 +64,20 @@ class UndefinedProperties(ModelError):
         self.missing = tuple(missing)
 
 
+# JSBSim's number for Adams-Bashforth of third order. Its default, Euler for the rates, costs 3 % at 8 Hz; second order
+# costs 0.6 % of a modal rate at 21 to 30 Hz and 500 frames per second; fourth order is stable over half the range only.
+ADAMS_BASHFORTH_3 = 4
+_NONE = 0
+_INTEGRATORS = ("rate/rotational", "rate/translational", "position/rotational", "position/translational")
+ACCELERATIONS = (
+    ("accelerations/udot-ft_sec2", FT_M),
+    ("accelerations/vdot-ft_sec2", FT_M),
+    ("accelerations/wdot-ft_sec2", FT_M),
+    ("accelerations/pdot-rad_sec2", 1.0),
+    ("accelerations/qdot-rad_sec2", 1.0),
+    ("accelerations/rdot-rad_sec2", 1.0),
+)
+"""Property and factor to SI of the six accelerations of the rigid body, m/s2 and rad/s2."""
 _NAME = r"(/?[\w-]+(?:/[\w\[\]-]+)+)"
 _NAMED_MISSING = re.compile(rf"{_NAME}[\s\"']+does not exist")
 
@@ -111,8 +126,9 @@ class Executive:
         if not loaded:
             said = "; ".join(self._logger.lines[-3:]) or "no reason given"
             raise self._refusal(said)
-        for name in INTEGRATORS:
-            self.set(f"simulation/integrator/{name}", ADAMS_BASHFORTH_3)
+        self._integrators = [self.node(f"simulation/integrator/{name}") for name in _INTEGRATORS]
+        for node in self._integrators:
+            node.set_double_value(ADAMS_BASHFORTH_3)
         if aircraft.adapter is not None:
             for name, value in aircraft.adapter.settings.items():
                 if name != _FREEZE:
@@ -253,6 +269,17 @@ class Executive:
                 self.propellers.hold()
             else:
                 self.propellers.settle()
+
+    @contextmanager
+    def still(self) -> Iterator[None]:
+        """Let frames pass inside in which the aircraft does not move; control system and engines do."""
+        for node in self._integrators:
+            node.set_double_value(_NONE)
+        try:
+            yield
+        finally:
+            for node in self._integrators:
+                node.set_double_value(ADAMS_BASHFORTH_3)
 
     def engine_state(self) -> str:
         """Return in words what the first engine does as it stands."""

@@ -15,19 +15,14 @@ from testbench.core.errors import ChannelError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.engines import with_engine
-from testbench.flight.executive import Executive
+from testbench.flight.executive import ACCELERATIONS, Executive
 from testbench.flight.linear_model import SERVO, LinearModel, index_of
 from testbench.flight.trim import place_at_trim
 
 _RIGID = ("u", "v", "w", "p", "q", "r", "phi", "theta", "h")
 _STEP = {"u": 0.05, "v": 0.05, "w": 0.05, "p": 1e-2, "q": 1e-2, "r": 1e-2, "phi": 1e-3, "theta": 1e-3, "h": 1.0}
 _DERIVATIVES = (
-    ("accelerations/udot-ft_sec2", FT_M),
-    ("accelerations/vdot-ft_sec2", FT_M),
-    ("accelerations/wdot-ft_sec2", FT_M),
-    ("accelerations/pdot-rad_sec2", 1.0),
-    ("accelerations/qdot-rad_sec2", 1.0),
-    ("accelerations/rdot-rad_sec2", 1.0),
+    *ACCELERATIONS,
     ("velocities/phidot-rad_sec", 1.0),
     ("velocities/thetadot-rad_sec", 1.0),
     ("velocities/h-dot-fps", FT_M),

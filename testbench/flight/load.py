@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 
 from testbench.aircraft import Aircraft, read_aircraft
 from testbench.aircraft.adapter import CHANNEL
-from testbench.aircraft.source import find_model, read_source
+from testbench.aircraft.source import Source, find_model, read_source
 from testbench.aircraft.stabiliser import stabilised
 from testbench.core.errors import ModelError
 from testbench.core.paths import AIRCRAFT, AIRCRAFT_MODELS, STOCK, aircraft_names, resolve, stock_root
@@ -73,7 +73,7 @@ def _whole(aircraft: Aircraft) -> Aircraft:
 
 
 def adopted_at(path: Path, V_m_s: float | None = None, h_m: float | None = None) -> Adopted:
-    """Adopt the JSBSim model at a path: an XML file or a folder.
+    """Adopt the JSBSim model at a path, an XML file or a folder; once in a process, unless a file of it changes.
 
     Raises:
         ModelError: there is no JSBSim model, or it cannot be flown.
@@ -85,24 +85,30 @@ def adopted_at(path: Path, V_m_s: float | None = None, h_m: float | None = None)
             f"an aircraft must be a folder with aircraft.toml, or a JSBSim model (an XML file that begins with "
             f"<fdm_config>, or a folder with one), got '{path}'"
         )
-    files = sorted(p for p in main.parent.rglob("*.xml"))
-    return _adopted(main, V_m_s, h_m, tuple(p.stat().st_mtime_ns for p in files))
-
-
-@lru_cache(maxsize=64)
-def _adopted(main: Path, V_m_s: float | None, h_m: float | None, changed: tuple[int, ...]) -> Adopted:
     source = read_source(main)
     if f'<channel name="{CHANNEL}">' in source.xml:
         raise ModelError(
             f"a model is adopted as its author wrote it, but '{main}' holds the channels that the testbench adds: "
             "load the model that it was made from, or fly this one in JSBSim by its testbench/...-command properties"
         )
-    return adopt(source, V_m_s, h_m)
+    return _adopted(_Read(source, (main, source.xml, tuple(source.engine_files.items()))), V_m_s, h_m)
+
+
+@dataclass(frozen=True)
+class _Read:
+    """A model as read now; another if any file of it has changed."""
+
+    source: Source = field(compare=False)
+    contents: tuple[object, ...]
 
 
 @lru_cache(maxsize=64)
+def _adopted(read: _Read, V_m_s: float | None, h_m: float | None) -> Adopted:
+    return adopt(read.source, V_m_s, h_m)
+
+
 def stock(name: str) -> Adopted:
-    """Adopt a model that comes with JSBSim; kept for as long as the process lives.
+    """Adopt a model that comes with JSBSim.
 
     Raises:
         ModelError: it is no fixed-wing aircraft, or JSBSim refuses it.

@@ -22,11 +22,12 @@ from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
 from testbench.flight.condition import FlightCondition
 from testbench.flight.executive import Executive, UndefinedProperties
-from testbench.flight.propellers import ADAMS_BASHFORTH_3, INTEGRATORS
 
 COMMANDS = {"de": "fcs/elevator-cmd-norm", "da": "fcs/aileron-cmd-norm", "dr": "fcs/rudder-cmd-norm"}
 """Control -> the pilot's command of every JSBSim model."""
 NO_SURFACES = "an aircraft must have control surfaces"
+TURNS = {"de": ("m", -1.0), "da": ("l", 1.0), "dr": ("n", -1.0)}
+"""Control -> JSBSim's letter of the moment that a positive deflection makes, and its sign."""
 _FULL_ASSUMED = 20.0 * DEG_RAD  # deflection of a surface whose model tells no angle
 _GRID = 9
 _SERVO_RATE_HZ = 1000.0
@@ -264,16 +265,12 @@ class _Bench:
 
     def sign(self, control: str, command: str) -> float:
         """Return 1 if a positive command gives the moment of a positive deflection, else -1: see the signal table."""
-        name, wanted = {
-            "de": ("moments/m-aero-lbsft", -1.0),
-            "da": ("moments/l-aero-lbsft", 1.0),
-            "dr": ("moments/n-aero-lbsft", -1.0),
-        }[control]
+        axis, wanted = TURNS[control]
         moments = []
         for value in (-0.5, 0.5):
             self._fdm.set(command, value)
             self._rest()
-            moments.append(self._fdm.get(name))
+            moments.append(self._fdm.get(f"moments/{axis}-aero-lbsft"))
         self._fdm.set(command, 0.0)
         self._rest()
         return 1.0 if wanted * (moments[1] - moments[0]) >= 0.0 else -1.0
@@ -329,18 +326,14 @@ class _Bench:
         """
         self._fdm.set(command, 0.0)
         self._rest()
-        integrators = [self._fdm.node(f"simulation/integrator/{name}") for name in INTEGRATORS]
-        for integrator in integrators:
-            integrator.set_double_value(0.0)
         values = [node.get_double_value()]
         self._fdm.set(command, size)
-        for _ in range(_MOST_FRAMES):
-            self._fdm.fdm.run()
-            values.append(node.get_double_value())
-            if len(values) > 5 and values[-1] == values[-5]:
-                break
-        for integrator in integrators:
-            integrator.set_double_value(ADAMS_BASHFORTH_3)
+        with self._fdm.still():
+            for _ in range(_MOST_FRAMES):
+                self._fdm.fdm.run()
+                values.append(node.get_double_value())
+                if len(values) > 5 and values[-1] == values[-5]:
+                    break
         self._fdm.set(command, 0.0)
         self._rest()
         found = np.array(values)

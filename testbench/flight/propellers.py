@@ -32,11 +32,6 @@ from testbench.core.record import FloatArray
 if TYPE_CHECKING:
     from testbench.flight.executive import Executive
 
-# JSBSim's number for Adams-Bashforth of third order. Its default, Euler for the rates, costs 3 % at 8 Hz; second order
-# costs 0.6 % of a modal rate at 21 to 30 Hz and 500 frames per second; fourth order is stable over half the range only.
-ADAMS_BASHFORTH_3 = 4
-_NONE = 0
-INTEGRATORS = ("rate/rotational", "rate/translational", "position/rotational", "position/translational")
 _INSTANT_S = 1e-9  # a frame in which nothing moves at all
 _HISTORY = 4  # frames that the integrators remember
 _SETTLED = 1e-10  # of the speed
@@ -49,7 +44,6 @@ _MISSED = 0.02  # of a speed, by which a frame may miss the one expected before 
 _CAREFUL, _FIRST_S = 0.01, 0.05  # a change of throttle, and the first frame after it
 _MOST_TURN_DEG = 5.0
 _TURN_DEG = 0.05  # by which blades are turned to see what it changes
-_GOVERNS_ABOVE_RPM = 200.0  # JSBSim: no oil pressure below
 _START_DEG = (0.0, 5.0, 10.0, 20.0)  # above the fine stop, where an engine is started
 
 
@@ -85,8 +79,8 @@ class Propellers:
         names = [f"propulsion/engine[{i}]/propeller-rpm" for i in range(count)]
         self._numbers = [i for i, name in enumerate(names) if fdm.has(name)]
         self._nodes = [fdm.node(names[i]) for i in self._numbers]
-        self._integrators = [fdm.node(f"simulation/integrator/{name}") for name in INTEGRATORS]
-        self._files = _files(fdm.aircraft.xml, tuple(sorted(fdm.aircraft.engine_files.items())))
+        engines = tuple(sorted(fdm.aircraft.engine_files.items()))
+        self._files = _files(fdm.aircraft.xml, engines) if self._numbers else ()
         modes = [f"propulsion/engine[{i}]/constant-speed-mode" for i in self._numbers]
         turns = [self._file(i).high > self._file(i).low for i in self._numbers]
         adapted = fdm.aircraft.adapter is not None
@@ -126,10 +120,6 @@ class Propellers:
     def speeds(self) -> FloatArray:
         """Return the speeds (n,), rad/s."""
         return np.array([node.get_double_value() for node in self._nodes]) * RPM_RAD_S
-
-    def glance(self, dt_s: float = GLANCE_S) -> None:
-        """Let a frame pass in which nothing but the engines moves; a very short one, if not told otherwise."""
-        self._frame(dt_s)
 
     def start(self) -> None:
         """Start the engines in flight; the model must be placed at speed.
@@ -346,16 +336,13 @@ class Propellers:
     def _march(self, dt_s: float) -> None:
         """Let one frame of this length pass in which nothing moves but what turns."""
         fdm = self._fdm.fdm
-        for node in self._integrators:
-            node.set_double_value(_NONE)
-        fdm.set_dt(dt_s)
-        fdm.run()
-        fdm.set_dt(1.0 / self._fdm.rate_hz)
-        for node in self._integrators:
-            node.set_double_value(ADAMS_BASHFORTH_3)
+        with self._fdm.still():
+            fdm.set_dt(dt_s)
+            fdm.run()
+            fdm.set_dt(1.0 / self._fdm.rate_hz)
 
-    def _frame(self, dt_s: float) -> None:
-        """Let one frame pass in which nothing moves but what turns, and put the rest back."""
+    def glance(self, dt_s: float = GLANCE_S) -> None:
+        """Let a frame pass in which nothing but the engines moves; a very short one, if not told otherwise."""
         if self._turboprops:
             self._march(_INSTANT_S)
             self._spool()

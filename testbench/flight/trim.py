@@ -8,22 +8,14 @@ from dataclasses import replace
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.core.constants import DEG_RAD, FT_M
+from testbench.core.constants import DEG_RAD
 from testbench.core.errors import TrimError
 from testbench.core.record import FloatArray
 from testbench.flight.air import AXES, Air
 from testbench.flight.condition import FlightCondition, TrimmedFlight
-from testbench.flight.executive import Executive, body_from_earth
+from testbench.flight.executive import ACCELERATIONS, Executive, body_from_earth
 
 _STEP = {"thr": 1e-3}  # of the differences of the Jacobian; 1e-4 rad otherwise
-_ACCELERATIONS = (
-    ("accelerations/udot-ft_sec2", FT_M),
-    ("accelerations/vdot-ft_sec2", FT_M),
-    ("accelerations/wdot-ft_sec2", FT_M),
-    ("accelerations/pdot-rad_sec2", 1.0),
-    ("accelerations/qdot-rad_sec2", 1.0),
-    ("accelerations/rdot-rad_sec2", 1.0),
-)
 _THROTTLE_STARTS = (0.3, 0.8)  # a propeller that gives no thrust at the first has no effect there to start from
 # Radii of curvature (m) of the WGS 84 ellipsoid at the equator, where flights start: along the meridian and across it.
 _RADIUS_NORTH, _RADIUS_EAST = 6335439.0, 6378137.0
@@ -317,7 +309,7 @@ class _Problem:
             uvw = np.array([uvw[0] * np.cos(beta), V * np.sin(beta), uvw[2] * np.cos(beta)])
         fdm.place(condition.h_m, theta, phi, uvw, horizon_rates(condition.h_m, theta, phi, uvw, fdm.wind_m_s))
         fdm.evaluate(to_rest)
-        return np.array([fdm.get(name) * factor for name, factor in _ACCELERATIONS])
+        return np.array([fdm.get(name) * factor for name, factor in ACCELERATIONS])
 
 
 def _shown(name: str, value: float) -> str:

@@ -13,6 +13,7 @@ from testbench.core.contract import Law
 from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightRecord
 from testbench.flight import FlightCondition, TrimmedFlight, linearise, trim
+from testbench.flight.check import DEPARTED
 from testbench.inputs import InputSignal
 from testbench.line import fly_and_measure
 
@@ -23,7 +24,6 @@ _RATE_HZ = 50.0
 _SURFACE_RAD, _THROTTLE = 1.0 * DEG_RAD, 5.0 * PERCENT  # small steps
 # Control -> what a positive step of it moves first, and in which direction; see the sign conventions of the channels.
 _MOVES = {"de": ("q", -1.0), "da": ("p", 1.0), "dr": ("r", -1.0), "thr": ("V", 1.0)}
-_DEPARTED = {"V": 1.0, "theta": 5.0 * DEG_RAD, "phi": 5.0 * DEG_RAD}  # changes in two seconds that are no trim any more
 
 
 def aircraft_laws(aircraft: Aircraft) -> list[Law]:
@@ -65,7 +65,7 @@ def _flight(aircraft: Aircraft, trimmed: TrimmedFlight, control: str | None = No
 
 
 def _rests(still: FlightRecord) -> bool:
-    return all(np.abs(still[name] - still[name][0]).max() < most for name, most in _DEPARTED.items())
+    return all(np.abs(still[name] - still[name][0]).max() < most for name, most in DEPARTED.items())
 
 
 def _answer(aircraft: Aircraft, trimmed: TrimmedFlight, control: str, still: FlightRecord) -> Law:
