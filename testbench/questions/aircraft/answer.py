@@ -57,10 +57,11 @@ def _elevator_words(survey: Survey) -> str:
     for V in (envelope.speeds[envelope.design], survey.range.slowest):
         up, down = (a / DEG_RAD for a in elevator_left(survey, V))
         said.append(f"{up:.1f} deg up and {down:.1f} deg down")
-    full = envelope.aircraft.controls["de"].full / DEG_RAD
+    control, held = envelope.aircraft.controls["de"], design.controls["de"]
+    throw = (control.full if held >= 0.0 else -control.low) / DEG_RAD  # to the side that trim takes it
     return (
-        f"trim at {envelope.speeds[envelope.design]:g} m/s takes {abs(design.controls['de']) / DEG_RAD:.1f} of the "
-        f"elevator's {full:g} deg and leaves {said[0]} for an input; at "
+        f"trim at {envelope.speeds[envelope.design]:g} m/s takes {abs(held) / DEG_RAD:.1f} of the "
+        f"elevator's {throw:.4g} deg and leaves {said[0]} for an input; at "
         f"{survey.range.slowest:g} m/s it leaves {said[1]}"
     )
 
