@@ -106,7 +106,7 @@ class Executive:
         self.mode_count = len(modes) if modes else 0
         # See evaluate(). The gains of the loops that it closes are 2e-2 (alphadot) and some 1e-5 (static elasticity).
         self._read = written.properties
-        self._iterations, self._to_rest = (5, 12) if "aero/alphadot-rad_sec" in written.properties else (2, 5)
+        self._iterations, self.to_rest = (5, 12) if "aero/alphadot-rad_sec" in written.properties else (2, 5)
         if aircraft.adapter is not None:
             self._iterations = max(3, self._iterations)  # throttle: command, position, thrust
         self._logger = _QuietLogger()
@@ -262,7 +262,7 @@ class Executive:
         the evaluation before. ``to_rest`` repeats until no bit changes any more. ``held`` keeps the speeds of the
         propellers.
         """
-        for _ in range(self._to_rest if to_rest else self._iterations):
+        for _ in range(self.to_rest if to_rest else self._iterations):
             self.fdm.run_ic()
         if len(self.propellers):
             if held:

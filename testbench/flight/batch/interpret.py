@@ -1,0 +1,333 @@
+"""The interpreter: one loop over the operations of a program, inside it one over the flights of a batch."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from testbench.core.record import FloatArray
+from testbench.flight.batch import integrate as stages
+from testbench.flight.batch.compiled import compiled
+
+HUGE = math.inf
+
+
+@compiled
+def _table_1(T: FloatArray, at: int, x: float) -> float:  # pragma: no cover
+    """Return a table's value at ``x``: number of rows, keys, values (FGTable::GetValue)."""
+    n = int(T[at])
+    keys, values = at + 1, at + 1 + n
+    if x <= T[keys]:
+        return T[values]
+    if x >= T[keys + n - 1]:
+        return T[values + n - 1]
+    k = 1
+    while T[keys + k] < x:
+        k += 1
+    x0 = T[keys + k - 1]
+    factor = (x - x0) / (T[keys + k] - x0)
+    y0 = T[values + k - 1]
+    return factor * (T[values + k] - y0) + y0
+
+
+@compiled
+def _fraction(T: FloatArray, keys: int, n: int, x: float) -> tuple[int, float]:  # pragma: no cover
+    """Return the upper neighbour of ``x`` among ``n`` keys, and how far up to it ``x`` lies."""
+    k = 1
+    while T[keys + k] < x and k < n - 1:
+        k += 1
+    x0 = T[keys + k - 1]
+    factor = (x - x0) / (T[keys + k] - x0)
+    return k, min(1.0, max(0.0, factor))
+
+
+@compiled
+def _table_2(T: FloatArray, at: int, row: float, column: float) -> float:  # pragma: no cover
+    """Return a table's value: rows, columns, keys of rows, keys of columns, values row by row."""
+    n, m = int(T[at]), int(T[at + 1])
+    rows = at + 2
+    columns = rows + n
+    values = columns + m
+    if m == 1:
+        if row <= T[rows]:
+            return T[values]
+        if row >= T[rows + n - 1]:
+            return T[values + n - 1]
+        k = 1
+        while T[rows + k] < row:
+            k += 1
+        factor = (row - T[rows + k - 1]) / (T[rows + k] - T[rows + k - 1])
+        y0 = T[values + k - 1]
+        return factor * (T[values + k] - y0) + y0
+    c, across = _fraction(T, columns, m, column)
+    if n == 1:
+        y0 = T[values + c - 1]
+        return across * (T[values + c] - y0) + y0
+    k, up = _fraction(T, rows, n, row)
+    high, low = values + k * m, values + (k - 1) * m
+    left = up * T[high + c - 1] + (1.0 - up) * T[low + c - 1]
+    right = up * T[high + c] + (1.0 - up) * T[low + c]
+    return across * (right - left) + left
+
+
+@compiled
+def _table_3(T: FloatArray, at: int, row: float, column: float, depth: float) -> float:  # pragma: no cover
+    """Return a table's value: number of planes, their keys, where each begins (from ``at`` on)."""
+    n = int(T[at])
+    keys, starts = at + 1, at + 1 + n
+    if depth <= T[keys]:
+        return _table_2(T, at + int(T[starts]), row, column)
+    if depth >= T[keys + n - 1]:
+        return _table_2(T, at + int(T[starts + n - 1]), row, column)
+    k = 1
+    while T[keys + k] < depth:
+        k += 1
+    x0 = T[keys + k - 1]
+    factor = (depth - x0) / (T[keys + k] - x0)
+    below = _table_2(T, at + int(T[starts + k - 1]), row, column)
+    return factor * (_table_2(T, at + int(T[starts + k]), row, column) - below) + below
+
+
+@compiled
+def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None:  # pragma: no cover
+    """Run a program once, for every flight.
+
+    Args:
+        code: (n, 6) operations.
+        T: tables.
+        R: (registers, flights).
+    """
+    m = R.shape[1]
+    for k in range(code.shape[0]):
+        op, t, a, b, c, e = code[k, 0], code[k, 1], code[k, 2], code[k, 3], code[k, 4], code[k, 5]
+        if op == 3:
+            for f in range(m):
+                R[t, f] = R[a, f] * R[b, f]
+        elif op == 1:
+            for f in range(m):
+                R[t, f] = R[a, f] + R[b, f]
+        elif op == 44:
+            for f in range(m):
+                R[t, f] = R[a, f] * R[b, f] + R[c, f]
+        elif op == 0:
+            for f in range(m):
+                R[t, f] = R[a, f]
+        elif op == 2:
+            for f in range(m):
+                R[t, f] = R[a, f] - R[b, f]
+        elif op == 4:
+            for f in range(m):
+                y = R[b, f]
+                R[t, f] = R[a, f] / y if y != 0.0 else HUGE
+        elif op == 5:
+            for f in range(m):
+                R[t, f] = R[a, f] / R[b, f]
+        elif op == 6:
+            for f in range(m):
+                x, y = R[a, f], R[b, f]
+                R[t, f] = y if y < x else x
+        elif op == 7:
+            for f in range(m):
+                x, y = R[a, f], R[b, f]
+                R[t, f] = y if y > x else x
+        elif op == 39:
+            for f in range(m):
+                R[t, f] = R[b, f] if R[a, f] > 0.5 else R[c, f]
+        elif op == 40:
+            for f in range(m):
+                x, low, high = R[a, f], R[b, f], R[c, f]
+                if high - low >= 0.0:
+                    x = low if x < low else (high if x > high else x)
+                R[t, f] = x
+        elif op == 41:
+            for f in range(m):
+                R[t, f] = _table_1(T, e, R[a, f])
+        elif op == 42:
+            for f in range(m):
+                R[t, f] = _table_2(T, e, R[a, f], R[b, f])
+        elif op == 43:
+            for f in range(m):
+                R[t, f] = _table_3(T, e, R[a, f], R[b, f], R[c, f])
+        elif op == 30:
+            for f in range(m):
+                R[t, f] = 1.0 if R[a, f] < R[b, f] else 0.0
+        elif op == 31:
+            for f in range(m):
+                R[t, f] = 1.0 if R[a, f] <= R[b, f] else 0.0
+        elif op == 32:
+            for f in range(m):
+                R[t, f] = 1.0 if R[a, f] > R[b, f] else 0.0
+        elif op == 33:
+            for f in range(m):
+                R[t, f] = 1.0 if R[a, f] >= R[b, f] else 0.0
+        elif op == 34:
+            for f in range(m):
+                R[t, f] = 1.0 if R[a, f] == R[b, f] else 0.0
+        elif op == 35:
+            for f in range(m):
+                R[t, f] = 1.0 if R[a, f] != R[b, f] else 0.0
+        elif op == 36:
+            for f in range(m):
+                R[t, f] = 1.0 if R[a, f] > 0.5 and R[b, f] > 0.5 else 0.0
+        elif op == 37:
+            for f in range(m):
+                R[t, f] = 1.0 if R[a, f] > 0.5 or R[b, f] > 0.5 else 0.0
+        elif op == 38:
+            for f in range(m):
+                R[t, f] = 0.0 if R[a, f] > 0.5 else 1.0
+        elif op == 45:
+            for f in range(m):
+                R[t, f] = -R[a, f]
+        elif op == 21:
+            for f in range(m):
+                R[t, f] = math.fabs(R[a, f])
+        elif op == 10:
+            for f in range(m):
+                R[t, f] = math.exp(R[a, f])
+        elif op == 8:
+            for f in range(m):
+                R[t, f] = math.pow(R[a, f], R[b, f])
+        elif op == 9:
+            for f in range(m):
+                x = R[a, f]
+                R[t, f] = math.sqrt(x) if x >= 0.0 else -HUGE
+        elif op == 14:
+            for f in range(m):
+                R[t, f] = math.sin(R[a, f])
+        elif op == 15:
+            for f in range(m):
+                R[t, f] = math.cos(R[a, f])
+        elif op < 60:
+            _rare(op, t, a, b, R)
+        elif op == 60:
+            stages.propagate(R)
+        elif op == 61:
+            stages.auxiliary(R)
+        elif op == 62:
+            stages.air_data(R)
+        elif op == 63:
+            stages.motion_numbers(R)
+        elif op == 64:
+            stages.aerodynamics(R, e % 16, e // 16)
+        elif op == 65:
+            stages.clear(R, t)
+        elif op == 66:
+            stages.reaction(R, t, e % 16, e // 16)
+        elif op == 67:
+            stages.thruster(R, t)
+        elif op == 68:
+            stages.accelerate(R)
+        elif op == 69:
+            stages.weigh(R)
+
+
+@compiled
+def _rare(op: int, t: int, a: int, b: int, R: FloatArray) -> None:  # pragma: no cover
+    """Operations that few models have."""
+    for f in range(R.shape[1]):
+        x, y = R[a, f], R[b, f]
+        z = math.nan
+        if op == 11:
+            z = math.log(x) if x > 0.0 else -HUGE
+        elif op == 12:
+            z = math.log10(x) * (1.0 / math.log10(2.0)) if x > 0.0 else -HUGE
+        elif op == 13:
+            z = math.log10(x) if x > 0.0 else -HUGE
+        elif op == 16:
+            z = math.tan(x)
+        elif op == 17:
+            z = math.asin(x) if math.fabs(x) <= 1.0 else math.nan
+        elif op == 18:
+            z = math.acos(x) if math.fabs(x) <= 1.0 else math.nan
+        elif op == 19:
+            z = math.atan(x)
+        elif op == 20:
+            z = math.atan2(x, y)
+        elif op == 22:
+            z = -1.0 if x < 0.0 else 1.0
+        elif op == 23:
+            z = math.floor(x) if math.isfinite(x) else x
+        elif op == 24:
+            z = math.ceil(x) if math.isfinite(x) else x
+        elif op == 25:
+            z = np.fmod(x, y) if y != 0.0 else HUGE
+        elif op == 26:
+            z = np.fmod(np.trunc(x), np.trunc(y))
+        elif op == 27:
+            z = x - np.trunc(x)
+        elif op == 28:
+            z = np.trunc(x)
+        elif op == 29:
+            z = np.trunc(x + math.copysign(0.5, x))  # C's round: halves away from zero
+        R[t, f] = z
+
+
+@compiled
+def run(
+    before: npt.NDArray[np.int64],
+    frame: npt.NDArray[np.int64],
+    log: npt.NDArray[np.int64],
+    T: FloatArray,
+    R: FloatArray,
+    inputs: FloatArray,
+    targets: npt.NDArray[np.int64],
+    stride: int,
+    logged: npt.NDArray[np.int64],
+    rows: FloatArray,
+    watched: npt.NDArray[np.int64],
+    low: FloatArray,
+    high: FloatArray,
+    left: npt.NDArray[np.int64],
+    broken: npt.NDArray[np.int64],
+    first: int,
+) -> None:  # pragma: no cover
+    """Fly: inputs, frame, and every ``stride`` frames a row.
+
+    Args:
+        before: operations before the first frame.
+        frame: operations of every frame.
+        log: operations before each row.
+        T: tables.
+        R: (registers, flights).
+        inputs: (frames, inputs, flights) what is written before each frame, of this call.
+        targets: register of each input.
+        stride: frames per row.
+        logged: registers that make a row.
+        rows: (rows, logged, flights) filled.
+        watched: registers that have limits.
+        low: (watched, flights) the lower ones.
+        high: (watched, flights) the upper ones.
+        left: (flights,) row at which a flight left its limits, or -1; kept if it has left already.
+        broken: (flights,) which limit it broke.
+        first: number of the first row.
+    """
+    m = R.shape[1]
+    execute(before, T, R)
+    k = 0
+    for row in range(rows.shape[0]):
+        for _ in range(stride):
+            for i in range(targets.size):
+                t = targets[i]
+                for f in range(m):
+                    R[t, f] = inputs[k, i, f]
+            execute(frame, T, R)
+            k += 1
+        execute(log, T, R)
+        for i in range(logged.size):
+            for f in range(m):
+                rows[row, i, f] = R[logged[i], f]
+        flying = False
+        for f in range(m):
+            if left[f] < 0:
+                for i in range(watched.size):
+                    x = R[watched[i], f]
+                    if not (low[i, f] <= x and x <= high[i, f]):
+                        left[f] = first + row
+                        broken[f] = i
+                        break
+            if left[f] < 0:
+                flying = True
+        if not flying:
+            break

@@ -1,0 +1,427 @@
+"""A flat program: what a model computes in a frame, as operations on registers.
+
+Translators build it in the order in which JSBSim computes, in single assignment: every result is a new value. What is
+computed twice is computed once; what nothing reads is left out; what does not change from frame to frame is computed
+before the first. Numbers of the model are registers, too, so that flights of one batch can differ in them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+
+from testbench.core.record import FloatArray
+from testbench.flight.batch import registers as r
+
+
+class Untranslated(Exception):
+    """A model holds something that the batch does not fly; the message is one clause that says what."""
+
+
+class Op(IntEnum):
+    """Operations. Arithmetic is JSBSim's own: x/0 is its HUGE_VAL, the root of a negative number -HUGE_VAL."""
+
+    COPY = 0
+    ADD = 1
+    SUB = 2
+    MUL = 3
+    QUOTIENT = 4
+    DIV = 5
+    MIN = 6
+    MAX = 7
+    POW = 8
+    SQRT = 9
+    EXP = 10
+    LN = 11
+    LOG2 = 12
+    LOG10 = 13
+    SIN = 14
+    COS = 15
+    TAN = 16
+    ASIN = 17
+    ACOS = 18
+    ATAN = 19
+    ATAN2 = 20
+    ABS = 21
+    SIGN = 22
+    FLOOR = 23
+    CEIL = 24
+    FMOD = 25
+    MOD = 26
+    FRACTION = 27
+    INTEGER = 28
+    ROUND = 29
+    LT = 30
+    LE = 31
+    GT = 32
+    GE = 33
+    EQ = 34
+    NE = 35
+    AND = 36
+    OR = 37
+    NOT = 38
+    SELECT = 39
+    CLIP = 40
+    TABLE_1 = 41
+    TABLE_2 = 42
+    TABLE_3 = 43
+    MULADD = 44
+    NEG = 45
+    # stages of the frame
+    PROPAGATE = 60
+    AUXILIARY = 61
+    AIR_DATA = 62
+    MOTION_NUMBERS = 63
+    AERODYNAMICS = 64
+    CLEAR = 65
+    REACTION = 66
+    THRUSTER = 67
+    ACCELERATE = 68
+    WEIGH = 69
+    # what is not translated: a fault only if something that flies reads it
+    UNKNOWN = 99
+
+
+_CORE = "core"
+_STATE = "state"
+_NUMBER = "number"
+_TEMP = "temp"
+
+_MOTION = (*range(r.TIME, r.GRAVITY + 3), *range(r.TEMPERATURE, r.GUST), *range(r.WIND, r.WIND + 3))
+_ACCELERATIONS = (*range(r.U_DOT, r.GRAVITY), *range(r.RATE_DOT, r.INERTIAL_TO_BODY), *range(r.FORCE, r.COUNT))
+WRITES: Mapping[Op, tuple[int, ...]] = {
+    Op.PROPAGATE: tuple(x for x in _MOTION if x not in _ACCELERATIONS),
+    Op.AUXILIARY: (*range(r.U_AERO, r.TRACK), *range(r.COS_ALPHA, r.N_X), r.REYNOLDS, r.CL_SQUARED),
+    Op.AIR_DATA: (*range(r.GAMMA, r.COS_ALPHA), *range(r.N_X, r.REYNOLDS)),
+    Op.MOTION_NUMBERS: tuple(range(r.BI2VEL, r.WING_AREA)),
+    Op.AERODYNAMICS: tuple(range(r.AERO_FORCE, r.ENGINE_FORCE)),
+    Op.CLEAR: (),
+    Op.REACTION: tuple(range(r.ADDED_FORCE, r.FORCE)),
+    Op.THRUSTER: tuple(range(r.ENGINE_FORCE, r.ADDED_FORCE)),
+    Op.ACCELERATE: _ACCELERATIONS,
+    Op.WEIGH: (r.MASS, *range(r.INERTIA_INVERSE, r.NATIVE)),
+}
+"""Stage -> registers of the rigid body that it writes."""
+
+
+@dataclass(frozen=True)
+class Value:
+    """Something that an operation can read: a number of the model, a property, a register of the body, or a result."""
+
+    kind: str
+    key: int
+    version: int = 0
+
+
+@dataclass
+class _Instruction:
+    op: Op
+    arguments: tuple[Value, ...]
+    extra: int
+    result: Value | None  # None: a stage, or a write into registers of the body
+    target: int = -1  # register of the body that is written
+
+
+@dataclass(frozen=True)
+class Program:
+    """What the interpreter runs.
+
+    Attributes:
+        before: (n, 6) operations done before the first frame: operation, target, three operands, a further number.
+        frame: (n, 6) of every frame.
+        log: (n, 6) after frames that are logged.
+        tables: all tables, one after the other.
+        size: number of registers.
+        numbers: register of each number of the model, in the order in which they stand there.
+        properties: property -> its register.
+        logged: name -> register, after ``log``.
+    """
+
+    before: npt.NDArray[np.int64]
+    frame: npt.NDArray[np.int64]
+    log: npt.NDArray[np.int64]
+    tables: FloatArray
+    size: int
+    numbers: npt.NDArray[np.int64]
+    properties: Mapping[str, int]
+    logged: Mapping[str, int]
+
+
+@dataclass
+class Builder:
+    """Collects a program.
+
+    Attributes:
+        inputs: properties that are written from outside in every frame.
+    """
+
+    inputs: frozenset[str] = frozenset()
+    numbers: list[float] = field(default_factory=list)
+    tables: list[float] = field(default_factory=list)
+    _frame: list[_Instruction] = field(default_factory=list)
+    _log: list[_Instruction] = field(default_factory=list)
+    _logging: bool = False
+    _known: dict[tuple[object, ...], Value] = field(default_factory=dict)
+    _current: dict[str, Value] = field(default_factory=dict)
+    _states: dict[str, int] = field(default_factory=dict)
+    _versions: dict[int, int] = field(default_factory=dict)
+    _temps: int = 0
+    _blocks: list[int] = field(default_factory=list)
+    _logged: dict[str, Value] = field(default_factory=dict)
+    _stored: set[int] = field(default_factory=set)
+    _reasons: list[str] = field(default_factory=list)
+
+    def number(self, x: float) -> Value:
+        """Return the value of a number of the model; each has a register of its own, whatever it is."""
+        self.numbers.append(float(x))
+        return Value(_NUMBER, len(self.numbers) - 1)
+
+    def core(self, register: int) -> Value:
+        """Return the value that a register of the body has at this place of the frame."""
+        return Value(_CORE, register, self._versions.get(register, 0))
+
+    def read(self, name: str) -> Value:
+        """Return the value that a property has at this place of the frame."""
+        return self._current.get(name, Value(_STATE, self._state(name)))
+
+    def unknown(self, reason: str) -> Value:
+        """Return a value that is not translated; the program cannot be built if anything that counts reads it."""
+        self._reasons.append(reason)
+        return self.emit(Op.UNKNOWN, extra=len(self._reasons) - 1)
+
+    def _state(self, name: str) -> int:
+        return self._states.setdefault(name, len(self._states))
+
+    def write(self, name: str, value: Value) -> None:
+        """Give a property a value, from this place of the frame on."""
+        self._state(name)
+        self._current[name] = value if value.kind == _TEMP else self.emit(Op.COPY, value)
+
+    def emit(self, op: Op, *arguments: Value, extra: int = 0) -> Value:
+        """Return the result of an operation, the former one if it has been done already."""
+        key = (op, arguments, extra)
+        if key not in self._known:
+            self._temps += 1
+            result = Value(_TEMP, self._temps)
+            self._known[key] = result
+            self._list.append(_Instruction(op, arguments, extra, result))
+        return self._known[key]
+
+    @property
+    def _list(self) -> list[_Instruction]:
+        return self._log if self._logging else self._frame
+
+    def store(self, register: int, value: Value) -> None:
+        """Write a register of the body."""
+        self._list.append(_Instruction(Op.COPY, (value,), 0, None, register))
+        self._bump((register,))
+        self._stored.add(register)
+
+    def stage(self, op: Op, *extra: int, block: int = -1) -> None:
+        """Do a stage of the frame.
+
+        Args:
+            op: which.
+            extra: up to two numbers that it takes.
+            block: of registers that it reads, see ``block``; or the register itself for CLEAR.
+        """
+        packed = extra[0] if len(extra) == 1 else extra[0] + 16 * extra[1] if extra else 0
+        self._list.append(_Instruction(op, (), packed, None, block))
+        self._bump(WRITES[op])
+
+    def block(self, values: Sequence[Value]) -> int:
+        """Lay values into registers that follow each other; return the first."""
+        first = r.COUNT + sum(self._blocks)
+        self._blocks.append(len(values))
+        for i, value in enumerate(values):
+            self._list.append(_Instruction(Op.COPY, (value,), 0, None, first + i))
+        return first
+
+    def _bump(self, registers: Iterable[int]) -> None:
+        for register in registers:
+            self._versions[register] = self._versions.get(register, 0) + 1
+
+    def table(self, numbers: Sequence[float]) -> int:
+        """Keep a table; return where it begins."""
+        self.tables.extend(float(x) for x in numbers)
+        return len(self.tables) - len(numbers)
+
+    def begin_log(self) -> None:
+        """End the frame: what follows reads what it has left."""
+        self._ended = dict(self._current)
+        self._logging = True
+        self._known, self._current = {}, {}
+        self._bump(range(r.COUNT))
+
+    def log(self, name: str, value: Value) -> None:
+        """Log a value."""
+        self._logged[name] = value
+
+    def build(self) -> Program:
+        """Return the program.
+
+        Raises:
+            Untranslated: something that flies reads a value that is not translated.
+        """
+        return _Assembly(self).program()
+
+
+class _Assembly:
+    """Turns what a builder collected into a program."""
+
+    def __init__(self, b: Builder) -> None:
+        self._b = b
+        self._frame, self._log = list(b._frame), list(b._log)
+        names = {number: name for name, number in b._states.items()}
+        self._commit = {b._states[name]: value for name, value in b._ended.items()}
+        self._live()
+        self._names = names
+
+    def _live(self) -> None:
+        """Leave out operations whose results nothing reads; keep the properties that something reads."""
+        needed: set[Value] = set()
+        states: set[int] = set()
+        b = self._b
+
+        def want(values: Iterable[Value]) -> None:
+            for value in values:
+                if value.kind == _TEMP:
+                    needed.add(value)
+                elif value.kind == _STATE:
+                    states.add(value.key)
+
+        kept_log: list[_Instruction] = []
+        want(b._logged.values())
+        for item in reversed(self._log):
+            if item.result is None or item.result in needed:
+                want(item.arguments)
+                kept_log.append(item)
+        while True:
+            before = len(needed), len(states)
+            want(v for s, v in self._commit.items() if s in states)
+            kept: list[_Instruction] = []
+            for item in reversed(self._frame):
+                if item.result is None or item.result in needed:
+                    want(item.arguments)
+                    kept.append(item)
+            if (len(needed), len(states)) == before:
+                break
+        self._frame, self._log = kept[::-1], kept_log[::-1]
+        unknown = [i for i in (*self._frame, *self._log) if i.op is Op.UNKNOWN]
+        if unknown:
+            raise Untranslated(b._reasons[unknown[0].extra])
+        self._states = states
+        self._commit = {s: v for s, v in self._commit.items() if s in states}
+
+    def _hoist(self) -> tuple[list[_Instruction], list[_Instruction]]:
+        """Return what can be done before the first frame, and what cannot."""
+        b = self._b
+        changing = set(range(r.TIME, r.WING_AREA)) | set(range(r.NATIVE, r.COUNT)) | b._stored
+        moving = {b._states[n] for n in b.inputs if n in b._states} | set(self._commit)
+        fixed: set[Value] = set()
+
+        def still(value: Value) -> bool:
+            if value.kind == _NUMBER or value in fixed:
+                return True
+            if value.kind == _STATE:
+                return value.key not in moving
+            return value.kind == _CORE and value.key not in changing
+
+        before, frame = [], []
+        written: dict[int, int] = {}
+        for item in self._frame:
+            if item.target >= 0 and item.op is Op.COPY:
+                written[item.target] = written.get(item.target, 0) + 1
+        for item in self._frame:
+            if item.result is not None and all(still(v) for v in item.arguments):
+                fixed.add(item.result)
+                before.append(item)
+            elif (
+                item.op is Op.COPY
+                and item.result is None
+                and item.target >= r.COUNT
+                and written[item.target] == 1
+                and all(still(v) for v in item.arguments)
+            ):
+                before.append(item)  # a number in a block
+            else:
+                frame.append(item)
+        return before, frame
+
+    def program(self) -> Program:
+        """Return the program with registers given out."""
+        b = self._b
+        before, frame = self._hoist()
+        next_free = r.COUNT + sum(b._blocks)
+        state_register = {}
+        for s in sorted(self._states):
+            state_register[s] = next_free
+            next_free += 1
+        first_number = next_free
+        next_free += len(b.numbers)
+        place: dict[Value, int] = {}
+
+        def of(value: Value) -> int:
+            if value.kind == _NUMBER:
+                return first_number + value.key
+            if value.kind == _STATE:
+                return state_register[value.key]
+            return value.key if value.kind == _CORE else place[value]
+
+        for item in before:
+            if item.result is not None:
+                place[item.result] = next_free
+                next_free += 1
+        commits = [(state_register[s], v) for s, v in self._commit.items()]
+        code = {"before": [_coded(i, of) for i in before]}
+        base, most = next_free, next_free
+        for part, items, ends in (
+            ("frame", frame, [v for _, v in commits]),
+            ("log", self._log, list(b._logged.values())),
+        ):
+            last = {}
+            for k, item in enumerate(items):
+                for value in item.arguments:
+                    last[value] = k
+            for value in ends:
+                last[value] = len(items)
+            free: list[int] = []
+            top = base
+            rows = []
+            for k, item in enumerate(items):
+                for value in dict.fromkeys(item.arguments):
+                    if value.kind == _TEMP and place[value] >= base and last[value] == k:
+                        free.append(place[value])  # of which the result may take the place: flights go one by one
+                if item.result is not None:
+                    if free:
+                        place[item.result] = free.pop()
+                    else:
+                        place[item.result] = top
+                        top += 1
+                rows.append(_coded(item, of))
+            if part == "frame":
+                rows += [(int(Op.COPY), register, of(v), 0, 0, 0) for register, v in commits]
+            code[part] = rows
+            most = max(most, top)
+        before_, frame_, log_ = (np.array(code[n], np.int64).reshape(-1, 6) for n in ("before", "frame", "log"))
+        return Program(
+            before=before_,
+            frame=frame_,
+            log=log_,
+            tables=np.array([*b.tables, 0.0]),
+            size=most,
+            numbers=np.arange(first_number, first_number + len(b.numbers)),
+            properties={self._names[s]: register for s, register in state_register.items()},
+            logged={name: of(v) for name, v in b._logged.items()},
+        )
+
+
+def _coded(item: _Instruction, of: object) -> tuple[int, ...]:
+    operands = [of(v) for v in item.arguments]  # type: ignore[operator]
+    target = of(item.result) if item.result is not None else item.target  # type: ignore[operator]
+    operands += [0] * (3 - len(operands))
+    return (int(item.op), target, *operands, item.extra)

@@ -1,0 +1,242 @@
+"""JSBSim's own properties as registers of the rigid body."""
+
+from __future__ import annotations
+
+import math
+import re
+
+from testbench.flight.batch import registers as r
+from testbench.flight.batch.program import Builder, Op, Untranslated, Value
+
+_DEG = 180.0 / math.pi
+_KT = 1.0 / (1852.0 / (3600.0 * 0.3048))
+
+CORE: dict[str, tuple[int, float]] = {
+    "simulation/dt": (r.DT, 1.0),
+    "simulation/sim-time-sec": (r.TIME, 1.0),
+    "velocities/v-north-fps": (r.V_NORTH, 1.0),
+    "velocities/v-east-fps": (r.V_EAST, 1.0),
+    "velocities/v-down-fps": (r.V_DOWN, 1.0),
+    "velocities/h-dot-fps": (r.V_DOWN, -1.0),
+    "velocities/u-fps": (r.U, 1.0),
+    "velocities/v-fps": (r.V, 1.0),
+    "velocities/w-fps": (r.W, 1.0),
+    "velocities/p-rad_sec": (r.P, 1.0),
+    "velocities/q-rad_sec": (r.Q, 1.0),
+    "velocities/r-rad_sec": (r.R, 1.0),
+    "velocities/pi-rad_sec": (r.RATE, 1.0),
+    "velocities/qi-rad_sec": (r.RATE + 1, 1.0),
+    "velocities/ri-rad_sec": (r.RATE + 2, 1.0),
+    "position/h-sl-ft": (r.H_SL, 1.0),
+    "position/h-sl-meters": (r.H_SL, 0.3048),
+    "position/h-agl-ft": (r.H_AGL, 1.0),
+    "position/geod-alt-ft": (r.H_AGL, 1.0),
+    "position/lat-gc-rad": (r.LATITUDE, 1.0),
+    "position/lat-gc-deg": (r.LATITUDE, _DEG),
+    "position/lat-geod-rad": (r.LATITUDE_GEODETIC, 1.0),
+    "position/lat-geod-deg": (r.LATITUDE_GEODETIC, _DEG),
+    "position/long-gc-rad": (r.LONGITUDE, 1.0),
+    "position/long-gc-deg": (r.LONGITUDE, _DEG),
+    "position/radius-to-vehicle-ft": (r.RADIUS, 1.0),
+    "position/from-start-neu-n-ft": (r.LOCATION + 2, 1.0),  # flights start over the equator at longitude 0
+    "position/from-start-neu-e-ft": (r.LOCATION + 1, 1.0),
+    "attitude/phi-rad": (r.PHI, 1.0),
+    "attitude/roll-rad": (r.PHI, 1.0),
+    "attitude/phi-deg": (r.PHI, _DEG),
+    "attitude/theta-rad": (r.THETA, 1.0),
+    "attitude/pitch-rad": (r.THETA, 1.0),
+    "attitude/theta-deg": (r.THETA, _DEG),
+    "attitude/psi-rad": (r.PSI, 1.0),
+    "attitude/heading-true-rad": (r.PSI, 1.0),
+    "attitude/psi-deg": (r.PSI, _DEG),
+    "velocities/phidot-rad_sec": (r.PHI_DOT, 1.0),
+    "velocities/thetadot-rad_sec": (r.THETA_DOT, 1.0),
+    "velocities/psidot-rad_sec": (r.PSI_DOT, 1.0),
+    "velocities/u-aero-fps": (r.U_AERO, 1.0),
+    "velocities/v-aero-fps": (r.V_AERO, 1.0),
+    "velocities/w-aero-fps": (r.W_AERO, 1.0),
+    "velocities/p-aero-rad_sec": (r.P_AERO, 1.0),
+    "velocities/q-aero-rad_sec": (r.Q_AERO, 1.0),
+    "velocities/r-aero-rad_sec": (r.R_AERO, 1.0),
+    "velocities/vt-fps": (r.VT, 1.0),
+    "velocities/vtrue-fps": (r.VT, 1.0),
+    "velocities/vtrue-kts": (r.VT, _KT),
+    "velocities/mach": (r.MACH, 1.0),
+    "velocities/vg-fps": (r.V_GROUND, 1.0),
+    "aero/alpha-rad": (r.ALPHA, 1.0),
+    "aero/alpha-deg": (r.ALPHA, _DEG),
+    "aero/beta-rad": (r.BETA, 1.0),
+    "aero/beta-deg": (r.BETA, _DEG),
+    "aero/alphadot-rad_sec": (r.ALPHA_DOT, 1.0),
+    "aero/alphadot-deg_sec": (r.ALPHA_DOT, _DEG),
+    "aero/betadot-rad_sec": (r.BETA_DOT, 1.0),
+    "aero/betadot-deg_sec": (r.BETA_DOT, _DEG),
+    "aero/qbar-psf": (r.QBAR, 1.0),
+    "aero/qbarUW-psf": (r.QBAR_UW, 1.0),
+    "aero/qbarUV-psf": (r.QBAR_UV, 1.0),
+    "aero/Re": (r.REYNOLDS, 1.0),
+    "aero/cl-squared": (r.CL_SQUARED, 1.0),
+    "aero/bi2vel": (r.BI2VEL, 1.0),
+    "aero/ci2vel": (r.CI2VEL, 1.0),
+    "aero/alpha-wing-rad": (r.ALPHA_WING, 1.0),
+    "aero/qbar-area": (r.QBAR_AREA, 1.0),
+    "atmosphere/T-R": (r.TEMPERATURE, 1.0),
+    "atmosphere/rho-slugs_ft3": (r.DENSITY, 1.0),
+    "atmosphere/P-psf": (r.PRESSURE, 1.0),
+    "atmosphere/a-fps": (r.SOUND_SPEED, 1.0),
+    "metrics/Sw-sqft": (r.WING_AREA, 1.0),
+    "metrics/bw-ft": (r.WING_SPAN, 1.0),
+    "metrics/cbarw-ft": (r.CHORD, 1.0),
+    "metrics/iw-rad": (r.INCIDENCE, 1.0),
+    "inertia/mass-slugs": (r.MASS, 1.0),
+    "inertia/weight-lbs": (r.WEIGHT, 1.0),
+    "inertia/ixx-slugs_ft2": (r.INERTIA, 1.0),
+    "inertia/iyy-slugs_ft2": (r.INERTIA + 1, 1.0),
+    "inertia/izz-slugs_ft2": (r.INERTIA + 2, 1.0),
+    **{f"metrics/aero-rp-{a}-in": (r.REFERENCE_POINT + i, 1.0) for i, a in enumerate("xyz")},
+    **{f"metrics/eyepoint-{a}-in": (r.EYE_POINT + i, 1.0) for i, a in enumerate("xyz")},
+    **{f"inertia/cg-{a}-in": (r.CG + i, 1.0) for i, a in enumerate("xyz")},
+    **{f"accelerations/{a}dot-ft_sec2": (r.U_DOT + i, 1.0) for i, a in enumerate("uvw")},
+    **{f"accelerations/{a}dot-rad_sec2": (r.P_DOT + i, 1.0) for i, a in enumerate("pqr")},
+    **{f"accelerations/{a}idot-rad_sec2": (r.RATE_DOT + i, 1.0) for i, a in enumerate("pqr")},
+    **{f"atmosphere/total-wind-{a}-fps": (r.WIND + i, 1.0) for i, a in enumerate(("north", "east", "down"))},
+    **{f"atmosphere/gust-{a}-fps": (r.GUST + i, 1.0) for i, a in enumerate(("north", "east", "down"))},
+    **{f"forces/fb{a}-aero-lbs": (r.AERO_FORCE + i, 1.0) for i, a in enumerate("xyz")},
+    **{f"forces/fw{a}-aero-lbs": (r.WIND_FORCE + i, 1.0) for i, a in enumerate("xyz")},
+    **{f"moments/{a}-aero-lbsft": (r.AERO_MOMENT + i, 1.0) for i, a in enumerate("lmn")},
+    **{f"forces/fb{a}-prop-lbs": (r.ENGINE_FORCE + i, 1.0) for i, a in enumerate("xyz")},
+    **{f"moments/{a}-prop-lbsft": (r.ENGINE_MOMENT + i, 1.0) for i, a in enumerate("lmn")},
+    **{f"forces/fb{a}-external-lbs": (r.ADDED_FORCE + i, 1.0) for i, a in enumerate("xyz")},
+    **{f"moments/{a}-external-lbsft": (r.ADDED_MOMENT + i, 1.0) for i, a in enumerate("lmn")},
+    **{f"forces/fb{a}-total-lbs": (r.FORCE + i, 1.0) for i, a in enumerate("xyz")},
+    **{f"moments/{a}-total-lbsft": (r.MOMENT + i, 1.0) for i, a in enumerate("lmn")},
+}
+"""Property -> the register that holds it, and the factor between them."""
+
+AIR_DATA: dict[str, tuple[int, float]] = {
+    "flight-path/gamma-rad": (r.GAMMA, 1.0),
+    "flight-path/gamma-deg": (r.GAMMA, _DEG),
+    "flight-path/psi-gt-rad": (r.TRACK, 1.0),
+    "propulsion/tat-r": (r.TOTAL_TEMPERATURE, 1.0),
+    "propulsion/pt-lbs_sqft": (r.TOTAL_PRESSURE, 1.0),
+    "velocities/vc-fps": (r.VC, 1.0),
+    "velocities/vc-kts": (r.VC, _KT),
+    "velocities/ve-fps": (r.VE, 1.0),
+    "velocities/ve-kts": (r.VE, _KT),
+    "accelerations/Nx": (r.N_X, 1.0),
+    "accelerations/Ny": (r.N_Y, 1.0),
+    "accelerations/Nz": (r.N_Z, 1.0),
+    "aero/h_b-cg-ft": (r.H_B_CG, 1.0),
+    "aero/h_b-mac-ft": (r.H_B_MAC, 1.0),
+    **{f"accelerations/a-pilot-{a}-ft_sec2": (r.PILOT_ACCEL + i, 1.0) for i, a in enumerate("xyz")},
+    **{f"accelerations/n-pilot-{a}-norm": (r.PILOT_ACCEL + i, 0.3048 / 9.80665) for i, a in enumerate("xyz")},
+}
+"""The same for what is computed only if a model or a channel reads it."""
+
+ABSOLUTE = {"aero/mag-beta-rad": "aero/beta-rad", "aero/mag-beta-deg": "aero/beta-deg"}
+_SEA_LEVEL = {"atmosphere/delta": (r.PRESSURE, 2116.228), "atmosphere/theta": (r.TEMPERATURE, 518.67)}
+
+# What JSBSim itself moves and this does not know: it must not be taken for a number that stays.
+_MOVING = re.compile(
+    r"(position|velocities|attitude|accelerations|aero|atmosphere|flight-path|forces|moments|inertia|orbital|"
+    r"propulsion|simulation|systems/stall|ic|trim)(/|$)"
+)
+_STAYING = re.compile(
+    r"atmosphere/(T-sl-R|rho-sl-slugs_ft3|a-sl-fps)|propulsion/engine(\[\d+\])?/(set-running|[xyz]-reference-position)|"
+    r"inertia/(empty-weight-lbs|pointmass-\S+)|simulation/(integrator/\S+|gravitational-torque|channel-dt)|"
+    r"aero/(alpha-max-rad|alpha-min-rad)|propulsion/(fuel_freeze|refuel|magneto_cmd|cutoff_cmd|starter_cmd)|"
+    r"propulsion/tank(\[\d+\])?/\S+"
+)
+_GROUND = re.compile(r"(forces/fb[xyz]-gear-lbs|moments/[lmn]-gear-lbsft|gear/unit(\[\d+\])?/WOW|gear/wow)")
+
+
+def plain(name: str) -> str:
+    """Return a property's name as it is kept: no leading slash, no index of zero."""
+    return name.strip().lstrip("/").replace("[0]", "")
+
+
+def needs_air_data(names: set[str]) -> bool:
+    """Return whether any of the properties is computed only on demand."""
+    return any(plain(n) in AIR_DATA for n in names)
+
+
+class Properties:
+    """Reads and writes properties in a program.
+
+    Args:
+        builder: of the program.
+        computed: properties of the model's own engines, which are not JSBSim's alone to move.
+    """
+
+    def __init__(self, builder: Builder) -> None:
+        self._b = builder
+        self._own: set[str] = set()
+        self.constants: set[str] = set()
+
+    def declare(self, name: str) -> None:
+        """Say that the model itself moves a property, whatever its name."""
+        self._own.add(plain(name))
+
+    def read(self, name: str) -> Value:
+        """Return a property's value; a name that begins with a minus sign is its negative.
+
+        It is unknown if JSBSim moves the property in a way that is not translated.
+        """
+        name = name.strip()
+        if name.startswith("-"):
+            return self._b.emit(Op.NEG, self.read(name[1:]))
+        name = plain(name)
+        b = self._b
+        if name in self._own:
+            return b.read(name)
+        if _GROUND.fullmatch(name):
+            return b.number(0.0)  # flights that come down to the ground are flown by JSBSim
+        if name in ABSOLUTE:
+            return b.emit(Op.ABS, self.read(ABSOLUTE[name]))
+        if name in _SEA_LEVEL:
+            register, over = _SEA_LEVEL[name]
+            return b.emit(Op.DIV, b.core(register), b.number(over))
+        if name == "atmosphere/sigma":
+            from testbench.flight.batch.integrate import SEA_LEVEL_RHO
+
+            return b.emit(Op.DIV, b.core(r.DENSITY), b.number(SEA_LEVEL_RHO))
+        if name in CORE or name in AIR_DATA:
+            register, factor = CORE.get(name) or AIR_DATA[name]
+            value = b.core(register)
+            return value if factor == 1.0 else b.emit(Op.MUL, value, b.number(factor))
+        linked = _LINKED.fullmatch(name)
+        if linked is not None:
+            return self._surface(*linked.groups())
+        if _MOVING.match(name) and not _STAYING.fullmatch(name):
+            return b.unknown(f"it reads {name}")
+        return b.read(name)
+
+    def _surface(self, magnitude: str | None, surface: str, unit: str) -> Value:
+        """Return a deflection; JSBSim keeps radians, degrees and magnitude of one in step."""
+        b, base = self._b, f"fcs/{surface}-pos-rad"
+        if magnitude:
+            return b.emit(Op.ABS, b.read(base))
+        return b.read(base) if unit == "rad" else b.emit(Op.MUL, b.read(base), b.number(_DEG))
+
+    def write(self, name: str, value: Value) -> None:
+        """Write a property.
+
+        Raises:
+            Untranslated: it is one that JSBSim computes.
+        """
+        name, b = plain(name), self._b
+        if re.fullmatch(r"atmosphere/gust-(north|east|down)-fps", name):
+            b.store(CORE[name][0], value)
+            return
+        linked = _LINKED.fullmatch(name)
+        if linked is not None and linked.group(3) == "deg":
+            b.write(f"fcs/{linked.group(2)}-pos-rad", b.emit(Op.MUL, value, b.number(1.0 / _DEG)))
+            return
+        computed = name in CORE or name in AIR_DATA or re.match(r"(inertia|ic|simulation)/", name)
+        if computed and name not in self._own:
+            raise Untranslated(f"it writes {name}")
+        self._own.add(name)
+        b.write(name, value)
+
+
+_LINKED = re.compile(r"fcs/(mag-)?(elevator|left-aileron|right-aileron|rudder|flap|speedbrake|spoiler)-pos-(rad|deg)")

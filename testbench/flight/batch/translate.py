@@ -1,0 +1,228 @@
+"""A JSBSim model as a program: the stages of a frame in JSBSim's order, with what the model adds to each.
+
+Propagate, Inertial, Atmosphere and Winds; Systems; MassBalance; Auxiliary; Propulsion; Aerodynamics; GroundReactions;
+ExternalReactions; Aircraft; Accelerations (source of FGFDMExec, JSBSim 1.3.3). A stage reads what stages before it have
+left in this frame, and what those after it left in the last.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from testbench.flight.batch import integrate as stages
+from testbench.flight.batch import registers as r
+from testbench.flight.batch.components import Components
+from testbench.flight.batch.engines import Engines
+from testbench.flight.batch.functions import Functions
+from testbench.flight.batch.program import Builder, Op, Program, Untranslated
+from testbench.flight.batch.properties import AIR_DATA, Properties, plain
+from testbench.flight.batch.units import triplet
+
+_FORCE_AXES = {
+    "LIFT": 2, "DRAG": 0, "SIDE": 1, "X": 0, "Y": 1, "Z": 2, "AXIAL": 0, "NORMAL": 2,
+}  # fmt: skip
+_MOMENT_AXES = {"ROLL": 0, "PITCH": 1, "YAW": 2}
+_FRAMES = {"BODY": stages.BODY, "WIND": stages.WIND_AXES, "LOCAL": stages.LOCAL, "INERTIAL": stages.INERTIAL}
+_COPIED = ("throttle", "mixture", "advance", "feather")
+
+
+@dataclass(frozen=True)
+class Translation:
+    """A model's program, and the numbers that stand in the model.
+
+    Attributes:
+        program: what is run.
+        numbers: of the model, in the program's order.
+        declared: property -> value that the model declares.
+    """
+
+    program: Program
+    numbers: tuple[float, ...]
+    declared: Mapping[str, float]
+
+
+def translate(
+    tree: ET.Element,
+    engine_files: Mapping[str, str],
+    dt_s: float,
+    inputs: Sequence[str],
+    logged: Sequence[str],
+) -> Translation:
+    """Translate a model as JSBSim loads it.
+
+    Args:
+        tree: the ``fdm_config`` element, every file that it includes put in.
+        engine_files: name -> text of the files of engines and thrusters.
+        dt_s: frame time.
+        inputs: properties that are written before each frame.
+        logged: properties that are read.
+
+    Raises:
+        Untranslated: it holds something that the batch does not fly.
+    """
+    return _Model(tree, engine_files, dt_s, inputs).translated(logged)
+
+
+class _Model:
+    def __init__(self, tree: ET.Element, engine_files: Mapping[str, str], dt_s: float, inputs: Sequence[str]) -> None:
+        self._tree = tree
+        self._b = Builder(frozenset(plain(n) for n in inputs))
+        self._p = Properties(self._b)
+        self._f = Functions(self._b, self._p)
+        self._components = Components(self._b, self._p, self._f, dt_s)
+        self._engines = Engines(self._b, self._p, self._f, engine_files)
+        self._declared: dict[str, float] = {}
+        self._sections = [
+            *tree.findall("system"), *tree.findall("autopilot"), *tree.findall("flight_control"),
+        ]  # fmt: skip
+
+    def translated(self, logged: Sequence[str]) -> Translation:
+        tree, b = self._tree, self._b
+        for section in tree.iter():
+            if section.tag in {"system", "autopilot", "flight_control", "aerodynamics", "propulsion",
+                               "external_reactions", "mass_balance", "ground_reactions"}:  # fmt: skip
+                if section.get("file"):
+                    raise Untranslated(f"<{section.tag}> is in a file of its own")
+                for e in section.findall("property"):
+                    self._declared[plain(e.text or "")] = float(e.get("value") or 0.0)
+        b.stage(Op.PROPAGATE)
+        self._systems()
+        self._functions([*tree.findall("mass_balance")])
+        b.stage(Op.AUXILIARY)
+        if self._reads_air_data(logged):
+            b.stage(Op.AIR_DATA)
+        propulsion = tree.find("propulsion")
+        self._functions([propulsion] if propulsion is not None else [])
+        self._engines.add(propulsion)
+        self._aerodynamics()
+        self._functions(tree.findall("ground_reactions"))
+        self._reactions()
+        if tree.find("buoyant_forces") is not None and len(tree.find("buoyant_forces") or ()):
+            raise Untranslated("it has buoyant forces")
+        b.stage(Op.ACCELERATE)
+        b.begin_log()
+        for name in logged:
+            b.log(name, self._p.read(name))
+        return Translation(b.build(), tuple(b.numbers), self._declared)
+
+    def _reads_air_data(self, logged: Sequence[str]) -> bool:
+        read = {plain((e.text or "").lstrip(" -")) for e in self._tree.iter()
+                if e.tag in {"property", "p", "independentVar", "input", "test"} and e.text}  # fmt: skip
+        read |= {plain(n) for n in logged}
+        return bool(read & set(AIR_DATA))
+
+    def _functions(self, sections: Sequence[ET.Element], kind: str = "pre") -> None:
+        """Evaluate the functions that stand by themselves in sections of the model."""
+        for section in sections:
+            for e in section.findall("function"):
+                if (e.get("type") or "pre") == kind:
+                    self._function(e)
+
+    def _function(self, e: ET.Element) -> None:
+        try:
+            value = self._f.value(e)
+        except Untranslated as missing:
+            value = self._b.unknown(str(missing))
+        for name in (e.get("name"), e.get("copyto")):
+            if name and "/" in name:
+                self._p.declare(name)
+                self._p.write(name, value)
+
+    def _systems(self) -> None:
+        b, p = self._b, self._p
+        self._functions(self._sections)
+        count = len(self._tree.findall("propulsion/engine"))
+        for kind in _COPIED:
+            for i in range(count):
+                index = f"[{i}]" if i else ""
+                p.write(f"fcs/{kind}-pos-norm{index}", p.read(f"fcs/{kind}-cmd-norm{index}"))
+        for section in self._sections:
+            for channel in section.findall("channel"):
+                for e in _components(channel):
+                    if channel.get("execute") or (channel.get("execrate") or "1") not in {"0", "1"}:
+                        self._components.unknown(e, f"channel {channel.get('name')} does not run in every frame")
+                    else:
+                        self._components.add(e)
+        self._functions(self._sections, "post")
+        del b
+
+    def _aerodynamics(self) -> None:
+        b = self._b
+        sections = self._tree.findall("aerodynamics")
+        self._functions(sections)
+        b.stage(Op.MOTION_NUMBERS)
+        forces, moments = stages.BODY, stages.BODY
+        sums: dict[int, list[ET.Element]] = {}
+        for axis in (a for s in sections for a in s.findall("axis")):
+            name, frame = (axis.get("name") or "").strip(), (axis.get("frame") or "").strip()
+            if name in _MOMENT_AXES:
+                if frame in {"STABILITY", "WIND"}:
+                    moments = stages.STABILITY if frame == "STABILITY" else stages.WIND_AXES
+            elif name in {"LIFT", "DRAG"}:
+                forces = stages.WIND_AXES
+            elif name in {"AXIAL", "NORMAL"}:
+                forces = stages.AXIAL_NORMAL
+            elif name in {"X", "Y", "Z"} and frame in {"STABILITY", "WIND"}:
+                forces = stages.STABILITY if frame == "STABILITY" else stages.WIND_AXES
+            for e in axis.findall("function"):
+                at_cg = (e.get("apply_at_cg") or "") == "true"
+                if name in _MOMENT_AXES:
+                    register = r.NATIVE_MOMENT + _MOMENT_AXES[name]
+                elif name in _FORCE_AXES:
+                    register = (r.NATIVE_AT_CG if at_cg else r.NATIVE) + _FORCE_AXES[name]
+                else:
+                    raise Untranslated(f"it has the axis {name}")
+                sums.setdefault(register, []).append(e)
+        order = [r.NATIVE + i for i in range(3)], [r.NATIVE_MOMENT + i for i in range(3)]
+        for i, register in enumerate(order[0]):
+            self._sum(register, sums.get(register, []))
+            self._sum(r.NATIVE_AT_CG + i, sums.get(r.NATIVE_AT_CG + i, []))
+        shift = self._tree.find("aerodynamics/aero_ref_pt_shift_x/function")
+        b.store(r.REFERENCE_SHIFT, self._f.value(shift) if shift is not None else b.number(0.0))
+        for register in order[1]:
+            self._sum(register, sums.get(register, []))
+        b.stage(Op.AERODYNAMICS, forces, moments)
+        self._functions(sections, "post")
+
+    def _sum(self, register: int, functions: Sequence[ET.Element]) -> None:
+        """Store the sum of the functions of an axis, and give each its property."""
+        b, total = self._b, None
+        for e in functions:
+            value = self._f.value(e)
+            for name in (e.get("name"), e.get("copyto")):
+                if name and "/" in name:
+                    self._p.declare(name)
+                    self._p.write(name, value)
+            total = value if total is None else b.emit(Op.ADD, total, value)
+        b.store(register, b.number(0.0) if total is None else total)
+
+    def _reactions(self) -> None:
+        b = self._b
+        b.stage(Op.CLEAR, block=r.ADDED_FORCE)
+        sections = self._tree.findall("external_reactions")
+        self._functions(sections)
+        for e in (x for s in sections for x in s):
+            if e.tag not in {"force", "moment"}:
+                continue
+            name, function = (e.get("name") or "").strip(), e.find("function")
+            if function is not None:
+                size = self._f.value(function)
+            else:
+                word = "magnitude" if e.tag == "force" else "magnitude-lbsft"
+                size = self._p.read(f"external_reactions/{name}/{word}")
+            frame = (e.get("frame") or "BODY").strip()
+            if frame not in _FRAMES:
+                raise Untranslated(f"external reaction {name} is in the frame {frame}")
+            direction = np.array(triplet(e.find("direction"), "IN"))
+            length = float(np.linalg.norm(direction))
+            direction = direction / length if length > 0.0 else direction
+            numbers = [*map(b.number, direction), *map(b.number, triplet(e.find("location"), "IN"))]
+            b.stage(Op.REACTION, _FRAMES[frame], int(e.tag == "moment"), block=b.block([size, *numbers]))
+
+
+def _components(channel: ET.Element) -> Iterator[ET.Element]:
+    return (e for e in channel if e.tag not in {"description", "documentation", "property"})
