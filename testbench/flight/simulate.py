@@ -137,7 +137,7 @@ def fly(
     fdm = Executive(aircraft, rate, trimmed.condition)
     place_at_trim(fdm, trimmed)
 
-    names, wanted = _logged(aircraft, fdm, channels)
+    names, wanted = logged_of(aircraft, fdm.channels, channels)
     at_trim = np.array([trimmed.controls[n] for n in manoeuvre.signal.channels])
     data, reason = _run(fdm, manoeuvre.signal.channels, at_trim, u, step, names, wind)
     record = FlightRecord(
@@ -165,17 +165,26 @@ def fly(
     return record
 
 
-def _logged(
-    aircraft: Aircraft, fdm: Executive, channels: Sequence[str] | None
+def logged_of(
+    aircraft: Aircraft, known: tuple[str, ...], channels: Sequence[str] | None
 ) -> tuple[tuple[str, ...], tuple[str, ...] | None]:
-    """Return the channels of the simulator to log, and those wanted of the record (None: all, wing stations too)."""
+    """Return the channels of the simulator to log, and those wanted of the record (None: all, wing stations too).
+
+    Args:
+        aircraft: what flies.
+        known: channels that the simulator has of it.
+        channels: what is wanted; all if None.
+
+    Raises:
+        ChannelError: there is no such channel.
+    """
     if channels is None:
-        return fdm.channels, None
+        return known, None
     elastic = aircraft.flown_modes()
     of_stations = set(station_channels(len(aircraft.flown_stations()), elastic is not None))
     sources = station_sources(elastic) if of_stations & set(channels) else ()
     for c in channels:
-        if c not in of_stations and c not in fdm.channels:
+        if c not in of_stations and c not in known:
             channel(c)
             raise ChannelError(f"{aircraft.name} has no channel '{c}' in flight; leave it out")
     return tuple(dict.fromkeys([*(c for c in channels if c not in of_stations), *sources])), tuple(channels)

@@ -304,12 +304,18 @@ class _Problem:
         V = condition.V_m_s
         # The wings are all but level, so that theta = alpha + gamma holds the flight path to phi^2.
         fdm.command({n: v for n, v in at.items() if n in fdm.command_nodes})
-        theta, uvw = _theta(condition, alpha), np.array([V * np.cos(alpha), 0.0, V * np.sin(alpha)])
-        if beta:
-            uvw = np.array([uvw[0] * np.cos(beta), V * np.sin(beta), uvw[2] * np.cos(beta)])
+        theta, uvw = _theta(condition, alpha), velocity_at(V, alpha, beta)
         fdm.place(condition.h_m, theta, phi, uvw, horizon_rates(condition.h_m, theta, phi, uvw, fdm.wind_m_s))
         fdm.evaluate(to_rest)
         return np.array([fdm.get(name) * factor for name, factor in ACCELERATIONS])
+
+
+def velocity_at(V_m_s: float, alpha: float, beta: float) -> FloatArray:
+    """Return the airspeed (3,) in body axes, m/s, at an angle of attack and of sideslip, rad."""
+    uvw = np.array([V_m_s * np.cos(alpha), 0.0, V_m_s * np.sin(alpha)])
+    if beta:
+        uvw = np.array([uvw[0] * np.cos(beta), V_m_s * np.sin(beta), uvw[2] * np.cos(beta)])
+    return uvw
 
 
 def _shown(name: str, value: float) -> str:

@@ -9,7 +9,8 @@ from typing import Any
 
 import numba
 
-_SOURCES = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
+SOURCES = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
+"""Hash of the code of the batch."""
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -18,7 +19,7 @@ def compiled(function: Callable[..., Any]) -> Any:
     Numba notices that the file of a kernel has changed, but not those of the kernels that it calls: the name under
     which it is kept tells all of them apart.
     """
-    function.__qualname__ = f"{function.__name__}_{_SOURCES}"
+    function.__qualname__ = f"{function.__name__}_{SOURCES}"
     try:
         return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     except RuntimeError:  # no folder that can be written to: it is compiled anew in every process

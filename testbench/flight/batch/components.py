@@ -62,7 +62,7 @@ class Components:
         if not text:
             return self._b.number(default)
         try:
-            return self._b.number(float(text))
+            return self._b.number(float(text), e)
         except ValueError:
             return self._p.read(text)
 

@@ -56,7 +56,7 @@ class Functions:
                 raise Untranslated("a template function is applied")
             return self._p.read(e.text or "")
         if tag in {"value", "v"}:
-            return b.number(float(e.text or "nan"))
+            return b.number(float(e.text or "nan"), e)
         if tag == "pi":
             return b.number(math.pi)
         if tag in {"table", "t"}:

@@ -281,6 +281,7 @@ def run(
     high: FloatArray,
     left: npt.NDArray[np.int64],
     broken: npt.NDArray[np.int64],
+    value: FloatArray,
     first: int,
 ) -> None:  # pragma: no cover
     """Fly: inputs, frame, and every ``stride`` frames a row.
@@ -301,6 +302,7 @@ def run(
         high: (watched, flights) the upper ones.
         left: (flights,) row at which a flight left its limits, or -1; kept if it has left already.
         broken: (flights,) which limit it broke.
+        value: (flights,) with what.
         first: number of the first row.
     """
     m = R.shape[1]
@@ -326,6 +328,7 @@ def run(
                     if not (low[i, f] <= x and x <= high[i, f]):
                         left[f] = first + row
                         broken[f] = i
+                        value[f] = x
                         break
             if left[f] < 0:
                 flying = True

@@ -7,6 +7,7 @@ before the first. Numbers of the model are registers, too, so that flights of on
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -157,10 +158,14 @@ class Builder:
 
     Attributes:
         inputs: properties that are written from outside in every frame.
+        numbers: of the model.
+        places: (number, element whose text it is) of those that may differ.
+        tables: one after the other.
     """
 
     inputs: frozenset[str] = frozenset()
     numbers: list[float] = field(default_factory=list)
+    places: list[tuple[int, ET.Element]] = field(default_factory=list)
     tables: list[float] = field(default_factory=list)
     _frame: list[_Instruction] = field(default_factory=list)
     _log: list[_Instruction] = field(default_factory=list)
@@ -175,9 +180,16 @@ class Builder:
     _stored: set[int] = field(default_factory=set)
     _reasons: list[str] = field(default_factory=list)
 
-    def number(self, x: float) -> Value:
-        """Return the value of a number of the model; each has a register of its own, whatever it is."""
+    def number(self, x: float, at: ET.Element | None = None) -> Value:
+        """Return the value of a number of the model; each has a register of its own, whatever it is.
+
+        Args:
+            x: the number.
+            at: element whose text it is; another model may have another number there.
+        """
         self.numbers.append(float(x))
+        if at is not None:
+            self.places.append((len(self.numbers) - 1, at))
         return Value(_NUMBER, len(self.numbers) - 1)
 
     def core(self, register: int) -> Value:

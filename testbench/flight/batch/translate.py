@@ -38,11 +38,13 @@ class Translation:
         program: what is run.
         numbers: of the model, in the program's order.
         declared: property -> value that the model declares.
+        places: number -> where it stands, counted through the elements of the tree.
     """
 
     program: Program
     numbers: tuple[float, ...]
     declared: Mapping[str, float]
+    places: tuple[tuple[int, int], ...]
 
 
 def translate(
@@ -87,8 +89,7 @@ class _Model:
                                "external_reactions", "mass_balance", "ground_reactions"}:  # fmt: skip
                 if section.get("file"):
                     raise Untranslated(f"<{section.tag}> is in a file of its own")
-                for e in section.findall("property"):
-                    self._declared[plain(e.text or "")] = float(e.get("value") or 0.0)
+                self._declared |= declared(section)
         b.stage(Op.PROPAGATE)
         self._systems()
         self._functions([*tree.findall("mass_balance")])
@@ -107,7 +108,9 @@ class _Model:
         b.begin_log()
         for name in logged:
             b.log(name, self._p.read(name))
-        return Translation(b.build(), tuple(b.numbers), self._declared)
+        order = {id(e): i for i, e in enumerate(tree.iter())}
+        places = tuple((number, order[id(e)]) for number, e in b.places if id(e) in order)
+        return Translation(b.build(), tuple(b.numbers), self._declared, places)
 
     def _reads_air_data(self, logged: Sequence[str]) -> bool:
         read = {plain((e.text or "").lstrip(" -")) for e in self._tree.iter()
@@ -226,3 +229,8 @@ class _Model:
 
 def _components(channel: ET.Element) -> Iterator[ET.Element]:
     return (e for e in channel if e.tag not in {"description", "documentation", "property"})
+
+
+def declared(section: ET.Element) -> dict[str, float]:
+    """Return the properties that a section of a model declares, and their values."""
+    return {plain(e.text or ""): float(e.get("value") or 0.0) for e in section.findall("property")}

@@ -1,0 +1,381 @@
+"""Fly many flights: those of one model together, by its program; where there is none, one by one by JSBSim."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Literal, TypeVar, get_args
+
+import numpy as np
+
+from testbench.aircraft import Aircraft
+from testbench.aircraft.airframe import with_stations
+from testbench.core.constants import FT_M
+from testbench.core.errors import LimitError, TestbenchError, nearest
+from testbench.core.record import FlightAborted, FlightRecord, FloatArray
+from testbench.flight.air import Air
+from testbench.flight.batch import registers as r
+from testbench.flight.batch.check import difference, judged
+from testbench.flight.batch.interpret import run
+from testbench.flight.batch.model import TOP_FT, BatchModel, put, read
+from testbench.flight.condition import TrimmedFlight
+from testbench.flight.executive import body_from_earth
+from testbench.flight.simulate import (
+    Manoeuvre,
+    _moving_air,
+    _provenance,
+    _reason,
+    commands,
+    fly,
+    logged_of,
+    stride,
+)
+from testbench.flight.trim import horizon_rates, steady_wind, velocity_at
+
+Simulator = Literal["auto", "batch", "jsbsim"]
+LANES = 64
+"""Flights of one block: their registers stay in a second-level cache."""
+FEWEST = 2  # flights of one model from which a batch is worth a judgement
+BOTH = 200
+"""One flight in so many is flown by JSBSim as well."""
+_GUSTS = [r.GUST, r.GUST + 1, r.GUST + 2]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One flight that is wanted: what :func:`testbench.flight.fly` takes."""
+
+    aircraft: Aircraft
+    trimmed: TrimmedFlight
+    manoeuvre: Manoeuvre
+    log_rate_hz: float
+    channels: tuple[str, ...] | None = None
+    air: Air | None = None
+
+
+@dataclass
+class Flown:
+    """How flights were flown.
+
+    Attributes:
+        batch: number flown by the program.
+        jsbsim: number flown by JSBSim.
+        both: number flown by both.
+        worst: greatest difference of those, of a channel's range.
+        reasons: why JSBSim flew -> number of flights.
+    """
+
+    batch: int = 0
+    jsbsim: int = 0
+    both: int = 0
+    worst: float = 0.0
+    reasons: dict[str, int] = field(default_factory=dict)
+
+
+def fly_many(
+    aircraft: Aircraft | Sequence[Aircraft],
+    trimmed: TrimmedFlight | Sequence[TrimmedFlight],
+    manoeuvre: Manoeuvre | Sequence[Manoeuvre],
+    log_rate_hz: float,
+    channels: Sequence[str] | None = None,
+    air: Air | Sequence[Air | None] | None = None,
+    simulator: Simulator = "auto",
+) -> list[FlightRecord]:
+    """Fly many flights and return their truths, each as :func:`testbench.flight.fly` would.
+
+    What is given once holds for all flights. A flight that leaves its limits ends alone: its record is short and has
+    the outcome "aborted" with the reason.
+
+    Args:
+        aircraft: of each flight.
+        trimmed: where each starts.
+        manoeuvre: the inputs of each.
+        log_rate_hz: of all.
+        channels: what is logged; all if not given.
+        air: of each.
+        simulator: "jsbsim" flies one by one; "batch" refuses what is not translated; "auto" takes the batch where the
+            model has been found equal to JSBSim.
+
+    Raises:
+        LimitError: a rate, a command or the air breaks its law, or lengths differ.
+
+    Example:
+        >>> import numpy as np
+        >>> import testbench as tb
+        >>> taurus = tb.load_aircraft("taurus")
+        >>> trimmed = tb.trim(taurus, tb.FlightCondition(12.0, 100.0))
+        >>> t = np.arange(round(5.0 * trimmed.rate_hz)) / trimmed.rate_hz
+        >>> pulses = [
+        ...     tb.Manoeuvre(f"pulse {a}", tb.InputSignal(t, np.deg2rad(a) * (t < 1.0)[:, None], ("de",)))
+        ...     for a in (1.0, 2.0)
+        ... ]
+        >>> [record.outcome for record in tb.fly_many(taurus, trimmed, pulses, log_rate_hz=60.0)]
+        ['completed', 'completed']
+    """
+    many = [x for x in (aircraft, trimmed, manoeuvre, air) if isinstance(x, Sequence)]
+    counts = {len(x) for x in many}
+    if len(counts) > 1:
+        raise LimitError(f"what is given for each flight must have one length, got {sorted(counts)}")
+    n = counts.pop() if counts else 1
+    wanted = None if channels is None else tuple(channels)
+    jobs = [
+        Job(*parts, log_rate_hz, wanted, blowing)
+        for *parts, blowing in zip(*(_each(x, n) for x in (aircraft, trimmed, manoeuvre, air)), strict=True)
+    ]
+    out = []
+    for record in fly_jobs(jobs, simulator):
+        if isinstance(record, TestbenchError):
+            raise record
+        out.append(record)
+    return out
+
+
+def _each(x: T | Sequence[T], n: int) -> Sequence[T]:
+    return x if isinstance(x, Sequence) else [x] * n
+
+
+def fly_jobs(
+    jobs: Sequence[Job], simulator: Simulator = "auto", flown: Flown | None = None
+) -> list[FlightRecord | TestbenchError]:
+    """Fly every job; one that breaks a law is its error.
+
+    Args:
+        jobs: flights, of any aircraft.
+        simulator: see :func:`fly_many`.
+        flown: is told how many were flown by what.
+    """
+    if simulator not in get_args(Simulator):
+        raise LimitError(
+            f"a simulator must be one of {', '.join(get_args(Simulator))}, got '{simulator}'"
+            f"{nearest(simulator, get_args(Simulator))}"
+        )
+    flown = flown or Flown()
+    out: list[FlightRecord | TestbenchError | None] = [None] * len(jobs)
+    groups: dict[object, list[tuple[int, _Ready]]] = {}
+    for i, job in enumerate(jobs):
+        reason, model = "it is wanted", None
+        if simulator == "auto" and len(jobs) < FEWEST:
+            reason = "one flight is not worth a batch"
+        elif simulator != "jsbsim":
+            found = judged(job.aircraft, job.trimmed)
+            reason, model = found.reason, found.model
+            if model is None and simulator == "batch":
+                raise LimitError(f"{job.aircraft.name} cannot be flown in a batch: {reason}; let JSBSim fly it")
+        if model is None:
+            out[i] = _by_jsbsim(job, flown, reason)
+            continue
+        try:
+            ready = _Ready.of(job, model)
+        except TestbenchError as error:
+            out[i] = error
+            continue
+        groups.setdefault(ready.group, []).append((i, ready))
+    for group in groups.values():
+        group.sort(key=lambda item: item[1].u.shape[0])
+        for k in range(0, len(group), LANES):
+            block = group[k : k + LANES]
+            for (i, _), record in zip(block, _fly_block([x for _, x in block], flown), strict=True):
+                out[i] = record
+    _fly_both(jobs, out, flown, [i for group in groups.values() for i, _ in group])
+    return [x for x in out if x is not None]
+
+
+def _by_jsbsim(job: Job, flown: Flown, reason: str) -> FlightRecord | TestbenchError:
+    flown.jsbsim += 1
+    flown.reasons[reason] = flown.reasons.get(reason, 0) + 1
+    try:
+        return fly(job.aircraft, job.trimmed, job.manoeuvre, job.log_rate_hz, job.channels, job.air)
+    except FlightAborted as error:
+        return error.record if error.record is not None else error
+    except TestbenchError as error:
+        return error
+
+
+@dataclass(frozen=True, eq=False)
+class _Ready:
+    """A flight whose inputs have been found lawful.
+
+    Attributes:
+        job: what is wanted.
+        model: of its aircraft.
+        u: (frames + 1, controls) absolute commands, SI.
+        wind: (frames + 1, 3) of the air, m/s, or None if it does not change.
+        logged: channels of the simulator that are logged.
+        wanted: channels that the record shall have; None for all.
+        step: frames per row.
+    """
+
+    job: Job
+    model: BatchModel
+    u: FloatArray
+    wind: FloatArray | None
+    logged: tuple[str, ...]
+    wanted: tuple[str, ...] | None
+    step: int
+
+    @classmethod
+    def of(cls, job: Job, model: BatchModel) -> _Ready:
+        """Check a job as :func:`testbench.flight.fly` does.
+
+        Raises:
+            LimitError: a rate, a command or the air breaks its law.
+            ChannelError: it has no such channel.
+        """
+        rate = job.trimmed.rate_hz
+        if abs(job.manoeuvre.signal.dt_s * rate - 1.0) > 1e-6:
+            raise LimitError(
+                f"a signal must be sampled at the simulation rate of {rate:g} Hz, got "
+                f"{1 / job.manoeuvre.signal.dt_s:g} Hz"
+            )
+        step = stride(rate, job.log_rate_hz)
+        u = commands(job.aircraft, job.trimmed, job.manoeuvre)
+        wind = None
+        if job.air is not None:
+            wind = _moving_air(job.air, job.trimmed, u.shape[0], job.manoeuvre.settle_s)
+        logged, wanted = logged_of(job.aircraft, model.channels, job.channels)
+        return cls(job, model, u, wind, logged, wanted, step)
+
+    @property
+    def group(self) -> object:
+        """What flights of one block must have in common."""
+        return id(self.model.program), self.step, self.logged, self.job.log_rate_hz
+
+
+def fly_block(jobs: Sequence[Job], models: Sequence[BatchModel], flown: Flown) -> list[FlightRecord | TestbenchError]:
+    """Fly up to LANES flights of one program, each by the model given for it, whether judged or not."""
+    return _fly_block([_Ready.of(job, model) for job, model in zip(jobs, models, strict=True)], flown)
+
+
+def _fly_block(lanes: Sequence[_Ready], flown: Flown) -> list[FlightRecord | TestbenchError]:
+    model, step, names = lanes[0].model, lanes[0].step, lanes[0].logged
+    R = _placed(lanes)
+    controls = tuple(dict.fromkeys(n for x in lanes for n in x.job.manoeuvre.signal.channels))
+    blowing = any(x.wind is not None for x in lanes)
+    rows = max((x.u.shape[0] - 1) // step for x in lanes)
+    limits = _limits(lanes)
+    columns = [model.channels.index(n) for n in names]
+    logged = np.array([model.program.logged[n] for n in names], np.int64)
+    raw = np.full((rows + 1, len(names), len(lanes)), np.nan)
+    raw[0] = read(model, R)[columns]
+    left, broken = np.full(len(lanes), -1), np.zeros(len(lanes), np.int64)
+    value = np.zeros(len(lanes))
+    R[r.DT] = 1.0 / model.rate_hz
+    p = model.program
+    run(
+        p.before, p.frame, p.log, p.tables, R, _inputs(lanes, controls, blowing, rows * step),
+        np.array([model.commands[n] for n in controls] + _GUSTS[: 3 * blowing], np.int64), step, logged, raw[1:],
+        np.array([x.register for x in limits], np.int64), np.stack([x.low for x in limits]),
+        np.stack([x.high for x in limits]), left, broken, value, 1,
+    )  # fmt: skip
+    data = raw * np.stack([x.model.factors[columns] for x in lanes], axis=1)
+    out: list[FlightRecord | TestbenchError] = []
+    for lane, ready in enumerate(lanes):
+        count = (ready.u.shape[0] - 1) // step + 1
+        ends, limit = left[lane], limits[broken[lane]]
+        if not 0 <= ends < count:
+            out.append(_record(ready, data[:count, :, lane], ""))
+        elif limit.name:
+            low, high = ready.job.aircraft.limits[limit.of]
+            reason = _reason(limit.name, limit.factor, low, high, value[lane])
+            out.append(_record(ready, data[:ends, :, lane], reason))
+        else:
+            out.append(_by_jsbsim(ready.job, flown, "it comes near the ground or leaves the atmosphere of the batch"))
+            continue
+        flown.batch += 1
+    return out
+
+
+def _placed(lanes: Sequence[_Ready]) -> FloatArray:
+    """Return the registers of flights at their trims."""
+    R = np.ascontiguousarray(np.stack([x.model.start for x in lanes], axis=1))
+    columns = [_trim_column(x.job.trimmed) for x in lanes]
+    h, theta, phi = (np.array([c[k] for c in columns]) for k in range(3))
+    uvw, pqr, wind = (np.stack([c[k] for c in columns], axis=1) for k in range(3, 6))
+    R[r.GUST : r.GUST + 3] = wind / FT_M
+    controls = {n for x in lanes for n in x.job.trimmed.controls}
+    at = {n: np.array([x.job.trimmed.controls[n] for x in lanes]) for n in controls}
+    put(lanes[0].model, R, h, theta, phi, uvw, pqr, at, lanes[0].model.iterations)
+    return R
+
+
+def _trim_column(trimmed: TrimmedFlight) -> tuple[float, float, float, FloatArray, FloatArray, FloatArray]:
+    """Return height, pitch, bank, velocity over the ground and rates in body axes, and the wind, of a trim."""
+    c, wind = trimmed.condition, np.array(steady_wind(trimmed))
+    uvw = velocity_at(c.V_m_s, trimmed.alpha, trimmed.beta)
+    pqr = horizon_rates(c.h_m, trimmed.theta, trimmed.phi, uvw, wind)
+    if wind.any():
+        uvw = uvw + body_from_earth(trimmed.theta, trimmed.phi) @ wind
+    return c.h_m, trimmed.theta, trimmed.phi, uvw, pqr, wind
+
+
+def _inputs(lanes: Sequence[_Ready], controls: Sequence[str], blowing: bool, frames: int) -> FloatArray:
+    """Return what is written before each frame (frames, inputs, flights), in JSBSim's units."""
+    out = np.empty((frames, len(controls) + (3 if blowing else 0), len(lanes)))
+    for lane, x in enumerate(lanes):
+        signal, frame = x.job.manoeuvre.signal.channels, np.minimum(np.arange(1, frames + 1), x.u.shape[0] - 1)
+        for k, name in enumerate(controls):
+            absolute = x.u[frame, signal.index(name)] if name in signal else x.job.trimmed.controls[name]
+            out[:, k, lane] = absolute / x.job.aircraft.controls[name].scale
+        if blowing:
+            wind = x.wind[frame] if x.wind is not None else steady_wind(x.job.trimmed)
+            out[:, len(controls) :, lane] = np.asarray(wind) / FT_M
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class _Limit:
+    """A register that must stay between bounds (flights,) in JSBSim's unit; no name if JSBSim flies on from there."""
+
+    register: int
+    low: FloatArray
+    high: FloatArray
+    name: str = ""
+    of: str = ""
+    factor: float = 1.0
+
+
+def _limits(lanes: Sequence[_Ready]) -> list[_Limit]:
+    """Return what ends a flight, in the order in which JSBSim's flights are watched."""
+    model, out = lanes[0].model, []
+    for of in model.aircraft.limits:
+        for name in [n for n in model.channels if n.startswith("eta_")] if of == "eta" else [of]:
+            i = model.channels.index(name)
+            factors = np.array([x.model.factors[i] for x in lanes])
+            low, high = np.array([x.job.aircraft.limits[of] for x in lanes]).T / factors
+            out.append(_Limit(model.program.logged[name], low, high, name, of, float(factors[0])))
+    one = np.ones(len(lanes))
+    out.append(_Limit(r.H_SL, -np.inf * one, TOP_FT * one))
+    out.append(_Limit(r.H_AGL, model.floor_ft * one, np.inf * one))
+    return out
+
+
+def _record(ready: _Ready, data: FloatArray, reason: str) -> FlightRecord:
+    job = ready.job
+    record = FlightRecord(
+        t_s=np.arange(len(data)) / job.log_rate_hz,
+        channels=ready.logged,
+        data=data,
+        kind="truth",
+        provenance=_provenance(job.aircraft, job.trimmed, job.manoeuvre, job.air),
+        outcome="aborted" if reason else "completed",
+        reason=reason,
+    )
+    wanted = ready.wanted
+    if job.aircraft.flown_stations() and (wanted is None or set(wanted) != set(ready.logged)):
+        record = with_stations(record, job.aircraft.flown_stations(), job.aircraft.flown_modes())
+    return record if wanted is None else record.select(wanted)
+
+
+def _fly_both(
+    jobs: Sequence[Job], out: Sequence[FlightRecord | TestbenchError | None], flown: Flown, members: Sequence[int]
+) -> None:
+    """Fly one flight in ``BOTH`` by JSBSim as well, and remember how far apart they are."""
+    for i in sorted(members)[BOTH - 1 :: BOTH]:
+        record = out[i]
+        if not isinstance(record, FlightRecord) or record.outcome != "completed":
+            continue
+        other = _by_jsbsim(jobs[i], Flown(), "")
+        flown.both += 1
+        apart = difference(record, other)[0] if isinstance(other, FlightRecord) else np.inf
+        flown.worst = max(flown.worst, float(apart))
