@@ -151,14 +151,23 @@ class Aircraft:
         Raises:
             ModelError: an amendment does not fit the model.
         """
+        tree = self.rigid_tree()
+        elastic = self.flown_modes()
+        if elastic is not None and len(elastic):
+            add_modes(tree, elastic, 1.0 / rate_hz, qbar_Pa, V_m_s, self.adapter)
+        return tree
+
+    def rigid_tree(self) -> ET.Element:
+        """Return the root of the model, adapter and amendments included, before its elastic modes are added.
+
+        Raises:
+            ModelError: an amendment does not fit the model.
+        """
         tree = ET.fromstring(self.xml)
         if self.adapter is not None:
             self.adapter.apply(tree)
         for amendment in sorted(self.amendments, key=lambda a: a.upstream):
             amendment.apply(tree, self)
-        elastic = self.flown_modes()
-        if elastic is not None and len(elastic):
-            add_modes(tree, elastic, 1.0 / rate_hz, qbar_Pa, V_m_s, self.adapter)
         return tree
 
     def source_of(self, channel: str) -> tuple[str | None, float]:

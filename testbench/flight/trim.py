@@ -15,7 +15,8 @@ from testbench.flight.air import AXES, Air
 from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.executive import ACCELERATIONS, Executive, body_from_earth
 
-_STEP = {"thr": 1e-3}  # of the differences of the Jacobian; 1e-4 rad otherwise
+UNKNOWN_STEP = {"thr": 1e-3}
+"""Step of the differences of a Jacobian, by unknown; 1e-4 rad otherwise."""
 _THROTTLE_STARTS = (0.3, 0.8)  # a propeller that gives no thrust at the first has no effect there to start from
 # Radii of curvature (m) of the WGS 84 ellipsoid at the equator, where flights start: along the meridian and across it.
 _RADIUS_NORTH, _RADIUS_EAST = 6335439.0, 6378137.0
@@ -101,13 +102,52 @@ def trim(
             "lose their effect; the condition is outside the flight envelope"
         )
     residual = problem.accelerations(x, to_rest=True)
-    found = problem.values(x)
-    _check(aircraft, condition, found, residual, problem.most)
+    return checked_trim(aircraft, condition, rate, problem.values(x), residual, fdm.read(), problem.most)
+
+
+def checked_trim(
+    aircraft: Aircraft,
+    condition: FlightCondition,
+    rate_hz: float,
+    found: Mapping[str, float],
+    residual: FloatArray,
+    state: Mapping[str, float],
+    most: float = TOLERANCE,
+) -> TrimmedFlight:
+    """Return the equilibrium that a search has come to.
+
+    Args:
+        aircraft: what is trimmed.
+        condition: what was wanted.
+        rate_hz: frame rate.
+        found: unknown -> value.
+        residual: (6,) accelerations left over.
+        state: channel -> value there, SI.
+        most: acceleration that may be left over.
+
+    Raises:
+        TrimError: more is left over, or alpha or a control lies outside its range.
+    """
+    _check(aircraft, condition, found, residual, most)
     controls = {n: v for n, v in found.items() if n in aircraft.controls}
     condition = replace(condition, gamma_rad=found.get("gamma", condition.gamma_rad))
     alpha = found["alpha"]
     theta, phi, beta = _theta(condition, alpha), found["phi"], found.get("beta", 0.0)
-    return TrimmedFlight(condition, rate, alpha, theta, phi, controls, residual, fdm.read(), beta)
+    return TrimmedFlight(condition, rate_hz, alpha, theta, phi, controls, residual, state, beta)
+
+
+def unknowns(aircraft: Aircraft) -> tuple[str, ...]:
+    """Return what a trim of an aircraft seeks."""
+    has = aircraft.controls
+    surfaces = tuple(n for n in ("de", "da", "dr") if n in has)
+    sideslip = ("beta",) if "dr" not in has else ()
+    return ("alpha", "phi", *surfaces, *sideslip, "thr" if "thr" in has else "gamma")
+
+
+def first_guess(names: Sequence[str], throttle: float = _THROTTLE_STARTS[0]) -> FloatArray:
+    """Return the unknowns that a search begins with."""
+    first = {"alpha": 0.05, "thr": throttle, "gamma": -0.05}
+    return np.array([first.get(n, 0.0) for n in names])
 
 
 class _Problem:
@@ -121,10 +161,7 @@ class _Problem:
 
     def __init__(self, fdm: Executive, condition: FlightCondition, names: Sequence[str] = ()) -> None:
         self._fdm, self._condition = fdm, condition
-        has = fdm.aircraft.controls
-        surfaces = tuple(n for n in ("de", "da", "dr") if n in has)
-        sideslip = ("beta",) if "dr" not in has else ()
-        self.names = tuple(names) or ("alpha", "phi", *surfaces, *sideslip, "thr" if "thr" in has else "gamma")
+        self.names = tuple(names) or unknowns(fdm.aircraft)
 
     def values(self, x: FloatArray) -> dict[str, float]:
         """Return the unknowns by name."""
@@ -132,8 +169,7 @@ class _Problem:
 
     def start(self, throttle: float) -> FloatArray:
         """Return the unknowns that a search begins with."""
-        first = {"alpha": 0.05, "thr": throttle, "gamma": -0.05}
-        return np.array([first.get(n, 0.0) for n in self.names])
+        return first_guess(self.names, throttle)
 
     @property
     def throttle_starts(self) -> tuple[float, ...]:
@@ -288,7 +324,7 @@ class _Problem:
         """Return d accelerations / d unknowns (6, n) by central differences."""
         columns = []
         for i, name in enumerate(self.names):
-            step = _STEP.get(name, 1e-4)
+            step = UNKNOWN_STEP.get(name, 1e-4)
             d = step * np.eye(len(x))[i]
             up, down = (self.accelerations(x + sign * d) for sign in (1.0, -1.0))
             columns.append((up - down) / (2.0 * step))

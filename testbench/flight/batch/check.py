@@ -13,6 +13,7 @@ import math
 import os
 import sys
 from collections import OrderedDict
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -26,9 +27,9 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.batch.compiled import SOURCES
-from testbench.flight.batch.model import BatchModel, batch_model, shape_of, variant
+from testbench.flight.batch.model import BatchModel, batch_model, variant
 from testbench.flight.batch.program import Untranslated
-from testbench.flight.condition import TrimmedFlight
+from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.executive import _Key
 from testbench.flight.simulate import Manoeuvre, fly
 from testbench.inputs.signal import InputSignal
@@ -64,7 +65,7 @@ class Judged:
 
 
 _JUDGED: OrderedDict[object, Judged] = OrderedDict()
-_BASES: dict[object, list[tuple[tuple[object, ...], Judged]]] = {}
+_BASES: dict[object, list[Judged]] = {}
 
 
 def judged(aircraft: Aircraft, trimmed: TrimmedFlight) -> Judged:
@@ -88,22 +89,36 @@ def judged(aircraft: Aircraft, trimmed: TrimmedFlight) -> Judged:
 def _judged(aircraft: Aircraft, trimmed: TrimmedFlight) -> Judged:
     c = trimmed.condition
     family = hash(aircraft.xml), trimmed.rate_hz
-    tree = aircraft.model_tree(trimmed.rate_hz, c.qbar_Pa, c.V_m_s)
-    for shape, base in _BASES.get(family, []):
-        if base.model is None:
-            if shape == shape_of(aircraft, tree):
-                return base
-        elif shape == shape_of(aircraft, tree, base.model.translation):
-            with suppress(Untranslated):
-                return Judged(variant(base.model, aircraft, tree), base.reason, base.worst, base.channel)
+    bases = _BASES.setdefault(family, [])
+    known = _variant_of(bases, aircraft, c)
+    if known is not None:
+        return known
     try:
-        model = batch_model(aircraft, trimmed.rate_hz, c)
+        found = _verdict(batch_model(aircraft, trimmed.rate_hz, c), trimmed)
     except Untranslated as missing:
-        found, shape = Judged(None, str(missing)), shape_of(aircraft, tree)
-    else:
-        found, shape = _verdict(model, trimmed), model.shape
-    _BASES.setdefault(family, []).append((shape, found))
+        return Judged(None, str(missing))
+    bases.append(found)
     return found
+
+
+def _variant_of(bases: Sequence[Judged], aircraft: Aircraft, condition: FlightCondition) -> Judged | None:
+    tree = aircraft.rigid_tree() if bases else None
+    for base in bases:
+        assert tree is not None
+        model = None if base.model is None else variant(base.model, aircraft, condition, tree)
+        if model is not None:
+            return Judged(model, base.reason, base.worst, base.channel)
+    return None
+
+
+def variant_known(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> BatchModel | None:
+    """Return the model of an aircraft if one of its shape has been found equal to JSBSim in this process.
+
+    Raises:
+        ModelError: an amendment does not fit the model.
+    """
+    found = _variant_of(_BASES.get((hash(aircraft.xml), rate_hz), []), aircraft, condition)
+    return None if found is None else found.model
 
 
 def _verdict(model: BatchModel, trimmed: TrimmedFlight) -> Judged:
@@ -187,8 +202,9 @@ def every_control(aircraft: Aircraft, trimmed: TrimmedFlight, share: float) -> M
     u = np.zeros((t.size, len(names)))
     for i, name in enumerate(names):
         control = aircraft.controls[name]
-        at, room = trimmed.controls[name], 0.9 * min(
-            control.full - trimmed.controls[name], trimmed.controls[name] - control.low
+        at, room = (
+            trimmed.controls[name],
+            0.9 * min(control.full - trimmed.controls[name], trimmed.controls[name] - control.low),
         )
         size = min(share * (control.full - control.low), max(room, 0.0))
         if size == 0.0 and at <= control.low:

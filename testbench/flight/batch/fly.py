@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeVar, get_args
@@ -256,29 +258,29 @@ def _fly_block(lanes: Sequence[_Ready], flown: Flown) -> list[FlightRecord | Tes
     limits = _limits(lanes)
     columns = [model.channels.index(n) for n in names]
     logged = np.array([model.program.logged[n] for n in names], np.int64)
-    raw = np.full((rows + 1, len(names), len(lanes)), np.nan)
-    raw[0] = read(model, R)[columns]
+    scale = np.stack([x.model.factors[columns] for x in lanes], axis=1)
+    data = _scratch("rows", (len(lanes), rows + 1, len(names)))
+    data[:, 0] = (read(model, R)[columns] * scale).T
     left, broken = np.full(len(lanes), -1), np.zeros(len(lanes), np.int64)
     value = np.zeros(len(lanes))
     R[r.DT] = 1.0 / model.rate_hz
     p = model.program
     run(
         p.before, p.frame, p.log, p.tables, R, _inputs(lanes, controls, blowing, rows * step),
-        np.array([model.commands[n] for n in controls] + _GUSTS[: 3 * blowing], np.int64), step, logged, raw[1:],
+        np.array([model.commands[n] for n in controls] + _GUSTS[: 3 * blowing], np.int64), step, logged, scale, data,
         np.array([x.register for x in limits], np.int64), np.stack([x.low for x in limits]),
         np.stack([x.high for x in limits]), left, broken, value, 1,
     )  # fmt: skip
-    data = raw * np.stack([x.model.factors[columns] for x in lanes], axis=1)
     out: list[FlightRecord | TestbenchError] = []
     for lane, ready in enumerate(lanes):
         count = (ready.u.shape[0] - 1) // step + 1
         ends, limit = left[lane], limits[broken[lane]]
         if not 0 <= ends < count:
-            out.append(_record(ready, data[:count, :, lane], ""))
+            out.append(_record(ready, data[lane, :count], ""))
         elif limit.name:
             low, high = ready.job.aircraft.limits[limit.of]
             reason = _reason(limit.name, limit.factor, low, high, value[lane])
-            out.append(_record(ready, data[:ends, :, lane], reason))
+            out.append(_record(ready, data[lane, :ends], reason))
         else:
             out.append(_by_jsbsim(ready.job, flown, "it comes near the ground or leaves the atmosphere of the batch"))
             continue
@@ -311,7 +313,7 @@ def _trim_column(trimmed: TrimmedFlight) -> tuple[float, float, float, FloatArra
 
 def _inputs(lanes: Sequence[_Ready], controls: Sequence[str], blowing: bool, frames: int) -> FloatArray:
     """Return what is written before each frame (frames, inputs, flights), in JSBSim's units."""
-    out = np.empty((frames, len(controls) + (3 if blowing else 0), len(lanes)))
+    out = _scratch("inputs", (frames, len(controls) + (3 if blowing else 0), len(lanes)))
     for lane, x in enumerate(lanes):
         signal, frame = x.job.manoeuvre.signal.channels, np.minimum(np.arange(1, frames + 1), x.u.shape[0] - 1)
         for k, name in enumerate(controls):
@@ -350,12 +352,23 @@ def _limits(lanes: Sequence[_Ready]) -> list[_Limit]:
     return out
 
 
+_ARRAYS: dict[tuple[str, int], FloatArray] = {}
+
+
+def _scratch(use: str, shape: tuple[int, ...]) -> FloatArray:
+    """Return an array whose memory this thread uses again for the next block: new pages cost more than flights do."""
+    size, key = math.prod(shape), (use, threading.get_ident())
+    if key not in _ARRAYS or _ARRAYS[key].size < size:
+        _ARRAYS[key] = np.empty(size)
+    return _ARRAYS[key][:size].reshape(shape)
+
+
 def _record(ready: _Ready, data: FloatArray, reason: str) -> FlightRecord:
     job = ready.job
     record = FlightRecord(
         t_s=np.arange(len(data)) / job.log_rate_hz,
         channels=ready.logged,
-        data=data,
+        data=data.copy(),
         kind="truth",
         provenance=_provenance(job.aircraft, job.trimmed, job.manoeuvre, job.air),
         outcome="aborted" if reason else "completed",

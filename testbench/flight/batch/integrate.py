@@ -137,13 +137,16 @@ def _integrate(R: FloatArray, f: int) -> None:  # pragma: no cover
 @compiled
 def propagate(R: FloatArray) -> None:  # pragma: no cover
     """Begin a frame: motion, gravity and atmosphere (FGPropagate, FGInertial, FGStandardAtmosphere)."""
+    angle, ce, se = math.nan, 1.0, 0.0
     for f in range(R.shape[1]):
         dt = R[r.DT, f]
         if dt > 0.0:
             R[r.TIME, f] += dt
             _integrate(R, f)
             R[r.EARTH_ANGLE, f] += EARTH_RATE * dt
-        ce, se = math.cos(R[r.EARTH_ANGLE, f]), math.sin(R[r.EARTH_ANGLE, f])
+        if R[r.EARTH_ANGLE, f] != angle:  # the Earth has turned alike for flights that began together
+            angle = R[r.EARTH_ANGLE, f]
+            ce, se = math.cos(angle), math.sin(angle)
         x, y, z = R[r.POSITION, f], R[r.POSITION + 1, f], R[r.POSITION + 2, f]
         lx, ly, lz = ce * x + se * y, -se * x + ce * y, z
         R[r.LOCATION, f], R[r.LOCATION + 1, f], R[r.LOCATION + 2, f] = lx, ly, lz
@@ -167,9 +170,7 @@ def propagate(R: FloatArray) -> None:  # pragma: no cover
         norm = math.sqrt(s1 * s1 + cc * cc)
         cos_lat, sin_lat = cc / norm, sign * s1 / norm
         R[r.RADIUS, f] = radius
-        R[r.LONGITUDE, f] = math.atan2(ly, lx)
-        R[r.LATITUDE, f] = math.atan2(lz, rxy)
-        R[r.LATITUDE_GEODETIC, f] = sign * math.atan(s1 / cc)
+        R[r.SIN_LATITUDE, f], R[r.COS_LATITUDE, f] = sin_lat, cos_lat
         R[r.H_AGL, f] = (rxy * cc + s0 * math.fabs(s1) - _A * math.sqrt(_EC2 * s1 * s1 + cc * cc)) / norm
         cos_gc = rxy / radius
         h = radius - _A * _EC / math.sqrt(1.0 - _E2 * cos_gc * cos_gc)
@@ -213,10 +214,6 @@ def propagate(R: FloatArray) -> None:  # pragma: no cover
         R[i, f], R[i + 1, f], R[i + 2, f] = t11 * ce + t12 * se, -t11 * se + t12 * ce, t13
         R[i + 3, f], R[i + 4, f], R[i + 5, f] = t21 * ce + t22 * se, -t21 * se + t22 * ce, t23
         R[i + 6, f], R[i + 7, f], R[i + 8, f] = t31 * ce + t32 * se, -t31 * se + t32 * ce, t33
-        R[r.PHI, f] = math.atan2(l23, l33)
-        R[r.THETA, f] = math.asin(min(1.0, max(-1.0, -l13)))
-        psi = math.atan2(l12, l11)
-        R[r.PSI, f] = psi + 2.0 * math.pi if psi < 0.0 else psi
         vx, vy, vz = R[r.VELOCITY, f] + EARTH_RATE * y, R[r.VELOCITY + 1, f] - EARTH_RATE * x, R[r.VELOCITY + 2, f]
         u, v, w = (
             t11 * vx + t12 * vy + t13 * vz,
@@ -254,9 +251,43 @@ def propagate(R: FloatArray) -> None:  # pragma: no cover
         rho = pressure / (GAS_CONSTANT * T)
         R[r.TEMPERATURE, f], R[r.PRESSURE, f], R[r.DENSITY, f] = T, pressure, rho
         R[r.SOUND_SPEED, f] = math.sqrt(1.4 * GAS_CONSTANT * T)
-        R[r.KINEMATIC_VISCOSITY, f] = _BETA * T * math.sqrt(T) / (_SUTHERLAND + T) / rho
         for k in range(3):
             R[r.WIND + k, f] = R[r.GUST + k, f]
+
+
+@compiled
+def euler(R: FloatArray) -> None:  # pragma: no cover
+    """Take bank, pitch and heading from the attitude (FGQuaternion, FGMatrix33::GetEuler)."""
+    i = r.LOCAL_TO_BODY
+    for f in range(R.shape[1]):
+        R[r.PHI, f] = math.atan2(R[i + 5, f], R[i + 8, f])
+        R[r.THETA, f] = math.asin(min(1.0, max(-1.0, -R[i + 2, f])))
+        psi = math.atan2(R[i + 1, f], R[i, f])
+        R[r.PSI, f] = psi + 2.0 * math.pi if psi < 0.0 else psi
+
+
+@compiled
+def geography(R: FloatArray) -> None:  # pragma: no cover
+    """Take longitude and latitudes from the location (FGLocation)."""
+    for f in range(R.shape[1]):
+        x, y, z = R[r.LOCATION, f], R[r.LOCATION + 1, f], R[r.LOCATION + 2, f]
+        R[r.LONGITUDE, f] = math.atan2(y, x)
+        R[r.LATITUDE, f] = math.atan2(z, math.sqrt(x * x + y * y))
+        R[r.LATITUDE_GEODETIC, f] = math.atan(R[r.SIN_LATITUDE, f] / R[r.COS_LATITUDE, f])
+
+
+@compiled
+def euler_rates(R: FloatArray) -> None:  # pragma: no cover
+    """Take the rates of bank, pitch and heading from the body's (FGAuxiliary)."""
+    for f in range(R.shape[1]):
+        p, q, s = R[r.P, f], R[r.Q, f], R[r.R, f]
+        sin_phi, cos_phi = math.sin(R[r.PHI, f]), math.cos(R[r.PHI, f])
+        sin_theta, cos_theta = -R[r.LOCAL_TO_BODY + 2, f], math.cos(R[r.THETA, f])
+        R[r.THETA_DOT, f] = q * cos_phi - s * sin_phi
+        if cos_theta != 0.0:
+            psi_dot = (q * sin_phi + s * cos_phi) / cos_theta
+            R[r.PSI_DOT, f] = psi_dot
+            R[r.PHI_DOT, f] = p + psi_dot * sin_theta
 
 
 @compiled
@@ -295,13 +326,6 @@ def auxiliary(R: FloatArray) -> None:  # pragma: no cover
         i = r.LOCAL_TO_BODY
         wn, we, wd = R[r.WIND, f], R[r.WIND + 1, f], R[r.WIND + 2, f]
         p, q, s = R[r.P, f], R[r.Q, f], R[r.R, f]
-        sin_phi, cos_phi = math.sin(R[r.PHI, f]), math.cos(R[r.PHI, f])
-        sin_theta, cos_theta = -R[i + 2, f], math.cos(R[r.THETA, f])
-        R[r.THETA_DOT, f] = q * cos_phi - s * sin_phi
-        if cos_theta != 0.0:
-            psi_dot = (q * sin_phi + s * cos_phi) / cos_theta
-            R[r.PSI_DOT, f] = psi_dot
-            R[r.PHI_DOT, f] = p + psi_dot * sin_theta
         R[r.P_AERO, f], R[r.Q_AERO, f], R[r.R_AERO, f] = p, q, s
         u = R[r.U, f] - (R[i, f] * wn + R[i + 1, f] * we + R[i + 2, f] * wd)
         v = R[r.V, f] - (R[i + 3, f] * wn + R[i + 4, f] * we + R[i + 5, f] * wd)
@@ -311,11 +335,14 @@ def auxiliary(R: FloatArray) -> None:  # pragma: no cover
         uw = u2 + w2
         vt2 = uw + v2
         vt = math.sqrt(vt2)
-        alpha = beta = alpha_dot = beta_dot = 0.0
+        alpha = beta = alpha_dot = beta_dot = sin_alpha = sin_beta = 0.0
+        cos_alpha = cos_beta = 1.0
         if vt > 0.001:
             root = math.sqrt(uw)
             beta = math.atan2(v, root)
+            cos_beta, sin_beta = root / vt, v / vt
             if uw >= 1e-6:
+                cos_alpha, sin_alpha = u / root, w / root
                 alpha = math.atan2(w, u)
                 ud, vd, wd = R[r.U_DOT, f], R[r.V_DOT, f], R[r.W_DOT, f]
                 vt_dot = (u * ud + v * vd + w * wd) / vt
@@ -323,15 +350,14 @@ def auxiliary(R: FloatArray) -> None:  # pragma: no cover
                 beta_dot = (vd * vt - v * vt_dot) / (vt * root)
         R[r.VT, f], R[r.ALPHA, f], R[r.BETA, f] = vt, alpha, beta
         R[r.ALPHA_DOT, f], R[r.BETA_DOT, f] = alpha_dot, beta_dot
-        R[r.COS_ALPHA, f], R[r.SIN_ALPHA, f] = math.cos(alpha), math.sin(alpha)
-        R[r.COS_BETA, f], R[r.SIN_BETA, f] = math.cos(beta), math.sin(beta)
+        R[r.COS_ALPHA, f], R[r.SIN_ALPHA, f] = cos_alpha, sin_alpha
+        R[r.COS_BETA, f], R[r.SIN_BETA, f] = cos_beta, sin_beta
         half_rho = 0.5 * R[r.DENSITY, f]
         qbar = half_rho * vt2
         R[r.QBAR, f], R[r.QBAR_UW, f], R[r.QBAR_UV, f] = qbar, half_rho * uw, half_rho * (u2 + v2)
         mach = vt / R[r.SOUND_SPEED, f]
         R[r.MACH, f] = mach
-        R[r.REYNOLDS, f] = vt * R[r.CHORD, f] / R[r.KINEMATIC_VISCOSITY, f]
-        vn, ve, vd = R[r.V_NORTH, f], R[r.V_EAST, f], R[r.V_DOWN, f]
+        vn, ve = R[r.V_NORTH, f], R[r.V_EAST, f]
         ground = math.sqrt(vn * vn + ve * ve)
         R[r.V_GROUND, f] = ground
         # a lift per qbar of the last frame, for models that read aero/cl-squared (start of FGAerodynamics::Run)
@@ -370,6 +396,9 @@ def air_data(R: FloatArray) -> None:  # pragma: no cover
         R[r.PILOT_ACCEL, f] = ax + qd * ez - sd * ey + q * cz - s * cy
         R[r.PILOT_ACCEL + 1, f] = ay + sd * ex - pd * ez + s * cx - p * cz
         R[r.PILOT_ACCEL + 2, f] = az + pd * ey - qd * ex + p * cy - q * cx
+        T = R[r.TEMPERATURE, f]
+        viscosity = _BETA * T * math.sqrt(T) / (_SUTHERLAND + T) / R[r.DENSITY, f]
+        R[r.REYNOLDS, f] = R[r.VT, f] * R[r.CHORD, f] / viscosity
         h, span = R[r.H_AGL, f], R[r.WING_SPAN, f]
         i, j = r.REFERENCE_POINT, r.LOCAL_TO_BODY
         rx = (R[k, f] - R[i, f]) / 12.0
@@ -527,6 +556,7 @@ def thruster(R: FloatArray, block: int) -> None:  # pragma: no cover
 @compiled
 def accelerate(R: FloatArray) -> None:  # pragma: no cover
     """End a frame: sum forces and moments, and take accelerations from them (FGAircraft, FGAccelerations)."""
+    angle, ce, se = math.nan, 1.0, 0.0
     for f in range(R.shape[1]):
         for i in range(3):
             R[r.FORCE + i, f] = R[r.AERO_FORCE + i, f] + R[r.ENGINE_FORCE + i, f] + R[r.ADDED_FORCE + i, f]
@@ -569,7 +599,9 @@ def accelerate(R: FloatArray) -> None:  # pragma: no cover
         R[r.W_DOT, f] = (
             az - (wx * v - wy * u) - (t31 * cx + t32 * cy) + (R[i + 6, f] * gx + R[i + 7, f] * gy + R[i + 8, f] * gz)
         )
-        ce, se = math.cos(R[r.EARTH_ANGLE, f]), math.sin(R[r.EARTH_ANGLE, f])
+        if R[r.EARTH_ANGLE, f] != angle:
+            angle = R[r.EARTH_ANGLE, f]
+            ce, se = math.cos(angle), math.sin(angle)
         R[r.VELOCITY_DOT, f] = t11 * ax + t21 * ay + t31 * az + ce * gx - se * gy
         R[r.VELOCITY_DOT + 1, f] = t12 * ax + t22 * ay + t32 * az + se * gx + ce * gy
         R[r.VELOCITY_DOT + 2, f] = t13 * ax + t23 * ay + t33 * az + gz

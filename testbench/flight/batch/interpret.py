@@ -90,6 +90,47 @@ def _table_3(T: FloatArray, at: int, row: float, column: float, depth: float) ->
     return factor * (_table_2(T, at + int(T[starts + k]), row, column) - below) + below
 
 
+# Loops with a choice in them stand in functions of their own, in which the compiler finds that they can be vectorised.
+
+
+@compiled
+def _quotient(R: FloatArray, t: int, a: int, b: int) -> None:  # pragma: no cover
+    for f in range(R.shape[1]):
+        x, y = R[a, f], R[b, f]
+        z = x / y
+        R[t, f] = z if y != 0.0 else HUGE
+
+
+@compiled
+def _least(R: FloatArray, t: int, a: int, b: int) -> None:  # pragma: no cover
+    for f in range(R.shape[1]):
+        x, y = R[a, f], R[b, f]
+        R[t, f] = y if y < x else x
+
+
+@compiled
+def _greatest(R: FloatArray, t: int, a: int, b: int) -> None:  # pragma: no cover
+    for f in range(R.shape[1]):
+        x, y = R[a, f], R[b, f]
+        R[t, f] = y if y > x else x
+
+
+@compiled
+def _select(R: FloatArray, t: int, a: int, b: int, c: int) -> None:  # pragma: no cover
+    for f in range(R.shape[1]):
+        x, y, z = R[a, f], R[b, f], R[c, f]
+        R[t, f] = y if x > 0.5 else z
+
+
+@compiled
+def _clip(R: FloatArray, t: int, a: int, b: int, c: int) -> None:  # pragma: no cover
+    for f in range(R.shape[1]):
+        x, low, high = R[a, f], R[b, f], R[c, f]
+        y = low if x < low else x
+        z = high if y > high else y
+        R[t, f] = z if high - low >= 0.0 else x
+
+
 @compiled
 def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None:  # pragma: no cover
     """Run a program once, for every flight.
@@ -118,29 +159,18 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
             for f in range(m):
                 R[t, f] = R[a, f] - R[b, f]
         elif op == 4:
-            for f in range(m):
-                y = R[b, f]
-                R[t, f] = R[a, f] / y if y != 0.0 else HUGE
+            _quotient(R, t, a, b)
         elif op == 5:
             for f in range(m):
                 R[t, f] = R[a, f] / R[b, f]
         elif op == 6:
-            for f in range(m):
-                x, y = R[a, f], R[b, f]
-                R[t, f] = y if y < x else x
+            _least(R, t, a, b)
         elif op == 7:
-            for f in range(m):
-                x, y = R[a, f], R[b, f]
-                R[t, f] = y if y > x else x
+            _greatest(R, t, a, b)
         elif op == 39:
-            for f in range(m):
-                R[t, f] = R[b, f] if R[a, f] > 0.5 else R[c, f]
+            _select(R, t, a, b, c)
         elif op == 40:
-            for f in range(m):
-                x, low, high = R[a, f], R[b, f], R[c, f]
-                if high - low >= 0.0:
-                    x = low if x < low else (high if x > high else x)
-                R[t, f] = x
+            _clip(R, t, a, b, c)
         elif op == 41:
             for f in range(m):
                 R[t, f] = _table_1(T, e, R[a, f])
@@ -221,6 +251,12 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
             stages.accelerate(R)
         elif op == 69:
             stages.weigh(R)
+        elif op == 70:
+            stages.euler(R)
+        elif op == 71:
+            stages.geography(R)
+        elif op == 72:
+            stages.euler_rates(R)
 
 
 @compiled
@@ -275,6 +311,7 @@ def run(
     targets: npt.NDArray[np.int64],
     stride: int,
     logged: npt.NDArray[np.int64],
+    scale: FloatArray,
     rows: FloatArray,
     watched: npt.NDArray[np.int64],
     low: FloatArray,
@@ -296,7 +333,8 @@ def run(
         targets: register of each input.
         stride: frames per row.
         logged: registers that make a row.
-        rows: (rows, logged, flights) filled.
+        scale: (logged, flights) factor of each.
+        rows: (flights, rows, logged) filled.
         watched: registers that have limits.
         low: (watched, flights) the lower ones.
         high: (watched, flights) the upper ones.
@@ -308,7 +346,7 @@ def run(
     m = R.shape[1]
     execute(before, T, R)
     k = 0
-    for row in range(rows.shape[0]):
+    for row in range(first, rows.shape[1]):
         for _ in range(stride):
             for i in range(targets.size):
                 t = targets[i]
@@ -317,16 +355,16 @@ def run(
             execute(frame, T, R)
             k += 1
         execute(log, T, R)
-        for i in range(logged.size):
-            for f in range(m):
-                rows[row, i, f] = R[logged[i], f]
+        for f in range(m):
+            for i in range(logged.size):
+                rows[f, row, i] = R[logged[i], f] * scale[i, f]
         flying = False
         for f in range(m):
             if left[f] < 0:
                 for i in range(watched.size):
                     x = R[watched[i], f]
                     if not (low[i, f] <= x and x <= high[i, f]):
-                        left[f] = first + row
+                        left[f] = row
                         broken[f] = i
                         value[f] = x
                         break

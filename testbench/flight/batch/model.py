@@ -15,7 +15,7 @@ from testbench.core.record import FloatArray
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.integrate import begin, place, weigh
 from testbench.flight.batch.interpret import execute
-from testbench.flight.batch.program import Program, Untranslated
+from testbench.flight.batch.program import Program
 from testbench.flight.batch.properties import CORE, plain
 from testbench.flight.batch.translate import Translation, declared, translate
 from testbench.flight.batch.weights import Weights, dry
@@ -57,7 +57,7 @@ class BatchModel:
     channels: tuple[str, ...]
     factors: FloatArray
     iterations: int
-    shape: tuple[object, ...]
+    shape: _Shape
     weights: Weights
     dry: Weights
     translation: Translation
@@ -86,9 +86,7 @@ def batch_model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) 
     sources = {n: _source(aircraft, n) for n in fdm.channels}
     inputs = [aircraft.controls[n].command for n in fdm.command_nodes]
     translation = translate(tree, aircraft.engine_files, 1.0 / rate_hz, inputs, [*sources.values(), *inputs])
-    program = replace(
-        translation.program, logged={n: translation.program.logged[s] for n, s in sources.items()}
-    )
+    program = replace(translation.program, logged={n: translation.program.logged[s] for n, s in sources.items()})
     start = np.zeros(program.size)
     start[program.numbers] = translation.numbers
     for name, register in program.properties.items():
@@ -100,68 +98,151 @@ def batch_model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) 
     _set_weights(start, weights)
     return BatchModel(
         aircraft, rate_hz, program, start, fdm.channels, np.array(fdm.factors), fdm.to_rest,
-        shape_of(aircraft, tree, translation), weights, dry(tree), translation,
+        _Shape.of(aircraft, condition, tree, translation), weights, dry(tree), translation,
     )  # fmt: skip
 
 
-def variant(base: BatchModel, aircraft: Aircraft, tree: ET.Element) -> BatchModel:
-    """Return the model of an aircraft whose tree has the shape of that of ``base``, with its own numbers.
+def variant(base: BatchModel, aircraft: Aircraft, condition: FlightCondition, tree: ET.Element) -> BatchModel | None:
+    """Return the model of an aircraft that differs from that of ``base`` in numbers only, or None if it does not.
+
+    Args:
+        base: translated model.
+        aircraft: that wants one.
+        condition: for which the steps of its modes are made.
+        tree: its rigid tree.
 
     Raises:
-        Untranslated: it reads a property that JSBSim takes from the mass balance, which only JSBSim can tell.
+        ModelError: an amendment does not fit the model.
     """
     if any(n.startswith("inertia/") for n in base.program.properties):
-        raise Untranslated("it reads the mass balance")
-    elements = list(tree.iter())
-    numbers = np.array(base.translation.numbers)
-    for number, at in base.translation.places:
-        numbers[number] = float(elements[at].text or "nan")
+        return None  # which JSBSim takes from the mass balance
+    if _fixed(aircraft) != base.shape.fixed:
+        return None
+    modes = _modes(aircraft, condition)
+    if modes == base.shape.modes:
+        numbers = base.shape.rigid.numbers(tree, base.translation.numbers)
+    else:
+        if (modes is None) != (base.shape.modes is None):
+            return None
+        full = aircraft.model_tree(base.rate_hz, condition.qbar_Pa, condition.V_m_s)
+        numbers = base.shape.whole.numbers(full, base.translation.numbers)
+    if numbers is None:
+        return None
     start = base.start.copy()
     start[base.program.numbers] = numbers
-    for section in (e for e in elements if e.tag in _SECTIONS):
+    for section in (e for e in tree.iter() if e.tag in _SECTIONS):
         for name, value in declared(section).items():
             if name in base.program.properties:
                 start[base.program.properties[name]] = value
-    empty = dry(tree)
-    weights = base.weights.with_empty(base.dry, empty)
+    weights = base.weights.with_empty(base.dry, dry(tree))
     _set_weights(start, weights)
     factors = np.array([_factor(aircraft, n) for n in base.channels])
     return replace(base, aircraft=aircraft, start=start, factors=factors)
 
 
-def shape_of(aircraft: Aircraft, tree: ET.Element, translation: Translation | None = None) -> tuple[object, ...]:
-    """Return what two models have in common that differ in numbers only.
+@dataclass(frozen=True, eq=False)
+class _Template:
+    """The elements of a tree in order, and which of their texts are numbers that may differ.
 
-    Numbers that may differ are those that the translation has found as such, values of declared properties, and what
-    stands in the mass balance; everything else must be the same, letter by letter.
+    Attributes:
+        elements: (tag, attributes, text) of each; text None where it may differ.
+        places: (number of the model, element) of those that the program reads.
     """
-    free = {at for _, at in translation.places} if translation is not None else None
-    parts: list[object] = []
-    in_balance = 0
-    for i, e in enumerate(tree.iter()):
-        if e.tag == "mass_balance":
-            in_balance = sum(1 for _ in e.iter())
-        text = (e.text or "").strip()
-        if in_balance > 0:
-            in_balance -= 1
-            text = ""
-        elif (free is None or i in free) and _is_number(text):
-            text = "#"
-        attributes = {k: v for k, v in e.attrib.items() if not (e.tag == "property" and k == "value")}
-        parts.append((e.tag, tuple(attributes.items()), text))
+
+    elements: tuple[tuple[str, dict[str, str], str | None], ...]
+    places: tuple[tuple[int, int], ...]
+
+    @classmethod
+    def of(cls, tree: ET.Element, translation: Translation) -> _Template:
+        """Take the shape of a tree, or of a part of one, that has been translated."""
+        order = {id(e): i for i, e in enumerate(tree.iter())}
+        places = tuple((number, order[id(e)]) for number, e in translation.places if id(e) in order)
+        return cls.apart(tree, places)
+
+    @classmethod
+    def apart(cls, tree: ET.Element, places: tuple[tuple[int, int], ...]) -> _Template:
+        """Take the shape of a tree whose numbers stand at ``places``."""
+        free = {at for _, at in places}
+        balance = {id(e) for b in tree.iter("mass_balance") for e in b.iter()}
+        elements = tuple(
+            (e.tag, _attributes(e), None if i in free or id(e) in balance else e.text)
+            for i, e in enumerate(tree.iter())
+        )
+        return cls(elements, places)
+
+    def numbers(self, tree: ET.Element, base: tuple[float, ...]) -> FloatArray | None:
+        """Return the numbers of another tree in the program's order, or None if it differs in more than numbers."""
+        others = list(tree.iter())
+        if len(others) != len(self.elements):
+            return None
+        for e, (tag, attributes, text) in zip(others, self.elements, strict=True):
+            if e.tag != tag or (text is not None and e.text != text) or _attributes(e) != attributes:
+                return None
+        out = np.array(base)
+        try:
+            for number, at in self.places:
+                out[number] = float(others[at].text or "nan")
+        except ValueError:
+            return None
+        return out
+
+
+def _attributes(e: ET.Element) -> dict[str, str]:
+    """Return the attributes of an element that must be the same: the value of a declared property may differ."""
+    return {"unit": e.get("unit", "")} if e.tag == "property" else e.attrib
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """What models have in common that differ in numbers only.
+
+    Attributes:
+        fixed: commands, limits, engines, settings.
+        modes: of the wings, with the condition for which their steps are made; None without.
+        rigid: the tree without the modes.
+        whole: the tree.
+    """
+
+    fixed: tuple[object, ...]
+    modes: tuple[object, ...] | None
+    rigid: _Template
+    whole: _Template
+
+    @classmethod
+    def of(cls, aircraft: Aircraft, condition: FlightCondition, tree: ET.Element, translation: Translation) -> _Shape:
+        """Take the shape of a translated aircraft."""
+        whole = _Template.of(tree, translation)
+        rigid = aircraft.rigid_tree()
+        modes = _modes(aircraft, condition)
+        if modes is None:
+            return cls(_fixed(aircraft), None, whole, whole)
+        # the elements of the rigid tree are those of the whole, in their order, without those that the modes added
+        places = {at: number for number, at in whole.places}
+        kept, at = [], 0
+        everything = list(tree.iter())
+        for i, e in enumerate(rigid.iter()):
+            while not _alike(everything[at], e):
+                at += 1
+            if at in places:
+                kept.append((places[at], i))
+            at += 1
+        return cls(_fixed(aircraft), modes, _Template.apart(rigid, tuple(kept)), whole)
+
+
+def _alike(a: ET.Element, b: ET.Element) -> bool:
+    return a.tag == b.tag and a.attrib == b.attrib and (a.text or "").strip() == (b.text or "").strip()
+
+
+def _modes(aircraft: Aircraft, condition: FlightCondition) -> tuple[object, ...] | None:
+    elastic = aircraft.flown_modes()
+    return None if elastic is None or not len(elastic) else (repr(elastic), condition.qbar_Pa, condition.V_m_s)
+
+
+def _fixed(aircraft: Aircraft) -> tuple[object, ...]:
     return (
-        hash(tuple(parts)), tuple(sorted(aircraft.engine_files.items())), tuple(aircraft.controls),
-        tuple(c.command for c in aircraft.controls.values()), tuple(aircraft.limits),
-        None if aircraft.adapter is None else tuple(sorted(aircraft.adapter.settings.items())),
+        tuple(sorted(aircraft.engine_files.items())), tuple((n, c.command) for n, c in aircraft.controls.items()),
+        tuple(aircraft.limits), None if aircraft.adapter is None else tuple(sorted(aircraft.adapter.settings.items())),
     )  # fmt: skip
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 def _source(aircraft: Aircraft, name: str) -> str:
@@ -234,5 +315,3 @@ def read(model: BatchModel, R: FloatArray) -> FloatArray:
     """Return every channel of the simulator (channels, flights) as it is now, in JSBSim's unit."""
     execute(model.program.log, model.program.tables, R)
     return R[[model.program.logged[n] for n in model.channels]]
-
-

@@ -83,6 +83,9 @@ class Op(IntEnum):
     THRUSTER = 67
     ACCELERATE = 68
     WEIGH = 69
+    EULER = 70
+    GEOGRAPHY = 71
+    EULER_RATES = 72
     # what is not translated: a fault only if something that flies reads it
     UNKNOWN = 99
 
@@ -92,13 +95,15 @@ _STATE = "state"
 _NUMBER = "number"
 _TEMP = "temp"
 
-_MOTION = (*range(r.TIME, r.GRAVITY + 3), *range(r.TEMPERATURE, r.GUST), *range(r.WIND, r.WIND + 3))
 _ACCELERATIONS = (*range(r.U_DOT, r.GRAVITY), *range(r.RATE_DOT, r.INERTIAL_TO_BODY), *range(r.FORCE, r.COUNT))
 WRITES: Mapping[Op, tuple[int, ...]] = {
-    Op.PROPAGATE: tuple(x for x in _MOTION if x not in _ACCELERATIONS),
-    Op.AUXILIARY: (*range(r.U_AERO, r.TRACK), *range(r.COS_ALPHA, r.N_X), r.REYNOLDS, r.CL_SQUARED),
-    Op.AIR_DATA: (*range(r.GAMMA, r.COS_ALPHA), *range(r.N_X, r.REYNOLDS)),
-    Op.MOTION_NUMBERS: tuple(range(r.BI2VEL, r.WING_AREA)),
+    Op.PROPAGATE: tuple(x for x in (*range(r.TIME, r.GUST), *range(r.WIND, r.U_AERO)) if x not in _ACCELERATIONS),
+    Op.EULER: tuple(range(r.PHI, r.LATITUDE)),
+    Op.GEOGRAPHY: tuple(range(r.LATITUDE, r.PHI_DOT)),
+    Op.EULER_RATES: tuple(range(r.PHI_DOT, r.WING_AREA)),
+    Op.AUXILIARY: (*range(r.U_AERO, r.GAMMA), *range(r.COS_ALPHA, r.N_X), r.CL_SQUARED),
+    Op.AIR_DATA: (*range(r.GAMMA, r.COS_ALPHA), *range(r.N_X, r.CL_SQUARED)),
+    Op.MOTION_NUMBERS: tuple(range(r.BI2VEL, r.PHI)),
     Op.AERODYNAMICS: tuple(range(r.AERO_FORCE, r.ENGINE_FORCE)),
     Op.CLEAR: (),
     Op.REACTION: tuple(range(r.ADDED_FORCE, r.FORCE)),
@@ -291,7 +296,12 @@ class _Assembly:
         names = {number: name for name, number in b._states.items()}
         self._commit = {b._states[name]: value for name, value in b._ended.items()}
         self._live()
+        self._frame, self._log = _fused(self._frame, self._ends()), _fused(self._log, set(b._logged.values()))
         self._names = names
+
+    def _ends(self) -> set[Value]:
+        """Return the values that are read after the frame."""
+        return set(self._commit.values())
 
     def _live(self) -> None:
         """Leave out operations whose results nothing reads; keep the properties that something reads."""
@@ -430,6 +440,27 @@ class _Assembly:
             properties={self._names[s]: register for s, register in state_register.items()},
             logged={name: of(v) for name, v in b._logged.items()},
         )
+
+
+def _fused(items: list[_Instruction], kept: set[Value]) -> list[_Instruction]:
+    """Return operations with a product that only a sum reads taken into that sum."""
+    uses: dict[Value, int] = {}
+    for item in items:
+        for value in item.arguments:
+            uses[value] = uses.get(value, 0) + 1
+    made = {item.result: item for item in items if item.op is Op.MUL and item.result not in kept}
+    gone: set[int] = set()
+    out = []
+    for item in items:
+        if item.op is Op.ADD:
+            for product, other in (item.arguments, item.arguments[::-1]):
+                source = made.get(product)
+                if source is not None and uses[product] == 1 and product != other:
+                    gone.add(id(source))
+                    item = _Instruction(Op.MULADD, (*source.arguments, other), 0, item.result)
+                    break
+        out.append(item)
+    return [item for item in out if id(item) not in gone]
 
 
 def _coded(item: _Instruction, of: object) -> tuple[int, ...]:

@@ -31,27 +31,9 @@ CORE: dict[str, tuple[int, float]] = {
     "position/h-sl-meters": (r.H_SL, 0.3048),
     "position/h-agl-ft": (r.H_AGL, 1.0),
     "position/geod-alt-ft": (r.H_AGL, 1.0),
-    "position/lat-gc-rad": (r.LATITUDE, 1.0),
-    "position/lat-gc-deg": (r.LATITUDE, _DEG),
-    "position/lat-geod-rad": (r.LATITUDE_GEODETIC, 1.0),
-    "position/lat-geod-deg": (r.LATITUDE_GEODETIC, _DEG),
-    "position/long-gc-rad": (r.LONGITUDE, 1.0),
-    "position/long-gc-deg": (r.LONGITUDE, _DEG),
     "position/radius-to-vehicle-ft": (r.RADIUS, 1.0),
     "position/from-start-neu-n-ft": (r.LOCATION + 2, 1.0),  # flights start over the equator at longitude 0
     "position/from-start-neu-e-ft": (r.LOCATION + 1, 1.0),
-    "attitude/phi-rad": (r.PHI, 1.0),
-    "attitude/roll-rad": (r.PHI, 1.0),
-    "attitude/phi-deg": (r.PHI, _DEG),
-    "attitude/theta-rad": (r.THETA, 1.0),
-    "attitude/pitch-rad": (r.THETA, 1.0),
-    "attitude/theta-deg": (r.THETA, _DEG),
-    "attitude/psi-rad": (r.PSI, 1.0),
-    "attitude/heading-true-rad": (r.PSI, 1.0),
-    "attitude/psi-deg": (r.PSI, _DEG),
-    "velocities/phidot-rad_sec": (r.PHI_DOT, 1.0),
-    "velocities/thetadot-rad_sec": (r.THETA_DOT, 1.0),
-    "velocities/psidot-rad_sec": (r.PSI_DOT, 1.0),
     "velocities/u-aero-fps": (r.U_AERO, 1.0),
     "velocities/v-aero-fps": (r.V_AERO, 1.0),
     "velocities/w-aero-fps": (r.W_AERO, 1.0),
@@ -74,7 +56,6 @@ CORE: dict[str, tuple[int, float]] = {
     "aero/qbar-psf": (r.QBAR, 1.0),
     "aero/qbarUW-psf": (r.QBAR_UW, 1.0),
     "aero/qbarUV-psf": (r.QBAR_UV, 1.0),
-    "aero/Re": (r.REYNOLDS, 1.0),
     "aero/cl-squared": (r.CL_SQUARED, 1.0),
     "aero/bi2vel": (r.BI2VEL, 1.0),
     "aero/ci2vel": (r.CI2VEL, 1.0),
@@ -113,7 +94,32 @@ CORE: dict[str, tuple[int, float]] = {
 }
 """Property -> the register that holds it, and the factor between them."""
 
+EULER: dict[str, tuple[int, float]] = {
+    "attitude/phi-rad": (r.PHI, 1.0),
+    "attitude/roll-rad": (r.PHI, 1.0),
+    "attitude/phi-deg": (r.PHI, _DEG),
+    "attitude/theta-rad": (r.THETA, 1.0),
+    "attitude/pitch-rad": (r.THETA, 1.0),
+    "attitude/theta-deg": (r.THETA, _DEG),
+    "attitude/psi-rad": (r.PSI, 1.0),
+    "attitude/heading-true-rad": (r.PSI, 1.0),
+    "attitude/psi-deg": (r.PSI, _DEG),
+}
+GEOGRAPHY: dict[str, tuple[int, float]] = {
+    "position/lat-gc-rad": (r.LATITUDE, 1.0),
+    "position/lat-gc-deg": (r.LATITUDE, _DEG),
+    "position/lat-geod-rad": (r.LATITUDE_GEODETIC, 1.0),
+    "position/lat-geod-deg": (r.LATITUDE_GEODETIC, _DEG),
+    "position/long-gc-rad": (r.LONGITUDE, 1.0),
+    "position/long-gc-deg": (r.LONGITUDE, _DEG),
+}
+EULER_RATES: dict[str, tuple[int, float]] = {
+    "velocities/phidot-rad_sec": (r.PHI_DOT, 1.0),
+    "velocities/thetadot-rad_sec": (r.THETA_DOT, 1.0),
+    "velocities/psidot-rad_sec": (r.PSI_DOT, 1.0),
+}
 AIR_DATA: dict[str, tuple[int, float]] = {
+    "aero/Re": (r.REYNOLDS, 1.0),
     "flight-path/gamma-rad": (r.GAMMA, 1.0),
     "flight-path/gamma-deg": (r.GAMMA, _DEG),
     "flight-path/psi-gt-rad": (r.TRACK, 1.0),
@@ -131,6 +137,7 @@ AIR_DATA: dict[str, tuple[int, float]] = {
     **{f"accelerations/a-pilot-{a}-ft_sec2": (r.PILOT_ACCEL + i, 1.0) for i, a in enumerate("xyz")},
     **{f"accelerations/n-pilot-{a}-norm": (r.PILOT_ACCEL + i, 0.3048 / 9.80665) for i, a in enumerate("xyz")},
 }
+ON_DEMAND = EULER | GEOGRAPHY | EULER_RATES | AIR_DATA
 """The same for what is computed only if a model or a channel reads it."""
 
 ABSOLUTE = {"aero/mag-beta-rad": "aero/beta-rad", "aero/mag-beta-deg": "aero/beta-deg"}
@@ -153,11 +160,6 @@ _GROUND = re.compile(r"(forces/fb[xyz]-gear-lbs|moments/[lmn]-gear-lbsft|gear/un
 def plain(name: str) -> str:
     """Return a property's name as it is kept: no leading slash, no index of zero."""
     return name.strip().lstrip("/").replace("[0]", "")
-
-
-def needs_air_data(names: set[str]) -> bool:
-    """Return whether any of the properties is computed only on demand."""
-    return any(plain(n) in AIR_DATA for n in names)
 
 
 class Properties:
@@ -200,8 +202,8 @@ class Properties:
             from testbench.flight.batch.integrate import SEA_LEVEL_RHO
 
             return b.emit(Op.DIV, b.core(r.DENSITY), b.number(SEA_LEVEL_RHO))
-        if name in CORE or name in AIR_DATA:
-            register, factor = CORE.get(name) or AIR_DATA[name]
+        if name in CORE or name in ON_DEMAND:
+            register, factor = CORE.get(name) or ON_DEMAND[name]
             value = b.core(register)
             return value if factor == 1.0 else b.emit(Op.MUL, value, b.number(factor))
         linked = _LINKED.fullmatch(name)
@@ -232,7 +234,7 @@ class Properties:
         if linked is not None and linked.group(3) == "deg":
             b.write(f"fcs/{linked.group(2)}-pos-rad", b.emit(Op.MUL, value, b.number(1.0 / _DEG)))
             return
-        computed = name in CORE or name in AIR_DATA or re.match(r"(inertia|ic|simulation)/", name)
+        computed = name in CORE or name in ON_DEMAND or re.match(r"(inertia|ic|simulation)/", name)
         if computed and name not in self._own:
             raise Untranslated(f"it writes {name}")
         self._own.add(name)

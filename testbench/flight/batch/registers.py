@@ -25,25 +25,28 @@ from __future__ import annotations
     LOCAL_TO_BODY, _, _, _, _, _, _, _, _,
     EARTH_TO_BODY, _, _, _, _, _, _, _, _,
     LOCATION, _, _,                     # earth-fixed axes
-    RADIUS, LATITUDE, LATITUDE_GEODETIC, LONGITUDE, H_SL, H_AGL,
-    PHI, THETA, PSI,
+    RADIUS, SIN_LATITUDE, COS_LATITUDE, H_SL, H_AGL,
     U, V, W,                            # over the ground, body axes
     P, Q, R,                            # against the Earth
     V_NORTH, V_EAST, V_DOWN,
     U_DOT, V_DOT, W_DOT, P_DOT, Q_DOT, R_DOT,
     BODY_ACCEL, _, _,
     GRAVITY, _, _,                      # earth-fixed axes
-    TEMPERATURE, PRESSURE, DENSITY, SOUND_SPEED, KINEMATIC_VISCOSITY,
+    TEMPERATURE, PRESSURE, DENSITY, SOUND_SPEED,
     GUST, _, _, WIND, _, _,             # as set, and as it acts; north, east, down: where the air moves to
     U_AERO, V_AERO, W_AERO, P_AERO, Q_AERO, R_AERO,
-    PHI_DOT, THETA_DOT, PSI_DOT,
     VT, ALPHA, BETA, ALPHA_DOT, BETA_DOT, QBAR, QBAR_UW, QBAR_UV, MACH, V_GROUND, GAMMA, TRACK,
     TOTAL_TEMPERATURE, TOTAL_PRESSURE, VC, VE,
     COS_ALPHA, SIN_ALPHA, COS_BETA, SIN_BETA,
     N_X, N_Y, N_Z,
     PILOT_ACCEL, _, _,
-    H_B_CG, H_B_MAC, REYNOLDS, CL_SQUARED,
+    H_B_CG, H_B_MAC, REYNOLDS,
+    CL_SQUARED,
     BI2VEL, CI2VEL, ALPHA_WING, QBAR_AREA,
+    # what is computed only if it is read
+    PHI, THETA, PSI,
+    LATITUDE, LATITUDE_GEODETIC, LONGITUDE,
+    PHI_DOT, THETA_DOT, PSI_DOT,
     # constants of an aircraft
     WING_AREA, WING_SPAN, CHORD, INCIDENCE,
     REFERENCE_POINT, _, _, EYE_POINT, _, _,         # in, structural axes
@@ -58,5 +61,5 @@ from __future__ import annotations
     ADDED_FORCE, _, _, ADDED_MOMENT, _, _,
     FORCE, _, _, MOMENT, _, _,
     COUNT,
-) = range(231)
+) = range(232)
 # fmt: on

@@ -19,7 +19,7 @@ from testbench.flight.batch.components import Components
 from testbench.flight.batch.engines import Engines
 from testbench.flight.batch.functions import Functions
 from testbench.flight.batch.program import Builder, Op, Program, Untranslated
-from testbench.flight.batch.properties import AIR_DATA, Properties, plain
+from testbench.flight.batch.properties import AIR_DATA, EULER, EULER_RATES, GEOGRAPHY, Properties, plain
 from testbench.flight.batch.units import triplet
 
 _FORCE_AXES = {
@@ -27,6 +27,7 @@ _FORCE_AXES = {
 }  # fmt: skip
 _MOMENT_AXES = {"ROLL": 0, "PITCH": 1, "YAW": 2}
 _FRAMES = {"BODY": stages.BODY, "WIND": stages.WIND_AXES, "LOCAL": stages.LOCAL, "INERTIAL": stages.INERTIAL}
+_READERS = {"property", "p", "independentVar", "input", "test", "default", "gain", "min", "max"}
 _COPIED = ("throttle", "mixture", "advance", "feather")
 
 
@@ -38,13 +39,13 @@ class Translation:
         program: what is run.
         numbers: of the model, in the program's order.
         declared: property -> value that the model declares.
-        places: number -> where it stands, counted through the elements of the tree.
+        places: (number, element whose text it is) of those that another model may have otherwise.
     """
 
     program: Program
     numbers: tuple[float, ...]
     declared: Mapping[str, float]
-    places: tuple[tuple[int, int], ...]
+    places: tuple[tuple[int, ET.Element], ...]
 
 
 def translate(
@@ -90,12 +91,18 @@ class _Model:
                 if section.get("file"):
                     raise Untranslated(f"<{section.tag}> is in a file of its own")
                 self._declared |= declared(section)
+        read = self._read()
         b.stage(Op.PROPAGATE)
+        for op, names in ((Op.EULER, EULER.keys() | EULER_RATES.keys()), (Op.GEOGRAPHY, GEOGRAPHY.keys())):
+            if read & names:
+                b.stage(op)
         self._systems()
         self._functions([*tree.findall("mass_balance")])
         b.stage(Op.AUXILIARY)
-        if self._reads_air_data(logged):
-            b.stage(Op.AIR_DATA)
+        wanted = read | {plain(n) for n in logged}
+        for op, names in ((Op.EULER_RATES, EULER_RATES.keys()), (Op.AIR_DATA, AIR_DATA.keys())):
+            if wanted & names:
+                b.stage(op)
         propulsion = tree.find("propulsion")
         self._functions([propulsion] if propulsion is not None else [])
         self._engines.add(propulsion)
@@ -106,17 +113,16 @@ class _Model:
             raise Untranslated("it has buoyant forces")
         b.stage(Op.ACCELERATE)
         b.begin_log()
+        for op, names in ((Op.EULER, EULER.keys()), (Op.GEOGRAPHY, GEOGRAPHY.keys())):
+            if wanted & names and not read & names:
+                b.stage(op)
         for name in logged:
             b.log(name, self._p.read(name))
-        order = {id(e): i for i, e in enumerate(tree.iter())}
-        places = tuple((number, order[id(e)]) for number, e in b.places if id(e) in order)
-        return Translation(b.build(), tuple(b.numbers), self._declared, places)
+        return Translation(b.build(), tuple(b.numbers), self._declared, tuple(b.places))
 
-    def _reads_air_data(self, logged: Sequence[str]) -> bool:
-        read = {plain((e.text or "").lstrip(" -")) for e in self._tree.iter()
-                if e.tag in {"property", "p", "independentVar", "input", "test"} and e.text}  # fmt: skip
-        read |= {plain(n) for n in logged}
-        return bool(read & set(AIR_DATA))
+    def _read(self) -> set[str]:
+        """Return the properties that anything in the model reads."""
+        return {plain((e.text or "").lstrip(" -")) for e in self._tree.iter() if e.tag in _READERS and e.text}
 
     def _functions(self, sections: Sequence[ET.Element], kind: str = "pre") -> None:
         """Evaluate the functions that stand by themselves in sections of the model."""

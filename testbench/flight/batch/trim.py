@@ -1,0 +1,189 @@
+"""Trim many flights at once: Newton's method on the forces of a batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from testbench.aircraft import Aircraft
+from testbench.core.constants import FT_M
+from testbench.core.errors import TestbenchError
+from testbench.core.record import FloatArray
+from testbench.flight.air import Air
+from testbench.flight.batch import registers as r
+from testbench.flight.batch.check import judged, variant_known
+from testbench.flight.batch.fly import LANES, Simulator
+from testbench.flight.batch.model import BatchModel, put, read
+from testbench.flight.condition import FlightCondition, TrimmedFlight
+from testbench.flight.executive import body_from_earth
+from testbench.flight.trim import (
+    TOLERANCE,
+    UNKNOWN_STEP,
+    checked_trim,
+    first_guess,
+    horizon_rates,
+    trim,
+    unknowns,
+    velocity_at,
+)  # fmt: skip
+
+_ITERATIONS = 12
+_LONGEST = 0.3  # step of an unknown
+_SI = np.array([FT_M, FT_M, FT_M, 1.0, 1.0, 1.0])
+
+
+def trim_many(
+    aircraft: Sequence[Aircraft],
+    conditions: Sequence[FlightCondition],
+    rate_hz: float | None = None,
+    airs: Sequence[Air | None] | None = None,
+    simulator: Simulator = "auto",
+) -> list[TrimmedFlight | TestbenchError]:
+    """Trim every aircraft at its condition, as :func:`testbench.flight.trim` would.
+
+    The first of each shape is trimmed by JSBSim, which the batch is then compared with. What does not come to an
+    equilibrium in the batch is trimmed by JSBSim, too, which says why there is none. What each comes to does not depend
+    on the others.
+
+    Args:
+        aircraft: of each flight.
+        conditions: of each flight.
+        rate_hz: frame rate; each aircraft's own if not given.
+        airs: of each flight; only its steady wind counts.
+        simulator: "jsbsim" trims one by one.
+
+    Returns:
+        For each flight its trim, or why there is none.
+    """
+    out: list[TrimmedFlight | TestbenchError | None] = [None] * len(aircraft)
+    blowing = airs or [None] * len(aircraft)
+    groups: dict[int, list[tuple[int, BatchModel]]] = {}
+    for i, (each, condition) in enumerate(zip(aircraft, conditions, strict=True)):
+        try:
+            model = None if simulator == "jsbsim" else _model(each, rate_hz or each.rate_hz, condition, blowing[i])
+        except TestbenchError as error:
+            out[i] = error
+            continue
+        if model is None:
+            out[i] = _by_jsbsim(each, condition, rate_hz, blowing[i])
+        else:
+            groups.setdefault(id(model.program), []).append((i, model))
+    for group in groups.values():
+        for k in range(0, len(group), LANES):
+            block = group[k : k + LANES]
+            members = [i for i, _ in block]
+            found = _trimmed([m for _, m in block], [conditions[i] for i in members], [blowing[i] for i in members])
+            for i, result in zip(members, found, strict=True):
+                out[i] = _by_jsbsim(aircraft[i], conditions[i], rate_hz, blowing[i]) if result is None else result
+    return [x for x in out if x is not None]
+
+
+def _model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition, air: Air | None) -> BatchModel | None:
+    """Return the model to trim by, or None if JSBSim must; an unknown one is trimmed and judged first."""
+    known = variant_known(aircraft, rate_hz, condition)
+    if known is None:
+        known = judged(aircraft, trim(aircraft, condition, rate_hz, air)).model
+    return known
+
+
+def _by_jsbsim(
+    aircraft: Aircraft, condition: FlightCondition, rate_hz: float | None, air: Air | None
+) -> TrimmedFlight | TestbenchError:
+    try:
+        return trim(aircraft, condition, rate_hz, air)
+    except TestbenchError as error:
+        return error
+
+
+def _trimmed(
+    models: Sequence[BatchModel], conditions: Sequence[FlightCondition], airs: Sequence[Air | None]
+) -> list[TrimmedFlight | TestbenchError | None]:
+    """Trim one block; None for a flight that does not come to rest."""
+    problem = _Problem(models, conditions, airs)
+    x, residual, done = problem.newton()
+    state = problem.state()
+    out: list[TrimmedFlight | TestbenchError | None] = []
+    for lane, (model, condition) in enumerate(zip(models, conditions, strict=True)):
+        if not done[lane]:
+            out.append(None)
+            continue
+        found = dict(zip(problem.names, map(float, x[:, lane]), strict=True))
+        try:
+            out.append(
+                checked_trim(
+                    model.aircraft, condition, model.rate_hz, found, residual[:, lane],
+                    dict(zip(model.channels, map(float, state[:, lane] * model.factors), strict=True)),
+                )
+            )  # fmt: skip
+        except TestbenchError as error:
+            out.append(error)
+    return out
+
+
+class _Problem:
+    """Six accelerations (6, flights) as functions of the unknowns (unknowns, flights)."""
+
+    def __init__(
+        self, models: Sequence[BatchModel], conditions: Sequence[FlightCondition], airs: Sequence[Air | None]
+    ) -> None:
+        self._model = models[0]
+        self._conditions = conditions
+        self.names = unknowns(models[0].aircraft)
+        self._wind = np.array([(0.0, 0.0, 0.0) if a is None else a.wind_m_s for a in airs]).T
+        self._models = models
+        self._R = self._afresh()
+
+    def _afresh(self) -> FloatArray:
+        R = np.ascontiguousarray(np.stack([m.start for m in self._models], axis=1))
+        R[r.GUST : r.GUST + 3] = self._wind / FT_M
+        return R
+
+    def newton(self) -> tuple[FloatArray, FloatArray, np.ndarray]:
+        """Return unknowns, residuals and which flights have come to rest; each stops by itself."""
+        x = np.repeat(first_guess(self.names)[:, None], len(self._models), axis=1)
+        residual = self._accelerations(x)
+        for _ in range(_ITERATIONS):
+            moving = ~(np.max(np.abs(residual), axis=0) < TOLERANCE)
+            if not np.any(moving):
+                break
+            J = self._jacobian(x)
+            for lane in np.flatnonzero(moving):
+                if not (np.all(np.isfinite(J[:, :, lane])) and np.linalg.cond(J[:, :, lane]) < 1e12):
+                    continue
+                step = np.linalg.solve(J[:, :, lane], residual[:, lane])
+                x[:, lane] -= np.clip(step, -_LONGEST, _LONGEST)
+            residual = np.where(moving, self._accelerations(x), residual)
+        self._R = self._afresh()  # so that nothing remains of how long others took
+        residual = self._accelerations(x)
+        return x, residual, np.max(np.abs(residual), axis=0) < TOLERANCE
+
+    def _jacobian(self, x: FloatArray) -> FloatArray:
+        columns = []
+        for i, name in enumerate(self.names):
+            step = np.zeros_like(x)
+            step[i] = UNKNOWN_STEP.get(name, 1e-4)
+            up, down = self._accelerations(x + step), self._accelerations(x - step)
+            columns.append((up - down) / (2.0 * step[i]))
+        return np.stack(columns, axis=1)
+
+    def _accelerations(self, x: FloatArray) -> FloatArray:
+        at = dict(zip(self.names, x, strict=True))
+        flights = []
+        for lane, condition in enumerate(self._conditions):
+            alpha, phi = float(at["alpha"][lane]), float(at["phi"][lane])
+            gamma = float(at["gamma"][lane]) if "gamma" in at else condition.gamma_rad
+            uvw = velocity_at(condition.V_m_s, alpha, float(at["beta"][lane]) if "beta" in at else 0.0)
+            theta, wind = alpha + gamma, self._wind[:, lane]
+            pqr = horizon_rates(condition.h_m, theta, phi, uvw, wind)
+            if wind.any():
+                uvw = uvw + body_from_earth(theta, phi) @ wind
+            flights.append((condition.h_m, theta, phi, uvw, pqr))
+        h, theta_, phi_ = (np.array([f[k] for f in flights]) for k in range(3))
+        uvw_, pqr_ = (np.stack([f[k] for f in flights], axis=1) for k in (3, 4))
+        put(self._model, self._R, h, theta_, phi_, uvw_, pqr_, at, self._model.iterations)
+        return np.asarray(self._R[r.U_DOT : r.U_DOT + 6]) * _SI[:, None]
+
+    def state(self) -> FloatArray:
+        """Return every channel (channels, flights), in JSBSim's unit."""
+        return read(self._model, self._R)
