@@ -67,10 +67,10 @@ class Values(Strict):
 
 
 class Uncertainty(Strict):
-    """Of a coefficient: the aircraft's own law, normal about the believed value.
+    """Of a coefficient, or of all ("coefficient.*"): normal about the believed value, by what aircraft.toml states.
 
-    The standard deviation is the one that ``[uncertainty]`` of aircraft.toml states. The key "coefficient.*" draws
-    every coefficient that stands there, each on its own; a key that names one of them goes before it.
+    The relative standard deviation is that of ``[uncertainty]``. "coefficient.*" draws every coefficient that stands
+    there, each on its own; a key that names one of them goes before it.
     """
 
     kind: Literal["uncertainty"]
