@@ -146,19 +146,25 @@ def _limits_over_draws(result: DesignResult, over: OverDraws) -> list[str]:
     n, names = len(over.told.costs), [f.tightest.name for f in over.broken]
     out = []
     if over.lowered < 1.0:
+        binding = max((f.tightest for f in over.flights), key=lambda t: t.share).name
         out.append(
             f"For the drawn aircraft the amplitude was lowered to {100 * over.lowered:.0f} % of what the believed one "
-            "takes"
+            f"takes; the limit that binds in the worst of them is {_limit_words(binding)}"
         )
     if names:
         most = max(dict.fromkeys(names), key=names.count)
-        limit = limit_words(most) if most else "one of the aircraft itself, and the flight ends"
-        said = f"At this amplitude the input breaks a limit in {len(names)} of {n} drawn aircraft, most often {limit}"
+        said = f"At this amplitude the input breaks a limit in {len(names)} of {n} drawn aircraft, most often "
+        said += _limit_words(most)
         fix = "; robust = true chooses input and amplitude for all of them"
         out.append(said + ("" if result.scenario.robust else fix))
     else:
         out.append(f"At this amplitude the input breaks no limit in any of the {n} drawn aircraft")
     return out
+
+
+def _limit_words(name: str) -> str:
+    """Return a limit in words; one without a name has ended the flight."""
+    return f"that on {limit_words(name)}" if name else "one of the aircraft itself, which ends the flight"
 
 
 def _shortest(result: DesignResult) -> list[str]:

@@ -121,6 +121,7 @@ def test_a_robust_design_keeps_the_limits_in_every_draw_and_has_the_smallest_wor
     assert max(f.tightest.share for f in robust.best.over.flights) > 0.9  # no smaller than it must be
     assert "in each of" in design_sentences(robust)[0]
     assert "in the worst of them" in design_sentences(robust)[0]
+    assert any("the limit that binds in the worst of them is that on the" in s for s in design_sentences(robust))
     assert robust.shortest is None
     assert {r.design.family for r in robust.ranking} == {r.design.family for r in judged.ranking}
 
