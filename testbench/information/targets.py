@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -69,7 +70,7 @@ def needed_parameters(plane: str, controls: Sequence[str], slow: bool, elastic: 
 def targets(
     structure: AircraftStructure,
     parameters: Mapping[str, float],
-    modes: Mapping[str, complex],
+    modes: Mapping[str, complex | tuple[complex, complex]],
     mode_accuracy: tuple[float, float],
 ) -> Targets:
     """Return the targets of a design.
@@ -77,11 +78,13 @@ def targets(
     Args:
         structure: with every parameter that is estimated, free.
         parameters: name -> wanted standard error relative to the true value.
-        modes: name -> true pole, rad/s, of the modes that are targets.
+        modes: name -> true pole, rad/s, of the modes that are targets; or the two real roots s1, s2 that an oscillation
+            has split into, which keeps its natural frequency sqrt(s1 s2) and damping ratio -(s1 + s2) / (2 wn).
         mode_accuracy: wanted relative error of the natural frequency, and error of the damping ratio.
 
     Raises:
-        EstimationError: a parameter is not among the structure's, or its true value is zero.
+        EstimationError: a parameter is not among the structure's, or its true value is zero; or one of the two roots
+            of a mode grows.
     """
     known = structure.parameter_names
     names, values, wanted, rows = [], [], [], []
@@ -96,23 +99,41 @@ def targets(
         wanted.append(relative * abs(structure.true[k]))
         rows.append(np.eye(len(known))[k])
     poles, slopes = pole_sensitivities(structure)
-    for name, pole in modes.items():
-        at = int(np.argmin(np.abs(poles - pole)))
-        s, d = poles[at], slopes[at]
-        wn = abs(s)
-        d_wn = (np.conj(s) * d).real / wn
-        names.append(f"wn of {name}")
-        values.append(wn)
-        wanted.append(mode_accuracy[0] * wn)
-        rows.append(d_wn)
-        if abs(s.imag) > 1e-9 * wn:  # a real root has no damping ratio to speak of
-            names.append(f"zeta of {name}")
-            values.append(-s.real / wn)
-            wanted.append(mode_accuracy[1])
-            rows.append(-d.real / wn + s.real * d_wn / wn**2)
+    for name, found in modes.items():
+        if isinstance(found, tuple):
+            (a, da), (b, db) = _roots(poles, slopes, found)
+            if not (a * b).real > 0.0:
+                raise EstimationError(f"the {name} has split into real roots of which one grows: it has no frequency")
+            wn = math.sqrt((a * b).real)
+            d_wn, zeta, d_sum = (a * db + b * da).real / (2.0 * wn), -(a + b).real / (2.0 * wn), (da + db).real
+            quantities = [(wn, d_wn), (zeta, -d_sum / (2.0 * wn) - zeta * d_wn / wn)]
+        else:
+            ((s, d),) = _roots(poles, slopes, (found,))
+            wn = abs(s)
+            d_wn = (np.conj(s) * d).real / wn
+            quantities = [(wn, d_wn)]
+            if abs(s.imag) > 1e-9 * wn:  # a real root has no damping ratio to speak of
+                quantities.append((-s.real / wn, -d.real / wn + s.real * d_wn / wn**2))
+        for of, error, (value, row) in zip(
+            ("wn", "zeta"), (mode_accuracy[0] * wn, mode_accuracy[1]), quantities, strict=False
+        ):
+            names.append(f"{of} of {name}")
+            values.append(value)
+            wanted.append(error)
+            rows.append(row)
     if not names:
         raise EstimationError("a design needs at least one target: parameters or modes")
     return Targets(tuple(names), np.array(values), np.array(wanted), np.array(rows))
+
+
+def _roots(poles: np.ndarray, slopes: np.ndarray, near: Sequence[complex]) -> list[tuple[complex, np.ndarray]]:
+    """Return the roots (and their derivatives (k,)) that lie nearest to some poles, a different one for each."""
+    out, left = [], list(range(len(poles)))
+    for pole in near:
+        at = min(left, key=lambda i: abs(poles[i] - pole))
+        left.remove(at)
+        out.append((complex(poles[at]), slopes[at]))
+    return out
 
 
 def pole_sensitivities(structure: AircraftStructure) -> tuple[np.ndarray, np.ndarray]:

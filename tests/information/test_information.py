@@ -1,5 +1,7 @@
 """The linearised aircraft as a structure, and the Fisher information of an input through sensors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.flight import linearise
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
 from testbench.information.fisher import Experiment, accuracy, cost
+from testbench.information.targets import targets
 from testbench.sensors import Sensor
 
 FREE = ("X_V", "Z_alpha", "Z_de", "M_alpha", "M_q", "M_de")
@@ -74,6 +77,52 @@ def test_modal_parameters_are_frequency_and_damping(eolo, eolo_trim):
     assert s.true[0] == pytest.approx(np.sqrt(-s.A0[row, column]))
     params = s.true * np.array([1.1, 1.0, 1.0])
     assert s.matrices(params).A[row, column] == pytest.approx(1.21 * s.A0[row, column])
+
+
+def rigid_pair(A) -> tuple[complex, complex]:
+    """The two roots that lie farthest out apart from the servo's: those of the short period, split or not."""
+    poles = sorted(np.linalg.eigvals(A), key=abs)
+    fast = [p for p in poles if abs(p) > 2.0 and abs(p + 50.0) > 15.0]
+    return complex(fast[0]), complex(fast[1])
+
+
+@pytest.mark.parametrize("stiffness", [1.0, 0.02])
+def test_a_mode_keeps_frequency_and_damping_where_it_splits(linear, taurus_trim, stiffness):
+    """Values and slopes of wn = sqrt(s1 s2) and zeta, against differences of the eigenvalues of changed matrices."""
+    s = structure(linear, taurus_trim)
+    params = s.true * np.where(np.array(FREE) == "M_alpha", stiffness, 1.0)
+    m = s.matrices(params)
+    s = replace(s, A0=m.A, C0=m.C, true=params)
+    a, b = rigid_pair(m.A)
+    assert (a.imag == 0.0) == (stiffness < 1.0)
+    aim = targets(s, {}, {"short period": (a, b)}, (0.01, 0.01))
+    assert aim.names == ("wn of short period", "zeta of short period")
+
+    def quantities(params) -> np.ndarray:
+        one, two = rigid_pair(s.matrices(params).A)
+        wn = np.sqrt((one * two).real)
+        return np.array([wn, -(one + two).real / (2.0 * wn)])
+
+    np.testing.assert_allclose(aim.values, quantities(params), rtol=1e-9)
+    for k in range(len(FREE)):
+        step = np.zeros(len(FREE))
+        step[k] = 1e-5 * abs(params[k])
+        slope = (quantities(params + step) - quantities(params - step)) / (2.0 * step[k])
+        np.testing.assert_allclose(aim.jacobian[:, k], slope, rtol=1e-4, atol=1e-8)
+    if stiffness == 1.0:  # a pair is what one of its poles is
+        alone = targets(s, {}, {"short period": a}, (0.01, 0.01))
+        np.testing.assert_allclose(alone.jacobian, aim.jacobian, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(alone.values, aim.values, rtol=1e-12)
+
+
+def test_a_root_that_grows_has_no_frequency(linear, taurus_trim):
+    s = structure(linear, taurus_trim)
+    params = s.true * np.where(np.array(FREE) == "M_alpha", -1.0, 1.0)
+    m = s.matrices(params)
+    s = replace(s, A0=m.A, C0=m.C, true=params)
+    poles = np.linalg.eigvals(m.A).real
+    with pytest.raises(EstimationError, match="the short period has split into real roots of which one grows"):
+        targets(s, {}, {"short period": (complex(poles.max()), complex(poles.min()))}, (0.01, 0.01))
 
 
 def test_information_is_that_of_the_sensitivities(linear, taurus_trim):

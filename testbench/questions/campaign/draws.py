@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-import zlib
 from typing import Any
 
 import numpy as np
 
-from testbench.questions.campaign.scenario import CampaignSpec, Choice, Distribution, LogNormal, Normal, Uniform
+from testbench.core.generators import keyed_generator
+from testbench.questions.campaign.scenario import (
+    CampaignSpec,
+    Choice,
+    Distribution,
+    LogNormal,
+    Normal,
+    Uncertainty,
+    Uniform,
+)
 
 
 def run_seed(spec: CampaignSpec, index: int) -> int:
@@ -40,6 +48,7 @@ def nominal_inputs(spec: CampaignSpec) -> dict[str, Any]:
 
 def middle(law: Distribution) -> Any:
     """Return mean, midpoint or median of a distribution; the first entry of choices and values."""
+    assert not isinstance(law, Uncertainty), "with_own_laws puts a normal law in its place"
     if isinstance(law, Normal):
         return law.mean
     if isinstance(law, Uniform):
@@ -50,9 +59,10 @@ def middle(law: Distribution) -> Any:
 
 
 def _draw(law: Distribution, seed: int, index: int, key: str) -> Any:
+    assert not isinstance(law, Uncertainty), "with_own_laws puts a normal law in its place"
     if not isinstance(law, (Normal, Uniform, LogNormal, Choice)):
         return law.values[index % len(law.values)]
-    rng = np.random.default_rng(np.random.SeedSequence([seed, index], spawn_key=(zlib.crc32(key.encode()),)))
+    rng = keyed_generator(seed, index, key)
     if isinstance(law, Normal):
         return law.mean + law.std * float(rng.standard_normal())
     if isinstance(law, Uniform):

@@ -21,6 +21,7 @@ from testbench.estimators.brought import FOLDER
 from testbench.estimators.identification import estimator_name
 from testbench.flight import load_aircraft
 from testbench.questions.campaign.draws import nominal_inputs
+from testbench.questions.campaign.own_laws import own_keys, with_own_laws
 from testbench.questions.campaign.scenario import CampaignSpec
 from testbench.questions.campaign.targets import change_aircraft, change_suites, check_target, is_scenario_key, set_keys
 from testbench.questions.run.check import check
@@ -41,12 +42,14 @@ class Campaign:
         content: the base scenario as a table; sensor suites that are files by absolute path.
         base: the same, with every varied key in the middle of its distribution.
         text: the campaign's file, verbatim.
+        own: keys that are drawn by the aircraft's own uncertainty; their laws stand in ``spec`` as normal ones.
     """
 
     spec: CampaignSpec
     content: Mapping[str, Any]
     base: Scenario
     text: str
+    own: tuple[str, ...] = ()
 
     @property
     def cases(self) -> list[str]:
@@ -110,8 +113,10 @@ def load_campaign(path: Path | str) -> Campaign:
     bare, _ = parse(Scenario, content, origin)
     assert bare is not None
     content = _resolved(content, bare, origin)
-    nominal = Scenario.model_validate(set_keys(content, nominal_inputs(spec)))
-    return Campaign(spec, content, nominal.at(origin), spec.file.read_text(encoding="utf-8"))
+    full = with_own_laws(spec, load_aircraft(bare.aircraft, bare.wings))
+    nominal = Scenario.model_validate(set_keys(content, nominal_inputs(full)))
+    text = spec.file.read_text(encoding="utf-8")
+    return Campaign(full, content, nominal.at(origin), text, own_keys(spec, full))
 
 
 def campaign_faults(spec: CampaignSpec) -> list[str]:
@@ -125,6 +130,10 @@ def campaign_faults(spec: CampaignSpec) -> list[str]:
     content = _resolved(content, bare, origin)
     found = check(bare.at(origin))
     if not found:
+        try:
+            spec = with_own_laws(spec, load_aircraft(bare.aircraft, bare.wings))
+        except ScenarioError as error:
+            return [*faults, *error.faults]
         found = _check_keys(spec, content, bare, file)
     faults += found
     if not found:

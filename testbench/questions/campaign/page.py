@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from testbench.aircraft.believed import KEY
+from testbench.core.constants import PERCENT
+from testbench.page.labels import number
 from testbench.page.page import Page
 from testbench.questions.campaign.answer import campaign_answer, cost_sentence
 from testbench.questions.campaign.figures import campaign_plates
+from testbench.questions.campaign.scenario import Normal
 from testbench.questions.campaign.tables import campaign_tables, runs_csv
 
 if TYPE_CHECKING:
@@ -15,7 +19,7 @@ if TYPE_CHECKING:
 
 def campaign_page(result: CampaignResult) -> Page:
     """Return the page of a campaign, with tables/runs.csv: every finished run with all its figures."""
-    spec, cost = result.campaign.spec, cost_sentence(result)
+    spec, own, cost = result.campaign.spec, result.campaign.own, cost_sentence(result)
     return Page(
         kicker=f"Campaign: {spec.name}",
         title=spec.title,
@@ -27,12 +31,25 @@ def campaign_page(result: CampaignResult) -> Page:
         template="questions/campaign/page.html.j2",
         asked=[
             *((key, f"grid: {', '.join(map(str, values))}") for key, values in spec.grid.items()),
-            *((key, _law(law)) for key, law in spec.vary.items()),
+            *((key, _law(law)) for key, law in spec.vary.items() if key not in own),
+            *([("coefficients", _own(result))] if own else []),
             ("cost", cost),
         ],
         provenance=[("seed", str(spec.seed))],
         source=(f"{spec.name}.toml", result.campaign.text),
         notes=[cost],
+    )
+
+
+def _own(result: CampaignResult) -> str:
+    """Return in words what is drawn by the aircraft's own uncertainty."""
+    laws = [(key, result.campaign.spec.vary[key]) for key in result.campaign.own]
+    listed = ", ".join(
+        f"{key.removeprefix(KEY)} {number(law.std / PERCENT)} %" for key, law in laws if isinstance(law, Normal)
+    )
+    return (
+        "by the uncertainty that the aircraft states, each on its own: factors on the believed values, normal about 1 "
+        f"with the relative standard deviations {listed}"
     )
 
 

@@ -66,7 +66,19 @@ class Values(Strict):
     values: Annotated[tuple[Entry, ...], Field(min_length=1, strict=False)]
 
 
-Distribution = Annotated[Normal | Uniform | LogNormal | Choice | Values, Field(discriminator="kind")]
+class Uncertainty(Strict):
+    """Of a coefficient, or of all ("coefficient.*"): normal about the believed value, by what aircraft.toml states.
+
+    The relative standard deviation is that of ``[uncertainty]``. "coefficient.*" draws every coefficient that stands
+    there, each on its own; a key that names one of them goes before it.
+    """
+
+    kind: Literal["uncertainty"]
+
+
+Distribution = Annotated[Normal | Uniform | LogNormal | Choice | Values | Uncertainty, Field(discriminator="kind")]
+EVERY = "coefficient.*"
+"""The key that stands for every coefficient whose deviation the aircraft states."""
 
 
 class Stop(Strict):
@@ -119,9 +131,28 @@ class CampaignSpec(Asked):
         both = sorted(set(self.vary) & set(self.grid))
         if both:
             faults.append(f"a key is either varied or on the grid, got both for {', '.join(both)}")
+        faults += self._faults_of_uncertainty()
         if faults:
             raise ValueError("; ".join(faults))
         return self
+
+    def _faults_of_uncertainty(self) -> list[str]:
+        """Return the laws that the draws by the aircraft's own uncertainty break."""
+        own = [key for key, law in self.vary.items() if isinstance(law, Uncertainty)]
+        faults = [
+            f'kind "uncertainty" is for coefficients, "coefficient.NAME" or "{EVERY}", got it for "{key}"; give a '
+            "distribution"
+            for key in own
+            if not key.startswith("coefficient.")
+        ]
+        if EVERY in self.grid or (EVERY in self.vary and EVERY not in own):
+            faults.append(f'"{EVERY}" takes {{ kind = "uncertainty" }} under [vary] and nothing else')
+        if own and "aircraft" in {*self.vary, *self.grid}:
+            faults.append(
+                'kind "uncertainty" takes the deviations of one aircraft, but aircraft varies; make one campaign of '
+                "each, or give distributions"
+            )
+        return faults
 
     @property
     def cells(self) -> int:

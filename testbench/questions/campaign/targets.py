@@ -6,6 +6,7 @@
                                   shift of the centre of gravity forward, right, down
     coefficient.NAME              factor on an aerodynamic coefficient: aero/coefficient/NAME of a model in the
                                   testbench's own form; of any other CL, CD, CY, Cl, Cm, Cn or a derivative, Cm_alpha
+    coefficient.*                 every coefficient whose deviation the aircraft states, by kind "uncertainty"
     property.NAME                 value of a property that the model declares, or that a foreign model is told before
                                   it flies, in its own unit
     sensor.CHANNEL.FIELD          figure of that sensor in every suite: noise_std, bias, scale, lag_s, delay_s, quantum,
@@ -20,13 +21,13 @@ mounted; alpha, airspeed and the wing stations are taken at the centre of gravit
 from __future__ import annotations
 
 import copy
-import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.amend import Amendment, Change, ScaleCoefficient
+from testbench.aircraft.believed import coefficient_names
 from testbench.aircraft.seams import INERTIAS, moved_centre, scaled_mass, with_setting
 from testbench.core.channels import channel, unit_factor
 from testbench.core.constants import PERCENT
@@ -35,7 +36,6 @@ from testbench.sensors import Sensor, SensorSuite
 from testbench.sensors.sensor import ACCELEROMETERS
 
 ROOMS = ("aircraft", "coefficient", "property", "sensor")
-_NOTHING = 1e-9  # a coefficient that is found by differences and is smaller is zero
 _CENTRE = {"cg_x_m": (0, -1.0), "cg_y_m": (1, 1.0), "cg_z_m": (2, -1.0)}
 AIRCRAFT_KEYS = ("mass_percent", "inertia_percent", *(f"{i}_percent" for i in INERTIAS), "cg_x_m", "cg_y_m", "cg_z_m")
 SENSOR_FIELDS = ("noise_std", "bias", "scale", "lag_s", "delay_s", "quantum", "dropout")
@@ -145,11 +145,7 @@ def _check_coefficient(aircraft: Aircraft, name: str) -> None:
     Raises:
         ModelError: the model in the testbench's own form has no function for it; that of a foreign one is zero.
     """
-    prefix = "aero/coefficient/"
-    names = [str(f.get("name")) for f in ET.fromstring(aircraft.xml).iter("function")]
-    known = [n.removeprefix(prefix) for n in names if n.startswith(prefix)]
-    if aircraft.adapter is not None:
-        known = [n for n, v in aircraft.perturbed.items() if abs(v) > _NOTHING]
+    known = coefficient_names(aircraft)
     if name not in known:
         raise ModelError(
             f"{aircraft.name} must have the coefficient that is varied, got '{name}'{nearest(name, known)}"

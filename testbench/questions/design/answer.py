@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,10 +10,12 @@ import numpy as np
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
 from testbench.page.labels import number, shown_unit, symbol
+from testbench.page.words import counted
 from testbench.questions.design.flown import limit_words
 
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
+    from testbench.questions.design.draws import OverDraws
     from testbench.questions.design.problem import Design
     from testbench.questions.design.result import DesignResult, Ranked
 
@@ -57,30 +60,12 @@ def wanted_words(result: DesignResult, k: int) -> str:
 
 def worst_target(result: DesignResult, errors: FloatArray) -> int:
     """Return the target whose error is largest against what is wanted of it."""
-    return int(np.argmax(errors / result.problem.targets.wanted))
+    return int(np.argmax(np.nan_to_num(errors / result.problem.targets.wanted, nan=-1.0, posinf=np.inf)))
 
 
 def design_sentences(result: DesignResult) -> list[str]:
     """Return the recommendation, most important first; the first sentence is the answer."""
-    best = result.best.design
-    k = worst_target(result, best.errors)
-    name, ratio = result.problem.targets.names[k], float(best.errors[k] / result.problem.targets.wanted[k])
-    what = f"the {family_label(best.family)} on the {controls_words(best)} ({best.words}), peak {peak_words(best)}"
-    error, wanted = error_words(result, best.errors, k), wanted_words(result, k)
-    out = []
-    if ratio <= 1.0:
-        out.append(
-            f"Fly {what}: it reaches every wanted accuracy; the least known is {name}, with a standard error of "
-            f"{error} where {wanted} is wanted"
-        )
-    else:
-        flights = result.obstacles.flights
-        out.append(
-            f"No admissible input found in {result.scenario.duration_s:g} s reaches every wanted accuracy; the best "
-            f"is {what}, which leaves {name} with a standard error of {error} where {wanted} is wanted"
-        )
-        if flights:
-            out.append(f"Flown {flights} times it would reach them: errors fall with the root of the number of flights")
+    out = _verdict(result) + _over_draws(result)
     out += _shortest(result) + _against_classics(result) + _in_flight(result.best) + _in_the_way(result)
     out += _modes(result) + _other_suites(result)
     for onset in result.onsets:
@@ -89,6 +74,97 @@ def design_sentences(result: DesignResult) -> list[str]:
             side = f"{onset.V_m_s - V:.1f} m/s above" if onset.V_m_s >= V else f"{V - onset.V_m_s:.1f} m/s BELOW"
             out.append(f"The onset of vibration lies {side} the speed of the design ({onset.sentence})")
     return out
+
+
+def _verdict(result: DesignResult) -> list[str]:
+    """Return what to fly and whether it is enough: for the believed aircraft, or for the worst drawn one if robust."""
+    best, over = result.best.design, result.best.over
+    robust = over is not None and result.scenario.robust
+    t = result.problem.targets
+    errors = errors_over(result, over.told.worst) if over is not None and robust else best.errors
+    k = worst_target(result, errors)
+    what = f"the {family_label(best.family)} on the {controls_words(best)} ({best.words}), peak {peak_words(best)}"
+    left = f"with a standard error of {error_words(result, errors, k)}"
+    left += f"{' in the worst of them' if robust else ''} where {wanted_words(result, k)} is wanted"
+    reached = "every wanted accuracy" + (
+        f" in each of {len(over.told.costs)} drawn aircraft" if over and robust else ""
+    )
+    if float(errors[k] / t.wanted[k]) <= 1.0:
+        return [f"Fly {what}: it reaches {reached}; the least known is {t.names[k]}, {left}"]
+    out = [
+        f"No admissible input found in {result.scenario.duration_s:g} s reaches {reached}; the best is {what}, which "
+        f"leaves {t.names[k]} {left}"
+    ]
+    if result.obstacles.flights and not robust:
+        out.append(
+            f"Flown {result.obstacles.flights} times it would reach them: errors fall with the root of the number of "
+            "flights"
+        )
+    return out
+
+
+def errors_over(result: DesignResult, ratio: Callable[[int], float]) -> FloatArray:
+    """Return the median, say, or the largest standard errors (t,) over the draws.
+
+    Args:
+        result: the design.
+        ratio: number of a target -> its error over the wanted one; NaN if no draw has the target.
+    """
+    t = result.problem.targets
+    return np.array([ratio(k) for k in range(len(t.names))]) * t.wanted
+
+
+def _over_draws(result: DesignResult) -> list[str]:
+    """Return what the stated uncertainty of the aircraft makes of the best design."""
+    draws, over, name = result.draws, result.best.over, result.aircraft.name
+    if draws is None:
+        return []
+    out = []
+    if over is not None:
+        n = len(over.told.costs)
+        worst, median = (errors_over(result, ratio) for ratio in (over.told.worst, over.told.median))
+        k = worst_target(result, worst)
+        out.append(
+            f"Over {counted(n, 'aircraft', 'aircraft')} drawn by the uncertainty that {name} states, the standard "
+            f"error of {result.problem.targets.names[k]} is {error_words(result, median, k)} in the median and "
+            f"{error_words(result, worst, k)} in the worst, beside "
+            f"{error_words(result, result.best.design.errors, k)} of the believed one; every wanted accuracy is "
+            f"reached in {over.told.reached} of {n}"
+        )
+        out += _limits_over_draws(result, over)
+        out.append(
+            "No prior is counted in these errors, because output error has none: they are what the flight itself tells"
+        )
+    if draws.lost:
+        out.append(
+            f"{len(draws.lost)} of {draws.asked} drawn aircraft cannot be judged; the first: {draws.lost[0].reason}"
+        )
+    return out
+
+
+def _limits_over_draws(result: DesignResult, over: OverDraws) -> list[str]:
+    n, names = len(over.told.costs), [f.tightest.name for f in over.broken]
+    out = []
+    if over.lowered < 1.0:
+        binding = max((f.tightest for f in over.flights), key=lambda t: t.share).name
+        out.append(
+            f"For the drawn aircraft the amplitude was lowered to {100 * over.lowered:.0f} % of what the believed one "
+            f"takes; the limit that binds in the worst of them is {_limit_words(binding)}"
+        )
+    if names:
+        most = max(dict.fromkeys(names), key=names.count)
+        said = f"At this amplitude the input breaks a limit in {len(names)} of {n} drawn aircraft, most often "
+        said += _limit_words(most)
+        fix = "; robust = true chooses input and amplitude for all of them"
+        out.append(said + ("" if result.scenario.robust else fix))
+    else:
+        out.append(f"At this amplitude the input breaks no limit in any of the {n} drawn aircraft")
+    return out
+
+
+def _limit_words(name: str) -> str:
+    """Return a limit in words; one without a name has ended the flight."""
+    return f"that on {limit_words(name)}" if name else "one of the aircraft itself, which ends the flight"
 
 
 def _shortest(result: DesignResult) -> list[str]:
@@ -103,25 +179,33 @@ def _shortest(result: DesignResult) -> list[str]:
 
 
 def _against_classics(result: DesignResult) -> list[str]:
-    parts = []
+    parts, robust = [], result.scenario.robust
+
+    def cost(ranked: Ranked) -> float:
+        """Return the criterion by which designs are ranked."""
+        return float(ranked.over.told.costs.max()) if ranked.over and robust else ranked.design.cost
+
     for family in ("doublet", "3211"):
         ranked = next((r for r in result.ranking if r.design.family == family), None)
         if ranked is not None and ranked is not result.best:
-            ratio = ranked.design.cost / result.best.design.cost
-            parts.append(f"the best single {family_label(family)} has {ratio:.2g} times its error")
-    return [f"Compared with the pilots' usual inputs, {' and '.join(parts)}"] if parts else []
+            parts.append(
+                f"the best single {family_label(family)} has {cost(ranked) / cost(result.best):.2g} times its error"
+            )
+    over = " over the drawn aircraft" if robust else ""
+    return [f"Compared with the pilots' usual inputs{over}, {' and '.join(parts)}"] if parts else []
 
 
 def _in_flight(best: Ranked) -> list[str]:
-    flown = best.flown
+    flown, lowered = best.flown, best.over.lowered if best.over else 1.0
     tight = flown.tightest
     text = (
         f"Flown in the nonlinear simulator it uses {100 * tight.share:.0f} % of the limit on "
         f"{limit_words(tight.name).removeprefix('the ')}, most at t = {tight.t_s:.2f} s"
     )
     if flown.breach:
+        share = 100 * flown.factor / lowered
         text += (
-            f"; the amplitude was lowered to {100 * flown.factor:.0f} % of what the linearised aircraft allows, "
+            f"; the amplitude was lowered to {share:.0f} % of what the linearised aircraft allows, "
             f"because at that amplitude {flown.breach}"
         )
     return [text]

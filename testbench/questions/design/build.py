@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -74,8 +74,11 @@ def problem_of(
     modes: Mapping[str, complex],
     suite: SensorSuite,
     limits: Limits,
+    whole: Collection[str] = (),
 ) -> Problem:
     """Return the design problem of a scenario for one suite.
+
+    The modes ``whole`` among the targets keep frequency and damping ratio where they split into two real roots.
 
     Raises:
         TestbenchError: sensors without noise, limits without room, or targets that do not exist.
@@ -83,6 +86,14 @@ def problem_of(
     plane, asked = scenario.plane, scenario.targets
     elastic = elastic_modes(aircraft, plane)
     aimed = {name: pole for mode in asked.modes for name, pole in roots_of(modes, mode).items()}
+    aims: dict[str, complex | tuple[complex, complex]] = {}
+    for mode in asked.modes:
+        roots = roots_of(modes, mode)
+        if mode in whole and len(roots) == 2:
+            slow, fast = roots.values()
+            aims[mode] = (slow, fast)
+        else:
+            aims |= roots
     numbers = [i for i, name in elastic.items() if name in asked.modes]
     numbers += [i for i in elastic if i not in numbers and any(_belongs(p, i) for p in _asked(asked))]
     free = needed_parameters(plane, scenario.controls, "phugoid" in asked.modes, numbers)
@@ -124,7 +135,7 @@ def problem_of(
     return Problem(
         experiment,
         prediction,
-        targets(structure, wanted, aimed, (asked.wn_percent * PERCENT, asked.zeta)),
+        targets(structure, wanted, aims, (asked.wn_percent * PERCENT, asked.zeta)),
         scenario.criterion,
         scenario.controls,
         samples * per_sample / rate,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from testbench.aircraft.believed import stated_deviations
 from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.errors import Faults, ScenarioError, TestbenchError, nearest
 from testbench.flight import load_aircraft
@@ -9,6 +10,7 @@ from testbench.flight.simulate import stride
 from testbench.information.aircraft_structure import parameter_names
 from testbench.information.modes import RIGID_MODES, elastic_modes
 from testbench.questions.design.build import outputs_of
+from testbench.questions.design.draws import draws_of
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import load_suite
 
@@ -22,6 +24,8 @@ def check(scenario: DesignScenario) -> list[str]:
     except TestbenchError as error:
         note("aircraft", error.message)
         return faults
+    if draws_of(scenario, aircraft):
+        faults.attempt("robust" if scenario.robust and not scenario.draws else "draws", stated_deviations, aircraft)
     plane = scenario.plane
     for control in scenario.controls:
         if control not in aircraft.controls:

@@ -192,6 +192,16 @@ def _error_plate(result: DesignResult) -> Plate:
     names = [family_label(r.design.family) for r in entries]
     t = result.problem.targets
     ratios = np.array([r.design.errors / t.wanted for r in entries])
+    drawn = result.best.over is not None
+    worst = np.array(
+        [
+            [r.over.told.worst(i) for i in range(len(t.names))] if r.over else row
+            for r, row in zip(entries, ratios, strict=True)
+        ]
+    )
+    worst = np.where(np.isnan(worst), ratios, worst)  # no draw has the target
+    largest = float(worst[np.isfinite(worst)].max(initial=float(ratios.max())))
+    worst = np.minimum(worst, 10.0 * largest)  # without bound: beyond the edge
 
     def make(wide: bool) -> Figure:
         """Draw one group of bars per target, one bar per design."""
@@ -205,11 +215,13 @@ def _error_plate(result: DesignResult) -> Plate:
             for k in range(len(entries)):
                 y = i * each + 0.13 * k
                 axes.barh(y, ratios[k, i] - low, left=low, height=0.115, color=COLOURS[k % 6])
+                if drawn:
+                    axes.plot([ratios[k, i], worst[k, i]], [y, y], color=INK, linewidth=0.8, marker="|", markersize=4)
             text = _short_error(result, entries[0].design.errors, i)
+            end = min(worst[0, i], 1.2 * largest)
             axes.annotate(
-                text, (ratios[0, i], i * each), xytext=(3, 0), textcoords="offset points", va="center", fontsize=7,
-                color=QUIET,
-            )  # fmt: skip
+                text, (end, i * each), xytext=(3, 0), textcoords="offset points", va="center", fontsize=7, color=QUIET
+            )
         axes.axvline(1.0, color=_LIMIT, linewidth=1.2, linestyle=_DASHED)
         middle = 0.065 * (len(entries) - 1)
         axes.set_yticks(
@@ -219,7 +231,7 @@ def _error_plate(result: DesignResult) -> Plate:
         )
         axes.set_ylim(height - 0.5 * 0.16 - 0.06, -0.5 * 0.16 - 0.06)
         axes.grid(axis="y", visible=False)
-        axes.set_xlim(low, max(2.0, 1.6 * float(ratios.max())))
+        axes.set_xlim(low, max(2.0, 1.6 * largest))
         log_axis(axes, "x", powers=True)
         label(axes, "predicted standard error over the wanted one" if wide else "error over the wanted one")
         handles = line_handles([], [*((n, COLOURS[k % 6]) for k, n in enumerate(names)), ("wanted", _LIMIT, _DASHED)])
@@ -230,6 +242,8 @@ def _error_plate(result: DesignResult) -> Plate:
         "Predicted standard error of every target over the wanted one: left of the dashed line is good enough. Bars "
         "stand in the order of the legend. The number beside the first bar is the error of the recommended input."
     )
+    if drawn:
+        caption += " The thin line runs to the error in the worst of the drawn aircraft."
     return Plate("errors", "What each input tells", caption, make)
 
 

@@ -149,14 +149,12 @@ def fly_design(aircraft: Aircraft, trimmed: TrimmedFlight, problem: Problem, des
         design: at the amplitude that the linearised aircraft allows.
         limits: the limits of the scenario.
     """
-    rate = trimmed.rate_hz
-    log_rate = rate / max(1, int(rate // _LOG_HZ))
     top = _linear_room(problem, design)
     factor, low, high, said = min(1.0, top), 0.0, np.inf, ""
     tried = []
     for attempt in range(_FLIGHTS):
         now = rescaled(problem, design, factor, design.limit)
-        record, broken, tight = _flight(aircraft, trimmed, now, limits, log_rate)
+        record, broken, tight = fly_once(aircraft, trimmed, now, limits)
         if attempt == 0 and broken:
             said = broken[0]
         tried.append((not broken, factor, now, record, tight))
@@ -172,10 +170,17 @@ def fly_design(aircraft: Aircraft, trimmed: TrimmedFlight, problem: Problem, des
     return Flown(replace(final, limit=tight.name or final.limit), record, design, tight, said, bool(good))
 
 
-def _flight(
-    aircraft: Aircraft, trimmed: TrimmedFlight, design: Design, limits: Envelope, log_rate: float
+def fly_once(
+    aircraft: Aircraft, trimmed: TrimmedFlight, design: Design, limits: Envelope
 ) -> tuple[FlightRecord, list[str], Tightest]:
-    """Fly once; return the record, the limits that it breaks in words, and the one that is used up most."""
+    """Fly a design once; return the record, the limits that it breaks in words, and the one that is used up most.
+
+    A flight that ends before its time uses up more than all of a limit without a name.
+
+    Raises:
+        FlightAborted: it ended before anything was logged.
+    """
+    rate = trimmed.rate_hz
     try:
         commands = (f"{name}_cmd" for name in design.controls)
         names = tuple(dict.fromkeys([*limits.bands, *design.controls, *commands, *_SHOWN]))
@@ -185,7 +190,7 @@ def _flight(
             design.family,
             design.specs,
             design.duration_s,
-            log_rate_hz=log_rate,
+            log_rate_hz=rate / max(1, int(rate // _LOG_HZ)),
             channels=names,
         ).flown
     except FlightAborted as error:

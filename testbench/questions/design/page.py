@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from testbench.page.page import Page, source_of
+from testbench.page.words import counted
 from testbench.questions.design.answer import design_sentences, limit_rows
 from testbench.questions.design.figures import design_plates
 from testbench.questions.design.ready import ready_to_fly
@@ -36,6 +37,7 @@ def design_page(result: DesignResult) -> Page:
             ("sensors", result.suite.title),
             ("flown by", f"{scenario.by}, steps of {scenario.shortest_s:g} s or longer"),
             ("time", f"{scenario.duration_s:g} s, the first {scenario.start_s:g} s undisturbed"),
+            *([("uncertainty", _drawn_words(result))] if result.draws is not None else []),
             ("limits", "; ".join(limit_rows(result))),
             ("estimated", f"{estimated}; everything else is taken as known"),
         ],
@@ -43,4 +45,14 @@ def design_page(result: DesignResult) -> Page:
         source=source_of(scenario),
         terminal=[short_ranking(result)],
         closing=[("Ready to fly", "testbench run {}/designs/1_*.toml")],
+    )
+
+
+def _drawn_words(result: DesignResult) -> str:
+    """Return what was drawn, and what it decides."""
+    assert result.draws is not None
+    chosen = "the worst of them" if result.scenario.robust else "the believed aircraft"
+    return (
+        f"{counted(result.draws.asked, 'aircraft', 'aircraft')} drawn by what {result.aircraft.name} states of its "
+        f"coefficients; input and amplitude are chosen for {chosen}"
     )

@@ -138,6 +138,12 @@ def rescaled(problem: Problem, design: Design, factor: float, limit: str) -> Des
     return _told(problem, design.family, design.words, specs, u, limit, design.duration_s)
 
 
+def seen_in(problem: Problem, design: Design) -> Design:
+    """Return a design as it is, commands unchanged, as another problem judges it."""
+    u = sampled(design.specs, problem.controls, problem.duration_s, problem.rate_hz)
+    return _told(problem, design.family, design.words, design.specs, u, design.limit, design.duration_s)
+
+
 def _told(
     problem: Problem, family: str, words: str, specs: tuple[Input, ...], u: FloatArray, limit: str, duration_s: float
 ) -> Design:

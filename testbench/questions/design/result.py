@@ -12,6 +12,7 @@ from testbench.core.record import FloatArray
 from testbench.evaluation.envelope import Onset
 from testbench.flight import LinearModel, TrimmedFlight
 from testbench.inputs.signal import energy_spectrum
+from testbench.questions.design.draws import Draws, OverDraws
 from testbench.questions.design.flown import Envelope, Flown
 from testbench.questions.design.limits import Limits
 from testbench.questions.design.obstacles import Obstacles
@@ -23,10 +24,11 @@ from testbench.sensors import SensorSuite
 
 @dataclass(frozen=True, eq=False)
 class Ranked:
-    """One design as it was flown, and what it does to the modes."""
+    """One design as it was flown, what it does to the modes, and over the drawn aircraft if there are any."""
 
     flown: Flown
     energy: SpectralEnergy
+    over: OverDraws | None = None
 
     @property
     def design(self) -> Design:
@@ -51,6 +53,7 @@ class DesignResult:
         others: further suite -> standard errors that it would give the best design.
         obstacles: what prevents more accuracy.
         onsets: elastic modes that become unstable at some speed.
+        draws: the aircraft drawn by the stated uncertainty; None if none are asked for.
     """
 
     scenario: DesignScenario
@@ -70,6 +73,7 @@ class DesignResult:
     others: Mapping[str, FloatArray]
     obstacles: Obstacles
     onsets: tuple[Onset, ...]
+    draws: Draws | None = None
 
     @property
     def name(self) -> str:

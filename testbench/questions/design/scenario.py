@@ -65,6 +65,10 @@ class DesignScenario(FlownAt):
 
     The input is designed for the first suite; the others show what it would tell them. ``duration_s`` is the longest
     manoeuvre, the undisturbed flight of ``start_s`` before the input included.
+
+    ``draws`` is how many aircraft are drawn from the uncertainty that the aircraft states of its coefficients; the
+    design is judged over them. If it is left out, 20 are drawn of an aircraft that states one, none of another.
+    ``robust`` chooses input and amplitude for the worst of them.
     """
 
     unnamed: ClassVar[str] = "design"
@@ -78,8 +82,16 @@ class DesignScenario(FlownAt):
     shortest_step_s: Positive | None = None
     criterion: Literal["worst", "D", "A", "E"] = "worst"
     allow_above_onset: bool = False
+    draws: Annotated[int, Field(ge=0)] | None = None
+    robust: bool = False
     targets: DesignTargets
     limits: DesignLimits = DesignLimits()
+
+    @model_validator(mode="after")
+    def _robust_over_some(self) -> DesignScenario:
+        if self.robust and self.draws == 0:
+            raise ValueError("robust = true chooses the input over drawn aircraft: draws >= 1 must hold, got 0")
+        return self
 
     @model_validator(mode="after")
     def _one_plane_and_room(self) -> DesignScenario:

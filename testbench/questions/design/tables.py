@@ -11,15 +11,23 @@ from testbench.page.tables import Column, Table, Value
 from testbench.questions.design.answer import family_label, is_ratio, peak_words
 
 if TYPE_CHECKING:
+    from testbench.questions.design.draws import OverDraws
     from testbench.questions.design.problem import Design
     from testbench.questions.design.result import DesignResult, Ranked
 
+_DRAWN = "over drawn aircraft"
 _MOST_COLUMNS = 5  # targets beyond which a terminal shows the criterion alone
 
 
 def design_tables(result: DesignResult) -> list[Table]:
-    """Return the ranking, the energy in the modes, what was screened, and what prevents more accuracy."""
-    out = [ranking_table(result), energy_table(result), screening_table(result), obstacle_table(result)]
+    """Return the ranking, the errors over drawn aircraft, the energy in the modes, the screening, and the obstacles."""
+    out = [
+        ranking_table(result),
+        draws_table(result),
+        energy_table(result),
+        screening_table(result),
+        obstacle_table(result),
+    ]
     return [t for t in out if t.rows]
 
 
@@ -35,6 +43,12 @@ def ranking_table(result: DesignResult) -> Table:
         Column("record", "record ends", "s", decimals=2),
         Column("worst", "criterion", "", digits=3),
     ]
+    drawn = result.best.over is not None
+    if drawn:
+        columns += [
+            Column("median", "median", "", _DRAWN, digits=3),
+            Column("worst of draws", "worst", "", _DRAWN, digits=3),
+        ]
     for k, name in enumerate(t.names):
         wanted = 100.0 * t.wanted[k] / abs(t.values[k]) if is_ratio(name) else t.wanted[k]
         unit = f"{'% ' if is_ratio(name) else ''}(wanted {wanted:.3g})"
@@ -46,29 +60,72 @@ def ranking_table(result: DesignResult) -> Table:
     if result.shortest is not None:
         entries.append(("shortest", result.shortest))
     for rank, entry in entries:
-        rows.append((str(rank), *_ranking_row(result, entry.design), *_flown_cells(entry.flown)))
+        rows.append((str(rank), *_ranking_row(result, entry.design, entry.over), *_flown_cells(entry.flown)))
     for flown in result.rejected:
-        rows.append(("rejected", *_ranking_row(result, flown.design), *_flown_cells(flown)))
+        rows.append(("rejected", *_ranking_row(result, flown.design, None), *_flown_cells(flown)))
     caption = (
         f"Each design has its largest admissible amplitude in the nonlinear simulator. Criterion "
         f"{result.scenario.criterion}, in units of the wanted errors: at 1 or less they are reached. Standard errors "
         "are Cramér-Rao bounds for these sensors; sensor offsets and all other free parameters are estimated too."
     )
+    if drawn:
+        caption += " Median and worst: the criterion of the same commands over the drawn aircraft" + (
+            "; the designs are ranked by the worst." if result.scenario.robust else "."
+        )
     return Table("ranking", "Designs, ranked", caption, tuple(columns), tuple(rows), wide=True)
 
 
-def _ranking_row(result: DesignResult, design: Design) -> tuple[Value, ...]:
+def _ranking_row(result: DesignResult, design: Design, over: OverDraws | None) -> tuple[Value, ...]:
     t = result.problem.targets
     errors = [
         float(100.0 * e / abs(v)) if is_ratio(n) else float(e)
         for n, e, v in zip(t.names, design.errors, t.values, strict=True)
     ]
     head = (family_label(design.family), design.words, peak_words(design), design.end_s, design.duration_s)
-    return (*head, float(design.cost), *errors)
+    costs: tuple[Value, ...] = ()
+    if result.best.over is not None:
+        costs = (None, None) if over is None else (float(np.median(over.told.costs)), float(over.told.costs.max()))
+    return (*head, float(design.cost), *costs, *errors)
 
 
 def _flown_cells(flown: Any) -> tuple[Value, ...]:
     return (limit_symbol(flown.tightest.name), 100.0 * flown.tightest.share, flown.breach or "all limits kept")
+
+
+def draws_table(result: DesignResult) -> Table:
+    """Return the errors of the recommended input over the drawn aircraft; without draws a table without rows."""
+    t, over = result.problem.targets, result.best.over
+    columns = (
+        Column("target", "target"),
+        Column("unit", "unit"),
+        Column("wanted", "wanted", digits=2),
+        Column("believed", "believed aircraft", digits=2),
+        Column("median", "median", "", _DRAWN, digits=2),
+        Column("worst", "worst", "", _DRAWN, digits=2),
+        Column("reached", "reach it", "", _DRAWN),
+        Column("have", "have it", "", _DRAWN),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for k, name in enumerate(t.names if over is not None else ()):
+        assert over is not None
+        shown = 100.0 / abs(t.values[k]) if is_ratio(name) else 1.0
+        errors = (
+            t.wanted[k],
+            result.best.design.errors[k],
+            over.told.median(k) * t.wanted[k],
+            over.told.worst(k) * t.wanted[k],
+        )
+        ratios = over.told.ratios[:, k]
+        counts = (int(np.count_nonzero(ratios <= 1.0)), int(np.count_nonzero(~np.isnan(ratios))))
+        rows.append((name, "%" if is_ratio(name) else "", *(float(shown * e) for e in errors), *counts))
+    n = 0 if over is None else len(over.told.costs)
+    caption = (
+        f"Predicted standard errors of the recommended input over {n} aircraft whose coefficients are drawn, each on "
+        f"its own, by the uncertainty that {result.aircraft.name} states. Every one is trimmed and linearised anew. "
+        "Errors in percent count from the values of the believed aircraft. A mode that has split into two real roots "
+        "keeps wn = sqrt(s1 s2) and zeta = -(s1 + s2) / (2 wn). No prior is counted: output error has none."
+    )
+    return Table("draws", "Over the aircraft's own uncertainty", caption, columns, tuple(rows))
 
 
 def limit_symbol(name: str) -> str:

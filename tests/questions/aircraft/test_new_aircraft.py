@@ -30,6 +30,33 @@ estimators = [{ method = "dsr_e", past_horizon = 4, future_horizon = 4 }]
 """
 
 
+CAMPAIGN = """\
+title = "What the geometry leaves open"
+runs = 3
+seed = 1
+[vary]
+"coefficient.*" = { kind = "uncertainty" }
+"""
+DESIGN = """\
+title = "The short period of my trainer"
+aircraft = "trainer"
+suites = ["eolo_alpha"]
+controls = ["de"]
+duration_s = 8.0
+start_s = 1.0
+robust = true
+draws = 4
+[condition]
+V_m_s = 14.0
+h_m = 100.0
+[targets]
+parameters = { M_alpha = 5.0, M_q = 5.0, M_de = 5.0 }
+[limits]
+deflection_deg = { de = 10.0 }
+load_factor = [0.0, 2.0]
+"""
+
+
 @pytest.fixture(scope="module")
 def plan():
     """The example of the guide."""
@@ -60,6 +87,32 @@ def test_thirty_lines_become_an_aircraft_that_runs(plan, tmp_path):
     again = command("aircraft", "new", "aircraft/trainer/trainer.toml", "-o", "aircraft/trainer", cwd=tmp_path)
     assert again.returncode == 2
     assert "give another, or --force" in again.stderr
+
+
+@pytest.mark.slow
+def test_what_the_geometry_leaves_open_is_drawn_by_campaign_and_design(plan, tmp_path):
+    pytest.importorskip("aerosandbox", reason="needs the extra geometry")
+    (tmp_path / "trainer.toml").write_text(plan, encoding="utf-8")
+    base = SCENARIO.replace("[[manoeuvre]]", "[simulation]\nlog_rate_hz = 40.0\n[[manoeuvre]]")
+    (tmp_path / "doublet.toml").write_text(base, encoding="utf-8")
+    (tmp_path / "open.toml").write_text(CAMPAIGN.replace("runs", 'base = "doublet.toml"\nruns'), encoding="utf-8")
+    (tmp_path / "short.toml").write_text(DESIGN, encoding="utf-8")
+    for words in (
+        ("aircraft", "new", "trainer.toml", "-o", "aircraft/trainer"),
+        ("campaign", "run", "open.toml", "--workers", "1"),
+        ("design", "short.toml"),
+    ):
+        done = command(*words, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+    results = tmp_path / "results"
+    head, *rows = (results / "campaign_open" / "tables" / "runs.csv").read_text(encoding="utf-8").splitlines()
+    stated = re.findall(r"^(C\w+) = ", (tmp_path / "aircraft/trainer/aircraft.toml").read_text(encoding="utf-8"), re.M)
+    assert len(stated) > 20
+    assert head.startswith("run,state," + ",".join(f"coefficient.{name}" for name in stated))
+    assert len({row.split(",")[2] for row in rows}) == 3
+    assert "by the uncertainty that the aircraft states" in (results / "campaign_open/report.html").read_text("utf-8")
+    assert (results / "design_short" / "tables" / "draws.csv").read_text(encoding="utf-8").count("\n") == 4
+    assert "drawn by the uncertainty that trainer states" in " ".join(done.stdout.split())
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,84 @@
+"""The believed aircraft as one of many that it may be: coefficients drawn by the deviations that it states.
+
+    C_i = C (1 + s_i e_i),    e_i independent and standard normal
+
+with C the coefficient of the model and s_i its relative standard deviation (``[uncertainty]`` of aircraft.toml). This
+is the prior that ``gap`` takes. The mean is the believed value. Where s_i is large the sign is not known, and some
+draws have the other one.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Mapping
+
+from testbench.aircraft.amend import Amendment, ScaleCoefficient
+from testbench.aircraft.model import Aircraft
+from testbench.core.errors import ModelError, nearest
+from testbench.core.generators import keyed_generator
+
+KEY = "coefficient."
+"""What the name of a coefficient stands behind where it is varied; with it, it names the generator of its draws."""
+
+_PREFIX = "aero/coefficient/"
+_NOTHING = 1e-9  # a coefficient that is found by differences and is smaller is zero
+
+
+def coefficient_names(aircraft: Aircraft) -> tuple[str, ...]:
+    """Return the coefficients that can be scaled.
+
+    A model in the testbench's own form has a function ``aero/coefficient/NAME`` for each. A foreign model has those
+    that perturbing it finds to differ from zero.
+    """
+    if aircraft.adapter is not None:
+        return tuple(n for n, v in aircraft.perturbed.items() if abs(v) > _NOTHING)
+    names = (str(f.get("name")) for f in ET.fromstring(aircraft.xml).iter("function"))
+    return tuple(n.removeprefix(_PREFIX) for n in names if n.startswith(_PREFIX))
+
+
+def stated_deviations(aircraft: Aircraft) -> Mapping[str, float]:
+    """Return coefficient -> relative standard deviation, of an aircraft that states them.
+
+    Raises:
+        ModelError: it states none; one of a coefficient that it does not have; or one of a coefficient that is zero,
+            of which a relative deviation says nothing.
+    """
+    if not aircraft.uncertainty:
+        raise ModelError(
+            f"{aircraft.name} must state how well its coefficients are known, but it has no [uncertainty]; write that "
+            "into aircraft.toml of a folder of your own, e.g. Cm_alpha = 0.2 for a relative standard deviation of 20 %"
+        )
+    names = coefficient_names(aircraft)
+    for name in aircraft.uncertainty:
+        if name not in names:
+            raise ModelError(
+                f"[uncertainty] of {aircraft.name} must name coefficients of the model, got '{name}'"
+                f"{nearest(name, names)}"
+            )
+        if _is_zero(aircraft, name):
+            raise ModelError(
+                f"[uncertainty] of {aircraft.name} must be relative to values that are not zero, got '{name}', "
+                "which is zero in the model; give it a value, or leave it out"
+            )
+    return aircraft.uncertainty
+
+
+def drawn(aircraft: Aircraft, seed: int, index: int) -> Aircraft:
+    """Return the aircraft with every coefficient of a stated deviation drawn, all independent.
+
+    Draw ``index`` is that of run ``index`` of a campaign with the same seed that draws all of them.
+
+    Raises:
+        ModelError: see :func:`stated_deviations`.
+    """
+    changes = tuple(
+        ScaleCoefficient(name, 1.0 + std * float(keyed_generator(seed, index, f"{KEY}{name}").standard_normal()))
+        for name, std in stated_deviations(aircraft).items()
+    )
+    return aircraft.amended(Amendment(f"draw {index}", "coefficients within their stated uncertainty", changes))
+
+
+def _is_zero(aircraft: Aircraft, name: str) -> bool:
+    """Return whether the function of a coefficient has the factor zero."""
+    functions = (f for f in ET.fromstring(aircraft.xml).iter("function") if f.get("name") == f"{_PREFIX}{name}")
+    return any(float(value.text or "nan") == 0.0 for f in functions for value in f.findall("product/value"))

@@ -1,0 +1,255 @@
+"""The aircraft that the believed one may be, each as a design problem, and what one input does with all of them.
+
+The coefficients are drawn as :func:`testbench.aircraft.believed.drawn` does, and every drawn aircraft is trimmed and
+linearised anew. The predicted errors of an input are those of each aircraft by its own information. No prior enters
+them: output error, and every other estimator that is not told one, does not have it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from testbench.aircraft import Aircraft
+from testbench.aircraft.believed import drawn, stated_deviations
+from testbench.core.errors import LimitError, TestbenchError
+from testbench.core.record import FloatArray
+from testbench.evaluation.envelope import Onset
+from testbench.flight import TrimmedFlight, linearise
+from testbench.information.modes import modes_of
+from testbench.information.targets import Targets
+from testbench.line import trim_for
+from testbench.questions.design.build import limits_of, problem_of
+from testbench.questions.design.candidates import Candidate
+from testbench.questions.design.flown import Envelope, Flown, Tightest, fly_once
+from testbench.questions.design.problem import Design, Problem, rescaled, seen_in
+from testbench.questions.design.scenario import DesignScenario
+from testbench.sensors import SensorSuite
+
+_DRAWS = 20  # of an aircraft that states its uncertainty
+_ROUNDS = 5  # of flights through all draws, at most, until an amplitude keeps the limits in each
+_LESS = 0.98  # of the amplitude at which the worst draw would just meet its limit
+_ENOUGH = 0.95  # share of its limit that the worst draw uses; the amplitude is not raised beyond
+
+
+def draws_of(scenario: DesignScenario, aircraft: Aircraft) -> int:
+    """Return how many aircraft a design is judged over; 0: the believed one alone."""
+    if scenario.draws is not None:
+        return scenario.draws
+    return _DRAWS if aircraft.uncertainty or scenario.robust else 0
+
+
+@dataclass(frozen=True, eq=False)
+class Draw:
+    """One drawn aircraft at its own trim, as a design problem with its own truth.
+
+    The wanted errors are those of the believed aircraft, not shares of the draw's own values: of a coefficient that is
+    drawn near zero no relative accuracy can be wanted.
+    """
+
+    index: int
+    aircraft: Aircraft
+    trimmed: TrimmedFlight
+    problem: Problem
+    envelope: Envelope
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A drawn aircraft for which no input can be judged, and why."""
+
+    index: int
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """The drawn aircraft: those that can be judged, and those that cannot."""
+
+    judged: tuple[Draw, ...]
+    lost: tuple[Lost, ...]
+
+    @property
+    def asked(self) -> int:
+        """How many were drawn."""
+        return len(self.judged) + len(self.lost)
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What one input tells of each drawn aircraft.
+
+    Attributes:
+        costs: (d,) the criterion, in wanted errors.
+        ratios: (d, t) predicted standard errors over the wanted ones; NaN where the draw does not have the target.
+        reached: number of draws in which every target is known as well as wanted.
+    """
+
+    costs: FloatArray
+    ratios: FloatArray
+    reached: int
+
+    def median(self, k: int) -> float:
+        """Return the median of the ratio of target ``k`` over the draws that have it."""
+        have = self.ratios[~np.isnan(self.ratios[:, k]), k]
+        return float(np.median(have)) if have.size else float("nan")
+
+    def worst(self, k: int) -> float:
+        """Return the largest ratio of target ``k`` over the draws that have it."""
+        have = self.ratios[~np.isnan(self.ratios[:, k]), k]
+        return float(have.max()) if have.size else float("nan")
+
+
+class InDraw(NamedTuple):
+    """The flight of one input with a drawn aircraft: the limit used up most, and the first that breaks ("": none)."""
+
+    tightest: Tightest
+    breach: str
+
+
+@dataclass(frozen=True, eq=False)
+class OverDraws:
+    """One design over all drawn aircraft.
+
+    Attributes:
+        told: what it tells of each.
+        flights: one per draw that can be judged; none if it was not flown with them.
+        lowered: its amplitude over the one that the believed aircraft takes.
+    """
+
+    told: Told
+    flights: tuple[InDraw, ...] = ()
+    lowered: float = 1.0
+
+    @property
+    def broken(self) -> tuple[InDraw, ...]:
+        """The flights in which the input breaks a limit."""
+        return tuple(f for f in self.flights if f.breach)
+
+
+def draw_aircraft(
+    scenario: DesignScenario,
+    aircraft: Aircraft,
+    problem: Problem,
+    suite: SensorSuite,
+    onsets: Sequence[Onset],
+    design: Design,
+) -> Draws | None:
+    """Return the drawn aircraft of a design as design problems; None if none are asked for.
+
+    Args:
+        scenario: what is asked; its seed is that of the draws.
+        aircraft: as believed.
+        problem: of the believed aircraft. A mode that oscillates there keeps frequency and damping in draws where it
+            splits into two real roots.
+        suite: the sensors.
+        onsets: of vibration of the believed aircraft; the draws keep its highest speed.
+        design: any one. An aircraft that breaks a limit while its controls rest for as long is lost.
+
+    Raises:
+        ModelError: the aircraft does not state its uncertainty.
+    """
+    count = draws_of(scenario, aircraft)
+    if not count:
+        return None
+    stated_deviations(aircraft)
+    still = replace(design, specs=Candidate(design.family, design.words, design.specs, design.u).scaled(0.0))
+    judged, lost = [], []
+    for index in range(count):
+        one = drawn(aircraft, scenario.seed, index)
+        try:
+            judged.append(_draw(scenario, index, one, suite, onsets, problem.targets, still))
+        except TestbenchError as error:
+            lost.append(Lost(index, error.message))
+    return Draws(tuple(judged), tuple(lost))
+
+
+def _draw(
+    scenario: DesignScenario,
+    index: int,
+    aircraft: Aircraft,
+    suite: SensorSuite,
+    onsets: Sequence[Onset],
+    believed: Targets,
+    still: Design,
+) -> Draw:
+    whole = [m for m in scenario.targets.modes if f"wn of {m}" in believed.names]
+    trimmed = trim_for(scenario, aircraft)
+    linear = linearise(aircraft, trimmed)
+    modes = modes_of(linear, aircraft, scenario.plane)
+    limits = limits_of(scenario, aircraft, trimmed, onsets)
+    problem = problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, whole)
+    wanted = dict(zip(believed.names, believed.wanted, strict=True))
+    own = problem.targets
+    same = np.array([wanted.get(name, w) for name, w in zip(own.names, own.wanted, strict=True)])
+    problem = replace(problem, targets=replace(own, wanted=same))
+    envelope = Envelope.of(limits, problem)
+    if broken := fly_once(aircraft, trimmed, still, envelope)[1]:
+        raise LimitError(f"without any input {broken[0]}")
+    return Draw(index, aircraft, trimmed, problem, envelope)
+
+
+def told(design: Design, draws: Draws, names: Sequence[str]) -> Told:
+    """Return what a design tells of each drawn aircraft.
+
+    Args:
+        design: its commands are the same in all of them.
+        draws: at least one that can be judged.
+        names: (t,) targets of the believed aircraft.
+    """
+    costs, ratios, reached = [], [], 0
+    for draw in draws.judged:
+        seen, targets = seen_in(draw.problem, design), draw.problem.targets
+        costs.append(seen.cost)
+        found = dict(zip(targets.names, seen.errors / targets.wanted, strict=True))
+        ratios.append([found.get(name, np.nan) for name in names])
+        reached += all(ratio <= 1.0 for ratio in found.values())
+    return Told(np.array(costs), np.array(ratios), reached)
+
+
+def flown_in(design: Design, draws: Draws) -> tuple[InDraw, ...]:
+    """Fly a design in the nonlinear simulator with each drawn aircraft, from its own trim."""
+    out = []
+    for draw in draws.judged:
+        _, broken, tight = fly_once(draw.aircraft, draw.trimmed, design, draw.envelope)
+        out.append(InDraw(tight, broken[0] if broken else ""))
+    return tuple(out)
+
+
+def kept_in_all(
+    aircraft: Aircraft,
+    trimmed: TrimmedFlight,
+    problem: Problem,
+    flown: Flown,
+    envelope: Envelope,
+    draws: Draws,
+) -> tuple[Flown, OverDraws]:
+    """Return a flown design at the largest amplitude that breaks no limit in any draw, and the design over the draws.
+
+    The amplitude never grows beyond what the believed aircraft takes. The response is taken as proportional to it from
+    one round of flights to the next. If no amplitude of a few rounds keeps all limits, the smallest one stands, and its
+    flights say what breaks.
+    """
+    factor, low, high = 1.0, 0.0, 1.0
+    tried = []
+    for _ in range(_ROUNDS):
+        design = flown.design if factor == 1.0 else rescaled(problem, flown.design, factor, flown.design.limit)
+        flights = flown_in(design, draws)
+        broken, share = any(f.breach for f in flights), max(f.tightest.share for f in flights)
+        tried.append((not broken, factor, design, flights))
+        low, high = (low, factor) if broken else (factor, high)
+        if not broken and (factor == 1.0 or share >= _ENOUGH):
+            break
+        factor *= _LESS / max(share, 1e-6)
+        if not low < factor < high:
+            factor = 0.5 * (low + high)
+    good = [t for t in tried if t[0]]
+    _, factor, design, flights = max(good, key=lambda t: t[1]) if good else min(tried, key=lambda t: t[1])
+    if factor < 1.0:
+        record, _, tight = fly_once(aircraft, trimmed, design, envelope)
+        limit = max((f.tightest for f in flights), key=lambda t: t.share).name
+        flown = replace(flown, design=replace(design, limit=limit), record=record, tightest=tight)
+    return flown, OverDraws(told(design, draws, problem.targets.names), flights, factor)
