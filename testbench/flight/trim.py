@@ -19,7 +19,7 @@ UNKNOWN_STEP = {"thr": 1e-3}
 """Step of the differences of a Jacobian, by unknown; 1e-4 rad otherwise."""
 _THROTTLE_STARTS = (0.3, 0.8)  # a propeller that gives no thrust at the first has no effect there to start from
 # Radii of curvature (m) of the WGS 84 ellipsoid at the equator, where flights start: along the meridian and across it.
-_RADIUS_NORTH, _RADIUS_EAST = 6335439.0, 6378137.0
+RADIUS_NORTH_M, RADIUS_EAST_M = 6335439.0, 6378137.0
 _ALPHA = (-10.0 * DEG_RAD, 20.0 * DEG_RAD)
 _STARTS = ((0.05, 0.8), (0.15, 0.5), (0.0, 1.0))  # alpha, throttle of damped steps
 _FEW = 5
@@ -400,7 +400,7 @@ def horizon_rates(
     """
     C = body_from_earth(theta, phi)
     north, east, _ = C.T @ uvw_m_s + np.asarray(wind_m_s, float)
-    return np.asarray(C @ np.array([east / (_RADIUS_EAST + h_m), -north / (_RADIUS_NORTH + h_m), 0.0]))
+    return np.asarray(C @ np.array([east / (RADIUS_EAST_M + h_m), -north / (RADIUS_NORTH_M + h_m), 0.0]))
 
 
 def place_at_trim(fdm: Executive, trimmed: TrimmedFlight) -> None:

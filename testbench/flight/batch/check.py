@@ -153,8 +153,13 @@ def _place(model: BatchModel, trimmed: TrimmedFlight) -> Path | None:
     if base is None:
         return None
     p = model.program
-    text = repr((model.start.tobytes(), p.frame.tobytes(), p.before.tobytes(), p.tables.tobytes(), model.rate_hz,
-                 trimmed.alpha, sorted(trimmed.controls.items()), SOURCES, version("jsbsim"), sys.platform))  # fmt: skip
+    parts = (
+        model.start.tobytes(),
+        *(code.tobytes() for code in (p.before, p.frame, p.log, p.tables)),
+        (model.rate_hz, trimmed.alpha, sorted(trimmed.controls.items())),
+        (SOURCES, version("jsbsim"), sys.platform),
+    )
+    text = repr(parts)
     return Path(base) / "flight-testbench" / "batch" / f"{hashlib.sha256(text.encode()).hexdigest()[:32]}.json"
 
 
@@ -186,6 +191,8 @@ def compared(model: BatchModel, trimmed: TrimmedFlight) -> tuple[float, str]:
         except TestbenchError as error:
             return math.nan, str(error)
         record = fly_block([job], [model], Flown())[0]
+        if isinstance(record, TestbenchError):
+            return math.nan, str(record)
         return difference(record, truth)
     return math.nan, reason
 
@@ -201,18 +208,10 @@ def every_control(aircraft: Aircraft, trimmed: TrimmedFlight, share: float) -> M
     names = tuple(aircraft.controls)
     u = np.zeros((t.size, len(names)))
     for i, name in enumerate(names):
-        control = aircraft.controls[name]
-        at, room = (
-            trimmed.controls[name],
-            0.9 * min(control.full - trimmed.controls[name], trimmed.controls[name] - control.low),
-        )
-        size = min(share * (control.full - control.low), max(room, 0.0))
-        if size == 0.0 and at <= control.low:
-            size = 0.0
-        start = 0.5 + 1.7 * i
-        u[:, i] = size * _doublet(t, start, 0.6 + 0.1 * i) + size * np.sin(2.0 * np.pi * (0.4 + 0.3 * i) * t) * (
-            t > 8.0
-        ) * (t < 14.0)
+        control, at = aircraft.controls[name], trimmed.controls[name]
+        size = min(share * (control.full - control.low), 0.9 * max(min(control.full - at, at - control.low), 0.0))
+        together = np.sin(2.0 * np.pi * (0.4 + 0.3 * i) * t) * ((t > 8.0) & (t < 14.0))
+        u[:, i] = size * (_doublet(t, 0.5 + 1.7 * i, 0.6 + 0.1 * i) + together)
     return Manoeuvre("every control", InputSignal(t, u, names), settle_s=0.0)
 
 

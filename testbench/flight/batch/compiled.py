@@ -8,9 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import numba
+from numba import types
+from numba.extending import intrinsic
 
 SOURCES = hashlib.sha256(b"".join(p.read_bytes() for p in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()[:12]
 """Hash of the code of the batch."""
+LANES = 64
+"""Flights of a block, always: known when the kernels are compiled, so that they are vectorised over the flights."""
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -24,3 +28,23 @@ def compiled(function: Callable[..., Any]) -> Any:
         return numba.njit(cache=True, nogil=True, error_model="numpy")(function)
     except RuntimeError:  # no folder that can be written to: it is compiled anew in every process
         return numba.njit(nogil=True, error_model="numpy")(function)
+
+
+@intrinsic
+def _pointer(context: Any, address: Any) -> Any:
+    """Return the pointer to doubles at an address."""
+    signature = types.CPointer(types.float64)(address)
+
+    def generate(target: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], target.get_value_type(signature.return_type))
+
+    return signature, generate
+
+
+@numba.njit(inline="always")
+def lanes(R: Any) -> Any:  # pragma: no cover
+    """Return the registers (registers, LANES) with a width that the compiler knows.
+
+    From it follows that rows do not overlap, which is what keeps loops over flights from being vectorised otherwise.
+    """
+    return numba.carray(_pointer(R.ctypes.data), (1 << 20, LANES))  # type: ignore[call-arg]

@@ -18,8 +18,9 @@ from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.air import Air
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import difference, judged
+from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.interpret import run
-from testbench.flight.batch.model import TOP_FT, BatchModel, put, read
+from testbench.flight.batch.model import TOP_FT, BatchModel, filled, put, read, registers
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import body_from_earth
 from testbench.flight.simulate import (
@@ -35,9 +36,7 @@ from testbench.flight.simulate import (
 from testbench.flight.trim import horizon_rates, steady_wind, velocity_at
 
 Simulator = Literal["auto", "batch", "jsbsim"]
-LANES = 64
-"""Flights of one block: their registers stay in a second-level cache."""
-FEWEST = 2  # flights of one model from which a batch is worth a judgement
+FEWEST = 8  # flights of one model from which a batch is worth a judgement
 BOTH = 200
 """One flight in so many is flown by JSBSim as well."""
 _GUSTS = [r.GUST, r.GUST + 1, r.GUST + 2]
@@ -121,10 +120,8 @@ def fly_many(
         raise LimitError(f"what is given for each flight must have one length, got {sorted(counts)}")
     n = counts.pop() if counts else 1
     wanted = None if channels is None else tuple(channels)
-    jobs = [
-        Job(*parts, log_rate_hz, wanted, blowing)
-        for *parts, blowing in zip(*(_each(x, n) for x in (aircraft, trimmed, manoeuvre, air)), strict=True)
-    ]
+    parts = zip(_each(aircraft, n), _each(trimmed, n), _each(manoeuvre, n), _each(air, n), strict=True)
+    jobs = [Job(a, t, m, log_rate_hz, wanted, blowing) for a, t, m, blowing in parts]
     out = []
     for record in fly_jobs(jobs, simulator):
         if isinstance(record, TestbenchError):
@@ -260,7 +257,7 @@ def _fly_block(lanes: Sequence[_Ready], flown: Flown) -> list[FlightRecord | Tes
     logged = np.array([model.program.logged[n] for n in names], np.int64)
     scale = np.stack([x.model.factors[columns] for x in lanes], axis=1)
     data = _scratch("rows", (len(lanes), rows + 1, len(names)))
-    data[:, 0] = (read(model, R)[columns] * scale).T
+    data[:, 0] = (read(model, R)[columns, : len(lanes)] * scale).T
     left, broken = np.full(len(lanes), -1), np.zeros(len(lanes), np.int64)
     value = np.zeros(len(lanes))
     R[r.DT] = 1.0 / model.rate_hz
@@ -290,11 +287,11 @@ def _fly_block(lanes: Sequence[_Ready], flown: Flown) -> list[FlightRecord | Tes
 
 def _placed(lanes: Sequence[_Ready]) -> FloatArray:
     """Return the registers of flights at their trims."""
-    R = np.ascontiguousarray(np.stack([x.model.start for x in lanes], axis=1))
+    R = registers([x.model for x in lanes])
     columns = [_trim_column(x.job.trimmed) for x in lanes]
     h, theta, phi = (np.array([c[k] for c in columns]) for k in range(3))
     uvw, pqr, wind = (np.stack([c[k] for c in columns], axis=1) for k in range(3, 6))
-    R[r.GUST : r.GUST + 3] = wind / FT_M
+    R[r.GUST : r.GUST + 3] = filled(wind) / FT_M
     controls = {n for x in lanes for n in x.job.trimmed.controls}
     at = {n: np.array([x.job.trimmed.controls[n] for x in lanes]) for n in controls}
     put(lanes[0].model, R, h, theta, phi, uvw, pqr, at, lanes[0].model.iterations)

@@ -10,7 +10,7 @@ import math
 
 from testbench.core.record import FloatArray
 from testbench.flight.batch import registers as r
-from testbench.flight.batch.compiled import compiled
+from testbench.flight.batch.compiled import LANES, compiled, lanes
 
 # FGInertial: WGS 84, ft and ft3/s2
 EARTH_RATE = 0.00007292115
@@ -61,7 +61,8 @@ def place(
         uvw: (3, flights) velocity over the ground, body axes, ft/s.
         pqr: (3, flights) against the Earth, rad/s.
     """
-    for f in range(R.shape[1]):
+    R = lanes(R)
+    for f in range(LANES):
         R[r.TIME, f] = 0.0
         R[r.EARTH_ANGLE, f] = 0.0
         x = _A + h_ft[f]
@@ -93,7 +94,8 @@ def place(
 @compiled
 def begin(R: FloatArray) -> None:  # pragma: no cover
     """Fill the memory of the integrators with the present rates (FGPropagate::InitializeDerivatives)."""
-    for f in range(R.shape[1]):
+    R = lanes(R)
+    for f in range(LANES):
         for i in range(4):
             R[r.ATTITUDE_1 + i, f] = R[r.ATTITUDE_2 + i, f] = R[r.ATTITUDE_DOT + i, f]
         for i in range(3):
@@ -103,58 +105,70 @@ def begin(R: FloatArray) -> None:  # pragma: no cover
 
 
 @compiled
-def _integrate(R: FloatArray, f: int) -> None:  # pragma: no cover
-    """Adams-Bashforth of third order; attitude, rates, position, velocity in this order (FGPropagate::Integrate)."""
-    c = (1.0 / 12.0) * R[r.DT, f]
-    for i in range(4):
-        new = R[r.ATTITUDE_DOT + i, f]
-        R[r.ATTITUDE + i, f] += c * (23.0 * new - 16.0 * R[r.ATTITUDE_1 + i, f] + 5.0 * R[r.ATTITUDE_2 + i, f])
-        R[r.ATTITUDE_2 + i, f] = R[r.ATTITUDE_1 + i, f]
-        R[r.ATTITUDE_1 + i, f] = new
-    q0, q1, q2, q3 = R[r.ATTITUDE, f], R[r.ATTITUDE + 1, f], R[r.ATTITUDE + 2, f], R[r.ATTITUDE + 3, f]
-    norm = math.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
-    if norm != 0.0 and not math.fabs(norm - 1.0) < 1e-10:
-        n = 1.0 / norm
-        for i in range(4):
-            R[r.ATTITUDE + i, f] *= n
-    for i in range(3):
-        new = R[r.RATE_DOT + i, f]
-        R[r.RATE + i, f] += c * (23.0 * new - 16.0 * R[r.RATE_1 + i, f] + 5.0 * R[r.RATE_2 + i, f])
-        R[r.RATE_2 + i, f] = R[r.RATE_1 + i, f]
-        R[r.RATE_1 + i, f] = new
-    for i in range(3):
-        new = R[r.VELOCITY + i, f]
-        R[r.POSITION + i, f] += c * (23.0 * new - 16.0 * R[r.POSITION_1 + i, f] + 5.0 * R[r.POSITION_2 + i, f])
-        R[r.POSITION_2 + i, f] = R[r.POSITION_1 + i, f]
-        R[r.POSITION_1 + i, f] = new
-    for i in range(3):
-        new = R[r.VELOCITY_DOT + i, f]
-        R[r.VELOCITY + i, f] += c * (23.0 * new - 16.0 * R[r.VELOCITY_1 + i, f] + 5.0 * R[r.VELOCITY_2 + i, f])
-        R[r.VELOCITY_2 + i, f] = R[r.VELOCITY_1 + i, f]
-        R[r.VELOCITY_1 + i, f] = new
+def _step(R: FloatArray, value: int, rate: int, before: int, earlier: int, count: int) -> None:  # pragma: no cover
+    """Integrate one vector by the rule of Adams and Bashforth of third order (FGPropagate::Integrate)."""
+    R = lanes(R)
+    c = (1.0 / 12.0) * R[r.DT, 0]
+    for i in range(count):
+        for f in range(LANES):
+            new, old, older = R[rate + i, f], R[before + i, f], R[earlier + i, f]
+            R[value + i, f] += c * (23.0 * new - 16.0 * old + 5.0 * older)
+            R[earlier + i, f] = old
+            R[before + i, f] = new
+
+
+@compiled
+def _integrate(R: FloatArray) -> None:  # pragma: no cover
+    """Move by a frame: attitude, rates, position and velocity, in this order (FGPropagate::Run)."""
+    _step(R, r.ATTITUDE, r.ATTITUDE_DOT, r.ATTITUDE_1, r.ATTITUDE_2, 4)
+    _step(R, r.RATE, r.RATE_DOT, r.RATE_1, r.RATE_2, 3)
+    _step(R, r.POSITION, r.VELOCITY, r.POSITION_1, r.POSITION_2, 3)
+    _step(R, r.VELOCITY, r.VELOCITY_DOT, r.VELOCITY_1, r.VELOCITY_2, 3)
+    R = lanes(R)
+    for f in range(LANES):
+        q0, q1, q2, q3 = R[r.ATTITUDE, f], R[r.ATTITUDE + 1, f], R[r.ATTITUDE + 2, f], R[r.ATTITUDE + 3, f]
+        norm = math.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
+        n = 1.0 if norm == 0.0 or math.fabs(norm - 1.0) < 1e-10 else 1.0 / norm
+        R[r.ATTITUDE, f], R[r.ATTITUDE + 1, f], R[r.ATTITUDE + 2, f], R[r.ATTITUDE + 3, f] = (
+            q0 * n,
+            q1 * n,
+            q2 * n,
+            q3 * n,
+        )
+    dt = R[r.DT, 0]
+    for f in range(LANES):
+        R[r.TIME, f] += dt
+        R[r.EARTH_ANGLE, f] += EARTH_RATE * dt
 
 
 @compiled
 def propagate(R: FloatArray) -> None:  # pragma: no cover
-    """Begin a frame: motion, gravity and atmosphere (FGPropagate, FGInertial, FGStandardAtmosphere)."""
-    angle, ce, se = math.nan, 1.0, 0.0
-    for f in range(R.shape[1]):
-        dt = R[r.DT, f]
-        if dt > 0.0:
-            R[r.TIME, f] += dt
-            _integrate(R, f)
-            R[r.EARTH_ANGLE, f] += EARTH_RATE * dt
-        if R[r.EARTH_ANGLE, f] != angle:  # the Earth has turned alike for flights that began together
-            angle = R[r.EARTH_ANGLE, f]
-            ce, se = math.cos(angle), math.sin(angle)
+    """Begin a frame: motion, gravity and atmosphere (FGPropagate, FGInertial, FGStandardAtmosphere).
+
+    Flights of a block have the same frame time and begin together, so that the Earth has turned alike for all.
+    """
+    if R[r.DT, 0] > 0.0:
+        _integrate(R)
+    _locate(R)
+    _turn(R)
+    _air(R)
+
+
+@compiled
+def _locate(R: FloatArray) -> None:  # pragma: no cover
+    """Take location, height and gravity from the inertial position (FGLocation, FGInertial::GetGravityJ2).
+
+    Geodetic latitude: T. Fukushima, Journal of Geodesy 79 (2006), pp. 689-693.
+    """
+    R = lanes(R)
+    ce, se = math.cos(R[r.EARTH_ANGLE, 0]), math.sin(R[r.EARTH_ANGLE, 0])
+    for f in range(LANES):
         x, y, z = R[r.POSITION, f], R[r.POSITION + 1, f], R[r.POSITION + 2, f]
         lx, ly, lz = ce * x + se * y, -se * x + ce * y, z
         R[r.LOCATION, f], R[r.LOCATION + 1, f], R[r.LOCATION + 2, f] = lx, ly, lz
-        # geodetic latitude: T. Fukushima, Journal of Geodesy 79 (2006), pp. 689-693
         radius = math.sqrt(lx * lx + ly * ly + lz * lz)
         rxy = math.sqrt(lx * lx + ly * ly)
-        sin_lon, cos_lon = (ly / rxy, lx / rxy) if rxy != 0.0 else (0.0, 1.0)
-        sign = 1.0 if lz >= 0.0 else -1.0
+        sign = math.copysign(1.0, lz)
         s0 = math.fabs(lz)
         zc, c0 = _EC * s0, _EC * rxy
         c02, s02 = c0 * c0, s0 * s0
@@ -167,20 +181,36 @@ def propagate(R: FloatArray) -> None:  # pragma: no cover
         b0 = 1.5 * cs0c0 * ((rxy * s0 - zc * c0) * a0 - cs0c0)
         s1 = s1 * a03 - b0 * s0
         cc = _EC * (c1 * a03 - b0 * c0)
-        norm = math.sqrt(s1 * s1 + cc * cc)
-        cos_lat, sin_lat = cc / norm, sign * s1 / norm
+        over = 1.0 / math.sqrt(s1 * s1 + cc * cc)
         R[r.RADIUS, f] = radius
-        R[r.SIN_LATITUDE, f], R[r.COS_LATITUDE, f] = sin_lat, cos_lat
-        R[r.H_AGL, f] = (rxy * cc + s0 * math.fabs(s1) - _A * math.sqrt(_EC2 * s1 * s1 + cc * cc)) / norm
-        cos_gc = rxy / radius
-        h = radius - _A * _EC / math.sqrt(1.0 - _E2 * cos_gc * cos_gc)
-        R[r.H_SL, f] = h
+        R[r.SIN_LATITUDE, f], R[r.COS_LATITUDE, f] = sign * s1 * over, cc * over
+        R[r.H_AGL, f] = (rxy * cc + s0 * math.fabs(s1) - _A * math.sqrt(_EC2 * s1 * s1 + cc * cc)) * over
+        cos_gc, sin_gc = rxy / radius, lz / radius
+        R[r.H_SL, f] = radius - _A * _EC / math.sqrt(1.0 - _E2 * cos_gc * cos_gc)
+        a_r = _A / radius
+        common = 1.5 * _J2 * a_r * a_r
+        g = -_GM / (radius * radius)
+        g_xy = g * (1.0 + common * (1.0 - 5.0 * sin_gc * sin_gc)) / radius
+        g_z = g * (1.0 + common * (3.0 - 5.0 * sin_gc * sin_gc))
+        R[r.GRAVITY, f], R[r.GRAVITY + 1, f], R[r.GRAVITY + 2, f] = g_xy * lx, g_xy * ly, g_z * sin_gc
+
+
+@compiled
+def _turn(R: FloatArray) -> None:  # pragma: no cover
+    """Take matrices, velocities and rates in body axes from attitude and location (rest of FGPropagate::Run)."""
+    R = lanes(R)
+    ce, se = math.cos(R[r.EARTH_ANGLE, 0]), math.sin(R[r.EARTH_ANGLE, 0])
+    for f in range(LANES):
+        lx, ly = R[r.LOCATION, f], R[r.LOCATION + 1, f]
+        rxy = math.sqrt(lx * lx + ly * ly)
+        sin_lon, cos_lon = ly / rxy, lx / rxy
+        sin_lat, cos_lat = R[r.SIN_LATITUDE, f], R[r.COS_LATITUDE, f]
         # local axes against earth-fixed ones, then against inertial ones
         e11, e12, e13 = -cos_lon * sin_lat, -sin_lon * sin_lat, cos_lat
         e21, e22 = -sin_lon, cos_lon
         e31, e32, e33 = -cos_lon * cos_lat, -sin_lon * cos_lat, -sin_lat
         n11, n12, n13 = e11 * ce - e12 * se, e11 * se + e12 * ce, e13
-        n21, n22, n23 = e21 * ce - e22 * se, e21 * se + e22 * ce, 0.0
+        n21, n22 = e21 * ce - e22 * se, e21 * se + e22 * ce
         n31, n32, n33 = e31 * ce - e32 * se, e31 * se + e32 * ce, e33
         q0, q1, q2, q3 = R[r.ATTITUDE, f], R[r.ATTITUDE + 1, f], R[r.ATTITUDE + 2, f], R[r.ATTITUDE + 3, f]
         t11, t12, t13 = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3, 2.0 * (q1 * q2 + q0 * q3), 2.0 * (q1 * q3 - q0 * q2)
@@ -190,21 +220,12 @@ def propagate(R: FloatArray) -> None:  # pragma: no cover
         R[i, f], R[i + 1, f], R[i + 2, f] = t11, t12, t13
         R[i + 3, f], R[i + 4, f], R[i + 5, f] = t21, t22, t23
         R[i + 6, f], R[i + 7, f], R[i + 8, f] = t31, t32, t33
-        l11, l12, l13 = (
-            t11 * n11 + t12 * n12 + t13 * n13,
-            t11 * n21 + t12 * n22 + t13 * n23,
-            t11 * n31 + t12 * n32 + t13 * n33,
-        )
-        l21, l22, l23 = (
-            t21 * n11 + t22 * n12 + t23 * n13,
-            t21 * n21 + t22 * n22 + t23 * n23,
-            t21 * n31 + t22 * n32 + t23 * n33,
-        )
-        l31, l32, l33 = (
-            t31 * n11 + t32 * n12 + t33 * n13,
-            t31 * n21 + t32 * n22 + t33 * n23,
-            t31 * n31 + t32 * n32 + t33 * n33,
-        )
+        l11, l12 = t11 * n11 + t12 * n12 + t13 * n13, t11 * n21 + t12 * n22
+        l21, l22 = t21 * n11 + t22 * n12 + t23 * n13, t21 * n21 + t22 * n22
+        l31, l32 = t31 * n11 + t32 * n12 + t33 * n13, t31 * n21 + t32 * n22
+        l13 = t11 * n31 + t12 * n32 + t13 * n33
+        l23 = t21 * n31 + t22 * n32 + t23 * n33
+        l33 = t31 * n31 + t32 * n32 + t33 * n33
         i = r.LOCAL_TO_BODY
         R[i, f], R[i + 1, f], R[i + 2, f] = l11, l12, l13
         R[i + 3, f], R[i + 4, f], R[i + 5, f] = l21, l22, l23
@@ -214,12 +235,11 @@ def propagate(R: FloatArray) -> None:  # pragma: no cover
         R[i, f], R[i + 1, f], R[i + 2, f] = t11 * ce + t12 * se, -t11 * se + t12 * ce, t13
         R[i + 3, f], R[i + 4, f], R[i + 5, f] = t21 * ce + t22 * se, -t21 * se + t22 * ce, t23
         R[i + 6, f], R[i + 7, f], R[i + 8, f] = t31 * ce + t32 * se, -t31 * se + t32 * ce, t33
+        x, y = R[r.POSITION, f], R[r.POSITION + 1, f]
         vx, vy, vz = R[r.VELOCITY, f] + EARTH_RATE * y, R[r.VELOCITY + 1, f] - EARTH_RATE * x, R[r.VELOCITY + 2, f]
-        u, v, w = (
-            t11 * vx + t12 * vy + t13 * vz,
-            t21 * vx + t22 * vy + t23 * vz,
-            t31 * vx + t32 * vy + t33 * vz,
-        )
+        u = t11 * vx + t12 * vy + t13 * vz
+        v = t21 * vx + t22 * vy + t23 * vz
+        w = t31 * vx + t32 * vy + t33 * vz
         R[r.U, f], R[r.V, f], R[r.W, f] = u, v, w
         p, q, s = R[r.RATE, f], R[r.RATE + 1, f], R[r.RATE + 2, f]
         R[r.P, f], R[r.Q, f], R[r.R, f] = p - t13 * EARTH_RATE, q - t23 * EARTH_RATE, s - t33 * EARTH_RATE
@@ -230,14 +250,14 @@ def propagate(R: FloatArray) -> None:  # pragma: no cover
         R[r.V_NORTH, f] = l11 * u + l21 * v + l31 * w
         R[r.V_EAST, f] = l12 * u + l22 * v + l32 * w
         R[r.V_DOWN, f] = l13 * u + l23 * v + l33 * w
-        # gravity with the Earth's oblateness (FGInertial::GetGravityJ2)
-        sin_gc = lz / radius
-        a_r = _A / radius
-        common = 1.5 * _J2 * a_r * a_r
-        g_xy = -_GM / (radius * radius) * (1.0 + common * (1.0 - 5.0 * sin_gc * sin_gc))
-        g_z = -_GM / (radius * radius) * (1.0 + common * (3.0 - 5.0 * sin_gc * sin_gc))
-        R[r.GRAVITY, f], R[r.GRAVITY + 1, f], R[r.GRAVITY + 2, f] = g_xy * lx / radius, g_xy * ly / radius, g_z * sin_gc
-        # standard atmosphere
+
+
+@compiled
+def _air(R: FloatArray) -> None:  # pragma: no cover
+    """Take the standard atmosphere at the height, and the wind as it is set (FGStandardAtmosphere, FGWinds)."""
+    R = lanes(R)
+    for f in range(LANES):
+        h = R[r.H_SL, f]
         H = h * _EARTH_RADIUS / (_EARTH_RADIUS + h)
         if _LAYERS[1] > H:
             T = SEA_LEVEL_T + _LAPSE_0 * H
@@ -248,18 +268,22 @@ def propagate(R: FloatArray) -> None:  # pragma: no cover
         else:
             T = _TEMPERATURES[2] + _LAPSE_2 * (H - _LAYERS[2])
             pressure = _P_2 * math.pow(_TEMPERATURES[2] / T, _G0 / (GAS_CONSTANT * _LAPSE_2))
-        rho = pressure / (GAS_CONSTANT * T)
-        R[r.TEMPERATURE, f], R[r.PRESSURE, f], R[r.DENSITY, f] = T, pressure, rho
+        R[r.TEMPERATURE, f], R[r.PRESSURE, f] = T, pressure
+    for f in range(LANES):
+        T = R[r.TEMPERATURE, f]
+        R[r.DENSITY, f] = R[r.PRESSURE, f] / (GAS_CONSTANT * T)
         R[r.SOUND_SPEED, f] = math.sqrt(1.4 * GAS_CONSTANT * T)
-        for k in range(3):
-            R[r.WIND + k, f] = R[r.GUST + k, f]
+    for i in range(3):
+        for f in range(LANES):
+            R[r.WIND + i, f] = R[r.GUST + i, f]
 
 
 @compiled
 def euler(R: FloatArray) -> None:  # pragma: no cover
     """Take bank, pitch and heading from the attitude (FGQuaternion, FGMatrix33::GetEuler)."""
+    R = lanes(R)
     i = r.LOCAL_TO_BODY
-    for f in range(R.shape[1]):
+    for f in range(LANES):
         R[r.PHI, f] = math.atan2(R[i + 5, f], R[i + 8, f])
         R[r.THETA, f] = math.asin(min(1.0, max(-1.0, -R[i + 2, f])))
         psi = math.atan2(R[i + 1, f], R[i, f])
@@ -269,7 +293,8 @@ def euler(R: FloatArray) -> None:  # pragma: no cover
 @compiled
 def geography(R: FloatArray) -> None:  # pragma: no cover
     """Take longitude and latitudes from the location (FGLocation)."""
-    for f in range(R.shape[1]):
+    R = lanes(R)
+    for f in range(LANES):
         x, y, z = R[r.LOCATION, f], R[r.LOCATION + 1, f], R[r.LOCATION + 2, f]
         R[r.LONGITUDE, f] = math.atan2(y, x)
         R[r.LATITUDE, f] = math.atan2(z, math.sqrt(x * x + y * y))
@@ -279,7 +304,8 @@ def geography(R: FloatArray) -> None:  # pragma: no cover
 @compiled
 def euler_rates(R: FloatArray) -> None:  # pragma: no cover
     """Take the rates of bank, pitch and heading from the body's (FGAuxiliary)."""
-    for f in range(R.shape[1]):
+    R = lanes(R)
+    for f in range(LANES):
         p, q, s = R[r.P, f], R[r.Q, f], R[r.R, f]
         sin_phi, cos_phi = math.sin(R[r.PHI, f]), math.cos(R[r.PHI, f])
         sin_theta, cos_theta = -R[r.LOCAL_TO_BODY + 2, f], math.cos(R[r.THETA, f])
@@ -293,7 +319,8 @@ def euler_rates(R: FloatArray) -> None:  # pragma: no cover
 @compiled
 def weigh(R: FloatArray) -> None:  # pragma: no cover
     """Invert the inertia (end of FGMassBalance::Run)."""
-    for f in range(R.shape[1]):
+    R = lanes(R)
+    for f in range(LANES):
         i = r.INERTIA
         Ixx, Iyy, Izz = R[i, f], R[i + 1, f], R[i + 2, f]
         Ixy, Ixz, Iyz = -R[i + 3, f], -R[i + 4, f], -R[i + 5, f]
@@ -322,11 +349,11 @@ def _mach_of(impact: float) -> float:  # pragma: no cover
 @compiled
 def auxiliary(R: FloatArray) -> None:  # pragma: no cover
     """Take the motion through the air from that over the ground (FGAuxiliary); accelerations are the last frame's."""
-    for f in range(R.shape[1]):
-        i = r.LOCAL_TO_BODY
+    R = lanes(R)
+    i = r.LOCAL_TO_BODY
+    for f in range(LANES):
         wn, we, wd = R[r.WIND, f], R[r.WIND + 1, f], R[r.WIND + 2, f]
-        p, q, s = R[r.P, f], R[r.Q, f], R[r.R, f]
-        R[r.P_AERO, f], R[r.Q_AERO, f], R[r.R_AERO, f] = p, q, s
+        R[r.P_AERO, f], R[r.Q_AERO, f], R[r.R_AERO, f] = R[r.P, f], R[r.Q, f], R[r.R, f]
         u = R[r.U, f] - (R[i, f] * wn + R[i + 1, f] * we + R[i + 2, f] * wd)
         v = R[r.V, f] - (R[i + 3, f] * wn + R[i + 4, f] * we + R[i + 5, f] * wd)
         w = R[r.W, f] - (R[i + 6, f] * wn + R[i + 7, f] * we + R[i + 8, f] * wd)
@@ -334,42 +361,39 @@ def auxiliary(R: FloatArray) -> None:  # pragma: no cover
         u2, v2, w2 = u * u, v * v, w * w
         uw = u2 + w2
         vt2 = uw + v2
-        vt = math.sqrt(vt2)
-        alpha = beta = alpha_dot = beta_dot = sin_alpha = sin_beta = 0.0
-        cos_alpha = cos_beta = 1.0
-        if vt > 0.001:
-            root = math.sqrt(uw)
-            beta = math.atan2(v, root)
-            cos_beta, sin_beta = root / vt, v / vt
-            if uw >= 1e-6:
-                cos_alpha, sin_alpha = u / root, w / root
-                alpha = math.atan2(w, u)
-                ud, vd, wd = R[r.U_DOT, f], R[r.V_DOT, f], R[r.W_DOT, f]
-                vt_dot = (u * ud + v * vd + w * wd) / vt
-                alpha_dot = (u * wd - w * ud) / uw
-                beta_dot = (vd * vt - v * vt_dot) / (vt * root)
-        R[r.VT, f], R[r.ALPHA, f], R[r.BETA, f] = vt, alpha, beta
-        R[r.ALPHA_DOT, f], R[r.BETA_DOT, f] = alpha_dot, beta_dot
-        R[r.COS_ALPHA, f], R[r.SIN_ALPHA, f] = cos_alpha, sin_alpha
-        R[r.COS_BETA, f], R[r.SIN_BETA, f] = cos_beta, sin_beta
+        vt, root = math.sqrt(vt2), math.sqrt(uw)
+        moves, forward = vt > 0.001, uw >= 1e-6
+        ud, vd, wd = R[r.U_DOT, f], R[r.V_DOT, f], R[r.W_DOT, f]
+        vt_dot = (u * ud + v * vd + w * wd) / vt
+        alpha_dot, beta_dot = (u * wd - w * ud) / uw, (vd * vt - v * vt_dot) / (vt * root)
+        R[r.ALPHA_DOT, f] = alpha_dot if moves and forward else 0.0
+        R[r.BETA_DOT, f] = beta_dot if moves and forward else 0.0
+        R[r.COS_ALPHA, f] = u / root if moves and forward else 1.0
+        R[r.SIN_ALPHA, f] = w / root if moves and forward else 0.0
+        R[r.COS_BETA, f] = root / vt if moves else 1.0
+        R[r.SIN_BETA, f] = v / vt if moves else 0.0
         half_rho = 0.5 * R[r.DENSITY, f]
         qbar = half_rho * vt2
+        R[r.VT, f] = vt
         R[r.QBAR, f], R[r.QBAR_UW, f], R[r.QBAR_UV, f] = qbar, half_rho * uw, half_rho * (u2 + v2)
-        mach = vt / R[r.SOUND_SPEED, f]
-        R[r.MACH, f] = mach
+        R[r.MACH, f] = vt / R[r.SOUND_SPEED, f]
         vn, ve = R[r.V_NORTH, f], R[r.V_EAST, f]
-        ground = math.sqrt(vn * vn + ve * ve)
-        R[r.V_GROUND, f] = ground
-        # a lift per qbar of the last frame, for models that read aero/cl-squared (start of FGAerodynamics::Run)
-        if qbar > 1.0:
-            cl = R[r.WIND_FORCE + 2, f] / (R[r.WING_AREA, f] * qbar)
-            R[r.CL_SQUARED, f] = cl * cl
+        R[r.V_GROUND, f] = math.sqrt(vn * vn + ve * ve)
+        # lift per dynamic pressure, for models that read aero/cl-squared (start of FGAerodynamics::Run)
+        cl, old = R[r.WIND_FORCE + 2, f] / (R[r.WING_AREA, f] * qbar), R[r.CL_SQUARED, f]
+        R[r.CL_SQUARED, f] = cl * cl if qbar > 1.0 else old
+    for f in range(LANES):
+        u, v, w = R[r.U_AERO, f], R[r.V_AERO, f], R[r.W_AERO, f]
+        uw, moves = u * u + w * w, R[r.VT, f] > 0.001
+        R[r.BETA, f] = math.atan2(v, math.sqrt(uw)) if moves else 0.0
+        R[r.ALPHA, f] = math.atan2(w, u) if moves and uw >= 1e-6 else 0.0
 
 
 @compiled
 def air_data(R: FloatArray) -> None:  # pragma: no cover
     """The rest of FGAuxiliary, which few models and channels read: track, pitot, load factors, height over span."""
-    for f in range(R.shape[1]):
+    R = lanes(R)
+    for f in range(LANES):
         vn, ve, vd = R[r.V_NORTH, f], R[r.V_EAST, f], R[r.V_DOWN, f]
         track = math.atan2(ve, vn)
         R[r.TRACK, f] = track + 2.0 * math.pi if track < 0.0 else track
@@ -411,11 +435,12 @@ def air_data(R: FloatArray) -> None:  # pragma: no cover
 @compiled
 def motion_numbers(R: FloatArray) -> None:  # pragma: no cover
     """Set b/2V, c/2V and their like, after the functions that stand before the axes (FGAerodynamics::Run)."""
-    for f in range(R.shape[1]):
-        twice = 2.0 * R[r.VT, f]
-        if twice != 0.0:
-            R[r.BI2VEL, f] = R[r.WING_SPAN, f] / twice
-            R[r.CI2VEL, f] = R[r.CHORD, f] / twice
+    R = lanes(R)
+    for f in range(LANES):
+        twice, b, c = 2.0 * R[r.VT, f], R[r.BI2VEL, f], R[r.CI2VEL, f]
+        over_b, over_c = R[r.WING_SPAN, f] / twice, R[r.CHORD, f] / twice
+        R[r.BI2VEL, f] = over_b if twice != 0.0 else b
+        R[r.CI2VEL, f] = over_c if twice != 0.0 else c
         R[r.ALPHA_WING, f] = R[r.ALPHA, f] + R[r.INCIDENCE, f]
         R[r.QBAR_AREA, f] = R[r.WING_AREA, f] * R[r.QBAR, f]
 
@@ -424,62 +449,62 @@ BODY, WIND_AXES, STABILITY, AXIAL_NORMAL = 0, 1, 2, 3
 
 
 @compiled
+def _to_body(R: FloatArray, first: int, axes: int) -> None:  # pragma: no cover
+    """Turn a vector of aerodynamic axes into body axes, in place."""
+    R = lanes(R)
+    if axes == WIND_AXES:
+        for f in range(LANES):
+            ca, sa, cb, sb = R[r.COS_ALPHA, f], R[r.SIN_ALPHA, f], R[r.COS_BETA, f], R[r.SIN_BETA, f]
+            x, y, z = R[first, f], R[first + 1, f], R[first + 2, f]
+            R[first, f] = ca * cb * x - ca * sb * y - sa * z
+            R[first + 1, f] = sb * x + cb * y
+            R[first + 2, f] = sa * cb * x - sa * sb * y + ca * z
+    elif axes == STABILITY:
+        for f in range(LANES):
+            ca, sa, x, z = R[r.COS_ALPHA, f], R[r.SIN_ALPHA, f], R[first, f], R[first + 2, f]
+            R[first, f], R[first + 2, f] = ca * x - sa * z, sa * x + ca * z
+
+
+@compiled
 def aerodynamics(R: FloatArray, forces: int, moments: int) -> None:  # pragma: no cover
     """Take what the axes sum to into body axes at the centre of gravity (FGAerodynamics::Run).
 
     Args:
-        R: registers.
+        R: registers; those of the native forces and moments are turned.
         forces: axes in which the model gives forces.
         moments: axes in which it gives moments.
     """
-    for f in range(R.shape[1]):
+    if forces != BODY:  # drag and lift count backwards and upwards
+        for i in (r.NATIVE, r.NATIVE + 2, r.NATIVE_AT_CG, r.NATIVE_AT_CG + 2):
+            for f in range(LANES):
+                R[i, f] = -R[i, f]
+        _to_body(R, r.NATIVE, forces)
+        _to_body(R, r.NATIVE_AT_CG, forces)
+    _to_body(R, r.NATIVE_MOMENT, moments)
+    R = lanes(R)
+    i, j, m, k = r.NATIVE, r.NATIVE_AT_CG, r.NATIVE_MOMENT, r.CG
+    for f in range(LANES):
         ca, sa, cb, sb = R[r.COS_ALPHA, f], R[r.SIN_ALPHA, f], R[r.COS_BETA, f], R[r.SIN_BETA, f]
-        fx = fy = fz = gx = gy = gz = 0.0
-        for k in range(2):
-            i = r.NATIVE if k == 0 else r.NATIVE_AT_CG
-            x, y, z = R[i, f], R[i + 1, f], R[i + 2, f]
-            if forces != BODY:
-                x, z = -x, -z
-            if forces == WIND_AXES:
-                a, b, c = ca * cb * x - ca * sb * y - sa * z, sb * x + cb * y, sa * cb * x - sa * sb * y + ca * z
-            elif forces == STABILITY:
-                a, b, c = ca * x - sa * z, y, sa * x + ca * z
-            else:
-                a, b, c = x, y, z
-            if k == 0:
-                fx, fy, fz = a, b, c
-            else:
-                gx, gy, gz = a, b, c
-        i = r.NATIVE_MOMENT
-        roll, m, n = R[i, f], R[i + 1, f], R[i + 2, f]
-        if moments == STABILITY:
-            roll, n = ca * roll - sa * n, sa * roll + ca * n
-        elif moments == WIND_AXES:
-            roll, m, n = (
-                ca * cb * roll - ca * sb * m - sa * n,
-                sb * roll + cb * m,
-                sa * cb * roll - sa * sb * m + ca * n,
-            )
-        i, k = r.REFERENCE_POINT, r.CG
-        dx = (R[k, f] - R[i, f]) / 12.0 - R[r.REFERENCE_SHIFT, f] * R[r.CHORD, f]
-        dy = (R[i + 1, f] - R[k + 1, f]) / 12.0
-        dz = (R[k + 2, f] - R[i + 2, f]) / 12.0
-        i = r.AERO_MOMENT
-        R[i, f], R[i + 1, f], R[i + 2, f] = roll + dy * fz - dz * fy, m + dz * fx - dx * fz, n + dx * fy - dy * fx
-        fx, fy, fz = fx + gx, fy + gy, fz + gz
-        i = r.AERO_FORCE
-        R[i, f], R[i + 1, f], R[i + 2, f] = fx, fy, fz
-        i = r.WIND_FORCE
-        R[i, f] = -(ca * cb * fx + sb * fy + sa * cb * fz)
-        R[i + 1, f] = -ca * sb * fx + cb * fy - sa * sb * fz
-        R[i + 2, f] = -(-sa * fx + ca * fz)
+        fx, fy, fz = R[i, f], R[i + 1, f], R[i + 2, f]
+        dx = (R[k, f] - R[r.REFERENCE_POINT, f]) / 12.0 - R[r.REFERENCE_SHIFT, f] * R[r.CHORD, f]
+        dy = (R[r.REFERENCE_POINT + 1, f] - R[k + 1, f]) / 12.0
+        dz = (R[k + 2, f] - R[r.REFERENCE_POINT + 2, f]) / 12.0
+        R[r.AERO_MOMENT, f] = R[m, f] + dy * fz - dz * fy
+        R[r.AERO_MOMENT + 1, f] = R[m + 1, f] + dz * fx - dx * fz
+        R[r.AERO_MOMENT + 2, f] = R[m + 2, f] + dx * fy - dy * fx
+        fx, fy, fz = fx + R[j, f], fy + R[j + 1, f], fz + R[j + 2, f]
+        R[r.AERO_FORCE, f], R[r.AERO_FORCE + 1, f], R[r.AERO_FORCE + 2, f] = fx, fy, fz
+        R[r.WIND_FORCE, f] = -(ca * cb * fx + sb * fy + sa * cb * fz)
+        R[r.WIND_FORCE + 1, f] = -ca * sb * fx + cb * fy - sa * sb * fz
+        R[r.WIND_FORCE + 2, f] = -(-sa * fx + ca * fz)
 
 
 @compiled
 def clear(R: FloatArray, first: int) -> None:  # pragma: no cover
     """Set six registers to zero: a force and a moment that are summed anew."""
+    R = lanes(R)
     for i in range(6):
-        for f in range(R.shape[1]):
+        for f in range(LANES):
             R[first + i, f] = 0.0
 
 
@@ -496,7 +521,8 @@ def reaction(R: FloatArray, block: int, frame: int, is_moment: int) -> None:  # 
         frame: of the direction: BODY, WIND_AXES, LOCAL or INERTIAL.
         is_moment: 1 for a moment.
     """
-    for f in range(R.shape[1]):
+    R = lanes(R)
+    for f in range(LANES):
         size = R[block, f]
         x, y, z = size * R[block + 1, f], size * R[block + 2, f], size * R[block + 3, f]
         if frame == WIND_AXES:
@@ -537,7 +563,8 @@ def thruster(R: FloatArray, block: int) -> None:  # pragma: no cover
         R: registers.
         block: first of thrust (lbf), direction in body axes (3) and location (3, in, structural axes).
     """
-    for f in range(R.shape[1]):
+    R = lanes(R)
+    for f in range(LANES):
         thrust, k = R[block, f], r.CG
         x, y, z = thrust * R[block + 1, f], thrust * R[block + 2, f], thrust * R[block + 3, f]
         dx = (R[k, f] - R[block + 4, f]) / 12.0
@@ -556,11 +583,13 @@ def thruster(R: FloatArray, block: int) -> None:  # pragma: no cover
 @compiled
 def accelerate(R: FloatArray) -> None:  # pragma: no cover
     """End a frame: sum forces and moments, and take accelerations from them (FGAircraft, FGAccelerations)."""
-    angle, ce, se = math.nan, 1.0, 0.0
-    for f in range(R.shape[1]):
-        for i in range(3):
+    R = lanes(R)
+    ce, se = math.cos(R[r.EARTH_ANGLE, 0]), math.sin(R[r.EARTH_ANGLE, 0])
+    for i in range(3):
+        for f in range(LANES):
             R[r.FORCE + i, f] = R[r.AERO_FORCE + i, f] + R[r.ENGINE_FORCE + i, f] + R[r.ADDED_FORCE + i, f]
             R[r.MOMENT + i, f] = R[r.AERO_MOMENT + i, f] + R[r.ENGINE_MOMENT + i, f] + R[r.ADDED_MOMENT + i, f]
+    for f in range(LANES):
         i = r.INERTIAL_TO_BODY
         t11, t12, t13 = R[i, f], R[i + 1, f], R[i + 2, f]
         t21, t22, t23 = R[i + 3, f], R[i + 4, f], R[i + 5, f]
@@ -599,9 +628,6 @@ def accelerate(R: FloatArray) -> None:  # pragma: no cover
         R[r.W_DOT, f] = (
             az - (wx * v - wy * u) - (t31 * cx + t32 * cy) + (R[i + 6, f] * gx + R[i + 7, f] * gy + R[i + 8, f] * gz)
         )
-        if R[r.EARTH_ANGLE, f] != angle:
-            angle = R[r.EARTH_ANGLE, f]
-            ce, se = math.cos(angle), math.sin(angle)
         R[r.VELOCITY_DOT, f] = t11 * ax + t21 * ay + t31 * az + ce * gx - se * gy
         R[r.VELOCITY_DOT + 1, f] = t12 * ax + t22 * ay + t32 * az + se * gx + ce * gy
         R[r.VELOCITY_DOT + 2, f] = t13 * ax + t23 * ay + t33 * az + gz

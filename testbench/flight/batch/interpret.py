@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from testbench.core.record import FloatArray
 from testbench.flight.batch import integrate as stages
-from testbench.flight.batch.compiled import compiled
+from testbench.flight.batch.compiled import LANES, compiled, lanes
 
 HUGE = math.inf
 
@@ -95,7 +95,8 @@ def _table_3(T: FloatArray, at: int, row: float, column: float, depth: float) ->
 
 @compiled
 def _quotient(R: FloatArray, t: int, a: int, b: int) -> None:  # pragma: no cover
-    for f in range(R.shape[1]):
+    R = lanes(R)
+    for f in range(LANES):
         x, y = R[a, f], R[b, f]
         z = x / y
         R[t, f] = z if y != 0.0 else HUGE
@@ -103,28 +104,32 @@ def _quotient(R: FloatArray, t: int, a: int, b: int) -> None:  # pragma: no cove
 
 @compiled
 def _least(R: FloatArray, t: int, a: int, b: int) -> None:  # pragma: no cover
-    for f in range(R.shape[1]):
+    R = lanes(R)
+    for f in range(LANES):
         x, y = R[a, f], R[b, f]
         R[t, f] = y if y < x else x
 
 
 @compiled
 def _greatest(R: FloatArray, t: int, a: int, b: int) -> None:  # pragma: no cover
-    for f in range(R.shape[1]):
+    R = lanes(R)
+    for f in range(LANES):
         x, y = R[a, f], R[b, f]
         R[t, f] = y if y > x else x
 
 
 @compiled
 def _select(R: FloatArray, t: int, a: int, b: int, c: int) -> None:  # pragma: no cover
-    for f in range(R.shape[1]):
+    R = lanes(R)
+    for f in range(LANES):
         x, y, z = R[a, f], R[b, f], R[c, f]
         R[t, f] = y if x > 0.5 else z
 
 
 @compiled
 def _clip(R: FloatArray, t: int, a: int, b: int, c: int) -> None:  # pragma: no cover
-    for f in range(R.shape[1]):
+    R = lanes(R)
+    for f in range(LANES):
         x, low, high = R[a, f], R[b, f], R[c, f]
         y = low if x < low else x
         z = high if y > high else y
@@ -138,30 +143,30 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
     Args:
         code: (n, 6) operations.
         T: tables.
-        R: (registers, flights).
+        R: (registers, LANES).
     """
-    m = R.shape[1]
+    R = lanes(R)
     for k in range(code.shape[0]):
         op, t, a, b, c, e = code[k, 0], code[k, 1], code[k, 2], code[k, 3], code[k, 4], code[k, 5]
         if op == 3:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = R[a, f] * R[b, f]
         elif op == 1:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = R[a, f] + R[b, f]
         elif op == 44:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = R[a, f] * R[b, f] + R[c, f]
         elif op == 0:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = R[a, f]
         elif op == 2:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = R[a, f] - R[b, f]
         elif op == 4:
             _quotient(R, t, a, b)
         elif op == 5:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = R[a, f] / R[b, f]
         elif op == 6:
             _least(R, t, a, b)
@@ -172,62 +177,62 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
         elif op == 40:
             _clip(R, t, a, b, c)
         elif op == 41:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = _table_1(T, e, R[a, f])
         elif op == 42:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = _table_2(T, e, R[a, f], R[b, f])
         elif op == 43:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = _table_3(T, e, R[a, f], R[b, f], R[c, f])
         elif op == 30:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = 1.0 if R[a, f] < R[b, f] else 0.0
         elif op == 31:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = 1.0 if R[a, f] <= R[b, f] else 0.0
         elif op == 32:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = 1.0 if R[a, f] > R[b, f] else 0.0
         elif op == 33:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = 1.0 if R[a, f] >= R[b, f] else 0.0
         elif op == 34:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = 1.0 if R[a, f] == R[b, f] else 0.0
         elif op == 35:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = 1.0 if R[a, f] != R[b, f] else 0.0
         elif op == 36:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = 1.0 if R[a, f] > 0.5 and R[b, f] > 0.5 else 0.0
         elif op == 37:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = 1.0 if R[a, f] > 0.5 or R[b, f] > 0.5 else 0.0
         elif op == 38:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = 0.0 if R[a, f] > 0.5 else 1.0
         elif op == 45:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = -R[a, f]
         elif op == 21:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = math.fabs(R[a, f])
         elif op == 10:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = math.exp(R[a, f])
         elif op == 8:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = math.pow(R[a, f], R[b, f])
         elif op == 9:
-            for f in range(m):
+            for f in range(LANES):
                 x = R[a, f]
                 R[t, f] = math.sqrt(x) if x >= 0.0 else -HUGE
         elif op == 14:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = math.sin(R[a, f])
         elif op == 15:
-            for f in range(m):
+            for f in range(LANES):
                 R[t, f] = math.cos(R[a, f])
         elif op < 60:
             _rare(op, t, a, b, R)
@@ -262,7 +267,8 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
 @compiled
 def _rare(op: int, t: int, a: int, b: int, R: FloatArray) -> None:  # pragma: no cover
     """Operations that few models have."""
-    for f in range(R.shape[1]):
+    R = lanes(R)
+    for f in range(LANES):
         x, y = R[a, f], R[b, f]
         z = math.nan
         if op == 11:
@@ -328,7 +334,7 @@ def run(
         frame: operations of every frame.
         log: operations before each row.
         T: tables.
-        R: (registers, flights).
+        R: (registers, LANES); flights beyond those of ``rows`` are flown without inputs, and not looked at.
         inputs: (frames, inputs, flights) what is written before each frame, of this call.
         targets: register of each input.
         stride: frames per row.
@@ -343,7 +349,7 @@ def run(
         value: (flights,) with what.
         first: number of the first row.
     """
-    m = R.shape[1]
+    m = rows.shape[0]
     execute(before, T, R)
     k = 0
     for row in range(first, rows.shape[1]):

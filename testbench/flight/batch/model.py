@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +13,7 @@ from testbench.core.channels import CHANNELS, channel
 from testbench.core.constants import FT_M
 from testbench.core.record import FloatArray
 from testbench.flight.batch import registers as r
+from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.integrate import begin, place, weigh
 from testbench.flight.batch.interpret import execute
 from testbench.flight.batch.program import Program
@@ -273,6 +274,18 @@ def _set_weights(start: FloatArray, weights: Weights) -> None:
     start[r.INERTIA : r.INERTIA + 6] = [weights.inertia[i, k] for _, i, k, _ in _INERTIA]
 
 
+def registers(models: Sequence[BatchModel]) -> FloatArray:
+    """Return the registers (registers, LANES) of up to LANES flights; the last is repeated to fill the block."""
+    columns = [m.start for m in models]
+    return np.stack([*columns, *columns[-1:] * (LANES - len(columns))], axis=1)
+
+
+def filled(x: FloatArray) -> FloatArray:
+    """Return an array whose last axis counts flights, with the last flight repeated up to LANES."""
+    missing = LANES - x.shape[-1]
+    return np.concatenate([x, np.repeat(x[..., -1:], missing, axis=-1)], axis=-1) if missing else x
+
+
 def put(
     model: BatchModel,
     R: FloatArray,
@@ -299,13 +312,14 @@ def put(
     """
     for name, register in model.commands.items():
         if name in commands:
-            R[register] = np.asarray(commands[name]) / model.aircraft.controls[name].scale
-    euler = np.stack([phi, theta, np.zeros_like(phi)])
+            R[register] = filled(np.asarray(commands[name])) / model.aircraft.controls[name].scale
+    euler = filled(np.stack([phi, theta, np.zeros_like(phi)]))
+    h_ft, uvw, pqr = filled(np.asarray(h_m) / FT_M), filled(uvw_m_s / FT_M), filled(pqr)
     weigh(R)
     R[r.DT] = 0.0
     execute(model.program.before, model.program.tables, R)
     for _ in range(times):
-        place(R, np.asarray(h_m) / FT_M, euler, uvw_m_s / FT_M, pqr)
+        place(R, h_ft, euler, uvw, pqr)
         execute(model.program.frame, model.program.tables, R)
         execute(model.program.frame, model.program.tables, R)
     begin(R)

@@ -13,19 +13,19 @@ from testbench.core.record import FloatArray
 from testbench.flight.air import Air
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged, variant_known
-from testbench.flight.batch.fly import LANES, Simulator
-from testbench.flight.batch.model import BatchModel, put, read
+from testbench.flight.batch.compiled import LANES
+from testbench.flight.batch.fly import Simulator
+from testbench.flight.batch.model import BatchModel, filled, put, read, registers
 from testbench.flight.condition import FlightCondition, TrimmedFlight
-from testbench.flight.executive import body_from_earth
 from testbench.flight.trim import (
+    RADIUS_EAST_M,
+    RADIUS_NORTH_M,
     TOLERANCE,
     UNKNOWN_STEP,
     checked_trim,
     first_guess,
-    horizon_rates,
     trim,
     unknowns,
-    velocity_at,
 )  # fmt: skip
 
 _ITERATIONS = 12
@@ -128,15 +128,17 @@ class _Problem:
         self, models: Sequence[BatchModel], conditions: Sequence[FlightCondition], airs: Sequence[Air | None]
     ) -> None:
         self._model = models[0]
-        self._conditions = conditions
+        self._V, self._h, self._gamma = (
+            np.array([getattr(c, n) for c in conditions]) for n in ("V_m_s", "h_m", "gamma_rad")
+        )
         self.names = unknowns(models[0].aircraft)
         self._wind = np.array([(0.0, 0.0, 0.0) if a is None else a.wind_m_s for a in airs]).T
         self._models = models
         self._R = self._afresh()
 
     def _afresh(self) -> FloatArray:
-        R = np.ascontiguousarray(np.stack([m.start for m in self._models], axis=1))
-        R[r.GUST : r.GUST + 3] = self._wind / FT_M
+        R = registers(self._models)
+        R[r.GUST : r.GUST + 3] = filled(self._wind) / FT_M
         return R
 
     def newton(self) -> tuple[FloatArray, FloatArray, np.ndarray]:
@@ -169,21 +171,24 @@ class _Problem:
 
     def _accelerations(self, x: FloatArray) -> FloatArray:
         at = dict(zip(self.names, x, strict=True))
-        flights = []
-        for lane, condition in enumerate(self._conditions):
-            alpha, phi = float(at["alpha"][lane]), float(at["phi"][lane])
-            gamma = float(at["gamma"][lane]) if "gamma" in at else condition.gamma_rad
-            uvw = velocity_at(condition.V_m_s, alpha, float(at["beta"][lane]) if "beta" in at else 0.0)
-            theta, wind = alpha + gamma, self._wind[:, lane]
-            pqr = horizon_rates(condition.h_m, theta, phi, uvw, wind)
-            if wind.any():
-                uvw = uvw + body_from_earth(theta, phi) @ wind
-            flights.append((condition.h_m, theta, phi, uvw, pqr))
-        h, theta_, phi_ = (np.array([f[k] for f in flights]) for k in range(3))
-        uvw_, pqr_ = (np.stack([f[k] for f in flights], axis=1) for k in (3, 4))
-        put(self._model, self._R, h, theta_, phi_, uvw_, pqr_, at, self._model.iterations)
-        return np.asarray(self._R[r.U_DOT : r.U_DOT + 6]) * _SI[:, None]
+        zero = np.zeros_like(self._V)
+        alpha, phi, beta = at["alpha"], at["phi"], at.get("beta", zero)
+        theta = alpha + at.get("gamma", self._gamma)
+        uvw = self._V * np.stack([np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)])
+        C = _body_from_earth(theta, phi)
+        uvw = uvw + np.einsum("ijf,jf->if", C, self._wind)
+        north, east, _ = np.einsum("ijf,if->jf", C, uvw)
+        turn = np.stack([east / (RADIUS_EAST_M + self._h), -north / (RADIUS_NORTH_M + self._h), zero])
+        pqr = np.einsum("ijf,jf->if", C, turn)
+        put(self._model, self._R, self._h, theta, phi, uvw, pqr, at, self._model.iterations)
+        return self._R[r.U_DOT : r.U_DOT + 6, : len(self._models)] * _SI[:, None]
 
     def state(self) -> FloatArray:
         """Return every channel (channels, flights), in JSBSim's unit."""
-        return read(self._model, self._R)
+        return read(self._model, self._R)[:, : len(self._models)]
+
+
+def _body_from_earth(theta: FloatArray, phi: FloatArray) -> FloatArray:
+    """Return the matrices (3, 3, flights) that take north, east, down to body axes, heading north."""
+    s, c, sp, cp, zero = np.sin(theta), np.cos(theta), np.sin(phi), np.cos(phi), np.zeros_like(phi)
+    return np.array([[c, zero, -s], [sp * s, cp, sp * c], [cp * s, -sp, cp * c]])
