@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+from commands import command
+
 from testbench.core.paths import SUITES
+
+GUIDE = Path(__file__).resolve().parents[1] / "docs" / "guides" / "aircraft_from_geometry.md"
+
+
+def geometry_of_the_guide() -> str:
+    """Return the plan of a small UAV, with which the guide begins."""
+    return re.search(r"```toml\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)[1]
 
 
 @dataclass(frozen=True)
@@ -18,6 +28,15 @@ class Visitor:
     step_s: float = 0.5
     amplitude_deg: float = 1.0
     throttle: bool = True
+    from_geometry: bool = False
+
+    def made(self, folder: Path) -> Visitor:
+        """Return the visitor with its aircraft made in a folder from the guide's geometry, as a user would."""
+        plan = folder / f"{self.name}.toml"
+        plan.write_text(geometry_of_the_guide(), encoding="utf-8")
+        done = command("aircraft", "new", plan, "-o", folder / self.name)
+        assert done.returncode == 0, done.stderr
+        return replace(self, name=str(folder / self.name))
 
     def write(self, folder: Path) -> dict[str, Path]:
         """Write one scenario of every kind; return question -> file."""
@@ -89,4 +108,5 @@ VISITORS = (
     Visitor("jsbsim:f16", 150.0, 3000.0, 0.4, 1.0),
     Visitor("jsbsim:SGS", 29.0, 1000.0, 0.4, 1.5, throttle=False),
     Visitor("jsbsim:B747", 150.0, 3000.0, 1.0, 1.5),
+    Visitor("trainer", 14.0, 100.0, 0.2, 1.5, from_geometry=True),
 )

@@ -129,7 +129,11 @@ class Executive:
         self._integrators = [self.node(f"simulation/integrator/{name}") for name in _INTEGRATORS]
         for node in self._integrators:
             node.set_double_value(ADAMS_BASHFORTH_3)
+        self._wind = np.zeros(3)
         if aircraft.adapter is not None:
+            # In the air before the gear is raised: a raised wheel feels for ever what it felt last, on the ground.
+            self.place(condition.h_m, 0.0, 0.0, (condition.V_m_s, 0.0, 0.0))
+            self.fdm.run_ic()
             for name, value in aircraft.adapter.settings.items():
                 if name != _FREEZE:
                     self.set(name, value)
@@ -138,14 +142,13 @@ class Executive:
                 self.set(_FREEZE, aircraft.adapter.settings[_FREEZE])
         self.propellers = Propellers(self, self.fdm.get_propulsion().get_num_engines())
         self.gust_nodes = [self.node(name) for name in _GUSTS]
-        self._wind = np.zeros(3)
         if aircraft.adapter is None:
             self.fdm.get_propulsion().init_running(-1)
         else:
-            self.place(condition.h_m, 0.0, 0.0, (condition.V_m_s, 0.0, 0.0))
             self.fdm.run_ic()
             self.propellers.start()
-            self._lean()
+            for name, value in self.leaned().items():
+                self.set(name, value)
         sources = [self._source(name) for name in (*CHANNELS, *modal_channels(self.mode_count))]
         found = [(name, prop, factor) for name, prop, factor in sources if self.has(prop)]
         self.channels = tuple(name for name, _, _ in found)
@@ -153,12 +156,14 @@ class Executive:
         self.channel_nodes = [self.node(str(prop)) for _, prop, _ in found]
         self.command_nodes = {n: self.node(aircraft.controls[n].command) for n in CONTROLS if n in aircraft.controls}
 
-    def _lean(self) -> None:
-        """Lean the mixture for the height, as pilots do: a full rich one is too rich to burn at 3000 m."""
-        ratio = self.get("atmosphere/P-psf") / _SEA_LEVEL_PSF
-        for name in (f"fcs/mixture-cmd-norm[{i}]" for i in range(self.fdm.get_propulsion().get_num_engines())):
-            if self.has(name):
-                self.set(name, min(1.0, ratio))
+    def leaned(self) -> dict[str, float]:
+        """Return property -> mixture of every engine, leaned for the height.
+
+        As pilots do: a full rich one is too rich to burn at 3000 m. Starting an engine makes it full rich again.
+        """
+        ratio = min(1.0, self.get("atmosphere/P-psf") / _SEA_LEVEL_PSF)
+        names = (f"fcs/mixture-cmd-norm[{i}]" for i in range(self.fdm.get_propulsion().get_num_engines()))
+        return {name: ratio for name in names if self.has(name)}
 
     def _refusal(self, said: str) -> ModelError:
         """Return the error of a model that JSBSim refuses, in JSBSim's own words."""

@@ -25,6 +25,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.core.constants import RPM_RAD_S
 from testbench.core.record import FloatArray
@@ -32,6 +33,7 @@ from testbench.core.record import FloatArray
 if TYPE_CHECKING:
     from testbench.flight.executive import Executive
 
+BoolArray = NDArray[np.bool_]
 _INSTANT_S = 1e-9  # a frame in which nothing moves at all
 _HISTORY = 4  # frames that the integrators remember
 _SETTLED = 1e-10  # of the speed
@@ -64,6 +66,90 @@ class _Propeller:
     torque_limit: float = 0.0
 
 
+@dataclass(frozen=True)
+class _Governor:
+    """What governors want: which of the propellers have one, the stops of their blades (deg), the speeds (rpm)."""
+
+    governed: BoolArray
+    low: FloatArray
+    high: FloatArray
+    wanted: FloatArray
+
+    def stopped(self, pitch: FloatArray, away: FloatArray, scale: FloatArray) -> BoolArray:
+        """Return which speeds no blade can change: not governed, or at the stop beyond which the wanted one lies."""
+        fine, coarse = (pitch <= self.low) & (away > scale), (pitch >= self.high) & (away < -scale)
+        return np.asarray(~self.governed | fine | coarse)
+
+
+@dataclass
+class _Frames:
+    """How long a frame may be, as found from frame to frame; kept from one search to the next.
+
+    Attributes:
+        slowing: d rate / d speed (n,), 1/s.
+        fill: longest frame that ends where it should, s; at first the lag of the manifold.
+        share: of the way to the speed wanted that blades are turned for; the manifold goes the rest.
+        longest: that is allowed now, s.
+        searches: JSBSim's own, made in this search.
+        fresh: manifolds have filled to what the throttle wants, which they do only in a frame.
+    """
+
+    slowing: FloatArray
+    fill: float
+    share: float = 1.0
+    longest: float = 0.0
+    searches: int = 0
+    fresh: bool = False
+
+    def begin(self, careful: bool) -> None:
+        """Begin a search; ``careful`` after a change of throttle, as the manifold changes the power within a frame."""
+        self.longest = min(self.fill, _FIRST_S) if careful else self.fill
+        self.searches, self.fresh = 0, False
+
+    @property
+    def full(self) -> bool:
+        """Whether frames are as long as they ever may be."""
+        return self.longest == self.fill
+
+    def may_search(self) -> bool:
+        """Return whether JSBSim's own search may be made, whose frames of 0.5 s go with slow propellers only."""
+        return self.searches < _SEARCHES and bool(np.min(self.slowing) > _STIFF_1_S) and self.full
+
+    def length(self, rpm: FloatArray, rates: FloatArray, stopped: BoolArray) -> float:
+        """Return the length of the next frame, s: the time constant of the fastest speed that no blade holds."""
+        dt = self.longest
+        if np.any(stopped):
+            k = int(np.argmax(np.where(stopped, np.abs(rates), -1.0)))
+            dt = -1.0 / self.slowing[k]
+            if not self.full:
+                dt = min(dt, self.longest)
+        fastest = float(np.max(np.abs(rates) / np.maximum(rpm, 1.0)))
+        return float(max(min(dt, _MOST_CHANGE / fastest if fastest else dt), _SHORTEST_S))
+
+    def learn_share(
+        self, dt: float, before: FloatArray, after: FloatArray, stopped: BoolArray, scale: FloatArray
+    ) -> None:
+        """Learn the share of blades from how far from the speed wanted a frame began and ended, rpm."""
+        k = int(np.argmax(np.where(stopped, 0.0, np.abs(before))))
+        if self.longest == self.fill == dt and abs(before[k]) > 10.0 * scale[k] and not stopped[k]:
+            self.share = float(np.clip(self.share + after[k] / before[k], 0.1, 1.0))
+
+    def learn_length(self, dt: float, missed: float) -> None:
+        """Make frames longer or shorter by the share of a speed by which one missed the end expected."""
+        if missed < _MISSED:
+            self.longest = min(2.0 * self.longest, self.fill)
+        else:
+            if dt > _FIRST_S:
+                self.fill = max(0.5 * dt, min(self.fill, _FIRST_S))
+            self.longest = max(0.25 * self.longest, min(self.fill, _FIRST_S))
+
+    def learn_slowing(self, rpm: FloatArray, change: FloatArray, rates: FloatArray) -> None:
+        """Learn d rate / d speed from the change of speeds, rpm, and of rates, rpm/s, over a frame."""
+        far = np.abs(change) > 1e-7 * np.abs(rpm)
+        found = np.divide(rates, change, out=np.zeros(len(rpm)), where=far)
+        self.slowing = np.where(found < 0.0, np.clip(found, -1.0 / _SHORTEST_S, -1.0 / _LONGEST_S), self.slowing)
+
+
 class Propellers:
     """The propellers of a model.
 
@@ -91,9 +177,9 @@ class Propellers:
         ]
         self._turboprops = [i for i in self._numbers if adapted and self._file(i).kind == "turboprop"]
         self._slope: FloatArray | None = None
-        self._slowing: FloatArray | None = None
         self._throttles: FloatArray | None = None
-        self._share, self._fill = 1.0, 0.0
+        fill = max([_FRAME_S, *(self._file(i).lag_s for i in self._numbers)])
+        self._frames = _Frames(np.full(len(self), -1.0 / _FRAME_S), fill)
 
     def __len__(self) -> int:
         return len(self._nodes)
@@ -199,13 +285,44 @@ class Propellers:
         where they are at a stop, the length of the frame is the time constant of the speed, which makes Euler's rule a
         step of Newton's.
         """
+        governor, frames = self._governor(), self._frames
+        rpm, rates = self._begin(governor)
+        found_rest = False
+        for _ in range(_ITERATIONS):
+            pitch = self._pitch()
+            scale = _SETTLED * np.maximum(np.abs(rpm), 1.0)
+            away = governor.wanted - rpm
+            stopped = governor.stopped(pitch, away, scale)
+            at_rest = np.all(stopped | (np.abs(away) <= scale)) and np.all(np.abs(rates) <= scale)
+            if self._stands() or (frames.fresh and frames.full and at_rest):
+                found_rest = True
+                break
+            was, before = self._turn_blades(governor, pitch, frames.share * away / frames.longest, rpm, rates)
+            dt = frames.length(was, before, stopped)
+            self._pass(dt, stopped)
+            rpm, rates = self._look()
+            frames.learn_share(dt, away, governor.wanted - rpm, stopped, scale)
+            frames.learn_length(dt, float(np.max(np.abs(rpm - was - before * dt) / np.maximum(was, 1.0))))
+            frames.learn_slowing(rpm, rpm - was, rates - before)
+        self._govern(True)
+        self._fdm.fdm.run_ic()
+        return found_rest
+
+    def _governor(self) -> _Governor:
+        """Return the speeds that the levers ask for and the stops of the blades."""
         files = [self._file(i) for i in self._numbers]
-        governed = np.isin(np.arange(len(self)), self._governed)
-        low = np.array([f.low for f in files])
-        high = np.array([f.high for f in files])
         advance = [f"fcs/advance-cmd-norm[{i}]" for i in self._numbers]
         levers = [self._fdm.get(n) if self._fdm.has(n) else 1.0 for n in advance]
-        wanted = np.array([f.least_rpm + (f.most_rpm - f.least_rpm) * a for f, a in zip(files, levers, strict=True)])
+        wanted = [f.least_rpm + (f.most_rpm - f.least_rpm) * a for f, a in zip(files, levers, strict=True)]
+        return _Governor(
+            np.isin(np.arange(len(self)), self._governed),
+            np.array([f.low for f in files]),
+            np.array([f.high for f in files]),
+            np.array(wanted),
+        )
+
+    def _begin(self, governor: _Governor) -> tuple[FloatArray, FloatArray]:
+        """Make the engines ready for a search, governors off; return speeds (n,), rpm, and their rates, rpm/s."""
         if self._stands():
             self.start()
         self._govern(False)
@@ -214,87 +331,43 @@ class Propellers:
             self._spool()
         rpm, rates = self._look()
         if self._slope is None:
-            self._slope = self._turned(rates, low, high)
+            self._slope = self._turned(rates, governor.low, governor.high)
             rpm, rates = self._look()
-        fill = self._fill or max([_FRAME_S, *(self._file(i).lag_s for i in self._numbers)])
-        if self._slowing is None:
-            self._slowing = np.full(len(self), -1.0 / _FRAME_S)
-        slowing, searches = self._slowing, 0  # d rate / d speed, 1/s
-        fresh = False  # manifolds have filled to what the throttle wants only after a frame
         throttles = np.array([self._fdm.get(f"fcs/throttle-pos-norm[{i}]") for i in self._numbers])
-        longest, share = fill, self._share
-        if self._throttles is None or np.max(np.abs(throttles - self._throttles)) > _CAREFUL:
-            longest = min(fill, _FIRST_S)  # the power changes within a frame as the manifold empties or fills
-        self._throttles, found_rest = throttles, False
-        for _ in range(_ITERATIONS):
-            if self._stands():
-                found_rest = True
-                break
-            pitch = self._pitch()
-            scale = _SETTLED * np.maximum(np.abs(rpm), 1.0)
-            away = wanted - rpm
-            stopped = ~governed | ((pitch <= low) & (away > scale)) | ((pitch >= high) & (away < -scale))
-            if (
-                fresh
-                and longest == fill
-                and np.all(stopped | (np.abs(away) <= scale))
-                and np.all(np.abs(rates) <= scale)
-            ):
-                found_rest = True
-                break
-            dt = longest
-            turned = pitch.copy()
-            for k in self._governed:
-                step = (share * away[k] / dt - rates[k]) / self._slope[k] if self._slope[k] else 0.0
-                turned[k] = np.clip(pitch[k] + np.clip(step, -_MOST_TURN_DEG, _MOST_TURN_DEG), low[k], high[k])
-            self._set_pitch(turned)
-            moved = turned - pitch
-            before = rates
-            if np.any(moved):
-                rpm, before = self._look()
-                slope = np.divide(before - rates, moved, out=np.zeros(len(self)), where=np.abs(moved) > 1e-6)
-                self._slope = np.where(slope < 0.0, slope, self._slope)
-            if np.any(stopped):
-                k = int(np.argmax(np.where(stopped, np.abs(before), -1.0)))
-                dt = -1.0 / slowing[k]
-                if longest < fill:
-                    dt = min(dt, longest)
-            fastest = float(np.max(np.abs(before) / np.maximum(rpm, 1.0)))
-            dt = max(min(dt, _MOST_CHANGE / fastest if fastest else dt), _SHORTEST_S)
-            if (
-                np.all(stopped)
-                and not self._turboprops
-                and searches < _SEARCHES
-                and np.min(slowing) > _STIFF_1_S
-                and longest == fill
-            ):
-                searches += 1
-                self._fdm.fdm.get_propulsion().get_steady_state()
-            else:
-                self._march(dt)
-            fresh = True
-            was = rpm
-            if self._turboprops:
-                self._spool()
-            rpm, rates = self._look()
-            k = int(np.argmax(np.where(stopped, 0.0, np.abs(away))))
-            if longest == fill == dt and abs(away[k]) > 10.0 * scale[k] and not stopped[k]:
-                share = float(np.clip(share + (wanted[k] - rpm[k]) / away[k], 0.1, 1.0))
-            missed = float(np.max(np.abs(rpm - was - before * dt) / np.maximum(was, 1.0)))
-            if missed < _MISSED:
-                longest = min(2.0 * longest, fill)
-            else:
-                fill = max(0.5 * dt, min(fill, _FIRST_S)) if dt > _FIRST_S and fresh else fill
-                longest = max(0.25 * longest, min(fill, _FIRST_S))
-            change = rpm - was
-            found = np.divide(
-                rates - before, change, out=np.zeros(len(self)), where=np.abs(change) > 1e-7 * np.abs(rpm)
-            )
-            slowing = np.where(found < 0.0, np.clip(found, -1.0 / _SHORTEST_S, -1.0 / _LONGEST_S), slowing)
-        self._slowing, self._share, self._fill = slowing, share, fill
-        self._govern(True)
-        self._fdm.fdm.run_ic()
-        return found_rest
+        careful = self._throttles is None or bool(np.max(np.abs(throttles - self._throttles)) > _CAREFUL)
+        self._throttles = throttles
+        self._frames.begin(careful)
+        return rpm, rates
+
+    def _turn_blades(
+        self, governor: _Governor, pitch: FloatArray, wanted: FloatArray, rpm: FloatArray, rates: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Turn governed blades from ``pitch`` for the rates wanted, rpm/s; return speeds and rates thereafter."""
+        assert self._slope is not None
+        turned = pitch.copy()
+        for k in self._governed:
+            step = (wanted[k] - rates[k]) / self._slope[k] if self._slope[k] else 0.0
+            step = np.clip(step, -_MOST_TURN_DEG, _MOST_TURN_DEG)
+            turned[k] = np.clip(pitch[k] + step, governor.low[k], governor.high[k])
+        self._set_pitch(turned)
+        moved = turned - pitch
+        if not np.any(moved):
+            return rpm, rates
+        rpm, after = self._look()
+        slope = np.divide(after - rates, moved, out=np.zeros(len(self)), where=np.abs(moved) > 1e-6)
+        self._slope = np.where(slope < 0.0, slope, self._slope)
+        return rpm, after
+
+    def _pass(self, dt_s: float, stopped: BoolArray) -> None:
+        """Let a frame pass; where no blades turn and speeds are slow, JSBSim's own search in its place, a few times."""
+        if np.all(stopped) and not self._turboprops and self._frames.may_search():
+            self._frames.searches += 1
+            self._fdm.fdm.get_propulsion().get_steady_state()
+        else:
+            self._march(dt_s)
+        self._frames.fresh = True
+        if self._turboprops:
+            self._spool()
 
     def _turned(self, rates: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
         """Return d rate / d blade angle (n,), rpm/s per deg."""

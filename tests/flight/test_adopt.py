@@ -154,3 +154,10 @@ def test_a_trim_beside_another_is_the_same():
     beside = trim(found.aircraft, other.condition, near=found.trimmed)
     assert beside.alpha == pytest.approx(other.alpha, abs=1e-9)
     assert beside.controls == pytest.approx(other.controls, abs=1e-8)
+
+
+def test_no_wheel_feels_the_ground_in_flight():
+    """The F-16 raises its gear, and its leading-edge flaps ask whether there is weight on the wheels."""
+    fdm = held("f16")
+    for name in ("fcs/gear-wow", *(f"gear/unit[{i}]/WOW" for i in range(3))):
+        assert fdm.get(name) == 0.0, name

@@ -15,12 +15,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 from testbench.aircraft.model import Aircraft
 from testbench.aircraft.outline import Outline, Surface
 from testbench.aircraft.strips.coupling import MOTIONS
-from testbench.aircraft.strips.ground_test import GroundTestFile
+from testbench.aircraft.strips.ground_test import GroundTestFile, StripSettings
 from testbench.aircraft.strips.loads import StripModel
 from testbench.aircraft.strips.shapes import Tail, Wing
 from testbench.core.constants import DEG_RAD
@@ -97,127 +97,163 @@ def fit_strips(aircraft: Aircraft, test: GroundTestFile, own: Mapping[str, float
     Raises:
         ModelError: neither drawing nor file gives the wing, or a derivative asks for strips that cannot be.
     """
-    known, settings, told = own if test.strips.own_derivatives else {}, test.strips, []
+    fit = _Constants(aircraft.name, test.strips, own if test.strips.own_derivatives else {})
+    wing, tail, fin = _surfaces(aircraft, test)
+    first = _unfitted(fit, aircraft, test, wing, tail, fin)
+    symmetric = fit.lift_slope(first, "alpha", "CL", "symmetric", _aspect_ratio(wing))
+    asymmetric = fit.lift_slope(first, "p", "Cl", "asymmetric", _aspect_ratio(wing))
+    zero, dihedral = _wing_angles(fit, symmetric, asymmetric, wing)
+    elevator, turned, rudder = _effectiveness(fit, symmetric, asymmetric)
+    symmetric, asymmetric = (
+        replace(
+            _with_tail(model, elevator=elevator, rudder=rudder),
+            zero_lift_rad=zero * DEG_RAD,
+            dihedral_rad=dihedral * DEG_RAD,
+            aileron=(*model.aileron[:2], turned),
+        )
+        for model in (symmetric, asymmetric)
+    )
+    return FittedStrips(
+        symmetric, asymmetric, _plan_forms(aircraft, test), tuple(fit.told), _compared(symmetric, asymmetric, own)
+    )
 
-    def choose(name: str, unit: str, *options: tuple[float | None, str]) -> float:
+
+@dataclass(frozen=True)
+class _Constants:
+    """Constants as they are chosen: those given, then those that give the aircraft's own derivatives, then estimates.
+
+    Attributes:
+        name: of the aircraft.
+        settings: what is given.
+        known: the aircraft's own derivatives.
+        told: what was chosen, with its source.
+    """
+
+    name: str
+    settings: StripSettings
+    known: Mapping[str, float]
+    told: list[Constant] = field(default_factory=list)
+
+    def choose(self, name: str, unit: str, *options: tuple[float | None, str]) -> float:
         """Return the first option that has a value, and tell where it comes from."""
         value, source = next((v, s) for v, s in options if v is not None)
-        told.append(Constant(name, value, unit, source))
+        self.told.append(Constant(name, value, unit, source))
         return value
 
+    def matched(
+        self, make: Callable[[float], StripModel], motion: str, coefficient: str, target: str
+    ) -> tuple[float | None, str]:
+        """Return the constant with which the strips give the aircraft's own derivative, as an option."""
+        if target not in self.known:
+            return None, ""
+        own = self.known[target]
+        return _matched(make, motion, coefficient, own), f"the aircraft's own {target} = {own:.4g}"
+
+    def lift_slope(self, first: StripModel, motion: str, coefficient: str, word: str, ratio: float) -> StripModel:
+        """Return the strips whose wing gives the aircraft's own derivative, or has Helmbold's slope."""
+        name, given = f"{coefficient}_{motion}", self.settings.lift_slope_1_rad
+        fitted = None
+        if given is None and name in self.known:
+            fitted = _matched(lambda v: _with_slope(first, v), motion, coefficient, self.known[name])
+            if fitted is None or fitted <= 0.0:
+                raise ModelError(
+                    f"a lift slope of the wing must be found that gives {self.name} its own {name} = "
+                    f"{self.known[name]:.4g}, but with this tail it would be {0.0 if fitted is None else fitted:.3g}; "
+                    "correct [tail], or give strips.lift_slope_1_rad"
+                )
+        value = self.choose(
+            f"lift slope of the wing, {word} motion",
+            "1/rad",
+            (given, "given"),
+            (fitted, f"the aircraft's own {name} = {self.known.get(name, 0.0):.4g}"),
+            (helmbold(ratio), f"Helmbold's formula, aspect ratio {ratio:.3g}"),
+        )
+        return _with_slope(first, value)
+
+
+def _surfaces(aircraft: Aircraft, test: GroundTestFile) -> tuple[Surface, Surface | None, Surface | None]:
+    """Return the plan forms of wing, tail and fin: those of the file, else those of the aircraft's drawing."""
     outline = drawn_of(aircraft)
-    wing_of, tail_of, fin_of = (
+    wing, tail, fin = (
         getattr(test, name) or (getattr(outline, name) if outline else None) for name in ("wing", "tail", "fin")
     )
-    if wing_of is None:
+    if wing is None:
         raise ModelError(
             f"the plan form of the wing must be known, but {aircraft.name} has no [drawing] in its aircraft.toml; "
             "give [wing], and [tail] and [fin], in the file of the modes"
         )
-    axis = choose(
+    return wing, tail, fin
+
+
+def _unfitted(
+    fit: _Constants, aircraft: Aircraft, test: GroundTestFile, wing: Surface, tail: Surface | None, fin: Surface | None
+) -> StripModel:
+    """Return the strips before any constant is fitted to a derivative: deflections act in full, angles are zero."""
+    outline, settings, ratio = drawn_of(aircraft), fit.settings, _aspect_ratio(wing)
+    axis = fit.choose(
         "elastic axis",
         "chords",
         (settings.elastic_axis, "given"),
         (outline.elastic_axis if outline else None, "the aircraft's drawing"),
         (_ELASTIC_AXIS, "assumed: where main spars lie"),
     )
-    ratio = wing_of.span_m**2 / wing_of.area_m2
     slope = settings.lift_slope_1_rad or helmbold(ratio)
-    wing = _wing(wing_of, test, axis, slope)
-    tail = _tail(tail_of, fin_of, test, choose, slope, ratio)
-    aileron = settings.aileron
-    half = 0.5 * wing_of.span_m
-    place = (_AILERON[0] * half, _AILERON[1] * half) if aileron is None else (aileron.inner_m, aileron.outer_m)
-    effectiveness = None if aileron is None else aileron.effectiveness
-    CL = choose(
-        "lift coefficient", "", (settings.CL, "given"), (known.get("CL"), "the aircraft's trim"), (0.5, "assumed")
+    surfaces = _wing(wing, test, axis, slope), _tail(tail, fin, test, fit.choose, slope, ratio)
+    CL = fit.choose(
+        "lift coefficient", "", (settings.CL, "given"), (fit.known.get("CL"), "the aircraft's trim"), (0.5, "assumed")
     )
-    g = aircraft.geometry
-    first = StripModel(wing, tail, g.S_m2, g.cbar_m, 0.0, CL, 0.0, (*place, 1.0), g.b_m)
+    given, half, g = settings.aileron, 0.5 * wing.span_m, aircraft.geometry
+    place = (_AILERON[0] * half, _AILERON[1] * half) if given is None else (given.inner_m, given.outer_m)
+    return StripModel(*surfaces, g.S_m2, g.cbar_m, 0.0, CL, 0.0, (*place, 1.0), g.b_m)
 
-    def slope_for(motion: str, coefficient: str, word: str) -> StripModel:
-        """Return the strips whose wing gives the aircraft's own derivative."""
-        name = f"{coefficient}_{motion}"
-        fitted = None
-        if settings.lift_slope_1_rad is None and name in known:
-            fitted = _matched(lambda v: _with_slope(first, v), motion, coefficient, known[name])
-            if fitted is None or fitted <= 0.0:
-                raise ModelError(
-                    f"a lift slope of the wing must be found that gives {aircraft.name} its own {name} = "
-                    f"{known[name]:.4g}, but with this tail it would be {0.0 if fitted is None else fitted:.3g}; "
-                    "correct [tail], or give strips.lift_slope_1_rad"
-                )
-        value = choose(
-            f"lift slope of the wing, {word} motion",
-            "1/rad",
-            (settings.lift_slope_1_rad, "given"),
-            (fitted, f"the aircraft's own {name} = {known.get(name, 0.0):.4g}"),
-            (helmbold(ratio), f"Helmbold's formula, aspect ratio {ratio:.3g}"),
-        )
-        return _with_slope(first, value)
 
-    symmetric, asymmetric = slope_for("alpha", "CL", "symmetric"), slope_for("p", "Cl", "asymmetric")
-
-    def match(
-        model: StripModel, make: Callable[[float], StripModel], motion: str, coefficient: str, target: str
-    ) -> tuple[float | None, str]:
-        """Return the constant with which the strips give the aircraft's own derivative, as an option."""
-        if target not in known:
-            return None, ""
-        return _matched(make, motion, coefficient, known[target]), f"the aircraft's own {target} = {known[target]:.4g}"
-
-    zero = choose(
+def _wing_angles(fit: _Constants, symmetric: StripModel, asymmetric: StripModel, wing: Surface) -> tuple[float, float]:
+    """Return the angle of the wing from zero lift and its dihedral, deg."""
+    zero = fit.choose(
         "angle of the wing from zero lift, at zero alpha",
         "deg",
-        (settings.zero_lift_deg, "given"),
-        _in_degrees(match(symmetric, lambda v: replace(symmetric, zero_lift_rad=v), "zero", "CL", "CL_0")),
+        (fit.settings.zero_lift_deg, "given"),
+        _in_degrees(fit.matched(lambda v: replace(symmetric, zero_lift_rad=v), "zero", "CL", "CL_0")),
         (0.0, "assumed"),
     )
-    drawn = wing_of.dihedral_deg
-    dihedral = choose(
+    dihedral = fit.choose(
         "dihedral",
         "deg",
-        (settings.dihedral_deg, "given"),
-        _in_degrees(match(asymmetric, lambda v: replace(asymmetric, dihedral_rad=v), "beta", "Cl", "Cl_beta")),
-        (drawn, "plan form"),
+        (fit.settings.dihedral_deg, "given"),
+        _in_degrees(fit.matched(lambda v: replace(asymmetric, dihedral_rad=v), "beta", "Cl", "Cl_beta")),
+        (wing.dihedral_deg, "plan form"),
     )
-    elevator = choose(
+    return zero, dihedral
+
+
+def _effectiveness(fit: _Constants, symmetric: StripModel, asymmetric: StripModel) -> tuple[float, float, float]:
+    """Return the effectiveness of elevator, ailerons and rudder."""
+    settings, aileron = fit.settings, fit.settings.aileron
+    inner, outer, _ = asymmetric.aileron
+    elevator = fit.choose(
         "effectiveness of the elevator",
         "",
         (settings.elevator_effectiveness, "given"),
-        match(symmetric, lambda v: _with_tail(symmetric, elevator=v), "de", "Cm", "Cm_de"),
+        fit.matched(lambda v: _with_tail(symmetric, elevator=v), "de", "Cm", "Cm_de"),
         (_EFFECTIVENESS, "assumed"),
     )
-    turned = choose(
+    turned = fit.choose(
         "effectiveness of the ailerons",
         "",
-        (effectiveness, "given"),
-        match(asymmetric, lambda v: replace(asymmetric, aileron=(*place, v)), "da", "Cl", "Cl_da"),
+        (None if aileron is None else aileron.effectiveness, "given"),
+        fit.matched(lambda v: replace(asymmetric, aileron=(inner, outer, v)), "da", "Cl", "Cl_da"),
         (_AILERON[2], "assumed"),
     )
-    told.append(Constant("ailerons from", place[0], "m", "given" if aileron else "assumed: 60 % of the half span"))
-    told.append(Constant("ailerons to", place[1], "m", "given" if aileron else "assumed: 95 % of the half span"))
-    rudder = choose(
+    fit.told.append(Constant("ailerons from", inner, "m", "given" if aileron else "assumed: 60 % of the half span"))
+    fit.told.append(Constant("ailerons to", outer, "m", "given" if aileron else "assumed: 95 % of the half span"))
+    rudder = fit.choose(
         "effectiveness of the rudder",
         "",
         (settings.rudder_effectiveness, "given"),
-        match(asymmetric, lambda v: _with_tail(asymmetric, rudder=v), "dr", "Cn", "Cn_dr"),
+        fit.matched(lambda v: _with_tail(asymmetric, rudder=v), "dr", "Cn", "Cn_dr"),
         (_EFFECTIVENESS, "assumed"),
     )
-
-    def finished(model: StripModel) -> StripModel:
-        """Return the strips with all constants found."""
-        return replace(
-            _with_tail(model, elevator=elevator, rudder=rudder),
-            zero_lift_rad=zero * DEG_RAD,
-            dihedral_rad=dihedral * DEG_RAD,
-            aileron=(*place, turned),
-        )
-
-    symmetric, asymmetric = finished(symmetric), finished(asymmetric)
-    return FittedStrips(
-        symmetric, asymmetric, _plan_forms(aircraft, test), tuple(told), _compared(symmetric, asymmetric, own)
-    )
+    return elevator, turned, rudder
 
 
 def _plan_forms(aircraft: Aircraft, test: GroundTestFile) -> str:
@@ -258,7 +294,7 @@ def _tail(
     test: GroundTestFile,
     choose: Callable[..., float],
     slope: float,
-    A: float,
+    wing_ratio: float,
 ) -> Tail:
     """Return the tail; a surface that nobody describes has no area."""
     settings, mass = test.strips, test.mass
@@ -267,7 +303,7 @@ def _tail(
         choose("area of the tail", "m2", (0.0, "assumed: nothing says that there is one"))
     else:
         area, span, arm = surface.area_m2, surface.span_m, -_mean_quarter(surface, 0.5 * surface.span_m)
-        ratio = span**2 / area
+        ratio = _aspect_ratio(surface)
         a = choose(
             "lift slope of the tail",
             "1/rad",
@@ -278,7 +314,7 @@ def _tail(
             "downwash at the tail",
             "",
             (settings.downwash, "given"),
-            (2.0 * slope / (math.pi * A), "far behind an elliptic wing, 2 a / (pi A)"),
+            (2.0 * slope / (math.pi * wing_ratio), "far behind an elliptic wing, 2 a / (pi A)"),
         )
     fin_area, fin_slope, height, fin_arm = _NOWHERE, 1.0, 0.0, arm
     if fin is None:
@@ -314,6 +350,10 @@ def _tail(
         mass_height_m=0.0 if mass is None else mass.tail_mass_height_m,
         fin_arm_m=fin_arm,
     )
+
+
+def _aspect_ratio(surface: Surface) -> float:
+    return surface.span_m**2 / surface.area_m2
 
 
 def _centroid(surface: Surface) -> float:

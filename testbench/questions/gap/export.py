@@ -54,8 +54,9 @@ def amended_files(result: GapResult) -> dict[str, str]:
     best = result.finding.naming.best
     if best is not None and best.effect.met is not None:
         return out
-    name = file_stem(result.aircraft.removeprefix(STOCK)) if old.aircraft.adapter is not None else result.aircraft
-    models = [aircraft_files(b.aircraft, name, b.rate_hz, b.condition) for b in (old, new)]
+    home = Path(result.aircraft.removeprefix(STOCK))  # of a brought aircraft its whole path
+    name = file_stem(home.stem if home.suffix == ".xml" else home.name)
+    models = [aircraft_files(b.aircraft, name, b.rate_hz, b.condition, home) for b in (old, new)]
     if models[0] == models[1]:
         return out
     out |= {f"{name}/{path}": text for path, text in models[1].items()}
@@ -68,7 +69,9 @@ def _diff(before: str, after: str, old: str, new: str, context: int = 3) -> str:
     return "\n".join(unified_diff(before.splitlines(), after.splitlines(), old, new, lineterm="", n=context)) + "\n"
 
 
-def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: FlightCondition) -> dict[str, str]:
+def aircraft_files(
+    aircraft: Aircraft, name: str, rate_hz: float, condition: FlightCondition, home: Path | None = None
+) -> dict[str, str]:
     """Return path -> text of the folder of ``aircraft``, amendments included.
 
     NAME.xml is the whole model, which stock JSBSim loads. It must fly at ``rate_hz`` frames per second, as delays,
@@ -79,9 +82,10 @@ def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: Fli
 
     Args:
         aircraft: the amended aircraft.
-        name: of the folder in aircraft_models/ that it was made from.
+        name: of the model.
         rate_hz: frame rate.
         condition: that the elastic equations are made for.
+        home: folder that it was made from, or its name in aircraft_models/; ``name`` if not given.
     """
     modes = aircraft.flown_modes()
     note = f"<!-- Made for {rate_hz:g} frames a second: delays and filters in it count frames. -->\n"
@@ -94,7 +98,7 @@ def aircraft_files(aircraft: Aircraft, name: str, rate_hz: float, condition: Fli
         out["README.md"] = _how_to_command(aircraft, rate_hz)
         return out | {f"Engines/{file}": text for file, text in aircraft.engine_files.items()}
     out["aircraft.toml"] = _description(
-        (AIRCRAFT_MODELS / name / "aircraft.toml").read_text(encoding="utf-8"),
+        (AIRCRAFT_MODELS / (home or name) / "aircraft.toml").read_text(encoding="utf-8"),
         aircraft,
         AIRFRAME if AIRFRAME in out else f"{name}.xml",
         rate_hz,

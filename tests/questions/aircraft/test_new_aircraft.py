@@ -6,9 +6,9 @@ import re
 from pathlib import Path
 
 import pytest
+from any_aircraft import geometry_of_the_guide
 from commands import command, ends
 
-GUIDE = Path(__file__).resolve().parents[3] / "docs" / "guides" / "aircraft_from_geometry.md"
 AVL = Path(__file__).resolve().parents[2] / "aircraft" / "geometry" / "plans" / "trainer.avl"
 SCENARIO = """\
 title = "A doublet on my trainer"
@@ -60,7 +60,7 @@ load_factor = [0.0, 2.0]
 @pytest.fixture(scope="module")
 def plan():
     """The example of the guide."""
-    return re.search(r"```toml\n(.*?)```", GUIDE.read_text(encoding="utf-8"), re.DOTALL)[1]
+    return geometry_of_the_guide()
 
 
 def test_thirty_lines_become_an_aircraft_that_runs(plan, tmp_path):

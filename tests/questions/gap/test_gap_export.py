@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from gap_flights import CONDITION, believe
 
+from testbench.core.paths import AIRCRAFT_MODELS
 from testbench.flight import linearise, load_aircraft, trim
 from testbench.questions.gap.effects import EFFECTS
-from testbench.questions.gap.export import aircraft_files
+from testbench.questions.gap.export import aircraft_files, write_amended
 
 
 def written(aircraft, folder: Path) -> Path:
@@ -55,3 +58,18 @@ def test_files_say_the_frame_rate_that_they_are_made_for():
     assert "rate_hz = 500.0 " in own["aircraft.toml"]  # with its comment
     assert "rate_hz = 600.0\n" in other["aircraft.toml"]
     assert "600 frames a second" in other["eolo.xml"]
+
+
+def test_an_aircraft_brought_by_its_path_is_written_under_its_name_and_loads(tmp_path):
+    """Beside the report, not where the path leads: there lies the user's own."""
+    home = tmp_path / "aircraft" / "mine"
+    shutil.copytree(AIRCRAFT_MODELS / "eolo", home)
+    before = (home / "aircraft.toml").read_bytes()
+    amended = believe().with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 11.0})
+    finding = SimpleNamespace(believed=believe(), amended=amended, changed=True, naming=SimpleNamespace(best=None))
+    paths = write_amended(SimpleNamespace(aircraft=str(home), finding=finding), tmp_path / "out")
+    assert (home / "aircraft.toml").read_bytes() == before
+    assert tmp_path / "out" / "mine" / "mine.xml" in paths
+    back = load_aircraft(tmp_path / "out" / "mine")
+    poles = [np.sort_complex(linearise(a, trim(a, CONDITION)).poles()) for a in (back, amended.aircraft)]
+    assert poles[0] == pytest.approx(poles[1], abs=1e-8)
