@@ -28,6 +28,19 @@ class Wings(str, Enum):
     rigid = "rigid"
 
 
+class FlownBy(str, Enum):
+    """What flies the flights of a question."""
+
+    auto = "auto"
+    jsbsim = "jsbsim"
+
+
+SimulatorOption = Annotated[
+    FlownBy,
+    typer.Option("--simulator", help="jsbsim flies one flight after the other; auto flies many at once where it can."),
+]
+
+
 class ShowByDefault(TyperGroup):
     """A group of commands whose name may be followed by what is shown: ``aircraft eolo`` is ``aircraft show eolo``."""
 

@@ -27,6 +27,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.batch.compiled import SOURCES
+from testbench.flight.batch.jobs import Flown, Job
 from testbench.flight.batch.model import BatchModel, batch_model, variant
 from testbench.flight.batch.program import Untranslated
 from testbench.flight.condition import FlightCondition, TrimmedFlight
@@ -175,7 +176,7 @@ def compared(model: BatchModel, trimmed: TrimmedFlight) -> tuple[float, str]:
 
     The first is nan if it cannot be flown, the second then says why.
     """
-    from testbench.flight.batch.fly import Flown, Job, fly_block
+    from testbench.flight.batch.fly import fly_block
 
     reason = ""
     for share in _SHARES:

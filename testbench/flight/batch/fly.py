@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import threading
+import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Literal, TypeVar, get_args
+from dataclasses import dataclass
+from typing import TypeVar, get_args
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import difference, judged
 from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.interpret import run
+from testbench.flight.batch.jobs import BATCH, Flown, Job, Simulator
 from testbench.flight.batch.model import TOP_FT, BatchModel, filled, put, read, registers
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import body_from_earth
@@ -35,43 +37,11 @@ from testbench.flight.simulate import (
 )
 from testbench.flight.trim import horizon_rates, steady_wind, velocity_at
 
-Simulator = Literal["auto", "batch", "jsbsim"]
 FEWEST = 8  # flights of one model from which a batch is worth a judgement
 BOTH = 200
 """One flight in so many is flown by JSBSim as well."""
 _GUSTS = [r.GUST, r.GUST + 1, r.GUST + 2]
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, eq=False)
-class Job:
-    """One flight that is wanted: what :func:`testbench.flight.fly` takes."""
-
-    aircraft: Aircraft
-    trimmed: TrimmedFlight
-    manoeuvre: Manoeuvre
-    log_rate_hz: float
-    channels: tuple[str, ...] | None = None
-    air: Air | None = None
-
-
-@dataclass
-class Flown:
-    """How flights were flown.
-
-    Attributes:
-        batch: number flown by the program.
-        jsbsim: number flown by JSBSim.
-        both: number flown by both.
-        worst: greatest difference of those, of a channel's range.
-        reasons: why JSBSim flew -> number of flights.
-    """
-
-    batch: int = 0
-    jsbsim: int = 0
-    both: int = 0
-    worst: float = 0.0
-    reasons: dict[str, int] = field(default_factory=dict)
 
 
 def fly_many(
@@ -135,7 +105,7 @@ def _each(x: T | Sequence[T], n: int) -> Sequence[T]:
 
 
 def fly_jobs(
-    jobs: Sequence[Job], simulator: Simulator = "auto", flown: Flown | None = None
+    jobs: Sequence[Job], simulator: Simulator = "auto", flown: Flown | None = None, fewest: int = FEWEST
 ) -> list[FlightRecord | TestbenchError]:
     """Fly every job; one that breaks a law is its error.
 
@@ -143,6 +113,7 @@ def fly_jobs(
         jobs: flights, of any aircraft.
         simulator: see :func:`fly_many`.
         flown: is told how many were flown by what.
+        fewest: flights from which "auto" takes a batch.
     """
     if simulator not in get_args(Simulator):
         raise LimitError(
@@ -154,7 +125,7 @@ def fly_jobs(
     groups: dict[object, list[tuple[int, _Ready]]] = {}
     for i, job in enumerate(jobs):
         reason, model = "it is wanted", None
-        if simulator == "auto" and len(jobs) < FEWEST:
+        if simulator == "auto" and len(jobs) < fewest:
             reason = "one flight is not worth a batch"
         elif simulator != "jsbsim":
             found = judged(job.aircraft, job.trimmed)
@@ -176,7 +147,11 @@ def fly_jobs(
             block = group[k : k + LANES]
             for (i, _), record in zip(block, _fly_block([x for _, x in block], flown), strict=True):
                 out[i] = record
-    _fly_both(jobs, out, flown, [i for group in groups.values() for i, _ in group])
+    for group in groups.values():
+        for i, ready in group:
+            flew = out[i]
+            if isinstance(flew, FlightRecord) and _is_looked_at(ready):
+                _look_at(flew, ready, flown)
     return [x for x in out if x is not None]
 
 
@@ -367,7 +342,7 @@ def _record(ready: _Ready, data: FloatArray, reason: str) -> FlightRecord:
         channels=ready.logged,
         data=data.copy(),
         kind="truth",
-        provenance=_provenance(job.aircraft, job.trimmed, job.manoeuvre, job.air),
+        provenance=_provenance(job.aircraft, job.trimmed, job.manoeuvre, job.air) | {"simulator": BATCH},
         outcome="aborted" if reason else "completed",
         reason=reason,
     )
@@ -377,15 +352,14 @@ def _record(ready: _Ready, data: FloatArray, reason: str) -> FlightRecord:
     return record if wanted is None else record.select(wanted)
 
 
-def _fly_both(
-    jobs: Sequence[Job], out: Sequence[FlightRecord | TestbenchError | None], flown: Flown, members: Sequence[int]
-) -> None:
-    """Fly one flight in ``BOTH`` by JSBSim as well, and remember how far apart they are."""
-    for i in sorted(members)[BOTH - 1 :: BOTH]:
-        record = out[i]
-        if not isinstance(record, FlightRecord) or record.outcome != "completed":
-            continue
-        other = _by_jsbsim(jobs[i], Flown(), "")
-        flown.both += 1
-        apart = difference(record, other)[0] if isinstance(other, FlightRecord) else np.inf
-        flown.worst = max(flown.worst, float(apart))
+def _is_looked_at(ready: _Ready) -> bool:
+    """Return whether a flight is one of those flown by both; its own commands decide, whatever flies beside it."""
+    return zlib.crc32(ready.u.tobytes() + repr(ready.job.trimmed.alpha).encode()) % BOTH == 0
+
+
+def _look_at(record: FlightRecord, ready: _Ready, flown: Flown) -> None:
+    """Fly a flight by JSBSim as well, and remember how far apart they are."""
+    other = _by_jsbsim(ready.job, Flown(), "")
+    flown.both += 1
+    apart = difference(record, other)[0] if isinstance(other, FlightRecord) else np.inf
+    flown.worst = max(flown.worst, float(apart))

@@ -14,7 +14,7 @@ from testbench.flight.air import Air
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged, variant_known
 from testbench.flight.batch.compiled import LANES
-from testbench.flight.batch.fly import Simulator
+from testbench.flight.batch.jobs import Simulator
 from testbench.flight.batch.model import BatchModel, filled, put, read, registers
 from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.trim import (
