@@ -26,7 +26,7 @@ from testbench.core.scratch import Scratch
 from testbench.evaluation.truth import Truth, true_model
 from testbench.flight import TrimmedFlight, load_aircraft
 from testbench.flight.air import air_of
-from testbench.flight.batch.jobs import BATCH, Simulator
+from testbench.flight.batch.jobs import BATCH, Flown, Simulator
 from testbench.flight.batch.jobs import Job as FlightJob
 from testbench.line import Case, condition_of, trim_for
 from testbench.questions.campaign.draws import run_inputs, run_seed
@@ -205,14 +205,15 @@ def _fly(job: Job, runs: Sequence[_Run]) -> list[Outcome]:
             _prepare(run_, spec, key, aircraft, suites)
     flying = [r for r in runs if not r.reason]
     with _shared(flying):
-        _fly_together(job, flying)
+        why = _fly_together(job, flying)
     for run_ in flying:
         assert run_.scenario is not None
         with run_.attempt():
             keep = (lambda name, record, to=run_.kept: to.append((name, record))) if spec.records else None
             found = _found(run(run_.scenario, run_.seed, keep, prepared=run_.ready))
             flown = run_.ready.flown if run_.ready is not None else ()
-            found["flown"] = "batch" if any(r.provenance.get("simulator") == BATCH for r in flown) else "jsbsim"
+            together = any(record.provenance.get("simulator") == BATCH for record in flown)
+            found["flown"] = "batch" if together else f"jsbsim{why}"
             run_.results = json.dumps(found, separators=(",", ":"))
     return [r.outcome() for r in runs]
 
@@ -293,19 +294,21 @@ def _prepare(
     run_.flights = wanted_flights(run_.scenario, run_.ready, run_.seed)
 
 
-def _fly_together(job: Job, runs: Sequence[_Run]) -> None:
-    """Fly what all runs want, and give each its own."""
+def _fly_together(job: Job, runs: Sequence[_Run]) -> str:
+    """Fly what all runs want, and give each its own; return why JSBSim flew some, as the end of a sentence."""
     if job.simulator == "jsbsim":
-        return
+        return ""
     from testbench.flight.batch.fly import fly_jobs
 
-    flown = fly_jobs([f for r in runs for f in r.flights], job.simulator, fewest=1)
+    told = Flown()
+    flown = fly_jobs([f for r in runs for f in r.flights], job.simulator, told, fewest=1)
     at = 0
     for run_ in runs:
         mine, at = flown[at : at + len(run_.flights)], at + len(run_.flights)
         assert run_.ready is not None
         if all(isinstance(record, FlightRecord) for record in mine):
             run_.ready = replace(run_.ready, flown=tuple(record for record in mine if isinstance(record, FlightRecord)))
+    return f", as {max(told.reasons, key=lambda r: told.reasons[r])}" if told.reasons else ""
 
 
 def _with_pilots(content: dict[str, Any], inputs: Mapping[str, Any], seed: int) -> dict[str, Any]:
