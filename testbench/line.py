@@ -15,7 +15,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.bring import short
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import located
+from testbench.core.errors import TestbenchError, located
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.base import Condition, FlownAt, FlownInAir, Preparation, Simulation
 from testbench.core.scenario.inputs import Input
@@ -166,6 +166,22 @@ def fly_and_measure(
         if keep is not None:
             keep(f"{name}_{suite.name}", measured[suite.name])
     return Flight(name, use, flown, measured, settle_s)
+
+
+def flown_already(
+    aircraft: Aircraft, trimmed: TrimmedFlight, name: str, log_rate_hz: float, flown: FlightRecord | TestbenchError
+) -> FlightRecord:
+    """Return the record of a flight of many that was completed.
+
+    Raises:
+        FlightAborted: it left the limits of the aircraft; with the time to double if that is unstable.
+        TestbenchError: why it was not flown.
+    """
+    if isinstance(flown, TestbenchError):
+        raise flown
+    if flown.outcome == "aborted":
+        raise _with_instability(aborted(flown, aircraft.name, name, log_rate_hz), aircraft, trimmed, name)
+    return flown
 
 
 def manoeuvre_of(

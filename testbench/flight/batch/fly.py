@@ -159,7 +159,7 @@ def _by_jsbsim(job: Job, flown: Flown, reason: str) -> FlightRecord | TestbenchE
     flown.jsbsim += 1
     flown.reasons[reason] = flown.reasons.get(reason, 0) + 1
     try:
-        return fly(job.aircraft, job.trimmed, job.manoeuvre, job.log_rate_hz, job.channels, job.air)
+        return fly(*job.asked)
     except FlightAborted as error:
         return error.record if error.record is not None else error
     except TestbenchError as error:

@@ -29,6 +29,11 @@ class Job:
     channels: tuple[str, ...] | None = None
     air: Air | None = None
 
+    @property
+    def asked(self) -> tuple[Aircraft, TrimmedFlight, Manoeuvre, float, tuple[str, ...] | None, Air | None]:
+        """The arguments of :func:`testbench.flight.fly`."""
+        return self.aircraft, self.trimmed, self.manoeuvre, self.log_rate_hz, self.channels, self.air
+
 
 @dataclass
 class Flown:
