@@ -22,7 +22,7 @@ from testbench.flight.batch.check import difference, judged
 from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.interpret import run
 from testbench.flight.batch.jobs import BATCH, Flown, Job, Simulator
-from testbench.flight.batch.model import TOP_FT, BatchModel, filled, put, read, registers
+from testbench.flight.batch.model import TOP_FT, BatchModel, filled, put, read, registers, states_at_trim
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import body_from_earth
 from testbench.flight.simulate import (
@@ -269,8 +269,20 @@ def _placed(lanes: Sequence[_Ready]) -> FloatArray:
     R[r.GUST : r.GUST + 3] = filled(wind) / FT_M
     controls = {n for x in lanes for n in x.job.trimmed.controls}
     at = {n: np.array([x.job.trimmed.controls[n] for x in lanes]) for n in controls}
-    put(lanes[0].model, R, h, theta, phi, uvw, pqr, at, lanes[0].model.iterations)
+    put(lanes[0].model, R, h, theta, phi, uvw, pqr, at, lanes[0].model.iterations, _engines(lanes))
     return R
+
+
+def _engines(lanes: Sequence[_Ready]) -> list[dict[str, float]]:
+    """Return what the engines of flights hold at their trims; nothing if they have no states of their own."""
+    if not lanes[0].model.settles:
+        return []
+    known: dict[tuple[int, int], dict[str, float]] = {}
+    for x in lanes:
+        key = id(x.model), id(x.job.trimmed)
+        if key not in known:
+            known[key] = states_at_trim(x.model, x.job.trimmed)
+    return [known[id(x.model), id(x.job.trimmed)] for x in lanes]
 
 
 def _trim_column(trimmed: TrimmedFlight) -> tuple[float, float, float, FloatArray, FloatArray, FloatArray]:

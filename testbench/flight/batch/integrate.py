@@ -317,6 +317,34 @@ def euler_rates(R: FloatArray) -> None:  # pragma: no cover
 
 
 @compiled
+def altitudes(R: FloatArray) -> None:  # pragma: no cover
+    """Set the heights at which the standard atmosphere has this density, and this pressure (FGStandardAtmosphere)."""
+    R = lanes(R)
+    for f in range(LANES):
+        for k in range(2):
+            x = R[r.DENSITY, f] if k == 0 else R[r.PRESSURE, f]
+            over = GAS_CONSTANT if k == 0 else 1.0
+            first, second = _P_1, _P_2
+            ground = SEA_LEVEL_P
+            if k == 0:
+                first, second = _P_1 / (over * _TEMPERATURES[1]), _P_2 / (over * _TEMPERATURES[2])
+                ground = SEA_LEVEL_P / (over * _TEMPERATURES[0])
+            if x >= first:
+                power = -GAS_CONSTANT * _LAPSE_0 / _G0
+                if k == 0:
+                    power = -1.0 / (1.0 + _G0 / (GAS_CONSTANT * _LAPSE_0))
+                H = _LAYERS[0] + (_TEMPERATURES[0] / _LAPSE_0) * (math.pow(x / ground, power) - 1.0)
+            elif x >= second:
+                H = _LAYERS[1] - GAS_CONSTANT * _TEMPERATURES[1] / _G0 * math.log(x / first)
+            else:
+                power = -GAS_CONSTANT * _LAPSE_2 / _G0
+                if k == 0:
+                    power = -1.0 / (1.0 + _G0 / (GAS_CONSTANT * _LAPSE_2))
+                H = _LAYERS[2] + (_TEMPERATURES[2] / _LAPSE_2) * (math.pow(x / second, power) - 1.0)
+            R[r.DENSITY_ALTITUDE + k, f] = H * _EARTH_RADIUS / (_EARTH_RADIUS - H)
+
+
+@compiled
 def weigh(R: FloatArray) -> None:  # pragma: no cover
     """Invert the inertia (end of FGMassBalance::Run)."""
     R = lanes(R)
@@ -557,16 +585,21 @@ def reaction(R: FloatArray, block: int, frame: int, is_moment: int) -> None:  # 
 
 @compiled
 def thruster(R: FloatArray, block: int) -> None:  # pragma: no cover
-    """Add the thrust of one engine along its axis (FGThruster, FGForce).
+    """Add the thrust of one engine, its torque and the gyroscopic moment of what turns (FGThruster, FGPropeller).
 
     Args:
         R: registers.
-        block: first of thrust (lbf), direction in body axes (3) and location (3, in, structural axes).
+        block: first of thrust (lbf), direction in body axes (3) and location (3, in, structural axes), torque (lbf ft)
+            and angular momentum (slug ft2/s) about that direction.
     """
     R = lanes(R)
     for f in range(LANES):
         thrust, k = R[block, f], r.CG
-        x, y, z = thrust * R[block + 1, f], thrust * R[block + 2, f], thrust * R[block + 3, f]
+        ex, ey, ez = R[block + 1, f], R[block + 2, f], R[block + 3, f]
+        x, y, z = thrust * ex, thrust * ey, thrust * ez
+        torque, h = R[block + 7, f], R[block + 8, f]
+        hx, hy, hz = ex * h, ey * h, ez * h
+        p, q, s = R[r.RATE, f], R[r.RATE + 1, f], R[r.RATE + 2, f]
         dx = (R[k, f] - R[block + 4, f]) / 12.0
         dy = (R[block + 5, f] - R[k + 1, f]) / 12.0
         dz = (R[k + 2, f] - R[block + 6, f]) / 12.0
@@ -575,9 +608,9 @@ def thruster(R: FloatArray, block: int) -> None:  # pragma: no cover
         R[i + 1, f] += y
         R[i + 2, f] += z
         i = r.ENGINE_MOMENT
-        R[i, f] += dy * z - dz * y
-        R[i + 1, f] += dz * x - dx * z
-        R[i + 2, f] += dx * y - dy * x
+        R[i, f] += q * hz - s * hy + ex * torque + (dy * z - dz * y)
+        R[i + 1, f] += s * hx - p * hz + ey * torque + (dz * x - dx * z)
+        R[i + 2, f] += p * hy - q * hx + ez * torque + (dx * y - dy * x)
 
 
 @compiled

@@ -47,6 +47,7 @@ from __future__ import annotations
     PHI, THETA, PSI,
     LATITUDE, LATITUDE_GEODETIC, LONGITUDE,
     PHI_DOT, THETA_DOT, PSI_DOT,
+    DENSITY_ALTITUDE, PRESSURE_ALTITUDE,
     # constants of an aircraft
     WING_AREA, WING_SPAN, CHORD, INCIDENCE,
     REFERENCE_POINT, _, _, EYE_POINT, _, _,         # in, structural axes
@@ -61,5 +62,5 @@ from __future__ import annotations
     ADDED_FORCE, _, _, ADDED_MOMENT, _, _,
     FORCE, _, _, MOMENT, _, _,
     COUNT,
-) = range(232)
+) = range(234)
 # fmt: on

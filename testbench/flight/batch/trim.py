@@ -84,7 +84,7 @@ def _model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition, air: 
     known = variant_known(aircraft, rate_hz, condition)
     if known is None:
         known = judged(aircraft, trim(aircraft, condition, rate_hz, air)).model
-    return known
+    return None if known is None or known.settles else known  # JSBSim brings propellers to rest
 
 
 def _by_jsbsim(
