@@ -87,7 +87,7 @@ class LinearFlights:
         S = out[:, b:d].reshape(n, x.r, x.p, x.k)
         if self._alone:
             return Pieces(np.empty((n, 0, 0)), S, np.empty((n, 0)), self._good)
-        use = out[:, d:].reshape(n, 2 * x.R, x.c).max(axis=1)
+        use = np.ascontiguousarray(out[:, d:].reshape(n, 2 * x.R, x.c).swapaxes(0, 1)).max(axis=0)
         return Pieces(out[:, a:b].reshape(n, x.r, x.p) + self._trim[0], S, use, self._good)
 
 
@@ -117,10 +117,11 @@ class BatchFlights:
         self._stride = problem.experiment.stride
         self._bank = _Bank(self._sensors, 1.0 / problem.rate_hz, lifted.R, self._stride)
         names = problem.prediction.names
-        self._plain = [(i, self._columns[n]) for i, n in enumerate(names) if " of " not in n]
+        limits = [i for i, n in enumerate(names) if " of " not in n]
+        self._plain = limits, [self._columns[names[i]] for i in limits]
         self._rates = [(i, self._columns[n[8:]]) for i, n in enumerate(names) if n.startswith("rate of ")]
         self._commands = [(i, problem.controls.index(n[11:])) for i, n in enumerate(names) if n.startswith("command of")]
-        self._at = np.array([problem.prediction.trim[names[i]] for i, _ in self._plain])
+        self._at = np.array([problem.prediction.trim[names[i]] for i in limits])
 
     def start(self, quiet: int) -> FloatArray:
         """See :class:`Flights`."""
@@ -165,12 +166,14 @@ class BatchFlights:
     def _use(self, rows: FloatArray, u: FloatArray) -> FloatArray:
         prediction = self._problem.prediction
         high, low = np.empty((len(u), len(prediction.names))), np.empty((len(u), len(prediction.names)))
-        most, least = rows[:, 1:].max(axis=1), rows[:, 1:].min(axis=1)
-        limits, columns = [i for i, _ in self._plain], [j for _, j in self._plain]
+        # time first: one comparison of all copies and channels after the other
+        rows = np.ascontiguousarray(np.swapaxes(rows, 0, 1))
+        most, least = rows[1:].max(axis=0), rows[1:].min(axis=0)
+        limits, columns = self._plain
         high[:, limits], low[:, limits] = most[:, columns] - self._at, least[:, columns] - self._at
         for i, j in self._rates:
-            rate = np.diff(rows[:, :, j], axis=1) * self._problem.rate_hz
-            high[:, i], low[:, i] = rate.max(axis=1), rate.min(axis=1)
+            rate = np.diff(rows[:, :, j], axis=0) * self._problem.rate_hz
+            high[:, i], low[:, i] = rate.max(axis=0), rate.min(axis=0)
         for i, j in self._commands:
             high[:, i] = low[:, i] = u[:, j]
         return np.maximum(high / prediction.high, low / prediction.low)

@@ -408,11 +408,42 @@ def auxiliary(R: FloatArray) -> None:  # pragma: no cover
         # lift per dynamic pressure, for models that read aero/cl-squared (start of FGAerodynamics::Run)
         cl, old = R[r.WIND_FORCE + 2, f] / (R[r.WING_AREA, f] * qbar), R[r.CL_SQUARED, f]
         R[r.CL_SQUARED, f] = cl * cl if qbar > 1.0 else old
+    _flow_angles(R)
+
+
+_ARCTAN = tuple((-1.0) ** n / (2.0 * n + 1.0) for n in range(20, -1, -1))
+"""Coefficients of the series of atan(x) / x in x^2, highest first; for |x| <= tan 22.5 deg the rest is below 1e-17."""
+
+
+@compiled
+def _atan2(y: float, x: float) -> float:  # pragma: no cover
+    """Return the angle of (x, y), unless both are 0: that of the library is not vectorised."""
+    a, b = math.fabs(x), math.fabs(y)
+    small, large = (b if b < a else a), (a if b < a else b)
+    above = small > 0.41421356237309503 * large
+    t = (small - large) / (small + large) if above else small / large
+    z = t * t
+    p = 0.0
+    for c in _ARCTAN[:11]:  # two short loops, which the compiler unrolls
+        p = p * z + c
+    for c in _ARCTAN[11:]:
+        p = p * z + c
+    p *= t
+    p = p + 0.25 * math.pi if above else p
+    p = 0.5 * math.pi - p if b >= a else p
+    p = math.pi - p if x < 0.0 else p
+    return math.copysign(p, y)
+
+
+@compiled
+def _flow_angles(R: FloatArray) -> None:  # pragma: no cover
+    R = lanes(R)
     for f in range(LANES):
         u, v, w = R[r.U_AERO, f], R[r.V_AERO, f], R[r.W_AERO, f]
         uw, moves = u * u + w * w, R[r.VT, f] > 0.001
-        R[r.BETA, f] = math.atan2(v, math.sqrt(uw)) if moves else 0.0
-        R[r.ALPHA, f] = math.atan2(w, u) if moves and uw >= 1e-6 else 0.0
+        beta, alpha = _atan2(v, math.sqrt(uw)), _atan2(w, u)
+        R[r.BETA, f] = beta if moves else 0.0
+        R[r.ALPHA, f] = alpha if moves and uw >= 1e-6 else 0.0
 
 
 @compiled
