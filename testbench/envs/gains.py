@@ -55,8 +55,8 @@ class Gains:
             EstimationError: the information of one is not positive, which says that it ceased to be finite.
         """
         failed = _learn(
-            np.ascontiguousarray(S), at, which, samples, self._taken, self._gradient, self._M, self._b, self._c, self._covariance,
-            self._volume,
+            np.ascontiguousarray(S), at, which, samples, self._taken, self._gradient, self._M, self._b, self._c,
+            self._covariance, self._volume,
         )  # fmt: skip
         if failed >= 0:
             raise EstimationError(

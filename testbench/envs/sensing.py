@@ -34,6 +34,7 @@ class Display:
     Attributes:
         centre: (p,) what is subtracted.
         unit: (p,) what is divided by.
+        held: whether some instants show an earlier sample, as sensors are slow or lose samples.
     """
 
     def __init__(self, task: Task, rate_hz: float, samples: int) -> None:
@@ -44,14 +45,14 @@ class Display:
         self._centre_shown = self.centre / self.unit
         self._exact = tuple(replace(s, quantum=0.0) for s in sensors)  # rounded together with the signal, later
         self._every = [round(rate_hz / (s.rate_hz or rate_hz)) for s in sensors]
-        self._held = any(e > 1 for e in self._every) or any(s.dropout > 0.0 for s in sensors)
+        self.held = any(e > 1 for e in self._every) or any(s.dropout > 0.0 for s in sensors)
         self._rate, self._samples = rate_hz, samples
         self._own = np.tile(np.arange(samples)[:, None], (1, len(sensors)))
 
     def draw(self, seed: int) -> Drawn:
         """Draw what the sensors add and, where samples are held or lost, which sample each instant shows."""
         n, p = self._own.shape
-        error, source = np.empty((n, p)), self._own.copy() if self._held else None
+        error, source = np.empty((n, p)), self._own.copy() if self.held else None
         for i, (sensor, every) in enumerate(zip(self._exact, self._every, strict=True)):
             count = -(-n // every)
             noise, arrived = sensor.sample(np.zeros(count), seed, every / self._rate)

@@ -120,7 +120,7 @@ class BatchFlights:
         limits = [i for i, n in enumerate(names) if " of " not in n]
         self._plain = limits, [self._columns[names[i]] for i in limits]
         self._rates = [(i, self._columns[n[8:]]) for i, n in enumerate(names) if n.startswith("rate of ")]
-        self._commands = [(i, problem.controls.index(n[11:])) for i, n in enumerate(names) if n.startswith("command of")]
+        self._commands = [(i, problem.controls.index(n[11:])) for i, n in enumerate(names) if n.startswith("command ")]
         self._at = np.array([problem.prediction.trim[names[i]] for i in limits])
 
     def start(self, quiet: int) -> FloatArray:

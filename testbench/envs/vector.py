@@ -6,12 +6,10 @@ environment of its own seed: same observations, rewards and ends to 1e-9 of thei
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Sequence
 from typing import Any
 
-import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium.utils import seeding
@@ -22,14 +20,15 @@ from testbench.core.errors import LimitError, ScenarioError
 from testbench.core.record import FloatArray
 from testbench.envs.excitation import LEVELS, RATE_TOLERANCE, ExcitationDesign, Observation
 from testbench.envs.gains import Gains
+from testbench.envs.tasks import Task
 from testbench.envs.together import BatchFlights, Flights, LinearFlights, Pieces, why_alone
 from testbench.flight.batch.check import judged
 
 Mask = npt.NDArray[np.bool_]
-Stepped = tuple[Observation, FloatArray, Mask, Mask, dict[str, Any]]
+Stepped = tuple[Observation, npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any], dict[str, Any]]
 
 
-def make(num_envs: int = 1, **arguments: Any) -> VectorEnv[Observation, Any, FloatArray]:
+def make(num_envs: int = 1, **arguments: Any) -> VectorEnv[Observation, Any, npt.NDArray[Any]]:
     """Return ``num_envs`` copies that fly together, or one after the other where they cannot, which a warning says.
 
     Args:
@@ -48,7 +47,7 @@ def make(num_envs: int = 1, **arguments: Any) -> VectorEnv[Observation, Any, Flo
     return ExcitationDesigns(num_envs, autoreset_mode=mode, **arguments)
 
 
-class ExcitationDesigns(VectorEnv[Observation, Any, FloatArray]):
+class ExcitationDesigns(VectorEnv[Observation, Any, npt.NDArray[Any]]):
     """Copies of the environment ``testbench/ExcitationDesign-v0`` that fly together.
 
     Spaces, rewards, ends and infos are those of ``gymnasium.vector.SyncVectorEnv`` over as many single environments,
@@ -107,7 +106,7 @@ class ExcitationDesigns(VectorEnv[Observation, Any, FloatArray]):
         return self._gains.information
 
     @property
-    def task(self) -> Any:
+    def task(self) -> Task:
         """The task that all fly, see :class:`testbench.envs.tasks.Task`."""
         return self._one.task
 
@@ -116,7 +115,7 @@ class ExcitationDesigns(VectorEnv[Observation, Any, FloatArray]):
         """(m,) command either side of trim, rad (1 for the throttle), that a full action means."""
         return self._one.amplitude
 
-    def reset(  # type: ignore[override]
+    def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin flights at trim, all of them or those of the option "reset_mask" (num_envs,).
@@ -131,7 +130,11 @@ class ExcitationDesigns(VectorEnv[Observation, Any, FloatArray]):
             raise ScenarioError([f"reset takes no options but reset_mask, got {', '.join(options)}"])
         if which.shape != (self.num_envs,) or which.dtype != bool or not which.any():
             raise ScenarioError([f"reset_mask must be {self.num_envs} truth values, at least one true, got {which}"])
-        seeds = [None if seed is None else seed + i for i in range(self.num_envs)] if _single(seed) else list(seed)  # type: ignore[operator, arg-type]
+        seeds: list[int | None] = [None] * self.num_envs
+        if isinstance(seed, Sequence):
+            seeds = list(seed)
+        elif seed is not None:
+            seeds = [seed + i for i in range(self.num_envs)]
         if len(seeds) != self.num_envs:
             raise LimitError(f"as many seeds as copies are needed, {self.num_envs}, got {len(seeds)}")
         for i in np.flatnonzero(which):
@@ -232,10 +235,8 @@ class ExcitationDesigns(VectorEnv[Observation, Any, FloatArray]):
             self._seen[i, :quiet] = self._quiet_seen
             felt = self._quiet_seen if drawn.source is None else self._seen[i].take(drawn.source[:quiet])
             self._window[i] = one.display.show(felt[first] + drawn.error[first])
-        self._shows_own = drawn.source is None
         self._gains.reset(which, quiet)
-        known = self._gains.known
-        self._log_cost, self._relative = known
+        self._log_cost, self._relative = self._gains.known
         self._steps[which], self._now[which], self._largest[which] = 0, 0.0, 0.0
         self._begun |= which
 
@@ -243,7 +244,7 @@ class ExcitationDesigns(VectorEnv[Observation, Any, FloatArray]):
         """Take in what the sensors feel (n, r, p) from samples ``at`` (n,) on, and show it."""
         columns = at[:, None] + self._offsets
         self._seen[self._rows, columns] = seen
-        if not self._shows_own:
+        if self._one.display.held:
             source = self._source[self._rows, columns]
             seen = self._seen.reshape(self.num_envs, -1)[self._rows[:, :, None], source]
         new = self._one.display.show(seen + self._error[self._rows, columns])
@@ -273,7 +274,3 @@ class ExcitationDesigns(VectorEnv[Observation, Any, FloatArray]):
         if not (np.abs(given) <= 1.0 + RATE_TOLERANCE).all():
             raise LimitError(f"an action must hold {self._m} numbers from -1 to 1, got {actions}")
         return given.astype(float)
-
-
-def _single(seed: object) -> bool:
-    return seed is None or isinstance(seed, (int, np.integer))

@@ -148,9 +148,9 @@ class SteppedBatch:
             if not out.any():
                 continue
             block.R[:, : block.size][:, out] = self._begin  # it stands still: what is not finite is not flown on
-            for lane in np.flatnonzero(out & ~unread[lanes]):
-                self._end(first + int(lane), block.reason(int(lane)))
-                stopped[first + int(lane)] = int(left[lane])
+            for i in np.flatnonzero(out & ~unread[lanes]).tolist():
+                self._end(first + i, block.reason(i))
+                stopped[first + i] = int(left[i])
         for lane in stopped:
             if not self._ended[lane]:  # JSBSim flies where the batch does not
                 self._alone[lane] = self._again(lane)
