@@ -304,15 +304,52 @@ def _air(R: FloatArray) -> None:  # pragma: no cover
             R[r.WIND + i, f] = R[r.GUST + i, f]
 
 
+_ARCTAN = tuple((-1.0) ** n / (2.0 * n + 1.0) for n in range(20, -1, -1))
+"""Coefficients of the series of atan(x) / x in x^2, highest first; for |x| <= tan 22.5 deg the rest is below 1e-17."""
+
+
+@compiled
+def _atan2(y: float, x: float) -> float:  # pragma: no cover
+    """Return the angle of (x, y), 0 if both are 0: that of the library is not vectorised."""
+    a, b = math.fabs(x), math.fabs(y)
+    flat = b <= a
+    small, large = (b if flat else a), (a if flat else b)
+    above = small > 0.41421356237309503 * large
+    t = (small - large if above else small) / ((small + large if above else large) + 1e-300)
+    z = t * t
+    p = 0.0
+    for c in _ARCTAN[:11]:  # two short loops, which the compiler unrolls
+        p = p * z + c
+    for c in _ARCTAN[11:]:
+        p = p * z + c
+    p *= t
+    p = p + 0.25 * math.pi if above else p
+    p = p if flat else 0.5 * math.pi - p
+    p = math.pi - p if x < 0.0 else p
+    return math.copysign(p, y)
+
+
+@compiled
+def _angle(R: FloatArray, t: int, y: int, x: int) -> None:  # pragma: no cover
+    R = lanes(R)
+    for f in range(LANES):
+        R[t, f] = _atan2(R[y, f], R[x, f])
+
+
 @compiled
 def euler(R: FloatArray) -> None:  # pragma: no cover
     """Take bank, pitch and heading from the attitude (FGQuaternion, FGMatrix33::GetEuler)."""
-    R = lanes(R)
     i = r.LOCAL_TO_BODY
+    _angle(R, r.PHI, i + 5, i + 8)
+    _angle(R, r.PSI, i + 1, i)
+    R = lanes(R)
     for f in range(LANES):
-        R[r.PHI, f] = math.atan2(R[i + 5, f], R[i + 8, f])
-        R[r.THETA, f] = math.asin(min(1.0, max(-1.0, -R[i + 2, f])))
-        psi = math.atan2(R[i + 1, f], R[i, f])
+        x = -R[i + 2, f]
+        x = x if x < 1.0 else 1.0
+        sine = x if x > -1.0 else -1.0
+        R[r.THETA, f] = _atan2(sine, math.sqrt((1.0 - sine) * (1.0 + sine)))
+    for f in range(LANES):
+        psi = R[r.PSI, f]
         R[r.PSI, f] = psi + 2.0 * math.pi if psi < 0.0 else psi
 
 
@@ -409,30 +446,6 @@ def auxiliary(R: FloatArray) -> None:  # pragma: no cover
         cl, old = R[r.WIND_FORCE + 2, f] / (R[r.WING_AREA, f] * qbar), R[r.CL_SQUARED, f]
         R[r.CL_SQUARED, f] = cl * cl if qbar > 1.0 else old
     _flow_angles(R)
-
-
-_ARCTAN = tuple((-1.0) ** n / (2.0 * n + 1.0) for n in range(20, -1, -1))
-"""Coefficients of the series of atan(x) / x in x^2, highest first; for |x| <= tan 22.5 deg the rest is below 1e-17."""
-
-
-@compiled
-def _atan2(y: float, x: float) -> float:  # pragma: no cover
-    """Return the angle of (x, y), unless both are 0: that of the library is not vectorised."""
-    a, b = math.fabs(x), math.fabs(y)
-    small, large = (b if b < a else a), (a if b < a else b)
-    above = small > 0.41421356237309503 * large
-    t = (small - large) / (small + large) if above else small / large
-    z = t * t
-    p = 0.0
-    for c in _ARCTAN[:11]:  # two short loops, which the compiler unrolls
-        p = p * z + c
-    for c in _ARCTAN[11:]:
-        p = p * z + c
-    p *= t
-    p = p + 0.25 * math.pi if above else p
-    p = 0.5 * math.pi - p if b >= a else p
-    p = math.pi - p if x < 0.0 else p
-    return math.copysign(p, y)
 
 
 @compiled
