@@ -1,7 +1,7 @@
 """Steps per second of the environment, random commands, resets included; alone, and 64 copies together.
 
-The laws: 20 000 for the rigid linear aircraft, 100 000 for 64 copies of the Taurus flown by JSBSim's equations. Run with
-``make benchmarks``. Seconds of processor time of one core, the best of several rounds, since machines are shared.
+The laws: 20 000 for the rigid linear aircraft, 100 000 for 64 copies of the Taurus with all of JSBSim's equations. Run
+with ``make benchmarks``. Seconds of processor time of one core, the best of several rounds, since machines are shared.
 JSBSim's own limit is what the frames of a decision cost in its bare loop. Steps in which a copy begins again are not
 counted, and their time is.
 """
@@ -75,7 +75,7 @@ if __name__ == "__main__":
         for wings in ("rigid", "flexible"):
             alone = steps_per_second(ExcitationDesign(name, wings=wings), 5000, 0.3)
             together = steps_per_second_together(ExcitationDesigns(COPIES, task=name, wings=wings), 400, 0.3)
-            print(f"{name}, {wings}, linear: {alone:.0f} steps/s; {COPIES} copies {together:.0f}, {together / alone:.0f}x")
+            print(f"{name}, {wings}, linear: {alone:.0f} steps/s; {COPIES} copies {together:.0f}")
         env = ExcitationDesign(name, dynamics="jsbsim")
         alone, bare = steps_per_second(env, 300, 0.3), bare_steps_per_second(env, 200)
         together = steps_per_second_together(ExcitationDesigns(COPIES, task=name, dynamics="jsbsim"), 300, 0.3)
