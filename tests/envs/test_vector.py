@@ -22,6 +22,26 @@ from testbench.sensors import Sensor  # noqa: E402
 from testbench.sensors.kinds import SurfacePosition  # noqa: E402
 
 COPIES = 3
+SUITE = """
+title = "rates"
+rate_hz = 20.0
+sensor = [
+{ channel = "p", unit = "deg/s", noise_std = 1.0, lag_s = 0.05, delay_s = 0.11, dropout = 0.2, part="x", source = "x" },
+{ channel = "r", unit = "deg/s", noise_std = 0.2, rate_hz = 5.0, part = "x", source = "x" },
+{ channel = "da", unit = "deg", noise_std = 0.2, part = "x", source = "x" },
+{ channel = "dr", unit = "deg", noise_std = 0.2, part = "x", source = "x" },
+]
+"""
+DESIGN = """
+title = "two controls"
+aircraft = "taurus"
+suites = ["{suite}"]
+controls = ["da", "dr"]
+duration_s = 12.0
+shortest_step_s = 0.25
+condition = {{ V_m_s = 12.0, h_m = 100.0 }}
+targets = {{ parameters = {{ L_p = 5.0, N_r = 5.0 }} }}
+"""
 
 
 def pair(mode=AutoresetMode.NEXT_STEP, **arguments):
@@ -47,9 +67,10 @@ def same(truth, found):
 
 
 def levels(envs, rng, size):
-    if envs.single_action_space.shape == ():
-        return rng.integers(0, len(LEVELS) + 1, COPIES)
-    return rng.uniform(-size, size, (COPIES, *envs.single_action_space.shape)).astype(np.float32)
+    space = envs.single_action_space
+    if not isinstance(space, gymnasium.spaces.Box):
+        return rng.integers(0, len(LEVELS) + 1, (COPIES, *space.shape))
+    return rng.uniform(-size, size, (COPIES, *space.shape)).astype(np.float32)
 
 
 def fly_both(singles, together, steps, size=0.9, hold=6):
@@ -103,6 +124,14 @@ def test_copies_begin_again_as_the_mode_says(mode):
 @pytest.mark.parametrize("criterion", ["worst", "A", "E"])
 def test_other_criteria_and_discrete_actions(criterion):
     fly_both(*pair(task="taurus", actions="discrete", criterion=criterion, near=0.3, decision_s=0.5), 40)
+
+
+@pytest.mark.parametrize("actions", ["continuous", "discrete"])
+def test_two_controls_and_sensors_that_lag_are_late_and_lose_samples(tmp_path, actions):
+    suite, design = tmp_path / "lateral.toml", tmp_path / "lateral_design.toml"
+    suite.write_text(SUITE)
+    design.write_text(DESIGN.format(suite=suite))
+    fly_both(*pair(task=str(design), actions=actions, dynamics="jsbsim"), 60, size=0.5)
 
 
 def test_more_copies_than_a_block_holds():
