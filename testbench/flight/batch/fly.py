@@ -223,11 +223,11 @@ def fly_block(jobs: Sequence[Job], models: Sequence[BatchModel], flown: Flown) -
 
 def _fly_block(lanes: Sequence[_Ready], flown: Flown) -> list[FlightRecord | TestbenchError]:
     model, step, names = lanes[0].model, lanes[0].step, lanes[0].logged
-    R = _placed(lanes)
+    R = placed([x.model for x in lanes], [x.job.trimmed for x in lanes])
     controls = tuple(dict.fromkeys(n for x in lanes for n in x.job.manoeuvre.signal.channels))
     blowing = any(x.wind is not None for x in lanes)
     rows = max((x.u.shape[0] - 1) // step for x in lanes)
-    limits = _limits(lanes)
+    limits = limits_of([x.model for x in lanes])
     columns = [model.channels.index(n) for n in names]
     logged = np.array([model.program.logged[n] for n in names], np.int64)
     scale = np.stack([x.model.factors[columns] for x in lanes], axis=1)
@@ -260,29 +260,29 @@ def _fly_block(lanes: Sequence[_Ready], flown: Flown) -> list[FlightRecord | Tes
     return out
 
 
-def _placed(lanes: Sequence[_Ready]) -> FloatArray:
-    """Return the registers of flights at their trims."""
-    R = registers([x.model for x in lanes])
-    columns = [_trim_column(x.job.trimmed) for x in lanes]
+def placed(models: Sequence[BatchModel], trims: Sequence[TrimmedFlight]) -> FloatArray:
+    """Return the registers (registers, LANES) of flights of one program at their trims."""
+    R = registers(models)
+    columns = [_trim_column(x) for x in trims]
     h, theta, phi = (np.array([c[k] for c in columns]) for k in range(3))
     uvw, pqr, wind = (np.stack([c[k] for c in columns], axis=1) for k in range(3, 6))
     R[r.GUST : r.GUST + 3] = filled(wind) / FT_M
-    controls = {n for x in lanes for n in x.job.trimmed.controls}
-    at = {n: np.array([x.job.trimmed.controls[n] for x in lanes]) for n in controls}
-    put(lanes[0].model, R, h, theta, phi, uvw, pqr, at, lanes[0].model.iterations, _engines(lanes))
+    controls = {n for x in trims for n in x.controls}
+    at = {n: np.array([x.controls[n] for x in trims]) for n in controls}
+    put(models[0], R, h, theta, phi, uvw, pqr, at, models[0].iterations, _engines(models, trims))
     return R
 
 
-def _engines(lanes: Sequence[_Ready]) -> list[dict[str, float]]:
+def _engines(models: Sequence[BatchModel], trims: Sequence[TrimmedFlight]) -> list[dict[str, float]]:
     """Return what the engines of flights hold at their trims; nothing if they have no states of their own."""
-    if not lanes[0].model.settles:
+    if not models[0].settles:
         return []
     known: dict[tuple[int, int], dict[str, float]] = {}
-    for x in lanes:
-        key = id(x.model), id(x.job.trimmed)
+    for model, trimmed in zip(models, trims, strict=True):
+        key = id(model), id(trimmed)
         if key not in known:
-            known[key] = states_at_trim(x.model, x.job.trimmed)
-    return [known[id(x.model), id(x.job.trimmed)] for x in lanes]
+            known[key] = states_at_trim(model, trimmed)
+    return [known[id(m), id(t)] for m, t in zip(models, trims, strict=True)]
 
 
 def _trim_column(trimmed: TrimmedFlight) -> tuple[float, float, float, FloatArray, FloatArray, FloatArray]:
@@ -310,7 +310,7 @@ def _inputs(lanes: Sequence[_Ready], controls: Sequence[str], blowing: bool, fra
 
 
 @dataclass(frozen=True, eq=False)
-class _Limit:
+class Limit:
     """A register that must stay between bounds (flights,) in JSBSim's unit; no name if JSBSim flies on from there."""
 
     register: int
@@ -321,18 +321,18 @@ class _Limit:
     factor: float = 1.0
 
 
-def _limits(lanes: Sequence[_Ready]) -> list[_Limit]:
+def limits_of(models: Sequence[BatchModel]) -> list[Limit]:
     """Return what ends a flight, in the order in which JSBSim's flights are watched."""
-    model, out = lanes[0].model, []
+    model, out = models[0], []
     for of in model.aircraft.limits:
         for name in [n for n in model.channels if n.startswith("eta_")] if of == "eta" else [of]:
             i = model.channels.index(name)
-            factors = np.array([x.model.factors[i] for x in lanes])
-            low, high = np.array([x.job.aircraft.limits[of] for x in lanes]).T / factors
-            out.append(_Limit(model.program.logged[name], low, high, name, of, float(factors[0])))
-    one = np.ones(len(lanes))
-    out.append(_Limit(r.H_SL, -np.inf * one, TOP_FT * one))
-    out.append(_Limit(r.H_AGL, model.floor_ft * one, np.inf * one))
+            factors = np.array([x.factors[i] for x in models])
+            low, high = np.array([x.aircraft.limits[of] for x in models]).T / factors
+            out.append(Limit(model.program.logged[name], low, high, name, of, float(factors[0])))
+    one = np.ones(len(models))
+    out.append(Limit(r.H_SL, -np.inf * one, TOP_FT * one))
+    out.append(Limit(r.H_AGL, model.floor_ft * one, np.inf * one))
     return out
 
 

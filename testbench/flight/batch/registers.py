@@ -8,7 +8,7 @@ from __future__ import annotations
 
 # fmt: off
 (
-    DT, TIME, EARTH_ANGLE,
+    DT, TIME, EARTH_ANGLE, COS_EARTH, SIN_EARTH,
     ATTITUDE, _, _, _,                  # quaternion, body against inertial axes
     RATE, _, _,                         # of the body against inertial space, body axes
     POSITION, _, _,                     # inertial
@@ -62,5 +62,5 @@ from __future__ import annotations
     ADDED_FORCE, _, _, ADDED_MOMENT, _, _,
     FORCE, _, _, MOMENT, _, _,
     COUNT,
-) = range(234)
+) = range(236)
 # fmt: on
