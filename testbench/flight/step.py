@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from testbench.aircraft import Aircraft
 from testbench.core.errors import ChannelError, LimitError, nearest
 from testbench.core.record import FloatArray
@@ -57,9 +55,8 @@ class SteppedFlight:
                 raise ChannelError(f"{aircraft.name} has no channel '{name}' in flight{nearest(name, known)}")
         self._log = Recorder(self._fdm, channels)
         self._writers = [self._fdm.command_nodes[n].set_double_value for n in controls]
-        self._scale = np.array([aircraft.controls[n].scale for n in controls])
-        self._high = np.array([aircraft.controls[n].full for n in controls])
-        self._low = np.array([aircraft.controls[n].low for n in controls])
+        self._scales = [aircraft.controls[n].scale for n in controls]
+        self._ranges = [(aircraft.controls[n].low, aircraft.controls[n].full) for n in controls]
         self._controls = tuple(controls)
         self.reason = ""
 
@@ -78,15 +75,15 @@ class SteppedFlight:
         """
         if self.reason:
             raise LimitError(f"a flight that ended cannot go on: {self.reason}; start another")
-        outside = (u < self._low - 1e-9) | (u > self._high + 1e-9) | ~np.isfinite(u)
-        if np.any(outside):
-            i = int(np.argmax(outside))
-            raise LimitError(
-                f"{self._low[i]:g} <= {self._controls[i]} <= {self._high[i]:g} must hold (rad; 1 for the throttle), "
-                f"got {u[i]:g}; reduce the command"
-            )
-        for write, value in zip(self._writers, (u / self._scale).tolist(), strict=True):
-            write(value)
+        values = u.tolist()
+        for name, value, (low, high) in zip(self._controls, values, self._ranges, strict=True):
+            if not low - 1e-9 <= value <= high + 1e-9:
+                raise LimitError(
+                    f"{low:g} <= {name} <= {high:g} must hold (rad; 1 for the throttle), got {value:g}; "
+                    "reduce the command"
+                )
+        for write, value, scale in zip(self._writers, values, self._scales, strict=True):
+            write(value / scale)
         run, log = self._fdm.fdm.run, self._log
         taken = log.empty(rows)
         for row in range(rows):
