@@ -218,10 +218,9 @@ def _run(
         it may hold NaN.
     """
     log = Recorder(fdm, names)
-    take = log.take
     rows = (u.shape[0] - 1) // step + 1
     taken = log.empty(rows)
-    take(taken, 0)
+    log.take(taken, 0)
     scale = np.array([fdm.aircraft.controls[n].scale for n in controls])
     columns = [column.tolist() for column in (u / scale).T]
     changed = np.any(np.diff(np.vstack([at_trim, at_trim, u[1:]]), axis=0) != 0.0, axis=1).tolist()
@@ -230,18 +229,13 @@ def _run(
         columns += [column.tolist() for column in (wind / FT_M).T]
         writers += [node.set_double_value for node in fdm.gust_nodes]
         changed = [True] * len(changed)
-    run = fdm.fdm.run
+    run, take = fdm.fdm.run, log.take
     for row in range(1, rows):
-        first, after = (row - 1) * step + 1, row * step + 1
-        if True in changed[first:after]:
-            for frame in range(first, after):
-                if changed[frame]:
-                    for write, column in zip(writers, columns, strict=True):
-                        write(column[frame])
-                run()
-        else:
-            for _ in range(step):
-                run()
+        for frame in range((row - 1) * step + 1, row * step + 1):
+            if changed[frame]:
+                for write, column in zip(writers, columns, strict=True):
+                    write(column[frame])
+            run()
         reason = take(taken, row)
         if reason:
             return log.si(taken, row), reason
