@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from testbench.estimators import METHODS, estimate
     from testbench.evaluation import evaluate
     from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
+    from testbench.flight.batch.fly import fly_many
+    from testbench.flight.batch.trim import trim_many
     from testbench.inputs import InputSignal
     from testbench.line import fly_and_measure
     from testbench.logs.read import read_records
@@ -46,6 +48,8 @@ _HOME = {
     "survey": "testbench.questions.aircraft.ask",
     "make_plan": "testbench.questions.plan.ask",
     "fly_modes": "testbench.questions.modes.ask",
+    "fly_many": "testbench.flight.batch.fly",
+    "trim_many": "testbench.flight.batch.trim",
     "InputSignal": "testbench.inputs",
     "METHODS": "testbench.estimators",
     "FlightCondition": "testbench.flight",
@@ -88,6 +92,7 @@ __all__ = [
     "fly",
     "fly_and_measure",
     "fly_campaign",
+    "fly_many",
     "fly_modes",
     "identify",
     "linearise",
@@ -105,6 +110,7 @@ __all__ = [
     "run_gap",
     "survey",
     "trim",
+    "trim_many",
     "write_results",
 ]
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.record import FloatArray
 from testbench.envs.lifted import Lifted
+from testbench.envs.sensed import Sensed
 from testbench.envs.tasks import Task
 from testbench.flight.step import SteppedFlight
-
-_FORGOTTEN = 40.0  # time constants after which a lag remembers 4e-18 of a value
+from testbench.questions.design.problem import Problem
 
 
 class Piece(NamedTuple):
@@ -67,83 +68,82 @@ class JSBSimFlight:
     def __init__(self, task: Task, lifted: Lifted) -> None:
         self._task, self._linear, self._lifted = task, LinearFlight(task, lifted), lifted
         problem = task.problem
-        prediction = problem.prediction
-        self._sensors = problem.experiment.sensors
-        self._stride = problem.experiment.stride
-        memory = max(_FORGOTTEN * s.lag_s + s.delay_s for s in self._sensors) * problem.rate_hz
-        self._memory = self._stride * int(np.ceil((memory + 2.0) / self._stride))
-        self._limited = [n for n in prediction.names if " of " not in n]
-        needed = [*(n for s in self._sensors for n in s.needs), *self._limited, *problem.controls, "theta", "phi"]
+        sensors, self._stride = problem.experiment.sensors, problem.experiment.stride
+        limited = [n for n in problem.prediction.names if " of " not in n]
+        needed = [*(n for s in sensors for n in s.needs), *limited, *problem.controls, "theta", "phi"]
         self._channels = tuple(dict.fromkeys(needed))
         self.columns = {n: i for i, n in enumerate(self._channels)}
+        self._trim = np.array([task.trimmed.controls[c] for c in problem.controls])
+        samples = problem.experiment.samples * self._stride
+        self._rows = np.empty((samples + lifted.R + 1, len(self._channels)))
+        self._sensed = Sensed(sensors, self._channels, problem.rate_hz, len(self._rows))
+        self._use = _Use(problem, self._channels)
         self._flight: SteppedFlight | None = None
 
     def reset(self, quiet: int) -> FloatArray:
         """Fly ``quiet`` samples undisturbed and return what the sensors feel over them (quiet, p)."""
         task = self._task
         self._linear.reset(quiet)
+        self._sensed.begin()
         flight = SteppedFlight(task.aircraft, task.trimmed, task.problem.controls, self._channels, task.problem.rate_hz)
         self._flight = flight
-        self._trim = np.array([task.trimmed.controls[c] for c in task.problem.controls])
-        start = flight.read()
-        samples = task.problem.experiment.samples * self._stride
-        self._rows = np.empty((samples + self._lifted.R + 1, len(self._channels)))
-        self._rows[0] = start
+        self._rows[0] = flight.read()
         self._count = quiet * self._stride + 1
         self._rows[1 : self._count] = flight.advance(self._trim, self._count - 1)
-        return self._seen(0, quiet)
+        return self._sensed.add(self._rows[: self._count - 1], self._stride)
 
     def fly(self, u: FloatArray) -> Piece:
         """Fly one decision with commands (m,), deviations from trim, SI."""
         assert self._flight is not None
-        linear = self._linear.fly(u)
+        sensitivities = self._linear.fly(u).sensitivities
         new = self._flight.advance(self._trim + u, self._lifted.R)
-        before, R = self._count - 1, self._lifted.R
+        before = self._count - 1
+        after = before + self._lifted.R
         ended = self._flight.reason
         if ended:  # hold the last state, so that the observation keeps its shape
             last = new[-1:] if len(new) else self._rows[before : before + 1]
-            new = np.vstack([new, np.repeat(last, R - len(new), axis=0)])
-        self._rows[self._count : self._count + R] = new
-        self._count += R
-        seen = self._seen(before // self._stride, self._lifted.r)
-        return Piece(seen, linear.sensitivities, self._use(new, self._rows[before], u), ended)
+            new = np.vstack([new, np.repeat(last, self._lifted.R - len(new), axis=0)])
+        self._rows[before + 1 : after + 1] = new
+        self._count = after + 1
+        seen = self._sensed.add(self._rows[before:after], self._stride)
+        return Piece(seen, sensitivities, self._use(self._rows[before : after + 1], u), ended)
 
     def attitude(self) -> tuple[float, float]:
         """Return pitch and bank now, rad."""
-        return float(self._rows[self._count - 1, self.columns["theta"]]), float(
-            self._rows[self._count - 1, self.columns["phi"]]
-        )
+        now = dict(zip(self._channels, self._rows[self._count - 1].tolist(), strict=True))
+        return now["theta"], now["phi"]
 
-    def _seen(self, first: int, count: int) -> FloatArray:
-        """Return what the sensors feel over samples ``first`` to ``first + count`` (count, p).
 
-        They are shown no more of the flight than their lags and delays remember.
-        """
-        begin = max(0, first * self._stride - self._memory)
-        rows = self._rows[begin : (first + count) * self._stride]
-        record = FlightRecord(
-            t_s=(begin + np.arange(len(rows))) / self._task.problem.rate_hz,
-            channels=self._channels,
-            data=rows,
-            kind="truth",
-        )
-        skip = first - begin // self._stride
-        return np.stack([s.respond(record)[:: self._stride][skip : skip + count] for s in self._sensors], axis=1)
+class _Use:
+    """Use of the limits by a piece of flight, from its rows of channels and its commands."""
 
-    def _use(self, rows: FloatArray, before: FloatArray, u: FloatArray) -> FloatArray:
-        """Return the use of the limits (R, 2, c) over new rows."""
-        problem = self._task.problem
+    def __init__(self, problem: Problem, channels: Sequence[str]) -> None:
         prediction = problem.prediction
-        out = np.empty((len(rows), len(prediction.names)))
+        self._bounds = np.stack([prediction.high, prediction.low])
+        self._rate_hz = problem.rate_hz
+        self._trim = np.zeros(len(prediction.names))
+        self._columns = np.zeros(len(prediction.names), int)  # of the rows; a command stands in none
+        self._rates: list[int] = []
+        self._commands: list[tuple[int, int]] = []
         for i, name in enumerate(prediction.names):
             if name.startswith("command of "):
-                out[:, i] = u[list(problem.controls).index(name.removeprefix("command of "))]  # type: ignore[arg-type]
-            elif name.startswith("rate of "):
-                j = self.columns[name.removeprefix("rate of ")]
-                out[:, i] = np.diff(np.concatenate([before[j : j + 1], rows[:, j]])) * problem.rate_hz
+                self._commands.append((i, problem.controls.index(name.removeprefix("command of "))))
+                continue
+            self._columns[i] = channels.index(name.removeprefix("rate of "))
+            if name.startswith("rate of "):
+                self._rates.append(i)
             else:
-                out[:, i] = rows[:, self.columns[name]] - prediction.trim[name]
-        return np.stack([out / prediction.high, out / prediction.low], axis=1)
+                self._trim[i] = prediction.trim[name]
+
+    def __call__(self, rows: FloatArray, u: FloatArray) -> FloatArray:
+        """Return the use of the limits (R, 2, c) over ``rows`` (R + 1, channels), the first being the one before."""
+        limited = rows.take(self._columns, axis=1)
+        out = limited[1:] - self._trim
+        for i in self._rates:
+            out[:, i] = (limited[1:, i] - limited[:-1, i]) * self._rate_hz
+        for i, j in self._commands:
+            out[:, i] = u[j]
+        return np.asarray(out[:, None] / self._bounds)
 
 
 def _at_trim(task: Task) -> dict[str, float]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from importlib.metadata import version
 from typing import Any
 
@@ -20,6 +19,7 @@ from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.air import Air
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import Executive
+from testbench.flight.recorder import Recorder
 from testbench.flight.trim import place_at_trim, steady_wind
 from testbench.inputs.signal import InputSignal
 
@@ -231,13 +231,10 @@ def _run(
         The rows logged, SI, and why the flight ended before its time, or "". The row outside the limits is left out:
         it may hold NaN.
     """
-    index = [fdm.channels.index(n) for n in names]
-    readers = [fdm.channel_nodes[i].get_double_value for i in index]
-    factors = np.array([fdm.factors[i] for i in index])
-    watched = _watch(fdm)
+    log = Recorder(fdm, names)
     rows = (u.shape[0] - 1) // step + 1
-    raw = np.empty((rows, len(names)))
-    raw[0] = [read() for read in readers]
+    taken = log.empty(rows)
+    log.take(taken, 0)
     scale = np.array([fdm.aircraft.controls[n].scale for n in controls])
     columns = [column.tolist() for column in (u / scale).T]
     changed = np.any(np.diff(np.vstack([at_trim, at_trim, u[1:]]), axis=0) != 0.0, axis=1).tolist()
@@ -246,41 +243,17 @@ def _run(
         columns += [column.tolist() for column in (wind / FT_M).T]
         writers += [node.set_double_value for node in fdm.gust_nodes]
         changed = [True] * len(changed)
-    run = fdm.fdm.run
+    run, take = fdm.fdm.run, log.take
     for row in range(1, rows):
         for frame in range((row - 1) * step + 1, row * step + 1):
             if changed[frame]:
                 for write, column in zip(writers, columns, strict=True):
                     write(column[frame])
             run()
-        raw[row] = [read() for read in readers]
-        for read, low, high, text in watched:
-            # written so that NaN, for which every comparison fails, counts as outside
-            if not low <= read() <= high:
-                return raw[:row] * factors, text(read())
-    return raw * factors, ""
-
-
-def _watch(fdm: Executive) -> list[tuple[Any, float, float, Callable[[float], str]]]:
-    """Return (reader, low, high, message) of every limit, in JSBSim's units."""
-    out: list[tuple[Any, float, float, Callable[[float], str]]] = []
-    for name, (low, high) in fdm.aircraft.limits.items():
-        targets = [n for n in fdm.channels if n.startswith("eta_")] if name == "eta" else [name]
-        for target in targets:
-            i = fdm.channels.index(target)
-            factor = fdm.factors[i]
-            text = partial(_reason, target, factor, low, high)
-            out.append((fdm.channel_nodes[i].get_double_value, low / factor, high / factor, text))
-    return out
-
-
-def _reason(name: str, factor: float, low: float, high: float, value: float) -> str:
-    """Return how ``value``, in JSBSim's unit, breaks the limits of the channel, SI."""
-    scale, unit = (1.0 / DEG_RAD, " deg") if name in {"alpha", "beta", "theta", "phi"} else (1.0, "")
-    got = value * factor * scale
-    if not math.isfinite(got):
-        return f"{name} ceased to be a finite number"
-    return f"{low * scale:g} <= {name} <= {high * scale:g}{unit} must hold, got {got:.3g}{unit}"
+        reason = take(taken, row)
+        if reason:
+            return log.si(taken, row), reason
+    return log.si(taken, rows), ""
 
 
 def _provenance(

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from testbench.aircraft import Aircraft
 from testbench.core.errors import ChannelError, LimitError, nearest
 from testbench.core.record import FloatArray
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import Executive
-from testbench.flight.simulate import _watch, stride
+from testbench.flight.recorder import Recorder
+from testbench.flight.simulate import stride
 from testbench.flight.trim import place_at_trim
 
 
@@ -54,20 +53,16 @@ class SteppedFlight:
         ):
             if name not in known:
                 raise ChannelError(f"{aircraft.name} has no channel '{name}' in flight{nearest(name, known)}")
-        index = [self._fdm.channels.index(n) for n in channels]
-        self._readers = [self._fdm.channel_nodes[i].get_double_value for i in index]
-        self._factors = np.array([self._fdm.factors[i] for i in index])
+        self._log = Recorder(self._fdm, channels)
         self._writers = [self._fdm.command_nodes[n].set_double_value for n in controls]
-        self._scale = np.array([aircraft.controls[n].scale for n in controls])
-        self._high = np.array([aircraft.controls[n].full for n in controls])
-        self._low = np.array([aircraft.controls[n].low for n in controls])
-        self._watched = _watch(self._fdm)
+        self._scales = [aircraft.controls[n].scale for n in controls]
+        self._ranges = [(aircraft.controls[n].low, aircraft.controls[n].full) for n in controls]
         self._controls = tuple(controls)
         self.reason = ""
 
     def read(self) -> FloatArray:
         """Return the channels as they are now (channels,), SI."""
-        return np.array([read() for read in self._readers]) * self._factors
+        return self._log.read()
 
     def advance(self, u: FloatArray, rows: int) -> FloatArray:
         """Fly on with absolute commands ``u`` (controls,) held, SI, for ``rows`` log intervals.
@@ -80,22 +75,21 @@ class SteppedFlight:
         """
         if self.reason:
             raise LimitError(f"a flight that ended cannot go on: {self.reason}; start another")
-        outside = (u < self._low - 1e-9) | (u > self._high + 1e-9) | ~np.isfinite(u)
-        if np.any(outside):
-            i = int(np.argmax(outside))
-            raise LimitError(
-                f"{self._low[i]:g} <= {self._controls[i]} <= {self._high[i]:g} must hold (rad; 1 for the throttle), "
-                f"got {u[i]:g}; reduce the command"
-            )
-        for write, value in zip(self._writers, (u / self._scale).tolist(), strict=True):
-            write(value)
-        run, raw = self._fdm.fdm.run, np.empty((rows, len(self._readers)))
+        values = u.tolist()
+        for name, value, (low, high) in zip(self._controls, values, self._ranges, strict=True):
+            if not low - 1e-9 <= value <= high + 1e-9:
+                raise LimitError(
+                    f"{low:g} <= {name} <= {high:g} must hold (rad; 1 for the throttle), got {value:g}; "
+                    "reduce the command"
+                )
+        for write, value, scale in zip(self._writers, values, self._scales, strict=True):
+            write(value / scale)
+        run, log = self._fdm.fdm.run, self._log
+        taken = log.empty(rows)
         for row in range(rows):
             for _ in range(self._step):
                 run()
-            raw[row] = [read() for read in self._readers]
-            for read, low, high, text in self._watched:
-                if not low <= read() <= high:  # NaN, too, counts as outside
-                    self.reason = text(read())
-                    return raw[:row] * self._factors
-        return raw * self._factors
+            self.reason = log.take(taken, row)
+            if self.reason:
+                return log.si(taken, row)
+        return log.si(taken, rows)

@@ -261,9 +261,15 @@ def first_order_lag(x: FloatArray, dt_s: float, lag_s: float) -> FloatArray:
     """
     from scipy.signal import lfilter
 
+    a, b0, b1 = lag_weights(dt_s, lag_s)
+    return np.asarray(lfilter([b1, b0], [1.0, -a], x - x[0]), float) + x[0]
+
+
+def lag_weights(dt_s: float, lag_s: float) -> tuple[float, float, float]:
+    """Return a, b0 and b1 of :func:`first_order_lag`."""
     h = dt_s / lag_s
     a, mean = math.exp(-h), -math.expm1(-h) / h
-    return np.asarray(lfilter([1.0 - mean, mean - a], [1.0, -a], x - x[0]), float) + x[0]
+    return a, mean - a, 1.0 - mean
 
 
 def whole_ratio(fast_hz: float, slow_hz: float) -> int | None:

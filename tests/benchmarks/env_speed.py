@@ -1,13 +1,16 @@
 """Steps per second of the environment, random commands, resets included; alone, and 64 copies together.
 
 The laws: 20 000 for the rigid linear aircraft, 100 000 for 64 copies of the Taurus with all of JSBSim's equations. Run
-with ``make benchmarks``. Seconds of processor time of one core, the best of several rounds, since machines are shared.
-JSBSim's own limit is what the frames of a decision cost in its bare loop. Steps in which a copy begins again are not
-counted, and their time is.
+with ``make benchmarks``. Seconds of processor time of one core, since machines are shared: the best of several rounds
+of the linear aircraft and of the copies together. JSBSim's own limit is what the frames of a decision cost in its bare
+loop; it and the single environment take turns within each round, and the median of the rounds' ratios is printed. A
+reset loads the model and flies the undisturbed seconds before the first decision, so that the share of the steps alone
+is given too. Steps in which a copy begins again are not counted, and their time is.
 """
 
 from __future__ import annotations
 
+import statistics
 import time
 
 import numpy as np
@@ -20,6 +23,7 @@ from testbench.flight.trim import place_at_trim
 
 ROUNDS = 5
 COPIES = 64
+PAIRS = 25
 
 
 def steps_per_second(env: ExcitationDesign, steps: int, size: float) -> float:
@@ -54,20 +58,35 @@ def steps_per_second_together(envs: ExcitationDesigns, steps: int, size: float) 
     return 1.0 / best
 
 
-def bare_steps_per_second(env: ExcitationDesign, steps: int) -> float:
-    """Return how many decisions a second the bare loop of JSBSim makes."""
+def against_jsbsim(env: ExcitationDesign, steps: int, size: float) -> str:
+    """Return in words how many steps a second there are, and how many decisions the bare loop of JSBSim makes."""
     trimmed = env.task.trimmed
     frames = round(env.decision_s * trimmed.rate_hz) * steps
-    best = np.inf
-    for _ in range(ROUNDS):
+    actions = np.random.default_rng(0).uniform(-size, size, (steps, len(env.amplitude))).astype(np.float32)
+    bare, alone, whole = [], [], []
+    env.reset(seed=0)
+    for _ in range(PAIRS):
         fdm = Executive(env.task.aircraft, trimmed.rate_hz, trimmed.condition)
         place_at_trim(fdm, trimmed)
         run = fdm.fdm.run
         start = time.process_time()
         for _ in range(frames):
             run()
-        best = min(best, time.process_time() - start)
-    return steps / best
+        bare.append(time.process_time() - start)
+        resets, start = 0.0, time.process_time()
+        for action in actions:
+            _, _, terminated, truncated, _ = env.step(action)
+            if terminated or truncated:
+                begun = time.process_time()
+                env.reset()
+                resets += time.process_time() - begun
+        whole.append(time.process_time() - start)
+        alone.append(whole[-1] - resets)
+    share, of_steps = (statistics.median(b / t for b, t in zip(bare, times, strict=True)) for times in (whole, alone))
+    return (
+        f"{steps / statistics.median(whole):.0f} steps/s; bare loop {steps / statistics.median(bare):.0f}, "
+        f"share {share:.2f}, of the steps without resets {of_steps:.2f}"
+    )
 
 
 if __name__ == "__main__":
@@ -77,9 +96,6 @@ if __name__ == "__main__":
             together = steps_per_second_together(ExcitationDesigns(COPIES, task=name, wings=wings), 400, 0.3)
             print(f"{name}, {wings}, linear: {alone:.0f} steps/s; {COPIES} copies {together:.0f}")
         env = ExcitationDesign(name, dynamics="jsbsim")
-        alone, bare = steps_per_second(env, 300, 0.3), bare_steps_per_second(env, 200)
+        words = against_jsbsim(env, env.steps, 0.3)
         together = steps_per_second_together(ExcitationDesigns(COPIES, task=name, dynamics="jsbsim"), 300, 0.3)
-        print(
-            f"{name}, rigid, jsbsim, decisions of {env.decision_s:g} s: {alone:.0f} steps/s; bare loop {bare:.0f}; "
-            f"{COPIES} copies {together:.0f}, {together / alone:.0f}x, {together / bare:.0f}x the bare loop"
-        )
+        print(f"{name}, rigid, jsbsim, decisions of {env.decision_s:g} s: {words}; {COPIES} copies {together:.0f}")

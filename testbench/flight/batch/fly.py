@@ -25,11 +25,11 @@ from testbench.flight.batch.jobs import BATCH, Flown, Job, Simulator
 from testbench.flight.batch.model import TOP_FT, BatchModel, filled, put, read, registers, states_at_trim
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import body_from_earth
+from testbench.flight.recorder import limit_broken
 from testbench.flight.simulate import (
     Manoeuvre,
     _moving_air,
     _provenance,
-    _reason,
     commands,
     fly,
     logged_of,
@@ -251,7 +251,7 @@ def _fly_block(lanes: Sequence[_Ready], flown: Flown) -> list[FlightRecord | Tes
             out.append(_record(ready, data[lane, :count], ""))
         elif limit.name:
             low, high = ready.job.aircraft.limits[limit.of]
-            reason = _reason(limit.name, limit.factor, low, high, value[lane])
+            reason = limit_broken(limit.name, limit.factor, low, high, value[lane])
             out.append(_record(ready, data[lane, :ends], reason))
         else:
             out.append(_by_jsbsim(ready.job, flown, "it comes near the ground or leaves the atmosphere of the batch"))

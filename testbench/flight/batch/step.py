@@ -17,7 +17,8 @@ from testbench.flight.batch.fly import limits_of, placed
 from testbench.flight.batch.interpret import execute, run
 from testbench.flight.batch.model import BatchModel
 from testbench.flight.condition import TrimmedFlight
-from testbench.flight.simulate import _reason, stride
+from testbench.flight.recorder import limit_broken
+from testbench.flight.simulate import stride
 from testbench.flight.step import SteppedFlight
 
 Mask = npt.NDArray[np.bool_]
@@ -232,4 +233,4 @@ class _Block:
         if not limit.name:
             return ""
         low, high = self._model.aircraft.limits[limit.of]
-        return _reason(limit.name, limit.factor, low, high, self._value[lane])
+        return limit_broken(limit.name, limit.factor, low, high, self._value[lane])

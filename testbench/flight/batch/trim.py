@@ -55,6 +55,13 @@ def trim_many(
 
     Returns:
         For each flight its trim, or why there is none.
+
+    Example:
+        >>> import testbench as tb
+        >>> taurus = tb.load_aircraft("taurus")
+        >>> trims = tb.trim_many([taurus] * 2, [tb.FlightCondition(V, 100.0) for V in (12.0, 14.0)])
+        >>> trims[0].alpha > trims[1].alpha
+        True
     """
     out: list[TrimmedFlight | TestbenchError | None] = [None] * len(aircraft)
     blowing = airs or [None] * len(aircraft)

@@ -11,6 +11,7 @@ import testbench as tb
 from testbench.aircraft import Aircraft
 from testbench.aircraft.amend import Amendment, Insert
 from testbench.core.errors import ChannelError, LimitError
+from testbench.core.record import FlightAborted
 from testbench.flight.air import Air, Gust
 from testbench.flight.batch import check
 from testbench.flight.batch.check import TOLERANCE, difference, judged
@@ -99,7 +100,7 @@ def test_a_flight_that_leaves_its_limits_ends_alone(taurus: tuple[Aircraft, Trim
     aircraft, trimmed = taurus
     mild, wild = doublet(trimmed.rate_hz, 1.0, "da", 20.0), doublet(trimmed.rate_hz, 24.0, "da", 20.0)
     first, second = flown(aircraft, trimmed, [mild, wild], 60.0, ("phi", "p", "h"))
-    with pytest.raises(tb.FlightAborted) as caught:
+    with pytest.raises(FlightAborted) as caught:
         tb.fly(aircraft, trimmed, wild, 60.0, ("phi", "p", "h"))
     assert first.outcome == "completed"
     assert second.outcome == "aborted"
