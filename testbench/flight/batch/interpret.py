@@ -10,8 +10,17 @@ import numpy.typing as npt
 from testbench.core.record import FloatArray
 from testbench.flight.batch import integrate as stages
 from testbench.flight.batch.compiled import compiled
+from testbench.flight.batch.program import MOST_DETENTS
 
 HUGE = math.inf
+_ROUNDOFF = 2.0 * float(np.finfo(float).eps)
+
+
+@compiled
+def _truth(x: float) -> float:  # pragma: no cover
+    """Return 1 or 0 for a condition; NaN for a number above one, at which JSBSim stops (GetBinary of FGFunction)."""
+    x = math.fabs(x)
+    return 0.0 if x < 1e-9 else (1.0 if x - 1.0 < 1e-9 else math.nan)
 
 
 @compiled
@@ -40,7 +49,7 @@ def _fraction(T: FloatArray, keys: int, n: int, x: float) -> tuple[int, float]: 
         k += 1
     x0 = T[keys + k - 1]
     factor = (x - x0) / (T[keys + k] - x0)
-    return k, min(1.0, max(0.0, factor))
+    return k, 0.0 if factor < 0.0 else (1.0 if factor > 1.0 else factor)
 
 
 @compiled
@@ -127,14 +136,17 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
         elif op == 6:
             for f in range(m):
                 x, y = R[a, f], R[b, f]
+                x = x if x < HUGE else HUGE  # JSBSim's minimum takes no notice of NaN
                 R[t, f] = y if y < x else x
         elif op == 7:
             for f in range(m):
                 x, y = R[a, f], R[b, f]
+                x = x if x > -HUGE else -HUGE
                 R[t, f] = y if y > x else x
         elif op == 39:
             for f in range(m):
-                R[t, f] = R[b, f] if R[a, f] > 0.5 else R[c, f]
+                truth = _truth(R[a, f])
+                R[t, f] = R[b, f] if truth == 1.0 else (R[c, f] if truth == 0.0 else math.nan)
         elif op == 40:
             for f in range(m):
                 x, low, high = R[a, f], R[b, f], R[c, f]
@@ -170,13 +182,15 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
                 R[t, f] = 1.0 if R[a, f] != R[b, f] else 0.0
         elif op == 36:
             for f in range(m):
-                R[t, f] = 1.0 if R[a, f] > 0.5 and R[b, f] > 0.5 else 0.0
+                truth = _truth(R[a, f])
+                R[t, f] = truth if truth != 1.0 else _truth(R[b, f])
         elif op == 37:
             for f in range(m):
-                R[t, f] = 1.0 if R[a, f] > 0.5 or R[b, f] > 0.5 else 0.0
+                truth = _truth(R[a, f])
+                R[t, f] = truth if truth != 0.0 else _truth(R[b, f])
         elif op == 38:
             for f in range(m):
-                R[t, f] = 0.0 if R[a, f] > 0.5 else 1.0
+                R[t, f] = 1.0 - _truth(R[a, f])
         elif op == 45:
             for f in range(m):
                 R[t, f] = -R[a, f]
@@ -199,6 +213,8 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
         elif op == 15:
             for f in range(m):
                 R[t, f] = math.cos(R[a, f])
+        elif op == 46:
+            _kinematic(R, t, a, b, c, e)
         elif op < 60:
             _rare(op, t, a, b, R)
         elif op == 60:
@@ -221,6 +237,35 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
             stages.accelerate(R)
         elif op == 69:
             stages.weigh(R)
+
+
+@compiled
+def _kinematic(R: FloatArray, t: int, a: int, b: int, c: int, e: int) -> None:  # pragma: no cover
+    """Move from detent to detent until the time is over or the end is reached (FGKinemat)."""
+    n, detents = e % MOST_DETENTS, e // MOST_DETENTS
+    times = detents + n
+    for f in range(R.shape[1]):
+        x, y, left = R[a, f], R[b, f], R[c, f]
+        for _ in range(2 * n):  # as many as there are detents on the way
+            if left <= 0.0 or math.fabs(x - y) <= _ROUNDOFF * max(math.fabs(x), math.fabs(y)):
+                break
+            i = 1
+            while i < n - 1 and (R[detents + i, f] < y if x < y else R[detents + i, f] <= y):
+                i += 1
+            if R[times + i, f] <= 0.0:
+                y = x
+                break
+            low, high = R[detents + i - 1, f], R[detents + i, f]
+            rate = (high - low) / R[times + i, f]
+            end = low if x < low else (high if x > high else x)
+            needed = math.fabs((end - y) / rate)
+            if left < needed:
+                needed = left
+                y = y + needed * rate if y < x else y - needed * rate
+            else:
+                y = end
+            left -= needed
+        R[t, f] = y
 
 
 @compiled
@@ -256,11 +301,13 @@ def _rare(op: int, t: int, a: int, b: int, R: FloatArray) -> None:  # pragma: no
         elif op == 26:
             z = np.fmod(np.trunc(x), np.trunc(y))
         elif op == 27:
-            z = x - np.trunc(x)
+            z = x - np.trunc(x) if math.fabs(x) != HUGE else 0.0
         elif op == 28:
             z = np.trunc(x)
         elif op == 29:
-            z = np.trunc(x + math.copysign(0.5, x))  # C's round: halves away from zero
+            z = np.trunc(x)  # C's round: halves away from zero
+            if math.fabs(x - z) >= 0.5:
+                z += math.copysign(1.0, x)
         R[t, f] = z
 
 

@@ -17,11 +17,13 @@ from testbench.flight.batch.integrate import begin, place, weigh
 from testbench.flight.batch.interpret import execute
 from testbench.flight.batch.program import Program
 from testbench.flight.batch.properties import CORE, plain
+from testbench.flight.batch.scope import MEMORY
 from testbench.flight.batch.translate import translate
 from testbench.flight.condition import FlightCondition
 from testbench.flight.executive import Executive
 
 _BODY = ("metrics/", "inertia/cg-", "inertia/weight-lbs")
+_OWN = ("gear/", "propulsion/")  # JSBSim's own, which it does not begin with zero
 # JSBSim's properties give Ixz with the sign that it has in the matrix, the other two products with the opposite one.
 _INERTIA = (("xx", 1.0), ("yy", 1.0), ("zz", 1.0), ("xy", -1.0), ("xz", 1.0), ("yz", -1.0))
 
@@ -38,6 +40,9 @@ class BatchModel:
         channels: those of the simulator, in its order.
         factors: channel -> factor to SI.
         iterations: evaluations until a placed aircraft is at rest.
+        memories: registers of what components of the control system remember.
+        outputs: registers of what they write -> value before the first frame.
+        loading: height (m) and speed (m/s) of the evaluations that JSBSim makes when the model is loaded.
     """
 
     aircraft: Aircraft
@@ -47,6 +52,9 @@ class BatchModel:
     channels: tuple[str, ...]
     factors: FloatArray
     iterations: int
+    memories: npt.NDArray[np.int64]
+    outputs: Mapping[int, float]
+    loading: tuple[tuple[float, float], ...]
 
     @property
     def commands(self) -> dict[str, int]:
@@ -79,7 +87,27 @@ def batch_model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) 
         start[register] = translation.declared[name] if name in translation.declared else _value(fdm, name)
     _set_body(start, fdm)
     program = _with_logged(program, sources)
-    return BatchModel(aircraft, rate_hz, program, start, fdm.channels, np.array(fdm.factors), fdm.to_rest)
+    registers = {n: program.properties[n] for n in sorted(translation.components) if n in program.properties}
+    memories = np.array([k for n, k in registers.items() if n.startswith(MEMORY)], np.int64)
+    outputs = {
+        k: translation.declared.get(n, start[k] if n.startswith(_OWN) else 0.0)
+        for n, k in registers.items()
+        if not n.startswith(MEMORY)
+    }
+    for k, n in ((k, n) for n, k in registers.items() if k in outputs):
+        start[k] = _value(fdm, n)
+    loading = _loading(aircraft, condition)
+    return BatchModel(
+        aircraft, rate_hz, program, start, fdm.channels, np.array(fdm.factors), fdm.to_rest, memories, outputs, loading
+    )
+
+
+def _loading(aircraft: Aircraft, condition: FlightCondition) -> tuple[tuple[float, float], ...]:
+    """Return height and speed of the evaluations that an executive makes before it is placed (Executive)."""
+    if aircraft.adapter is None:
+        return ((0.0, 0.0),)
+    before = ((0.0, 0.0),) * (2 if "propulsion/fuel_freeze" in aircraft.adapter.settings else 1)
+    return (*before, (condition.h_m, condition.V_m_s))
 
 
 def _source(aircraft: Aircraft, name: str) -> str:
@@ -95,7 +123,7 @@ def _with_logged(program: Program, sources: Mapping[str, str]) -> Program:
 
 
 def _value(fdm: Executive, name: str) -> float:
-    return fdm.get(name) if fdm.has(name) else 0.0
+    return fdm.get(name) if not name.startswith(MEMORY) and fdm.has(name) else 0.0
 
 
 def _set_body(start: FloatArray, fdm: Executive) -> None:
@@ -138,17 +166,36 @@ def put(
         commands: control -> (flights,), SI.
         times: evaluations, each of which JSBSim makes as two frames.
     """
+    R[r.DT] = 0.0
+    _wake(model, R)
     for name, register in model.commands.items():
         if name in commands:
             R[register] = np.asarray(commands[name]) / model.aircraft.controls[name].scale
     euler = np.stack([phi, theta, np.zeros_like(phi)])
-    R[r.DT] = 0.0
     execute(model.program.before, model.program.tables, R)
     for _ in range(times):
         place(R, np.asarray(h_m) / FT_M, euler, uvw_m_s / FT_M, pqr)
         execute(model.program.frame, model.program.tables, R)
         execute(model.program.frame, model.program.tables, R)
     begin(R)
+
+
+def _wake(model: BatchModel, R: FloatArray) -> None:
+    """Let components remember what JSBSim's do: they run already while the model is loaded, commands at rest."""
+    if not model.memories.size:
+        return
+    seen = R.copy()
+    for register, value in model.outputs.items():
+        R[register] = value
+    execute(model.program.before, model.program.tables, R)
+    none = np.zeros((3, R.shape[1]))
+    for h_m, V_m_s in model.loading:
+        speed = np.array([[V_m_s / FT_M], [0.0], [0.0]]) + none
+        place(R, np.full(R.shape[1], h_m / FT_M), none, speed, none)
+        execute(model.program.frame, model.program.tables, R)
+        execute(model.program.frame, model.program.tables, R)
+    seen[model.memories] = R[model.memories]
+    R[:] = seen
 
 
 def columns(names: Sequence[str], wanted: Sequence[str]) -> list[int]:

@@ -177,6 +177,12 @@ class Properties:
         """Say that the model itself moves a property, whatever its name."""
         self._own.add(plain(name))
 
+    def hide(self, name: str) -> None:
+        """Say that JSBSim computes a property, inside of something else, whose value is not known here."""
+        name = plain(re.sub(r"\s", "-", name.strip()))
+        self._own.add(name)
+        self._b.write(name, self._b.unknown(f"it reads {name}"))
+
     def read(self, name: str) -> Value:
         """Return a property's value; a name that begins with a minus sign is its negative.
 
@@ -232,6 +238,8 @@ class Properties:
         if linked is not None and linked.group(3) == "deg":
             b.write(f"fcs/{linked.group(2)}-pos-rad", b.emit(Op.MUL, value, b.number(1.0 / _DEG)))
             return
+        if name.endswith("/initial-integrator-value"):
+            raise Untranslated(f"it writes {name}")
         computed = name in CORE or name in AIR_DATA or re.match(r"(inertia|ic|simulation)/", name)
         if computed and name not in self._own:
             raise Untranslated(f"it writes {name}")

@@ -7,6 +7,7 @@ left in this frame, and what those after it left in the last.
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -37,12 +38,14 @@ class Translation:
     Attributes:
         program: what is run.
         numbers: of the model, in the program's order.
-        declared: property -> value that the model declares.
+        declared: property -> value that the model declares; and what components remember, where it is not zero.
+        components: properties that components write, and what they remember.
     """
 
     program: Program
     numbers: tuple[float, ...]
     declared: Mapping[str, float]
+    components: frozenset[str]
 
 
 def translate(
@@ -73,9 +76,11 @@ class _Model:
         self._b = Builder(frozenset(plain(n) for n in inputs))
         self._p = Properties(self._b)
         self._f = Functions(self._b, self._p)
-        self._components = Components(self._b, self._p, self._f, dt_s)
+        switchable = frozenset(plain(x) for x in (*inputs, *_words(tree)) if _FAILURE.fullmatch(x))
+        self._components = Components(self._b, self._p, self._f, dt_s, switchable)
         self._engines = Engines(self._b, self._p, self._f, engine_files)
         self._declared: dict[str, float] = {}
+        self._moved: frozenset[str] = frozenset()
         self._sections = [
             *tree.findall("system"), *tree.findall("autopilot"), *tree.findall("flight_control"),
         ]  # fmt: skip
@@ -107,13 +112,12 @@ class _Model:
         b.begin_log()
         for name in logged:
             b.log(name, self._p.read(name))
-        return Translation(b.build(), tuple(b.numbers), self._declared)
+        declared = self._declared | self._components.starts
+        return Translation(b.build(), tuple(b.numbers), declared, self._moved)
 
     def _reads_air_data(self, logged: Sequence[str]) -> bool:
-        read = {plain((e.text or "").lstrip(" -")) for e in self._tree.iter()
-                if e.tag in {"property", "p", "independentVar", "input", "test"} and e.text}  # fmt: skip
-        read |= {plain(n) for n in logged}
-        return bool(read & set(AIR_DATA))
+        names = {*_words(self._tree), *logged}
+        return any(plain(n.lstrip("-")) in AIR_DATA for n in names)
 
     def _functions(self, sections: Sequence[ET.Element], kind: str = "pre") -> None:
         """Evaluate the functions that stand by themselves in sections of the model."""
@@ -133,22 +137,20 @@ class _Model:
                 self._p.write(name, value)
 
     def _systems(self) -> None:
-        b, p = self._b, self._p
+        p = self._p
         self._functions(self._sections)
         count = len(self._tree.findall("propulsion/engine"))
         for kind in _COPIED:
             for i in range(count):
                 index = f"[{i}]" if i else ""
                 p.write(f"fcs/{kind}-pos-norm{index}", p.read(f"fcs/{kind}-cmd-norm{index}"))
+        before = dict(self._b.present)
         for section in self._sections:
             for channel in section.findall("channel"):
-                for e in _components(channel):
-                    if channel.get("execute") or (channel.get("execrate") or "1") not in {"0", "1"}:
-                        self._components.unknown(e, f"channel {channel.get('name')} does not run in every frame")
-                    else:
-                        self._components.add(e)
+                self._components.channel(channel)
+        self._components.end()
+        self._moved = frozenset(n for n, v in self._b.present.items() if before.get(n) is not v)
         self._functions(self._sections, "post")
-        del b
 
     def _aerodynamics(self) -> None:
         b = self._b
@@ -224,5 +226,12 @@ class _Model:
             b.stage(Op.REACTION, _FRAMES[frame], int(e.tag == "moment"), block=b.block([size, *numbers]))
 
 
-def _components(channel: ET.Element) -> Iterator[ET.Element]:
-    return (e for e in channel if e.tag not in {"description", "documentation", "property"})
+_FAILURE = re.compile(r"[^\s/]\S*/malfunction/fail_\w+")
+
+
+def _words(tree: ET.Element) -> Iterator[str]:
+    """Yield every word in a model's texts and attributes, tables left out."""
+    for e in tree.iter():
+        if e.tag != "tableData":
+            for text in (e.text, e.tail, *e.attrib.values()):
+                yield from (text or "").split()
