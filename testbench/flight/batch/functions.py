@@ -110,7 +110,8 @@ class Functions:
         for (x0, y0), (x1, y1) in reversed(list(itertools.pairwise(points))):
             slope = b.emit(Op.MUL, b.emit(Op.SUB, x, x0), b.emit(Op.SUB, y1, y0))
             between = b.emit(Op.ADD, y0, b.emit(Op.DIV, slope, b.emit(Op.SUB, x1, x0)))
-            out = b.emit(Op.SELECT, b.emit(Op.LT, x, x1), between, out)
+            above = b.emit(Op.SELECT, b.emit(Op.EQ, x, x1), y1, out)  # its end has not to be finite
+            out = b.emit(Op.SELECT, b.emit(Op.LT, x, x1), between, above)
         return b.emit(Op.SELECT, b.emit(Op.LE, x, points[0][0]), points[0][1], out)
 
     def table(self, e: ET.Element) -> Value:

@@ -293,15 +293,15 @@ def _rare(op: int, t: int, a: int, b: int, R: FloatArray) -> None:  # pragma: no
         elif op == 22:
             z = -1.0 if x < 0.0 else 1.0
         elif op == 23:
-            z = math.floor(x) if math.isfinite(x) else x
+            z = np.floor(x)
         elif op == 24:
-            z = math.ceil(x) if math.isfinite(x) else x
+            z = np.ceil(x)
         elif op == 25:
             z = np.fmod(x, y) if y != 0.0 else HUGE
         elif op == 26:
-            z = np.fmod(np.trunc(x), np.trunc(y))
+            z = np.fmod(np.trunc(x), np.trunc(y)) + 0.0  # integers have no zero with a sign
         elif op == 27:
-            z = x - np.trunc(x) if math.fabs(x) != HUGE else 0.0
+            z = math.copysign(x - np.trunc(x) if math.fabs(x) != HUGE else 0.0, x)
         elif op == 28:
             z = np.trunc(x)
         elif op == 29:

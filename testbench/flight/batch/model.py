@@ -68,8 +68,16 @@ class BatchModel:
         return np.array([self.program.logged[n] for n in self.channels], np.int64)
 
 
-def batch_model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> BatchModel:
+def batch_model(
+    aircraft: Aircraft, rate_hz: float, condition: FlightCondition, watched: Sequence[str] = ()
+) -> BatchModel:
     """Translate an aircraft.
+
+    Args:
+        aircraft: what flies.
+        rate_hz: frame rate.
+        condition: design condition of the elastic equations.
+        watched: properties that are logged under their own names, beside the channels.
 
     Raises:
         Untranslated: it holds something that the batch does not fly.
@@ -79,14 +87,14 @@ def batch_model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) 
     tree = aircraft.model_tree(rate_hz, condition.qbar_Pa, condition.V_m_s)
     sources = {n: _source(aircraft, n) for n in fdm.channels}
     inputs = [aircraft.controls[n].command for n in fdm.command_nodes]
-    translation = translate(tree, aircraft.engine_files, 1.0 / rate_hz, inputs, list(sources.values()))
+    translation = translate(tree, aircraft.engine_files, 1.0 / rate_hz, inputs, [*sources.values(), *watched])
     program = translation.program
     start = np.zeros(program.size)
     start[program.numbers] = translation.numbers
     for name, register in program.properties.items():
         start[register] = translation.declared[name] if name in translation.declared else _value(fdm, name)
     _set_body(start, fdm)
-    program = _with_logged(program, sources)
+    program = _with_logged(program, {**sources, **dict(zip(watched, watched, strict=True))})
     registers = {n: program.properties[n] for n in sorted(translation.components) if n in program.properties}
     memories = np.array([k for n, k in registers.items() if n.startswith(MEMORY)], np.int64)
     outputs = {
