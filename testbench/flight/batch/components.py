@@ -27,9 +27,6 @@ class Components:
         functions: translates their functions and tables.
         dt_s: frame time that the components are made for.
         switchable: names of failures that something in the model sets.
-
-    Attributes:
-        starts: what components remember that does not begin at zero -> its value.
     """
 
     def __init__(
@@ -43,7 +40,6 @@ class Components:
         self._b, self._p, self._f, self._dt = builder, properties, functions, dt_s
         self._switchable = switchable
         self._channels = self._count = 0
-        self.starts: dict[str, float] = {}
 
     def channel(self, e: ET.Element) -> None:
         """Translate a channel; what a component writes is unknown if it is not translated."""
@@ -85,7 +81,7 @@ class Components:
 
     def _component(self, e: ET.Element, channel: Channel) -> None:
         self._count += 1
-        c = Scope(e, f"component-{self._count}", channel, self._b, self._p, self._f, self.starts, self._switchable)
+        c = Scope(e, f"component-{self._count}", channel, self._b, self._p, self._f, self._switchable)
         try:
             if e.tag == "distributor":
                 logic.distribute(c)

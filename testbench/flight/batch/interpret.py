@@ -249,6 +249,9 @@ def _kinematic(R: FloatArray, t: int, a: int, b: int, c: int, e: int) -> None:  
         for _ in range(2 * n):  # as many as there are detents on the way
             if left <= 0.0 or math.fabs(x - y) <= _ROUNDOFF * max(math.fabs(x), math.fabs(y)):
                 break
+            if y > R[detents + n - 1, f]:  # above the last detent: JSBSim reads past its list, and is there at once
+                y = x
+                break
             i = 1
             while i < n - 1 and (R[detents + i, f] < y if x < y else R[detents + i, f] <= y):
                 i += 1

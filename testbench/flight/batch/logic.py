@@ -27,15 +27,7 @@ def switch(c: Scope) -> Value:
     out = c.parameter_of(value, 0.0)
     for passes, chosen in reversed(tests):
         out = c.choose(passes, chosen, out)
-    return c.delayed(out, _number(value))
-
-
-def _number(text: str) -> float:
-    """Return the number that a text is, zero if it is none."""
-    try:
-        return float(text)
-    except ValueError:
-        return 0.0
+    return c.delayed(out)
 
 
 def distribute(c: Scope) -> None:

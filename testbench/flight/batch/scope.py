@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from testbench.flight.batch.functions import Functions
 from testbench.flight.batch.program import Builder, Op, Untranslated, Value
@@ -48,7 +48,6 @@ class Scope:
         b: the program's builder.
         p: properties.
         f: functions.
-        starts: memory that does not begin at zero -> its value; filled.
         switchable: names of failures that something in the model sets.
     """
 
@@ -58,7 +57,6 @@ class Scope:
     b: Builder
     p: Properties
     f: Functions
-    starts: dict[str, float] = field(default_factory=dict)
     switchable: frozenset[str] = frozenset()
 
     def emit(self, op: Op, *values: Value) -> Value:
@@ -129,10 +127,6 @@ class Scope:
         last = self.recall(what)
         self.b.write(f"{MEMORY}{self.key}/{what}", self._if_it_runs(value, last))
 
-    def begin(self, what: str, x: float) -> None:
-        """Let what is kept begin with a number other than zero."""
-        self.starts[f"{MEMORY}{self.key}/{what}"] = x
-
     def write(self, name: str, value: Value) -> None:
         """Write a property, if the component runs in this frame."""
         last = self.p.read(name) if self.channel.runs is not None else value
@@ -179,12 +173,10 @@ class Scope:
         wrapped = self.choose(b.emit(Op.LT, wrapped, low), b.emit(Op.ADD, wrapped, cycle), wrapped)
         return self.choose(b.emit(Op.GT, cycle, b.number(0.0)), wrapped, within)
 
-    def delayed(self, value: Value, before: float = 0.0) -> Value:
+    def delayed(self, value: Value) -> Value:
         """Return what the output was some frames ago; a <delay> of n frames is one of n - 1 (FGFCSComponent::Delay).
 
-        Args:
-            value: the output.
-            before: it, before the first frame.
+        Before the first frame it was zero; that of a switch, too, whose default JSBSim fills in and then resets.
 
         Raises:
             Untranslated: the delay is not a number.
@@ -200,6 +192,5 @@ class Scope:
         out = self.recall(waiting[-1])
         for k in range(len(waiting) - 1, 0, -1):
             self.keep(waiting[k], self.recall(waiting[k - 1]))
-            self.begin(waiting[k], before)
         self.keep(waiting[0], value)
         return out

@@ -38,7 +38,7 @@ class Translation:
     Attributes:
         program: what is run.
         numbers: of the model, in the program's order.
-        declared: property -> value that the model declares; and what components remember, where it is not zero.
+        declared: property -> value that the model declares.
         components: properties that components write, and what they remember.
     """
 
@@ -112,8 +112,7 @@ class _Model:
         b.begin_log()
         for name in logged:
             b.log(name, self._p.read(name))
-        declared = self._declared | self._components.starts
-        return Translation(b.build(), tuple(b.numbers), declared, self._moved)
+        return Translation(b.build(), tuple(b.numbers), self._declared, self._moved)
 
     def _reads_air_data(self, logged: Sequence[str]) -> bool:
         names = {*_words(self._tree), *logged}

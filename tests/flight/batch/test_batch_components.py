@@ -80,7 +80,7 @@ class Chain:
         if kind == "deadband":
             return first + f"<width>{self.parameter(0.05, 0.5)}</width>" + self.maybe(f"<gain>{self.number()}</gain>")
         if kind == "kinematic":
-            ends = np.cumsum([self.rng.uniform(-0.5, 0.0), *self.rng.uniform(0.1, 0.5, self.rng.integers(1, 4))])
+            ends = np.cumsum([self.rng.uniform(-0.1, 0.0), *self.rng.uniform(0.1, 0.5, self.rng.integers(1, 4))])
             times = [self.rng.choice([0.0, 0.004, 0.1, 0.7], p=[0.1, 0.2, 0.3, 0.4]) for _ in ends]
             settings = "".join(
                 f"<setting><position>{x:.5f}</position><time>{t}</time></setting>"
