@@ -88,7 +88,10 @@ class Functions:
         raise Untranslated(f"it has the function <{tag}>")
 
     def _many(self, op: Op, values: Sequence[Value]) -> Value:
-        """Return the values taken together, from the first to the last as JSBSim does."""
+        """Return the values taken together, from the first to the last as JSBSim does.
+
+        Its sums begin with zero: one of nothing but negative zeros is positive there, and negative here.
+        """
         total = values[0]
         for value in values[1:]:
             total = self._b.emit(op, total, value)

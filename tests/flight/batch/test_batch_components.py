@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from side_by_side import INPUTS, SideBySide, differences
+
+from testbench.flight.batch.program import Untranslated
 
 MOST = 1e-12
 FRAMES = 240
@@ -138,12 +142,12 @@ class Chain:
         return f"{text}{self.clip()}{output}</{kind}>"
 
     def sections(self, channels):
-        declared = "".join(f'<property value="0.0">test/d{n}</property>' for n in range(80))
-        declared += '<property value="0.7">test/stays</property><property value="0.0">test/trigger</property>'
+        declared = '<property value="0.7">test/stays</property><property value="0.0">test/trigger</property>'
         text = ""
         for k, (kinds, attributes) in enumerate(channels):
             body = "".join(self.component(kind) for kind in kinds)
             text += f'<channel name="c{k}"{attributes}>{body}</channel>'
+        declared += "".join(f'<property value="0.0">{n}</property>' for n in self.written if "/d" in n)
         moving = f"<sum><value>1.5</value><abs><property>{INPUTS[0]}</property></abs></sum>"
         trigger = f"<ifthen><gt><property>{INPUTS[2]}</property><value>0.2</value></gt><value>1</value>" \
                   f"<ifthen><lt><property>{INPUTS[2]}</property><value>-0.4</value></lt><value>-1</value><value>0</value></ifthen></ifthen>"  # fmt: skip
@@ -191,3 +195,86 @@ def test_channels_that_do_not_run_in_every_frame(taurus, seed):
     chain = Chain(2000 + seed)
     attributes = ("", ' execrate="3"', ' execute="test/trigger"', ' execute="test/trigger" execrate="2"')
     compare(taurus, chain, chain.sections([(list(chain.rng.permutation(KINDS)), a) for a in attributes]), seed)
+
+
+def channel(*components, declared=""):
+    return f'<system name="test">{declared}<channel name="c">{"".join(components)}</channel></system>'
+
+
+def told(name, index):
+    """A component that writes a property with whether a command is positive."""
+    test = f'<test value="1">{INPUTS[index]} gt 0</test>'
+    return f'<switch name="test/told-{index}"><default value="0"/>{test}<output>{name}</output></switch>'
+
+
+def test_failures_that_the_model_switches(taurus):
+    limits = "<clipto><min>-0.3</min><max>0.4</max></clipto>"
+    inside = f"<input>{INPUTS[0]}</input><lag>8</lag><rate_limit>1.5</rate_limit><hysteresis_width>0.02</hysteresis_width>"
+    actuator = f'<actuator name="test/a">{inside}{limits}</actuator>'
+    sensor = f'<sensor name="Test S"><input>{INPUTS[0]}</input>{limits}</sensor>'
+    failures = ("test/a/malfunction/fail_zero", "test/a/malfunction/fail_hardover", "test/a/malfunction/fail_stuck")
+    for name in (*failures, "fcs/test-s/malfunction/fail_low", "fcs/test-s/malfunction/fail_high"):
+        names = ("test/a", "test/a/saturated", "fcs/test-s")
+        side = SideBySide.of(taurus, channel(actuator, sensor, told(name, 1)), names)
+        truth, got = side.flown(inputs(3))
+        assert differences(truth, got).max() < MOST, name
+        healthy = SideBySide.of(taurus, channel(actuator, sensor), names).flown(inputs(3))[0]
+        assert np.any(truth != healthy) and np.any(healthy[:, 1] == 1.0)
+
+
+def test_sensors_of_the_motion(taurus):
+    place = '<location unit="M"><x>-0.2</x><y>0.1</y><z>0.05</z></location>'
+    turned = '<orientation unit="DEG"><roll>10</roll><pitch>-20</pitch><yaw>30</yaw></orientation>'
+    parts = [
+        f'<{kind} name="test/{kind}-{axis}">{place}{turned if axis != "y" else ""}<axis>{axis.upper()}</axis></{kind}>'
+        for kind in ("gyro", "accelerometer")
+        for axis in "xyz"
+    ]
+    names = [f"test/{kind}-{axis}" for kind in ("gyro", "accelerometer") for axis in "xyz"]
+    truth, got = SideBySide.of(taurus, channel(*parts), names).flown(0.2 * inputs(5))
+    assert np.all(np.ptp(truth, axis=0) > 0.1)
+    assert differences(truth, got).max() < 1e-10  # what they measure agrees no better
+
+
+NOISY = "<sensor name='test/noisy'><input>aero/alpha-rad</input><noise variation='ABSOLUTE' distribution='GAUSSIAN'>0.1</noise></sensor>"
+RANDOM = "<fcs_function name='test/random'><function><random/></function></fcs_function>"
+FIELD = "<magnetometer name='test/field'><location unit='IN'><x>0</x><y>0</y><z>0</z></location><axis>X</axis></magnetometer>"
+INNER = ("<fcs_function name='test/outer'><function><sum><product name='test/inner'><value>2</value><value>3</value></product>"
+         "<value>1</value></sum></function></fcs_function>")  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("component", "read", "said"),
+    [
+        (NOISY, "test/noisy", "the sensor test/noisy has noise"),
+        (RANDOM, "test/random", "it has the function <random>"),
+        (FIELD, "test/field", "it has the component <magnetometer>"),
+        (INNER, "test/inner", "it reads test/inner"),
+        ("", "simulation/frame", "it reads simulation/frame"),
+    ],
+)
+def test_what_is_not_translated_stops_only_what_flies_by_it(taurus, component, read, said):
+    def gain(output):
+        return f"<pure_gain name='test/gain'><input>{read}</input><gain>0.1</gain>{output}</pure_gain>"
+
+    side = SideBySide.of(taurus, channel(component, gain("")), [])
+    plain = SideBySide.of(taurus, "", [])
+    assert side.model.program.frame.shape == plain.model.program.frame.shape
+    with pytest.raises(Untranslated, match=said):
+        SideBySide.of(taurus, channel(component, gain("<output>atmosphere/gust-down-fps</output>")), [])
+    with pytest.raises(Untranslated, match=said):
+        SideBySide.of(taurus, channel(component, gain("")), ["test/gain"])
+
+
+def test_numbers_do_not_shape_the_program(taurus):
+    """Every number of a chain of all kinds made a zero: the program is the same, and so is what JSBSim computes."""
+    chain = Chain(42)
+    sections = chain.sections([(list(KINDS), "")])
+    programs = []
+    for text in (sections, re.sub(r"<(bias|lag|gain|drift_rate|deadband_width|hysteresis_width|width|kp|kd)>[\d.]+<",
+                                  r"<\1>0<", sections)):  # fmt: skip
+        side = SideBySide.of(taurus, text, chain.written)
+        truth, got = side.flown(inputs(1))
+        assert differences(truth, got).max() < MOST
+        programs.append(side.model.program)
+    assert np.array_equal(programs[0].frame, programs[1].frame)
