@@ -100,7 +100,7 @@ def _remembered(c: Scope, x: Value, y: Value) -> Value:
 
 
 def integrator(c: Scope) -> Value:
-    """Translate C1/s: a controller that has nothing but this integral, by the trapezoidal rule if not told otherwise."""
+    """Translate C1/s: a controller of nothing but this integral, by the trapezoidal rule if not told otherwise."""
     return _controller(c, "c1", "trap")
 
 

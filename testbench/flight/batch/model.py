@@ -16,7 +16,7 @@ from testbench.flight.batch import registers as r
 from testbench.flight.batch.integrate import begin, place, weigh
 from testbench.flight.batch.interpret import execute
 from testbench.flight.batch.program import Program
-from testbench.flight.batch.properties import CORE, plain
+from testbench.flight.batch.properties import CORE, ON_GROUND, plain
 from testbench.flight.batch.scope import MEMORY
 from testbench.flight.batch.translate import translate
 from testbench.flight.condition import FlightCondition
@@ -104,6 +104,11 @@ def batch_model(
     }
     for k, n in ((k, n) for n, k in registers.items() if k in outputs):
         start[k] = _value(fdm, n)
+    fdm.place(condition.h_m, 0.0, 0.0, (condition.V_m_s, 0.0, 0.0))
+    fdm.evaluate()
+    for name, register in program.properties.items():
+        if ON_GROUND.fullmatch(name):
+            start[register] = _value(fdm, name)
     loading = _loading(aircraft, condition)
     return BatchModel(
         aircraft, rate_hz, program, start, fdm.channels, np.array(fdm.factors), fdm.to_rest, memories, outputs, loading

@@ -147,7 +147,9 @@ _STAYING = re.compile(
     r"aero/(alpha-max-rad|alpha-min-rad)|propulsion/(fuel_freeze|refuel|magneto_cmd|cutoff_cmd|starter_cmd)|"
     r"propulsion/tank(\[\d+\])?/\S+"
 )
-_GROUND = re.compile(r"(forces/fb[xyz]-gear-lbs|moments/[lmn]-gear-lbsft|gear/unit(\[\d+\])?/WOW|gear/wow)")
+_GROUND = re.compile(r"(forces/fb[xyz]-gear-lbs|moments/[lmn]-gear-lbsft)")
+ON_GROUND = re.compile(r"gear/unit(\[\d+\])?/WOW|gear/wow")
+"""Whether wheels stand on the ground: in flight they do not, but JSBSim keeps it of those that were raised on it."""
 
 
 def plain(name: str) -> str:

@@ -51,10 +51,10 @@ class Chain:
         kinds = ('<delay type="frames">3</delay>', "<delay>0.041</delay>", '<delay type="time">0.009</delay>')
         return self.maybe(kinds[self.rng.integers(3)], 0.4)
 
-    def test(self, depth=0):
+    def condition(self, depth=0):
         comparison = self.rng.choice(["==", "!=", "lt", "GT", "le", "ge", "EQ"]).replace("<", "&lt;")
         lines = [f"{self.name()} {comparison} {self.rng.choice([self.signed(), self.number(-0.3, 0.3)])}"]
-        inside = f'<test logic="OR">{self.test(1)}</test>' if depth == 0 and self.rng.random() < 0.5 else ""
+        inside = f'<test logic="OR">{self.condition(1)}</test>' if depth == 0 and self.rng.random() < 0.5 else ""
         return "\n".join(lines) + inside + (f"\n{self.name()} ge 0.01" if self.rng.random() < 0.5 else "")
 
     def inside(self, kind):
@@ -76,8 +76,8 @@ class Chain:
             return first + gains + trigger
         if kind == "switch":
             tests = "".join(
-                f'<test logic="{self.rng.choice(["AND", "OR"])}" value="{self.rng.choice([self.signed(), self.number()])}">'
-                f"{self.test()}</test>"
+                f'<test logic="{self.rng.choice(["AND", "OR"])}" '
+                f'value="{self.rng.choice([self.signed(), self.number()])}">{self.condition()}</test>'
                 for _ in range(self.rng.integers(1, 4))
             )
             return self.delay() + self.maybe(f'<default value="{self.number()}"/>', 0.7) + tests
@@ -103,7 +103,8 @@ class Chain:
             return first + limits + rest + self.maybe("<deadband_width>0.04</deadband_width>")
         if kind == "sensor":
             parts = ("<lag>9.0</lag>", "<bias>0.03</bias>", "<gain>1.7</gain>", "<drift_rate>0.02</drift_rate>",
-                     f"<quantization name='q{len(self.names)}'><bits>6</bits><min>-1</min><max>1.5</max></quantization>",
+                     f"<quantization name='q{len(self.names)}'><bits>6</bits><min>-1</min><max>1.5</max>"
+                     "</quantization>",
                      "<gain>0</gain>", "<lag>0</lag>", self.delay())  # fmt: skip
             return first + "".join(self.maybe(part, 0.3) for part in parts)
         if kind == "angle":
@@ -126,12 +127,13 @@ class Chain:
         n = len(self.written)
         if kind == "distributor":
             cases = "".join(
-                f"<case>{self.maybe(f'<test>{self.test()}</test>', 0.8)}"
+                f"<case>{self.maybe(f'<test>{self.condition()}</test>', 0.8)}"
                 f'<property value="{self.rng.choice([self.signed(), self.number()])}">test/d{n}</property></case>'
                 for _ in range(3)
             )
             self.written.append(f"test/d{n}")
-            return f'<distributor name="dist {n}" type="{self.rng.choice(["exclusive", "inclusive"])}">{cases}</distributor>'
+            kind_of = self.rng.choice(["exclusive", "inclusive"])
+            return f'<distributor name="dist {n}" type="{kind_of}">{cases}</distributor>'
         plain = kind in {"pid", "angle"}
         own = f"test/c{n}" if self.rng.random() < 0.5 else f"Part C{n}"
         kind_of = f' type="{self.rng.choice(["standard", "parallel"])}"' if kind == "pid" else ""
@@ -149,8 +151,11 @@ class Chain:
             text += f'<channel name="c{k}"{attributes}>{body}</channel>'
         declared += "".join(f'<property value="0.0">{n}</property>' for n in self.written if "/d" in n)
         moving = f"<sum><value>1.5</value><abs><property>{INPUTS[0]}</property></abs></sum>"
-        trigger = f"<ifthen><gt><property>{INPUTS[2]}</property><value>0.2</value></gt><value>1</value>" \
-                  f"<ifthen><lt><property>{INPUTS[2]}</property><value>-0.4</value></lt><value>-1</value><value>0</value></ifthen></ifthen>"  # fmt: skip
+        above, below = (
+            f"<{tag}><property>{INPUTS[2]}</property><value>{x}</value></{tag}>"
+            for tag, x in (("gt", 0.2), ("lt", -0.4))
+        )
+        trigger = f"<difference>{above}{below}</difference>"
         functions = f'<function name="test/moves">{moving}</function>'
         functions += f'<function name="test/t" copyto="test/trigger">{trigger}</function>'
         return f'<system name="test">{declared}{functions}{text}</system>'
@@ -209,7 +214,9 @@ def told(name, index):
 
 def test_failures_that_the_model_switches(taurus):
     limits = "<clipto><min>-0.3</min><max>0.4</max></clipto>"
-    inside = f"<input>{INPUTS[0]}</input><lag>8</lag><rate_limit>1.5</rate_limit><hysteresis_width>0.02</hysteresis_width>"
+    inside = (
+        f"<input>{INPUTS[0]}</input><lag>8</lag><rate_limit>1.5</rate_limit><hysteresis_width>0.02</hysteresis_width>"
+    )
     actuator = f'<actuator name="test/a">{inside}{limits}</actuator>'
     sensor = f'<sensor name="Test S"><input>{INPUTS[0]}</input>{limits}</sensor>'
     failures = ("test/a/malfunction/fail_zero", "test/a/malfunction/fail_hardover", "test/a/malfunction/fail_stuck")
@@ -219,7 +226,8 @@ def test_failures_that_the_model_switches(taurus):
         truth, got = side.flown(inputs(3))
         assert differences(truth, got).max() < MOST, name
         healthy = SideBySide.of(taurus, channel(actuator, sensor), names).flown(inputs(3))[0]
-        assert np.any(truth != healthy) and np.any(healthy[:, 1] == 1.0)
+        assert np.any(truth != healthy)
+        assert np.any(healthy[:, 1] == 1.0)
 
 
 def test_sensors_of_the_motion(taurus):
@@ -236,11 +244,13 @@ def test_sensors_of_the_motion(taurus):
     assert differences(truth, got).max() < 1e-10  # what they measure agrees no better
 
 
-NOISY = "<sensor name='test/noisy'><input>aero/alpha-rad</input><noise variation='ABSOLUTE' distribution='GAUSSIAN'>0.1</noise></sensor>"
+NOISE = "<noise variation='ABSOLUTE' distribution='GAUSSIAN'>0.1</noise>"
+NOISY = f"<sensor name='test/noisy'><input>aero/alpha-rad</input>{NOISE}</sensor>"
 RANDOM = "<fcs_function name='test/random'><function><random/></function></fcs_function>"
-FIELD = "<magnetometer name='test/field'><location unit='IN'><x>0</x><y>0</y><z>0</z></location><axis>X</axis></magnetometer>"
-INNER = ("<fcs_function name='test/outer'><function><sum><product name='test/inner'><value>2</value><value>3</value></product>"
-         "<value>1</value></sum></function></fcs_function>")  # fmt: skip
+PLACE = "<location unit='IN'><x>0</x><y>0</y><z>0</z></location>"
+FIELD = f"<magnetometer name='test/field'>{PLACE}<axis>X</axis></magnetometer>"
+NAMED = "<product name='test/inner'><value>2</value><value>3</value></product>"
+INNER = f"<fcs_function name='test/outer'><function><sum>{NAMED}<value>1</value></sum></function></fcs_function>"
 
 
 @pytest.mark.parametrize(

@@ -161,7 +161,7 @@ def test_a_condition_that_jsbsim_refuses_gives_nothing(taurus):
         section = f'<system name="test"><function name="test/f">{function}</function></system>'
         side = SideBySide.of(taurus, section, ["test/f"])
         side.fdm.set(INPUTS[0], 2.0)
-        with pytest.raises(RuntimeError, match="[Mm]alformed|selected a value"):
+        with pytest.raises(RuntimeError, match=r"[Mm]alformed|selected a value"):
             side.fdm.fdm.run_ic()
         side.fdm.set(INPUTS[0], 0.0)  # JSBSim evaluates functions once more when it forgets a model, and would end
         assert np.isnan(side.computed(np.array([[2.0, 0.0, 0.0, 0.0]])))
