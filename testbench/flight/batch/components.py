@@ -1,129 +1,165 @@
-"""Components of JSBSim's flight control as operations (FGFCSComponent and what comes of it).
+"""Components of JSBSim's flight control as operations (FGFCSComponent, FGFCSChannel, FGGain, FGSummer, FGFCSFunction).
 
 A component reads its inputs, computes, clips, and writes its outputs and the property of its own name.
 """
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ET
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
+from testbench.flight.batch import actuators, filters, logic
+from testbench.flight.batch import registers as r
 from testbench.flight.batch.functions import Functions
 from testbench.flight.batch.program import Builder, Op, Untranslated, Value
 from testbench.flight.batch.properties import Properties
+from testbench.flight.batch.scope import MEMORY, STARTED, Channel, Scope
+
+_SKIPPED = {"description", "documentation", "property"}
 
 
 class Components:
-    """Translates components into a program.
+    """Translates channels of components into a program.
 
     Args:
         builder: of the program.
         properties: that they read and write.
         functions: translates their functions and tables.
-        dt_s: frame time that the components were made for.
+        dt_s: frame time that the components are made for.
+        switchable: names of failures that something in the model sets.
     """
 
-    def __init__(self, builder: Builder, properties: Properties, functions: Functions, dt_s: float) -> None:
+    def __init__(
+        self,
+        builder: Builder,
+        properties: Properties,
+        functions: Functions,
+        dt_s: float,
+        switchable: frozenset[str] = frozenset(),
+    ) -> None:
         self._b, self._p, self._f, self._dt = builder, properties, functions, dt_s
-        self._kinds: dict[str, Callable[[ET.Element], Value]] = {
-            "fcs_function": self._function,
-            "pure_gain": self._gain,
-            "scheduled_gain": self._scheduled,
-            "aerosurface_scale": self._scale,
-            "summer": self._summer,
-        }
+        self._switchable = switchable
+        self._channels = self._count = 0
 
-    def add(self, e: ET.Element) -> None:
-        """Translate one component; what it writes is unknown if it is not translated."""
+    def channel(self, e: ET.Element) -> None:
+        """Translate a channel; what a component writes is unknown if it is not translated."""
+        channel = self._channel(e)
+        for component in e:
+            if component.tag not in _SKIPPED:
+                self._component(component, channel)
+        if channel.runs is not None:
+            started = f"{MEMORY}channel-{self._channels}/started"
+            one = self._b.number(1.0)
+            self._b.write(started, self._b.emit(Op.SELECT, channel.runs, one, channel.started))
+
+    def end(self) -> None:
+        """End the frame's part of the components: all that run in every frame have run."""
+        self._b.write(STARTED, self._b.number(1.0))
+
+    def _channel(self, e: ET.Element) -> Channel:
+        """Return a channel; one that has a switch or a rate of its own does not run in every frame.
+
+        It counts frames in which time passes, and runs in every frame while it stands still.
+        """
+        b, name = self._b, e.get("execute")
+        self._channels += 1
+        rate = max(int(e.get("execrate") or "1"), 1)
+        dt_s = self._dt * rate
+        if not name and not e.get("execrate"):
+            return Channel(b.number(dt_s), dt_s, None, b.read(STARTED))
+        key, zero = f"{MEMORY}channel-{self._channels}", b.number(0.0)
+        left = b.read(f"{key}/frames-left")
+        counted = b.emit(Op.SELECT, b.emit(Op.LE, left, zero), b.number(rate), left)
+        counted = b.emit(Op.SUB, counted, b.number(1.0))
+        counted = b.emit(Op.SELECT, b.emit(Op.NE, b.core(r.DT), zero), counted, left)
+        runs = b.emit(Op.LE, counted, zero)
+        if name:
+            on = b.emit(Op.NE, self._p.read(name), zero)
+            runs, counted = b.emit(Op.AND, on, runs), b.emit(Op.SELECT, on, counted, left)
+        b.write(f"{key}/frames-left", counted)
+        return Channel(b.number(dt_s), dt_s, runs, b.read(f"{key}/started"))
+
+    def _component(self, e: ET.Element, channel: Channel) -> None:
+        self._count += 1
+        c = Scope(e, f"component-{self._count}", channel, self._b, self._p, self._f, self._switchable)
         try:
-            value = self._clipped(e, self._value(e))
+            if e.tag == "distributor":
+                logic.distribute(c)
+                return
+            kind = _KINDS.get(e.tag)
+            if kind is None:
+                raise Untranslated(f"it has the component <{e.tag}>")
+            value = c.clipped(kind(c))
         except Untranslated as missing:
             value = self._b.unknown(str(missing))
-        for name in outputs(e):
-            self._p.write(name, value)
-
-    def unknown(self, e: ET.Element, reason: str) -> None:
-        """Say that what a component writes is not known."""
-        for name in outputs(e):
-            self._p.write(name, self._b.unknown(reason))
-
-    def _value(self, e: ET.Element) -> Value:
-        kind = self._kinds.get(e.tag)
-        if kind is None:
-            raise Untranslated(f"it has the component <{e.tag}>")
-        if e.find("delay") is not None:
-            raise Untranslated("a component has a <delay>")
-        return kind(e)
-
-    def number_or_property(self, e: ET.Element | None, default: float = 0.0) -> Value:
-        """Return the value of an element that holds a number or the name of a property."""
-        text = "" if e is None else (e.text or "").strip()
-        if not text:
-            return self._b.number(default)
-        try:
-            return self._b.number(float(text), e)
-        except ValueError:
-            return self._p.read(text)
-
-    def _inputs(self, e: ET.Element) -> list[Value]:
-        return [self.number_or_property(x) for x in e.findall("input")]
-
-    def _clipped(self, e: ET.Element, value: Value) -> Value:
-        clip = e.find("clipto")
-        if clip is None or clip.find("min") is None or clip.find("max") is None:
-            return value
-        if clip.get("type") == "cyclic":
-            raise Untranslated("a component clips to a cycle")
-        low, high = (self.number_or_property(clip.find(end)) for end in ("min", "max"))
-        return self._b.emit(Op.CLIP, value, low, high)
-
-    def _function(self, e: ET.Element) -> Value:
-        function = e.find("function")
-        if function is None:
-            raise Untranslated(f"component {e.get('name')} has no function")
-        value, inputs = self._f.value(function), self._inputs(e)
-        return self._b.emit(Op.MUL, value, inputs[0]) if inputs else value
-
-    def _gain(self, e: ET.Element) -> Value:
-        return self._b.emit(Op.MUL, self.number_or_property(e.find("gain"), 1.0), self._inputs(e)[0])
-
-    def _scheduled(self, e: ET.Element) -> Value:
-        table = e.find("table")
-        if table is None:
-            raise Untranslated(f"component {e.get('name')} has no table")
-        gain = self.number_or_property(e.find("gain"), 1.0)
-        return self._b.emit(Op.MUL, self._b.emit(Op.MUL, gain, self._f.table(table)), self._inputs(e)[0])
-
-    def _scale(self, e: ET.Element) -> Value:
-        b, x = self._b, self._inputs(e)[0]
-        low, high = (b.number(float(e.findtext(f"domain/{end}") or default)) for end, default in _DOMAIN)
-        least, most = (b.number(float(e.findtext(f"range/{end}") or 0.0)) for end in ("min", "max"))
-        if (e.findtext("zero_centered") or "").strip() in {"0", "false"}:
-            share = b.emit(Op.DIV, b.emit(Op.SUB, x, low), b.emit(Op.SUB, high, low))
-            out = b.emit(Op.ADD, least, b.emit(Op.MUL, share, b.emit(Op.SUB, most, least)))
-        else:
-            zero = b.number(0.0)
-            up = b.emit(Op.MUL, b.emit(Op.DIV, x, high), most)
-            down = b.emit(Op.MUL, b.emit(Op.DIV, x, low), least)
-            out = b.emit(Op.SELECT, b.emit(Op.GT, x, zero), up, down)
-            out = b.emit(Op.SELECT, b.emit(Op.EQ, x, zero), zero, out)
-        return b.emit(Op.MUL, out, self.number_or_property(e.find("gain"), 1.0))
-
-    def _summer(self, e: ET.Element) -> Value:
-        b = self._b
-        total, *rest = self._inputs(e)
-        for value in rest:
-            total = b.emit(Op.ADD, total, value)
-        bias = e.findtext("bias")
-        return b.emit(Op.ADD, total, b.number(float(bias))) if bias else total
+        for name in logic.distributed(e) if e.tag == "distributor" else c.outputs:
+            c.write(name, value)
+        if e.tag == "actuator":
+            self._p.declare(f"{c.name}/saturated")
+            c.write(f"{c.name}/saturated", actuators.saturated(c, value))
 
 
-_DOMAIN = (("min", "-1.0"), ("max", "1.0"))
+def _function(c: Scope) -> Value:
+    function = c.e.find("function")
+    if function is None:
+        raise Untranslated(f"component {c.name} has no function")
+    value, inputs = c.f.value(function), c.inputs()
+    return c.emit(Op.MUL, value, inputs[0]) if inputs else value
 
 
-def outputs(e: ET.Element) -> list[str]:
-    """Return the properties that a component writes: its outputs, then the one of its own name."""
-    names = [(x.text or "").strip() for x in e.findall("output")]
-    own = re.sub(r"\s", "-", (e.get("name") or "").strip())
-    return [*names, own if "/" in own else f"fcs/{own.lower()}"]
+def _gain(c: Scope) -> Value:
+    return c.emit(Op.MUL, c.parameter("gain", 1.0), c.input())
+
+
+def _scheduled(c: Scope) -> Value:
+    table = c.e.find("table")
+    if table is None:
+        raise Untranslated(f"component {c.name} has no table")
+    return c.emit(Op.MUL, c.emit(Op.MUL, c.parameter("gain", 1.0), c.f.table(table)), c.input())
+
+
+def _scale(c: Scope) -> Value:
+    b, x = c.b, c.input()
+    told = all(c.e.find(f"domain/{end}") is not None for end in ("min", "max"))
+    low, high = (c.number(f"domain/{end}", d) if told else b.number(d) for end, d in (("min", -1.0), ("max", 1.0)))
+    least, most = (c.number(f"range/{end}") for end in ("min", "max"))
+    if (c.e.findtext("zero_centered") or "").strip() in {"0", "false"}:
+        share = c.emit(Op.DIV, c.emit(Op.SUB, x, low), c.emit(Op.SUB, high, low))
+        out = c.emit(Op.ADD, least, c.emit(Op.MUL, share, c.emit(Op.SUB, most, least)))
+    else:
+        zero = b.number(0.0)
+        up = c.emit(Op.MUL, c.emit(Op.DIV, x, high), most)
+        down = c.emit(Op.MUL, c.emit(Op.DIV, x, low), least)
+        out = c.choose(c.emit(Op.GT, x, zero), up, down)
+        out = c.choose(c.emit(Op.EQ, x, zero), zero, out)
+    return c.emit(Op.MUL, out, c.parameter("gain", 1.0))
+
+
+def _summer(c: Scope) -> Value:
+    total, *rest = c.inputs() or [c.b.number(0.0)]
+    for value in rest:
+        total = c.emit(Op.ADD, total, value)
+    return c.emit(Op.ADD, total, c.number("bias")) if c.e.find("bias") is not None else total
+
+
+_KINDS: Mapping[str, Callable[[Scope], Value]] = {
+    "fcs_function": _function,
+    "pure_gain": _gain,
+    "scheduled_gain": _scheduled,
+    "aerosurface_scale": _scale,
+    "summer": _summer,
+    "lag_filter": filters.lag_filter,
+    "lead_lag_filter": filters.lead_lag_filter,
+    "washout_filter": filters.washout_filter,
+    "second_order_filter": filters.second_order_filter,
+    "integrator": filters.integrator,
+    "pid": filters.pid,
+    "switch": logic.switch,
+    "deadband": actuators.deadband,
+    "kinematic": actuators.kinematic,
+    "actuator": actuators.actuator,
+    "sensor": actuators.sensor,
+    "gyro": actuators.gyro,
+    "accelerometer": actuators.accelerometer,
+    "angle": actuators.angle,
+}

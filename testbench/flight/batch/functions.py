@@ -76,8 +76,8 @@ class Functions:
             return b.number(math.pi)
         if tag in {"table", "t"}:
             return self.table(e)
-        if e.get("copyto") or e.get("name"):
-            raise Untranslated(f"a function inside another has the name {e.get('name') or e.get('copyto')}")
+        if e.get("name"):
+            self._p.hide(e.get("name") or "")
         inside = [self._element(x) for x in e if x.tag not in _SKIPPED]
         if tag in _ONE:
             return b.emit(_ONE[tag], inside[0])
@@ -103,19 +103,22 @@ class Functions:
         raise Untranslated(f"it has the function <{tag}>")
 
     def _many(self, op: Op, values: Sequence[Value]) -> Value:
-        """Return the values taken together, from the first to the last as JSBSim does."""
+        """Return the values taken together, from the first to the last as JSBSim does.
+
+        Its sums begin with zero: one of nothing but negative zeros is positive there, and negative here.
+        """
         total = values[0]
         for value in values[1:]:
             total = self._b.emit(op, total, value)
         return total
 
     def _switch(self, values: Sequence[Value]) -> Value:
-        """Return the value that the first one, rounded, counts off; JSBSim stops at a number out of range."""
-        b, index = self._b, values[0]
-        out = values[-1]
-        for i in range(len(values) - 3, -1, -1):
-            out = b.emit(Op.SELECT, b.emit(Op.LT, index, b.number(i + 0.5)), values[i + 1], out)
-        return out
+        """Return the value that the first one, rounded, counts off; NaN out of range, where JSBSim stops."""
+        b, nothing = self._b, self._b.number(math.nan)
+        index, out = b.emit(Op.ADD, values[0], b.number(0.5)), nothing
+        for i in range(len(values) - 2, -1, -1):
+            out = b.emit(Op.SELECT, b.emit(Op.LT, index, b.number(i + 1.0)), values[i + 1], out)
+        return b.emit(Op.SELECT, b.emit(Op.LT, values[0], b.number(0.0)), nothing, out)
 
     def _interpolate(self, values: Sequence[Value]) -> Value:
         """Return the linear interpolation between points that are values themselves."""
@@ -125,7 +128,8 @@ class Functions:
         for (x0, y0), (x1, y1) in reversed(list(itertools.pairwise(points))):
             slope = b.emit(Op.MUL, b.emit(Op.SUB, x, x0), b.emit(Op.SUB, y1, y0))
             between = b.emit(Op.ADD, y0, b.emit(Op.DIV, slope, b.emit(Op.SUB, x1, x0)))
-            out = b.emit(Op.SELECT, b.emit(Op.LT, x, x1), between, out)
+            above = b.emit(Op.SELECT, b.emit(Op.EQ, x, x1), y1, out)  # its end has not to be finite
+            out = b.emit(Op.SELECT, b.emit(Op.LT, x, x1), between, above)
         return b.emit(Op.SELECT, b.emit(Op.LE, x, points[0][0]), points[0][1], out)
 
     def table(self, e: ET.Element) -> Value:
@@ -134,6 +138,8 @@ class Functions:
         Raises:
             Untranslated: it has more than three dimensions.
         """
+        if e.get("name"):
+            self._p.hide(e.get("name") or "")
         by = {}
         for axis in e.findall("independentVar"):
             by[_AXES.get((axis.get("lookup") or "row").strip(), -1)] = self._p.read(axis.text or "")

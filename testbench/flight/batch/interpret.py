@@ -10,8 +10,17 @@ import numpy.typing as npt
 from testbench.core.record import FloatArray
 from testbench.flight.batch import integrate as stages
 from testbench.flight.batch.compiled import LANES, compiled, lanes
+from testbench.flight.batch.program import MOST_DETENTS
 
 HUGE = math.inf
+_ROUNDOFF = 2.0 * float(np.finfo(float).eps)
+
+
+@compiled
+def _truth(x: float) -> float:  # pragma: no cover
+    """Return 1 or 0 for a condition; NaN for a number above one, at which JSBSim stops (GetBinary of FGFunction)."""
+    x = math.fabs(x)
+    return 0.0 if x < 1e-9 else (1.0 if x - 1.0 < 1e-9 else math.nan)
 
 
 @compiled
@@ -40,7 +49,7 @@ def _fraction(T: FloatArray, keys: int, n: int, x: float) -> tuple[int, float]: 
         k += 1
     x0 = T[keys + k - 1]
     factor = (x - x0) / (T[keys + k] - x0)
-    return k, min(1.0, max(0.0, factor))
+    return k, 0.0 if factor < 0.0 else (1.0 if factor > 1.0 else factor)
 
 
 @compiled
@@ -107,6 +116,7 @@ def _least(R: FloatArray, t: int, a: int, b: int) -> None:  # pragma: no cover
     R = lanes(R)
     for f in range(LANES):
         x, y = R[a, f], R[b, f]
+        x = x if x < HUGE else HUGE  # JSBSim's minimum takes no notice of NaN
         R[t, f] = y if y < x else x
 
 
@@ -115,6 +125,7 @@ def _greatest(R: FloatArray, t: int, a: int, b: int) -> None:  # pragma: no cove
     R = lanes(R)
     for f in range(LANES):
         x, y = R[a, f], R[b, f]
+        x = x if x > -HUGE else -HUGE
         R[t, f] = y if y > x else x
 
 
@@ -122,8 +133,25 @@ def _greatest(R: FloatArray, t: int, a: int, b: int) -> None:  # pragma: no cove
 def _select(R: FloatArray, t: int, a: int, b: int, c: int) -> None:  # pragma: no cover
     R = lanes(R)
     for f in range(LANES):
-        x, y, z = R[a, f], R[b, f], R[c, f]
-        R[t, f] = y if x > 0.5 else z
+        x, y, z = math.fabs(R[a, f]), R[b, f], R[c, f]
+        chosen = z if x < 1e-9 else y
+        R[t, f] = math.nan if x - 1.0 >= 1e-9 else chosen  # what is neither true nor false: see _truth
+
+
+@compiled
+def _both(R: FloatArray, t: int, a: int, b: int) -> None:  # pragma: no cover
+    R = lanes(R)
+    for f in range(LANES):
+        x, y = _truth(R[a, f]), _truth(R[b, f])
+        R[t, f] = y if x == 1.0 else x
+
+
+@compiled
+def _either(R: FloatArray, t: int, a: int, b: int) -> None:  # pragma: no cover
+    R = lanes(R)
+    for f in range(LANES):
+        x, y = _truth(R[a, f]), _truth(R[b, f])
+        R[t, f] = y if x == 0.0 else x
 
 
 @compiled
@@ -204,14 +232,12 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
             for f in range(LANES):
                 R[t, f] = 1.0 if R[a, f] != R[b, f] else 0.0
         elif op == 36:
-            for f in range(LANES):
-                R[t, f] = 1.0 if R[a, f] > 0.5 and R[b, f] > 0.5 else 0.0
+            _both(R, t, a, b)
         elif op == 37:
-            for f in range(LANES):
-                R[t, f] = 1.0 if R[a, f] > 0.5 or R[b, f] > 0.5 else 0.0
+            _either(R, t, a, b)
         elif op == 38:
             for f in range(LANES):
-                R[t, f] = 0.0 if R[a, f] > 0.5 else 1.0
+                R[t, f] = 1.0 - _truth(R[a, f])
         elif op == 45:
             for f in range(LANES):
                 R[t, f] = -R[a, f]
@@ -234,6 +260,8 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
         elif op == 15:
             for f in range(LANES):
                 R[t, f] = math.cos(R[a, f])
+        elif op == 46:
+            _kinematic(R, t, a, b, c, e)
         elif op < 60:
             _rare(op, t, a, b, R)
         elif op == 60:
@@ -267,6 +295,39 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
 
 
 @compiled
+def _kinematic(R: FloatArray, t: int, a: int, b: int, c: int, e: int) -> None:  # pragma: no cover
+    """Move from detent to detent until the time is over or the end is reached (FGKinemat)."""
+    R = lanes(R)
+    n, detents = e % MOST_DETENTS, e // MOST_DETENTS
+    times = detents + n
+    for f in range(LANES):
+        x, y, left = R[a, f], R[b, f], R[c, f]
+        for _ in range(2 * n):  # as many as there are detents on the way
+            if left <= 0.0 or math.fabs(x - y) <= _ROUNDOFF * max(math.fabs(x), math.fabs(y)):
+                break
+            if y > R[detents + n - 1, f]:  # above the last detent: JSBSim reads past its list, and is there at once
+                y = x
+                break
+            i = 1
+            while i < n - 1 and (R[detents + i, f] < y if x < y else R[detents + i, f] <= y):
+                i += 1
+            if R[times + i, f] <= 0.0:
+                y = x
+                break
+            low, high = R[detents + i - 1, f], R[detents + i, f]
+            rate = (high - low) / R[times + i, f]
+            end = low if x < low else (high if x > high else x)
+            needed = math.fabs((end - y) / rate)
+            if left < needed:
+                needed = left
+                y = y + needed * rate if y < x else y - needed * rate
+            else:
+                y = end
+            left -= needed
+        R[t, f] = y
+
+
+@compiled
 def _rare(op: int, t: int, a: int, b: int, R: FloatArray) -> None:  # pragma: no cover
     """Operations that few models have."""
     R = lanes(R)
@@ -292,19 +353,21 @@ def _rare(op: int, t: int, a: int, b: int, R: FloatArray) -> None:  # pragma: no
         elif op == 22:
             z = -1.0 if x < 0.0 else 1.0
         elif op == 23:
-            z = math.floor(x) if math.isfinite(x) else x
+            z = np.floor(x)
         elif op == 24:
-            z = math.ceil(x) if math.isfinite(x) else x
+            z = np.ceil(x)
         elif op == 25:
             z = np.fmod(x, y) if y != 0.0 else HUGE
         elif op == 26:
-            z = np.fmod(np.trunc(x), np.trunc(y))
+            z = np.fmod(np.trunc(x), np.trunc(y)) + 0.0  # integers have no zero with a sign
         elif op == 27:
-            z = x - np.trunc(x)
+            z = math.copysign(x - np.trunc(x) if math.fabs(x) != HUGE else 0.0, x)
         elif op == 28:
             z = np.trunc(x)
         elif op == 29:
-            z = np.trunc(x + math.copysign(0.5, x))  # C's round: halves away from zero
+            z = np.trunc(x)  # C's round: halves away from zero
+            if math.fabs(x - z) >= 0.5:
+                z += math.copysign(1.0, x)
         R[t, f] = z
 
 

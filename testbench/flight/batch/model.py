@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from testbench.aircraft import Aircraft
 from testbench.core.channels import CHANNELS, channel
@@ -18,7 +19,8 @@ from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.integrate import begin, place, weigh
 from testbench.flight.batch.interpret import execute
 from testbench.flight.batch.program import Program
-from testbench.flight.batch.properties import CORE, plain
+from testbench.flight.batch.properties import CORE, ON_GROUND, plain
+from testbench.flight.batch.scope import MEMORY
 from testbench.flight.batch.translate import Translation, declared, translate
 from testbench.flight.batch.weights import Weights, dry
 from testbench.flight.condition import FlightCondition, TrimmedFlight
@@ -29,6 +31,7 @@ _LEVERS = re.compile(r"fcs/(mixture|advance|feather)-cmd-norm(\[\d+\])?")
 _SETTLED = ("/propeller-rpm", "/map-pa")
 _EARTH_ANGLE = "position/epa-rad"
 _FIXED = ("metrics/",)
+_OWN = ("gear/", "propulsion/")  # JSBSim's own, which it does not begin with zero
 # JSBSim's properties give Ixz with the sign that it has in the matrix, the other two products with the opposite one.
 _INERTIA = (("xx", 0, 0, 1.0), ("yy", 1, 1, 1.0), ("zz", 2, 2, 1.0), ("xy", 0, 1, -1.0), ("xz", 0, 2, 1.0),
             ("yz", 1, 2, -1.0))  # fmt: skip
@@ -54,6 +57,9 @@ class BatchModel:
         weights: as flown.
         dry: without fuel.
         translation: of its tree.
+        memories: registers of what components of the control system remember.
+        outputs: registers of what they write -> value before the first frame.
+        loading: height (m) and speed (m/s) of the evaluations that JSBSim makes when the model is loaded.
     """
 
     aircraft: Aircraft
@@ -67,6 +73,9 @@ class BatchModel:
     weights: Weights
     dry: Weights
     translation: Translation
+    memories: npt.NDArray[np.int64]
+    outputs: Mapping[int, float]
+    loading: tuple[tuple[float, float], ...]
 
     @property
     def commands(self) -> dict[str, int]:
@@ -85,8 +94,16 @@ class BatchModel:
         return _CLEARANCE * float(self.start[r.WING_SPAN])
 
 
-def batch_model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> BatchModel:
+def batch_model(
+    aircraft: Aircraft, rate_hz: float, condition: FlightCondition, watched: Sequence[str] = ()
+) -> BatchModel:
     """Translate an aircraft.
+
+    Args:
+        aircraft: what flies.
+        rate_hz: frame rate.
+        condition: design condition of the elastic equations.
+        watched: properties that are logged under their own names, beside the channels.
 
     Raises:
         Untranslated: it holds something that the batch does not fly.
@@ -98,8 +115,11 @@ def batch_model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) 
     inputs = [aircraft.controls[n].command for n in fdm.command_nodes]
     settings = aircraft.adapter.settings if aircraft.adapter is not None else {}
     frozen = settings.get("propulsion/fuel_freeze", 0.0) != 0.0  # JSBSim takes it but does not give it back
-    translation = translate(tree, aircraft.engine_files, 1.0 / rate_hz, inputs, [*sources.values(), *inputs], frozen)
-    program = replace(translation.program, logged={n: translation.program.logged[s] for n, s in sources.items()})
+    translation = translate(
+        tree, aircraft.engine_files, 1.0 / rate_hz, inputs, [*sources.values(), *inputs, *watched], frozen
+    )
+    shown = {**sources, **dict(zip(watched, watched, strict=True))}
+    program = replace(translation.program, logged={n: translation.program.logged[s] for n, s in shown.items()})
     start = np.zeros(program.size)
     start[program.numbers] = translation.numbers
     for name, register in program.properties.items():
@@ -109,12 +129,44 @@ def batch_model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) 
             start[register] = fdm.get(name) / factor
     weights = _weights(fdm)
     _set_weights(start, weights)
+    memories, outputs = _components(program, translation, fdm, condition, start)
     # Where propellers are brought to rest by themselves, all the rest is evaluated before and after it.
     iterations = 2 * fdm.to_rest + 1 if fdm.propellers.free else fdm.to_rest
     return BatchModel(
         aircraft, rate_hz, program, start, fdm.channels, np.array(fdm.factors), iterations,
-        _Shape.of(aircraft, condition, tree, translation), weights, dry(tree), translation,
+        _Shape.of(aircraft, condition, tree, translation), weights, dry(tree), translation, memories, outputs,
+        _loading(aircraft, condition),
     )  # fmt: skip
+
+
+def _components(
+    program: Program, translation: Translation, fdm: Executive, condition: FlightCondition, start: FloatArray
+) -> tuple[npt.NDArray[np.int64], dict[int, float]]:
+    """Return what components remember and what they write, and set the latter as JSBSim has it once it is placed."""
+    found = {n: program.properties[n] for n in sorted(translation.components) if n in program.properties}
+    memories = np.array([k for n, k in found.items() if n.startswith(MEMORY)], np.int64)
+    outputs = {
+        k: translation.declared.get(n, start[k] if n.startswith(_OWN) else 0.0)
+        for n, k in found.items()
+        if not n.startswith(MEMORY)
+    }
+    for name, register in found.items():
+        if register in outputs:
+            start[register] = _value(fdm, name)
+    fdm.place(condition.h_m, 0.0, 0.0, (condition.V_m_s, 0.0, 0.0))
+    fdm.evaluate()
+    for name, register in program.properties.items():
+        if ON_GROUND.fullmatch(name):
+            start[register] = _value(fdm, name)
+    return memories, outputs
+
+
+def _loading(aircraft: Aircraft, condition: FlightCondition) -> tuple[tuple[float, float], ...]:
+    """Return height and speed of the evaluations that an executive makes before it is placed (Executive)."""
+    if aircraft.adapter is None:
+        return ((0.0, 0.0),)
+    before = ((0.0, 0.0),) * (2 if "propulsion/fuel_freeze" in aircraft.adapter.settings else 1)
+    return (*before, (condition.h_m, condition.V_m_s))
 
 
 def variant(base: BatchModel, aircraft: Aircraft, condition: FlightCondition, tree: ET.Element) -> BatchModel | None:
@@ -271,7 +323,7 @@ def _factor(aircraft: Aircraft, name: str) -> float:
 
 
 def _value(fdm: Executive, name: str) -> float:
-    return fdm.get(name) if fdm.has(name) else 0.0
+    return fdm.get(name) if not name.startswith(MEMORY) and fdm.has(name) else 0.0
 
 
 def _weights(fdm: Executive) -> Weights:
@@ -344,13 +396,14 @@ def put(
         times: evaluations, each of which JSBSim makes as two frames.
         states: of every flight, see ``states_at_trim``; none of them moves while time stands still.
     """
+    R[r.DT] = 0.0
+    weigh(R)
+    _wake(model, R)
     for name, register in model.commands.items():
         if name in commands:
             R[register] = filled(np.asarray(commands[name])) / model.aircraft.controls[name].scale
     euler = filled(np.stack([phi, theta, np.zeros_like(phi)]))
     h_ft, uvw, pqr = filled(np.asarray(h_m) / FT_M), filled(uvw_m_s / FT_M), filled(pqr)
-    weigh(R)
-    R[r.DT] = 0.0
     held = {n: filled(np.array([s[n] for s in states])) for n in (states[0] if states else ())}
     turned = held.pop(_EARTH_ANGLE, np.zeros(1))
     for name, values in held.items():
@@ -364,6 +417,24 @@ def put(
     if turned.any():
         R[r.EARTH_ANGLE] = turned
         execute(model.program.frame, model.program.tables, R)
+
+
+def _wake(model: BatchModel, R: FloatArray) -> None:
+    """Let components remember what JSBSim's do: they run already while the model is loaded, commands at rest."""
+    if not model.memories.size:
+        return
+    seen = R.copy()
+    for register, value in model.outputs.items():
+        R[register] = value
+    execute(model.program.before, model.program.tables, R)
+    none = np.zeros((3, LANES))
+    for h_m, V_m_s in model.loading:
+        speed = np.array([[V_m_s / FT_M], [0.0], [0.0]]) + none
+        place(R, np.full(LANES, h_m / FT_M), none, speed, none)
+        execute(model.program.frame, model.program.tables, R)
+        execute(model.program.frame, model.program.tables, R)
+    seen[model.memories] = R[model.memories]
+    R[:] = seen
 
 
 def read(model: BatchModel, R: FloatArray) -> FloatArray:

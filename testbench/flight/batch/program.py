@@ -72,6 +72,7 @@ class Op(IntEnum):
     TABLE_3 = 43
     MULADD = 44
     NEG = 45
+    KINEMATIC = 46
     # stages of the frame
     PROPAGATE = 60
     AUXILIARY = 61
@@ -90,6 +91,9 @@ class Op(IntEnum):
     # what is not translated: a fault only if something that flies reads it
     UNKNOWN = 99
 
+
+MOST_DETENTS = 1024
+"""Of a kinematic, more than any has: where they lie and how many they are share a number."""
 
 _CORE = "core"
 _STATE = "state"
@@ -214,6 +218,11 @@ class Builder:
         """Return the value that a property has at this place of the frame."""
         return self._current.get(name, Value(_STATE, self._state(name)))
 
+    @property
+    def present(self) -> Mapping[str, Value]:
+        """Properties that have been written -> their values, at this place of the frame."""
+        return self._current
+
     def unknown(self, reason: str) -> Value:
         """Return a value that is not translated; the program cannot be built if anything that counts reads it."""
         self._reasons.append(reason)
@@ -240,6 +249,11 @@ class Builder:
     @property
     def _list(self) -> list[_Instruction]:
         return self._log if self._logging else self._frame
+
+    def moved(self, x: Value, y: Value, dt: Value, detents: Sequence[Value], times: Sequence[Value]) -> Value:
+        """Return where a kinematic at ``y`` is after ``dt`` on its way to ``x``, from detent to detent."""
+        first = self.block([*detents, *times])
+        return self.emit(Op.KINEMATIC, x, y, dt, extra=first * MOST_DETENTS + len(detents))
 
     def store(self, register: int, value: Value) -> None:
         """Write a register of the body."""

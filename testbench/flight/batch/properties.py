@@ -159,7 +159,9 @@ _STAYING = re.compile(
     r"aero/(alpha-max-rad|alpha-min-rad)|propulsion/(fuel_freeze|refuel|magneto_cmd|cutoff_cmd|starter_cmd)|"
     r"propulsion/tank(\[\d+\])?/\S+"
 )
-_GROUND = re.compile(r"(forces/fb[xyz]-gear-lbs|moments/[lmn]-gear-lbsft|gear/unit(\[\d+\])?/WOW|gear/wow)")
+_GROUND = re.compile(r"(forces/fb[xyz]-gear-lbs|moments/[lmn]-gear-lbsft)")
+ON_GROUND = re.compile(r"gear/unit(\[\d+\])?/WOW|gear/wow")
+"""Whether wheels stand on the ground: in flight they do not, but JSBSim keeps it of those that were raised on it."""
 # What JSBSim itself calls things of an engine: a model that declares another name means one of its own.
 _OF_ENGINES = frozenset({
     "AFR", "advance-ratio", "air-intake-impedance-factor", "atsfc", "blade-angle", "bleed-factor", "boost-speed",
@@ -207,6 +209,12 @@ class Properties:
     def moves(self, name: str) -> bool:
         """Return whether something before this place of the frame moves a property."""
         return plain(name) in self._written
+
+    def hide(self, name: str) -> None:
+        """Say that JSBSim computes a property, inside of something else, whose value is not known here."""
+        name = plain(re.sub(r"\s", "-", name.strip()))
+        self._own.add(name)
+        self._b.write(name, self._b.unknown(f"it reads {name}"))
 
     def read(self, name: str) -> Value:
         """Return a property's value; a name that begins with a minus sign is its negative.
@@ -266,6 +274,8 @@ class Properties:
         if linked is not None and linked.group(3) == "deg":
             b.write(f"fcs/{linked.group(2)}-pos-rad", b.emit(Op.MUL, value, b.number(1.0 / _DEG)))
             return
+        if name.endswith("/initial-integrator-value"):
+            raise Untranslated(f"it writes {name}")
         computed = name in CORE or name in ON_DEMAND or re.match(r"(inertia|ic|simulation)/", name)
         if computed and name not in self._own:
             raise Untranslated(f"it writes {name}")

@@ -7,6 +7,7 @@ left in this frame, and what those after it left in the last.
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -39,12 +40,14 @@ class Translation:
         program: what is run.
         numbers: of the model, in the program's order.
         declared: property -> value that the model declares.
+        components: properties that components write, and what they remember.
         places: (number, element whose text it is) of those that another model may have otherwise.
     """
 
     program: Program
     numbers: tuple[float, ...]
     declared: Mapping[str, float]
+    components: frozenset[str]
     places: tuple[tuple[int, ET.Element], ...]
 
 
@@ -80,10 +83,12 @@ class _Model:
         self._b = Builder(frozenset(plain(n) for n in inputs))
         self._p = Properties(self._b)
         self._f = Functions(self._b, self._p)
-        self._components = Components(self._b, self._p, self._f, dt_s)
+        switchable = frozenset(plain(x) for x in (*inputs, *_words(tree)) if _FAILURE.fullmatch(x))
+        self._components = Components(self._b, self._p, self._f, dt_s, switchable)
         self._engine_files = engine_files
         self._engines = Engines(self._b, self._p, self._f, engine_files, frozen)
         self._declared: dict[str, float] = {}
+        self._moved: frozenset[str] = frozenset()
         self._sections = [
             *tree.findall("system"), *tree.findall("autopilot"), *tree.findall("flight_control"),
         ]  # fmt: skip
@@ -131,12 +136,12 @@ class _Model:
                 b.stage(op)
         for name in logged:
             b.log(name, self._p.read(name))
-        return Translation(b.build(), tuple(b.numbers), self._declared, tuple(b.places))
+        return Translation(b.build(), tuple(b.numbers), self._declared, self._moved, tuple(b.places))
 
     def _read(self) -> set[str]:
-        """Return the properties that anything in the model reads, its engines' files included."""
+        """Return every word of the model, its engines' files included, that may be a property that something reads."""
         trees = [self._tree, *map(ET.fromstring, self._engine_files.values())]
-        return {plain((e.text or "").lstrip(" -")) for t in trees for e in t.iter() if e.tag in _READERS and e.text}
+        return {plain(word.lstrip("-")) for tree in trees for word in _words(tree)}
 
     def _functions(self, sections: Sequence[ET.Element], kind: str = "pre") -> None:
         """Evaluate the functions that stand by themselves in sections of the model."""
@@ -146,22 +151,20 @@ class _Model:
                     self._f.evaluate(e)
 
     def _systems(self) -> None:
-        b, p = self._b, self._p
+        p = self._p
         self._functions(self._sections)
         count = len(self._tree.findall("propulsion/engine"))
         for kind in _COPIED:
             for i in range(count):
                 index = f"[{i}]" if i else ""
                 p.write(f"fcs/{kind}-pos-norm{index}", p.read(f"fcs/{kind}-cmd-norm{index}"))
+        before = dict(self._b.present)
         for section in self._sections:
             for channel in section.findall("channel"):
-                for e in _components(channel):
-                    if channel.get("execute") or (channel.get("execrate") or "1") not in {"0", "1"}:
-                        self._components.unknown(e, f"channel {channel.get('name')} does not run in every frame")
-                    else:
-                        self._components.add(e)
+                self._components.channel(channel)
+        self._components.end()
+        self._moved = frozenset(n for n, v in self._b.present.items() if before.get(n) is not v)
         self._functions(self._sections, "post")
-        del b
 
     def _aerodynamics(self) -> None:
         b = self._b
@@ -250,8 +253,15 @@ class _Model:
             b.stage(Op.REACTION, _FRAMES[frame], int(e.tag == "moment"), block=b.block([size, *numbers]))
 
 
-def _components(channel: ET.Element) -> Iterator[ET.Element]:
-    return (e for e in channel if e.tag not in {"description", "documentation", "property"})
+_FAILURE = re.compile(r"[^\s/]\S*/malfunction/fail_\w+")
+
+
+def _words(tree: ET.Element) -> Iterator[str]:
+    """Yield every word in a model's texts and attributes, tables left out."""
+    for e in tree.iter():
+        if e.tag != "tableData":
+            for text in (e.text, e.tail, *e.attrib.values()):
+                yield from (text or "").split()
 
 
 def declared(section: ET.Element) -> dict[str, float]:
