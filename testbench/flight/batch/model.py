@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -86,8 +86,12 @@ def batch_model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) 
     tree = aircraft.model_tree(rate_hz, condition.qbar_Pa, condition.V_m_s)
     sources = {n: _source(aircraft, n) for n in fdm.channels}
     inputs = [aircraft.controls[n].command for n in fdm.command_nodes]
-    translation = translate(tree, aircraft.engine_files, 1.0 / rate_hz, inputs, [*sources.values(), *inputs])
-    program = replace(translation.program, logged={n: translation.program.logged[s] for n, s in sources.items()})
+    followed = [*(m.follows for m in aircraft.memories), *(f"modal/etaddot-{i + 1}" for i in range(fdm.mode_count))]
+    read = [*sources.values(), *inputs, *followed]  # the last are what a linear model asks for besides
+    translation = translate(tree, aircraft.engine_files, 1.0 / rate_hz, inputs, read)
+    logged = translation.program.logged
+    found = {n: logged[s] for n, s in sources.items()} | {n: logged[n] for n in followed}
+    program = replace(translation.program, logged=found)
     start = np.zeros(program.size)
     start[program.numbers] = translation.numbers
     for name, register in program.properties.items():
@@ -166,7 +170,7 @@ class _Template:
         free = {at for _, at in places}
         balance = {id(e) for b in tree.iter("mass_balance") for e in b.iter()}
         elements = tuple(
-            (e.tag, _attributes(e), None if i in free or id(e) in balance else e.text)
+            (e.tag, attributes(e), None if i in free or id(e) in balance else e.text)
             for i, e in enumerate(tree.iter())
         )
         return cls(elements, places)
@@ -176,8 +180,8 @@ class _Template:
         others = list(tree.iter())
         if len(others) != len(self.elements):
             return None
-        for e, (tag, attributes, text) in zip(others, self.elements, strict=True):
-            if e.tag != tag or (text is not None and e.text != text) or _attributes(e) != attributes:
+        for e, (tag, own, text) in zip(others, self.elements, strict=True):
+            if e.tag != tag or (text is not None and e.text != text) or attributes(e) != own:
                 return None
         out = np.array(base)
         try:
@@ -188,14 +192,14 @@ class _Template:
         return out
 
 
-def _attributes(e: ET.Element) -> dict[str, str]:
+def attributes(e: ET.Element) -> dict[str, str]:
     """Return the attributes of an element that must be the same: the value of a declared property may differ."""
     return {"unit": e.get("unit", "")} if e.tag == "property" else e.attrib
 
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
-    """What models have in common that differ in numbers only.
+    """What models have in common that differ in numbers only; its text says all of it but the modes' numbers.
 
     Attributes:
         fixed: commands, limits, engines, settings.
@@ -205,7 +209,7 @@ class _Shape:
     """
 
     fixed: tuple[object, ...]
-    modes: tuple[object, ...] | None
+    modes: tuple[object, ...] | None = field(repr=False)
     rigid: _Template
     whole: _Template
 
@@ -241,7 +245,7 @@ def _modes(aircraft: Aircraft, condition: FlightCondition) -> tuple[object, ...]
 
 def _fixed(aircraft: Aircraft) -> tuple[object, ...]:
     return (
-        tuple(sorted(aircraft.engine_files.items())), tuple((n, c.command) for n, c in aircraft.controls.items()),
+        tuple(sorted(aircraft.engine_files.items())), tuple((n, c.command, c.scale) for n, c in aircraft.controls.items()),
         tuple(aircraft.limits), None if aircraft.adapter is None else tuple(sorted(aircraft.adapter.settings.items())),
     )  # fmt: skip
 

@@ -81,8 +81,8 @@ def _model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition, air: 
     """Return the model to trim by, or None if JSBSim must; an unknown one is trimmed and judged first."""
     known = variant_known(aircraft, rate_hz, condition)
     if known is None:
-        known = judged(aircraft, trim(aircraft, condition, rate_hz, air)).model
-    return known
+        known = judged(aircraft, trim(aircraft, condition, rate_hz, air))
+    return known.model
 
 
 def _by_jsbsim(
