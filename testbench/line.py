@@ -25,7 +25,7 @@ from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
 from testbench.evaluation import Evaluation, evaluate
 from testbench.evaluation.truth import Truth, told_of
-from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, linearise, trim
+from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
 from testbench.flight.air import Air, air_of
 from testbench.inputs import InputSignal, build
 from testbench.sensors import SensorSuite
@@ -150,7 +150,7 @@ def fly_and_measure(
     except FlightAborted as error:
         if keep is not None and error.record is not None and len(error.record):
             keep(f"{name}_aborted", error.record)
-        raise _with_instability(error, aircraft, trimmed, name) from error
+        raise with_instability(error, aircraft, name, linearise(aircraft, trimmed)) from error
     if keep is not None:
         keep(f"{name}_truth", truth)
     measured = {}
@@ -162,13 +162,13 @@ def fly_and_measure(
     return Flight(name, use, truth, measured, settle_s)
 
 
-def _with_instability(error: FlightAborted, aircraft: Aircraft, trimmed: TrimmedFlight, name: str) -> FlightAborted:
+def with_instability(error: FlightAborted, aircraft: Aircraft, name: str, linear: LinearModel) -> FlightAborted:
     """Return the error of a flight that ended early, with the time to double if the aircraft is unstable.
 
     An unstable aircraft may be flown for as long as it stays inside its limits. If it leaves them after several times
     the time in which its motion doubles, no smaller input would help for long, and the message says so.
     """
-    growth = float(linearise(aircraft, trimmed).poles().real.max())
+    growth = float(linear.poles().real.max())
     if not growth * error.time_s > math.log(_DOUBLED):
         return error
     return FlightAborted(

@@ -67,8 +67,7 @@ def screen(base: Hypothesis, effect: Effect, share: float = 1.0, far: bool = Fal
             s[size] = none + share * (s[size] - none)
     r = base.tuned(base.exact)[0]
     flies, alone, found = False, 0.0, []
-    for x in starts:
-        change = signature.at(x)
+    for x, change in zip(starts, signature.at_all(starts), strict=True):
         if change is None:
             continue
         flies = True
@@ -127,11 +126,8 @@ def screen_closely(base: Hypothesis, screened: Sequence[Screened]) -> list[Scree
 def flown_best(base: Hypothesis, screened: Screened) -> Screened:
     """Return ``screened`` with the one start of the effect, of either sign, that leaves least when it is flown."""
     starts = _starts(screened.effect)
-    flown = [
-        (there.chi2, k)
-        for k, s in enumerate(starts)
-        if (there := base.moved(screened.signature.model(s), base.nuisances))
-    ]
+    ends = base.moved_all([screened.signature.model(s) for s in starts], [base.nuisances] * len(starts))
+    flown = [(there.chi2, k) for k, there in enumerate(ends) if there]
     return replace(screened, starts=(starts[min(flown)[1]],)) if flown else screened
 
 
