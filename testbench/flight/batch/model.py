@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -157,6 +158,18 @@ class _Template:
     elements: tuple[tuple[str, dict[str, str], str | None], ...]
     places: tuple[tuple[int, int], ...]
 
+    @cached_property
+    def _tags(self) -> list[str]:
+        return [tag for tag, _, _ in self.elements]
+
+    @cached_property
+    def _fixed(self) -> list[tuple[int, str | None]]:
+        return [(i, text) for i, (_, _, text) in enumerate(self.elements) if text is not None]
+
+    @cached_property
+    def _attributes(self) -> list[dict[str, str]]:
+        return [own for _, own, _ in self.elements]
+
     @classmethod
     def of(cls, tree: ET.Element, translation: Translation) -> _Template:
         """Take the shape of a tree, or of a part of one, that has been translated."""
@@ -178,11 +191,10 @@ class _Template:
     def numbers(self, tree: ET.Element, base: tuple[float, ...]) -> FloatArray | None:
         """Return the numbers of another tree in the program's order, or None if it differs in more than numbers."""
         others = list(tree.iter())
-        if len(others) != len(self.elements):
+        if [e.tag for e in others] != self._tags or [attributes(e) for e in others] != self._attributes:
             return None
-        for e, (tag, own, text) in zip(others, self.elements, strict=True):
-            if e.tag != tag or (text is not None and e.text != text) or attributes(e) != own:
-                return None
+        if [(i, others[i].text) for i, _ in self._fixed] != self._fixed:
+            return None
         out = np.array(base)
         try:
             for number, at in self.places:
