@@ -15,6 +15,7 @@ import os
 import sys
 import xml.etree.ElementTree as ET
 from collections import OrderedDict
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -80,18 +81,30 @@ def judged(aircraft: Aircraft, trimmed: TrimmedFlight) -> Judged:
     Raises:
         ModelError: JSBSim refuses the aircraft.
     """
-    found = variant_known(aircraft, trimmed.rate_hz, trimmed.condition)
+    return judged_at(aircraft, trimmed.rate_hz, trimmed.condition, lambda: trimmed)
+
+
+def judged_at(
+    aircraft: Aircraft, rate_hz: float, condition: FlightCondition, trimmed: Callable[[], TrimmedFlight]
+) -> Judged:
+    """Return the same at a condition; ``trimmed`` is called if it has to fly.
+
+    Raises:
+        ModelError: JSBSim refuses the aircraft.
+        TrimError: it has no trim to fly from.
+    """
+    found = variant_known(aircraft, rate_hz, condition)
     if found is None:
         tree = aircraft.rigid_tree()
         try:
-            found = _verdict(batch_model(aircraft, trimmed.rate_hz, trimmed.condition), trimmed)
+            found = _verdict(batch_model(aircraft, rate_hz, condition), trimmed)
         except Untranslated as missing:
             found = Judged(None, str(missing))
         if found.model is None:
-            _REFUSED[_structure(aircraft, trimmed.rate_hz, tree)] = found
+            _REFUSED[_structure(aircraft, rate_hz, tree)] = found
         else:
-            _BASES.setdefault(_family(aircraft, trimmed.rate_hz, tree), []).insert(0, found.model)
-        _keep(_key(aircraft, trimmed.rate_hz, trimmed.condition), found)
+            _BASES.setdefault(_family(aircraft, rate_hz, tree), []).insert(0, found.model)
+        _keep(_key(aircraft, rate_hz, condition), found)
     return found
 
 
@@ -161,7 +174,7 @@ def _keep(key: object, found: Judged) -> None:
         _JUDGED.popitem(last=False)
 
 
-def _verdict(model: BatchModel, trimmed: TrimmedFlight) -> Judged:
+def _verdict(model: BatchModel, trimmed: Callable[[], TrimmedFlight]) -> Judged:
     """Return the verdict on a model, from disk if there is one."""
     kept = _place(model)
     if kept is not None and kept.is_file():
@@ -169,7 +182,7 @@ def _verdict(model: BatchModel, trimmed: TrimmedFlight) -> Judged:
             known = json.loads(kept.read_text(encoding="utf-8"))
             worst, name = float(known["worst"]), str(known["channel"])
             return _of(model, worst, name)
-    worst, name = compared(model, trimmed)
+    worst, name = compared(model, trimmed())
     if kept is not None and math.isfinite(worst):
         with suppress(OSError):
             kept.parent.mkdir(parents=True, exist_ok=True)

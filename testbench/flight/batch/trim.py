@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from testbench.core.errors import TestbenchError
 from testbench.core.record import FloatArray
 from testbench.flight.air import Air
 from testbench.flight.batch import registers as r
-from testbench.flight.batch.check import judged, variant_known
+from testbench.flight.batch.check import judged_at
 from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.fly import Simulator
 from testbench.flight.batch.model import BatchModel, filled, put, read, registers
@@ -42,9 +43,8 @@ def trim_many(
 ) -> list[TrimmedFlight | TestbenchError]:
     """Trim every aircraft at its condition, as :func:`testbench.flight.trim` would.
 
-    The first of each shape is trimmed by JSBSim, which the batch is then compared with. What does not come to an
-    equilibrium in the batch is trimmed by JSBSim, too, which says why there is none. What each comes to does not depend
-    on the others.
+    What does not come to an equilibrium in the batch is trimmed by JSBSim, which says why there is none. What each
+    comes to does not depend on the others.
 
     Args:
         aircraft: of each flight.
@@ -61,7 +61,10 @@ def trim_many(
     groups: dict[int, list[tuple[int, BatchModel]]] = {}
     for i, (each, condition) in enumerate(zip(aircraft, conditions, strict=True)):
         try:
-            model = None if simulator == "jsbsim" else _model(each, rate_hz or each.rate_hz, condition, blowing[i])
+            model = None
+            if simulator != "jsbsim":
+                at_rest = partial(trim, each, condition, rate_hz, blowing[i])
+                model = judged_at(each, rate_hz or each.rate_hz, condition, at_rest).model
         except TestbenchError as error:
             out[i] = error
             continue
@@ -75,14 +78,6 @@ def trim_many(
         for i, result in zip(members, found, strict=True):
             out[i] = _by_jsbsim(aircraft[i], conditions[i], rate_hz, blowing[i]) if result is None else result
     return [x for x in out if x is not None]
-
-
-def _model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition, air: Air | None) -> BatchModel | None:
-    """Return the model to trim by, or None if JSBSim must; an unknown one is trimmed and judged first."""
-    known = variant_known(aircraft, rate_hz, condition)
-    if known is None:
-        known = judged(aircraft, trim(aircraft, condition, rate_hz, air))
-    return known.model
 
 
 def _by_jsbsim(

@@ -235,6 +235,10 @@ class Signature:
             self.effect, dict(zip([p.name for p in self.effect.parameters], x.tolist(), strict=True))
         )
 
+    def tuned_model(self, x: FloatArray) -> Believed:
+        """Return the same with the nuisances of the point."""
+        return self.model(x).with_nuisances(self.base.by_name)
+
     def at(self, x: FloatArray) -> FloatArray | None:
         """Return residuals with the effect at ``x`` (p,) minus those of the point; None if that cannot be flown."""
         return self.at_all([x])[0]
@@ -242,7 +246,7 @@ class Signature:
     def at_all(self, points: Sequence[FloatArray]) -> list[FloatArray | None]:
         """Return :meth:`at` of several parameter values, flown or predicted together."""
         new = list({x.tobytes(): x for x in points if x.tobytes() not in self.known}.values())
-        models = [self.model(x).with_nuisances(self.base.by_name) for x in new]
+        models = [self.tuned_model(x) for x in new]
         if self.effect.flown:
             ends = flown_all(models, self.base.records)
             changes = [None if end is None else end - self.base.exact for end in ends]
