@@ -28,6 +28,13 @@ class Wings(str, Enum):
     rigid = "rigid"
 
 
+class Simulator(str, Enum):
+    """Whether many flights may be flown together."""
+
+    auto = "auto"
+    jsbsim = "jsbsim"
+
+
 class ShowByDefault(TyperGroup):
     """A group of commands whose name may be followed by what is shown: ``aircraft eolo`` is ``aircraft show eolo``."""
 

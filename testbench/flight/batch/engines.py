@@ -72,7 +72,8 @@ class Engines:
         throttle = self._p.read(f"fcs/throttle-pos-norm[{i}]")
         horsepower = b.emit(Op.DIV, b.emit(Op.MUL, watts, throttle), b.number(745.7))
         self._write(i, "power-hp", horsepower)
-        return b.emit(Op.MUL, horsepower, b.number(_FT_LBF_S))
+        power = b.emit(Op.MUL, horsepower, b.number(_FT_LBF_S))
+        return b.emit(Op.MAX, power, b.number(0.0))  # as long as nothing turns, a negative one is none
 
     def _write(self, i: int, what: str, value: Value) -> None:
         name = f"propulsion/engine[{i}]/{what}"

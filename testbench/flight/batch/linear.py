@@ -22,6 +22,7 @@ from testbench.flight.linear_model import LinearModel
 from testbench.flight.linearise import Layout, linearise
 
 _SURFACES = ("de", "da", "dr")
+_OF_ENGINES = ("/propeller-rpm", "/map-pa")  # states that JSBSim brings to rest, and linearises by
 _ACCELERATIONS = np.array([FT_M, FT_M, FT_M, 1.0, 1.0, 1.0])
 
 
@@ -55,6 +56,8 @@ def linearise_many(
 def _layout(model: BatchModel) -> Layout | None:
     """Return what the linear model consists of; None if the program leaves out something that it needs."""
     aircraft, known, servos = model.aircraft, model.program.properties, {}
+    if any(n.endswith(_OF_ENGINES) for n in known):
+        return None
     for control in (u for u in _SURFACES if u in aircraft.controls):
         lag = aircraft.servo_of(control)
         if lag is None:
