@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,8 +72,13 @@ def linearise_along(
     Returns A (n, k, k), C (n, p, k), and the names of the p outputs: those of :func:`linearise`.
     """
     point = _Point.of(aircraft, trimmed)
-    layout = point.layout
-    names = (*layout.states, *layout.inputs)
+    return along(point.layout, flown, states, point.values)
+
+
+def along(
+    layout: Layout, flown: FlightRecord, states: Sequence[str], values: Callable[[Points], FloatArray]
+) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Return what :func:`linearise_along` does, from ``values`` of any simulator at points, see :meth:`Layout.model`."""
     n, brought = len(layout.states), [m.name for m in layout.memories]
     servos = [s.removeprefix(SERVO) for s in states if s.startswith(SERVO)]
     wanted = [s for s in states if not s.startswith(SERVO)]
@@ -82,24 +87,33 @@ def linearise_along(
         raise ChannelError(f"states of amendments must be wanted all or none, got {wanted} of {brought}")
     variables = (*wanted, *servos)
     rows = [*moving, *range(n, n + len(layout.outputs) + len(brought))]
-    slopes = np.empty((len(flown), len(rows), len(variables)))
-    for k, values in enumerate(flown.columns(names)):
-        at = dict(zip(names, values.tolist(), strict=True))
-        around = beside(at, variables, _SECOND_ORDER)
-        slopes[k] = layout.slopes(point.values(around), variables, _SECOND_ORDER)[rows]
+    at = {name: flown[name] for name in (*layout.states, *layout.inputs)}
+    found = values(beside(at, variables, _SECOND_ORDER))
+    by_sample = found.reshape(len(found), len(flown), -1).transpose(1, 0, 2)
+    slopes = layout.slopes(by_sample, variables, _SECOND_ORDER)[:, rows]
     A, C = layout.joined(slopes[:, : len(moving)], slopes[:, len(moving) :], servos)
     return A, C, layout.outputs
 
 
-def beside(at: Mapping[str, float], names: Sequence[str], weights: Mapping[int, float]) -> list[dict[str, float]]:
-    """Return the points from which differences are taken, of each variable in turn.
+Points = Mapping[str, FloatArray]
+"""State or input -> its value at each of several points (points,), SI; what is not given is 0."""
+
+
+def beside(at: Points, names: Sequence[str], weights: Mapping[int, float]) -> Points:
+    """Return the points from which differences are taken about each of ``at``, of each variable in turn.
 
     Args:
-        at: value of every state and input; what is not given is 0.
+        at: n points.
         names: variables.
         weights: multiple of a variable's step -> weight of the value there in the derivative times the step.
     """
-    return [{**at, name: at.get(name, 0.0) + k * _step(name)} for name in names for k in weights]
+    n, count = len(next(iter(at.values()))), len(weights)
+    out = {s: np.repeat(x[:, None], len(names) * count, axis=1) for s, x in at.items()}
+    for i, name in enumerate(names):
+        values = out.setdefault(name, np.zeros((n, len(names) * count)))
+        for j, k in enumerate(weights):
+            values[:, i * count + j] += k * _step(name)
+    return {s: x.ravel() for s, x in out.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,9 +162,9 @@ class Layout:
     def _variables(self) -> tuple[str, ...]:
         return (*self.states, *(m.name for m in self.memories), *self.inputs)
 
-    def points(self, at: Mapping[str, float]) -> list[dict[str, float]]:
+    def points(self, at: Mapping[str, float]) -> Points:
         """Return the points that :meth:`model` needs the values of, about ``at``."""
-        return beside(at, self._variables, _FOURTH_ORDER)
+        return beside({n: np.array([x]) for n, x in at.items()}, self._variables, _FOURTH_ORDER)
 
     def model(self, values: FloatArray) -> LinearModel:
         """Return the linear model.
@@ -180,16 +194,17 @@ class Layout:
         """Return the derivatives of all state derivatives, all outputs and all that is followed, in this order.
 
         Args:
-            values: (state derivatives + channels + what memories follow, points) at the points of :func:`beside`.
+            values: (..., state derivatives + channels + what memories follow, points) at the points of :func:`beside`.
             names: k of them.
             weights: as there.
 
-        Returns (states + outputs + memories, k).
+        Returns (..., states + outputs + memories, k).
         """
-        parts = values.reshape(len(values), len(names), len(weights))
-        slopes = sum(w * parts[:, :, k] for k, w in enumerate(weights.values())) / np.array([_step(n) for n in names])
-        first, last = len(self.states), len(slopes) - len(self.memories)
-        return np.vstack([slopes[:last], self.stations @ slopes[first:last], slopes[last:]])
+        parts = values.reshape(*values.shape[:-1], len(names), len(weights))
+        slopes = sum(w * parts[..., k] for k, w in enumerate(weights.values())) / np.array([_step(n) for n in names])
+        first, last = len(self.states), slopes.shape[-2] - len(self.memories)
+        of_stations = self.stations @ slopes[..., first:last, :]
+        return np.concatenate([slopes[..., :last, :], of_stations, slopes[..., last:, :]], axis=-2)
 
     def joined(self, moving: FloatArray, shown: FloatArray, servos: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         """Return A (..., k, k) and C (..., outputs, k) of states, memories and servos from slopes by them.
@@ -252,9 +267,10 @@ class _Point:
         """Whether the speed of its propellers is a state."""
         return self.fdm.propellers.free and "thr" in self.layout.inputs
 
-    def values(self, points: Sequence[Mapping[str, float]]) -> FloatArray:
+    def values(self, points: Points) -> FloatArray:
         """Return the state derivatives, all channels and what the memories follow (rows, points)."""
-        return np.column_stack([self._derivatives(at) for at in points])
+        each = zip(*(x.tolist() for x in points.values()), strict=True)
+        return np.column_stack([self._derivatives(dict(zip(points, x, strict=True))) for x in each])
 
     def _derivatives(self, at: Mapping[str, float]) -> FloatArray:
         """Return the state derivatives, all channels and what the memories follow at one point."""

@@ -16,11 +16,11 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.errors import TestbenchError
-from testbench.core.record import FlightRecord
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight
 from testbench.flight.air import Air
 from testbench.flight.batch.fly import Job, fly_jobs
-from testbench.flight.batch.linear import linearise_many
+from testbench.flight.batch.linear import linearise_flight, linearise_many
 from testbench.flight.batch.trim import trim_many
 from testbench.flight.simulate import ended_early
 from testbench.inputs.signal import InputSignal
@@ -105,6 +105,17 @@ def trims(flyers: Sequence[Flyer]) -> list[TrimmedFlight | TestbenchError]:
 def linear_models(flyers: Sequence[Flyer]) -> list[LinearModel | TestbenchError]:
     """Return the linear model of each about its trim, or why it has none."""
     return _LINEAR.of(flyers, _linearise)
+
+
+def linear_along(
+    flyer: Flyer, flown: FlightRecord, states: Sequence[str]
+) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Return the linear models about every sample of a flight, see :func:`testbench.flight.linearise_along`.
+
+    Raises:
+        TrimError: it has no trim.
+    """
+    return linearise_flight(flyer.aircraft, made(trims([flyer])[0]), flown, states, flyer.simulator)
 
 
 def flights(wanted: Sequence[Wanted]) -> list[FlightRecord | TestbenchError]:
