@@ -78,7 +78,7 @@ def linearise_along(
 def along(
     layout: Layout, flown: FlightRecord, states: Sequence[str], values: Callable[[Points], FloatArray]
 ) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
-    """Return what :func:`linearise_along` does, from ``values`` of any simulator at points, see :meth:`Layout.model`."""
+    """Return what :func:`linearise_along` does, from the ``values`` at points that any simulator gives."""
     n, brought = len(layout.states), [m.name for m in layout.memories]
     servos = [s.removeprefix(SERVO) for s in states if s.startswith(SERVO)]
     wanted = [s for s in states if not s.startswith(SERVO)]

@@ -158,9 +158,7 @@ def fly(
     return record
 
 
-def ended_early(
-    aircraft: Aircraft, manoeuvre: Manoeuvre, record: FlightRecord, log_rate_hz: float
-) -> FlightAborted:
+def ended_early(aircraft: Aircraft, manoeuvre: Manoeuvre, record: FlightRecord, log_rate_hz: float) -> FlightAborted:
     """Return the error of a flight whose record says that it ended before its manoeuvre did."""
     time_s = len(record) / log_rate_hz
     return FlightAborted(

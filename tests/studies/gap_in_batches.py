@@ -42,7 +42,9 @@ def main(arguments: list[str] | None = None) -> int:
             flush=True,
         )
     alone, batch = np.median(seconds, axis=0)
-    print(f"{len(seconds)} cases, {differ} differ; median {alone:.1f} s of one core by JSBSim, {batch:.1f} s in batches")
+    print(
+        f"{len(seconds)} cases, {differ} differ; median {alone:.1f} s of one core by JSBSim, {batch:.1f} s in batches"
+    )
     return int(differ > 0)
 
 

@@ -1,4 +1,4 @@
-"""Linearise trimmed flights, or along a flight: the points of the differences of one aircraft fill blocks of a batch."""
+"""Linearise trimmed flights, or along a flight: the points of one aircraft's differences fill blocks of a batch."""
 
 from __future__ import annotations
 

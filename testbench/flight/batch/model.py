@@ -183,8 +183,7 @@ class _Template:
         free = {at for _, at in places}
         balance = {id(e) for b in tree.iter("mass_balance") for e in b.iter()}
         elements = tuple(
-            (e.tag, attributes(e), None if i in free or id(e) in balance else e.text)
-            for i, e in enumerate(tree.iter())
+            (e.tag, attributes(e), None if i in free or id(e) in balance else e.text) for i, e in enumerate(tree.iter())
         )
         return cls(elements, places)
 
@@ -256,8 +255,9 @@ def _modes(aircraft: Aircraft, condition: FlightCondition) -> tuple[object, ...]
 
 
 def _fixed(aircraft: Aircraft) -> tuple[object, ...]:
+    controls = tuple((n, c.command, c.scale) for n, c in aircraft.controls.items())
     return (
-        tuple(sorted(aircraft.engine_files.items())), tuple((n, c.command, c.scale) for n, c in aircraft.controls.items()),
+        tuple(sorted(aircraft.engine_files.items())), controls,
         tuple(aircraft.limits), None if aircraft.adapter is None else tuple(sorted(aircraft.adapter.settings.items())),
     )  # fmt: skip
 

@@ -186,9 +186,7 @@ class Believed:
             raise with_instability(found, self.aircraft, "measured commands", self.linear)
         return made(found)
 
-    def wanted(
-        self, record: FlightRecord, channels: tuple[str, ...] | None = None, air: Air | None = None
-    ) -> Wanted:
+    def wanted(self, record: FlightRecord, channels: tuple[str, ...] | None = None, air: Air | None = None) -> Wanted:
         """Return what :meth:`flown` flies, to be asked for together with others.
 
         Raises:

@@ -187,8 +187,9 @@ def _fly(wanted: Sequence[Wanted]) -> list[FlightRecord | TestbenchError]:
 
 def _whole(job: Job, flown: FlightRecord | TestbenchError) -> FlightRecord | TestbenchError:
     """Return a flight, or the error of one that ended early."""
-    early = isinstance(flown, FlightRecord) and flown.outcome == "aborted"
-    return ended_early(job.aircraft, job.manoeuvre, flown, job.log_rate_hz) if early else flown
+    if isinstance(flown, TestbenchError) or flown.outcome == "completed":
+        return flown
+    return ended_early(job.aircraft, job.manoeuvre, flown, job.log_rate_hz)
 
 
 def _from_trims(
@@ -196,9 +197,7 @@ def _from_trims(
 ) -> list[T | TestbenchError]:
     """Return what is made of each key from the trim of its flyer, or why that has none."""
     found = trims(flyers)
-    able = [
-        (k, f, x) for k, f, x in zip(keys, flyers, found, strict=True) if not isinstance(x, TestbenchError)
-    ]
+    able = [(k, f, x) for k, f, x in zip(keys, flyers, found, strict=True) if not isinstance(x, TestbenchError)]
     of = _grouped([(k, x) for k, _, x in able], [f for _, f, _ in able], make)
     made_of = dict(zip((k for k, _, _ in able), of, strict=True))
     return [x if isinstance(x, TestbenchError) else made_of[k] for k, x in zip(keys, found, strict=True)]

@@ -85,16 +85,15 @@ def test_amended_aircraft_are_trimmed_and_linearised_in_blocks_as_by_jsbsim(name
             np.testing.assert_allclose(got, right, rtol=0.0, atol=1e-8 * (1.0 + np.max(np.abs(right))))
 
 
-
-
 @pytest.mark.parametrize("effect", ["wake_lag", "filtered_pitch_damper", "wing_bending"])
 def test_an_amended_aircraft_is_linearised_along_its_flight_in_blocks_as_by_jsbsim(effect):
     aircraft, condition, suite = load_aircraft("eolo", "rigid"), CONDITIONS["eolo"], load_suite("eolo_gap")
     amended, trimmed = flyable(aircraft, library(suite, aircraft)[effect], suite, condition)
     flown = fly(amended, trimmed, every_control(amended, trimmed), 5.0)
     states = [s for s in linearise(amended, trimmed).states if s not in ("h", "phi", "psi")]
-    (A, C, outputs), right = linearise_flight(amended, trimmed, flown, states), linearise_along(
-        amended, trimmed, flown, states
+    (A, C, outputs), right = (
+        linearise_flight(amended, trimmed, flown, states),
+        linearise_along(amended, trimmed, flown, states),
     )
     assert outputs == right[2]
     np.testing.assert_allclose(A, right[0], rtol=0.0, atol=1e-6 * np.max(np.abs(right[0])))

@@ -15,8 +15,8 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric.kalman.gain import sampled_noise
 from testbench.flight.air import scale_lengths, turbulence_rms
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.flights import linear_along
 from testbench.questions.gap.evidence.gusts import INERTIAL
+from testbench.questions.gap.flights import linear_along
 from testbench.sensors import Sensor
 
 _LATERAL = {"beta", "v", "p", "r", "phi", "psi", "ay", "pdot", "rdot"}
