@@ -280,7 +280,7 @@ class Believed:
     @property
     def outputs(self) -> tuple[str, ...]:
         """Channels of the suite that are compared: all but commands, deflections and those left out."""
-        return _compared(self.suite).outputs
+        return _outputs(self.suite)
 
     @property
     def noise_std(self) -> FloatArray:
@@ -317,26 +317,29 @@ class _Compared:
     """What of a suite is compared.
 
     Attributes:
-        outputs: channels.
         noise_std: (outputs,).
         ideal: the outputs' sensors with everything that is certain (scale, lag, delay, position) and nothing random.
         needed: the true channels that they are made of.
     """
 
-    outputs: tuple[str, ...]
     noise_std: FloatArray
     ideal: SensorSuite
     needed: tuple[str, ...]
 
 
 @lru_cache(maxsize=256)
-def _compared(suite: SensorSuite) -> _Compared:
+def _outputs(suite: SensorSuite) -> tuple[str, ...]:
     without = left_out(suite)
-    outputs = tuple(n for n in suite.channels if n.removesuffix("_cmd") not in CONTROLS and n not in without)
+    return tuple(n for n in suite.channels if n.removesuffix("_cmd") not in CONTROLS and n not in without)
+
+
+@lru_cache(maxsize=256)
+def _compared(suite: SensorSuite) -> _Compared:
+    outputs = _outputs(suite)
     drift = {s.channel: s.drift_over(DRIFT_OVER_S) for s in suite.sensors}
     noise_std = np.array([float(np.hypot(suite.noise_std[n], drift[n])) for n in outputs])
     ideal = replace(suite, sensors=tuple(s for s in suite.sensors if s.channel in outputs)).without_errors()
-    return _Compared(outputs, noise_std, ideal, tuple(dict.fromkeys(n for s in ideal.sensors for n in s.needs)))
+    return _Compared(noise_std, ideal, tuple(dict.fromkeys(n for s in ideal.sensors for n in s.needs)))
 
 
 @lru_cache(maxsize=128)
