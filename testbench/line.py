@@ -15,7 +15,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.bring import short
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import located
+from testbench.core.errors import TestbenchError, located
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.base import Condition, FlownAt, FlownInAir, Preparation, Simulation
 from testbench.core.scenario.inputs import Input
@@ -25,8 +25,9 @@ from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
 from testbench.evaluation import Evaluation, evaluate
 from testbench.evaluation.truth import Truth, told_of
-from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, fly, linearise, trim
+from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, linearise, trim
 from testbench.flight.air import Air, air_of
+from testbench.flight.simulate import aborted
 from testbench.inputs import InputSignal, build
 from testbench.sensors import SensorSuite
 
@@ -108,6 +109,7 @@ def fly_and_measure(
     use: str = "identification",
     settled: bool = False,
     keep: Keep | None = None,
+    flown: FlightRecord | None = None,
 ) -> Flight:
     """Fly one manoeuvre from trim and measure it through every suite.
 
@@ -126,6 +128,7 @@ def fly_and_measure(
         use: what the record is for.
         settled: measured records begin after ``settle_s``.
         keep: gets the truth as NAME_truth (NAME_aborted if the flight ends early) and records as NAME_SUITE.
+        flown: its truth, if it has been flown already, see :func:`testbench.flight.batch.fly.fly_many`.
 
     Raises:
         LimitError: a rate, a command or the air breaks its law.
@@ -144,31 +147,62 @@ def fly_and_measure(
         >>> flight.measured["taurus_8hz"].channels
         ('theta', 'q', 'u', 'h', 'de_cmd')
     """
-    signal = inputs if isinstance(inputs, InputSignal) else build(inputs, duration_s, trimmed.rate_hz)
     try:
-        truth = fly(aircraft, trimmed, Manoeuvre(name, signal, settle_s), log_rate_hz, channels, air)
+        if flown is None:
+            manoeuvre = manoeuvre_of(name, inputs, duration_s, settle_s, trimmed.rate_hz)
+            flown = fly(aircraft, trimmed, manoeuvre, log_rate_hz, channels, air)
+        elif flown.outcome == "aborted":
+            raise aborted(flown, aircraft.name, name, log_rate_hz)
     except FlightAborted as error:
         if keep is not None and error.record is not None and len(error.record):
             keep(f"{name}_aborted", error.record)
-        raise with_instability(error, aircraft, name, linearise(aircraft, trimmed)) from error
+        raise _with_instability(error, aircraft, trimmed, name) from error
     if keep is not None:
-        keep(f"{name}_truth", truth)
+        keep(f"{name}_truth", flown)
     measured = {}
     for suite in suites:
-        record = suite.measure(truth, seed)
+        record = suite.measure(flown, seed)
         measured[suite.name] = record.between(settle_s, np.inf) if settled else record
         if keep is not None:
             keep(f"{name}_{suite.name}", measured[suite.name])
-    return Flight(name, use, truth, measured, settle_s)
+    return Flight(name, use, flown, measured, settle_s)
 
 
-def with_instability(error: FlightAborted, aircraft: Aircraft, name: str, linear: LinearModel) -> FlightAborted:
+def flown_already(
+    aircraft: Aircraft, trimmed: TrimmedFlight, name: str, log_rate_hz: float, flown: FlightRecord | TestbenchError
+) -> FlightRecord:
+    """Return the record of a flight of many that was completed.
+
+    Raises:
+        FlightAborted: it left the limits of the aircraft; with the time to double if that is unstable.
+        TestbenchError: why it was not flown.
+    """
+    if isinstance(flown, TestbenchError):
+        raise flown
+    if flown.outcome == "aborted":
+        raise _with_instability(aborted(flown, aircraft.name, name, log_rate_hz), aircraft, trimmed, name)
+    return flown
+
+
+def manoeuvre_of(
+    name: str, inputs: Sequence[Input] | InputSignal, duration_s: float, settle_s: float, rate_hz: float
+) -> Manoeuvre:
+    """Return a manoeuvre from entries of a scenario, or from a signal at the simulation rate.
+
+    Raises:
+        LimitError: an entry breaks its law.
+    """
+    signal = inputs if isinstance(inputs, InputSignal) else build(inputs, duration_s, rate_hz)
+    return Manoeuvre(name, signal, settle_s)
+
+
+def _with_instability(error: FlightAborted, aircraft: Aircraft, trimmed: TrimmedFlight, name: str) -> FlightAborted:
     """Return the error of a flight that ended early, with the time to double if the aircraft is unstable.
 
     An unstable aircraft may be flown for as long as it stays inside its limits. If it leaves them after several times
     the time in which its motion doubles, no smaller input would help for long, and the message says so.
     """
-    growth = float(linear.poles().real.max())
+    growth = float(linearise(aircraft, trimmed).poles().real.max())
     if not growth * error.time_s > math.log(_DOUBLED):
         return error
     return FlightAborted(

@@ -5,6 +5,7 @@
 
     testbench.envs.register()
     env = gymnasium.make("testbench/ExcitationDesign-v0", task="taurus")
+    envs = gymnasium.make_vec("testbench/ExcitationDesign-v0", num_envs=64, task="taurus", dynamics="jsbsim")
 
 Needs the extra ``envs`` (``rl`` to train agents, too). Nothing is registered, and gymnasium is not imported, before
 :func:`register` is called.
@@ -15,6 +16,7 @@ from __future__ import annotations
 from testbench.core.errors import MissingPackage
 
 ENTRY_POINT = "testbench.envs.excitation:ExcitationDesign"
+VECTOR_ENTRY_POINT = "testbench.envs.vector:make"
 DEFAULT = "testbench/ExcitationDesign-v0"
 AIRCRAFT = ("eolo", "taurus", "b1")
 ACTIONS = ("continuous", "discrete")
@@ -48,5 +50,5 @@ def register() -> tuple[str, ...]:
     names = environment_names()
     for name, arguments in names.items():
         if name not in gymnasium.registry:
-            gymnasium.register(name, entry_point=ENTRY_POINT, kwargs=arguments)
+            gymnasium.register(name, ENTRY_POINT, vector_entry_point=VECTOR_ENTRY_POINT, kwargs=arguments)
     return tuple(names)

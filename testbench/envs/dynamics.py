@@ -58,7 +58,11 @@ class LinearFlight:
 
 
 class JSBSimFlight:
-    """JSBSim flies and is sensed; the sensitivities are those of the linearised aircraft under the same commands."""
+    """JSBSim flies and is sensed; the sensitivities are those of the linearised aircraft under the same commands.
+
+    Attributes:
+        columns: channel that is logged -> its column.
+    """
 
     def __init__(self, task: Task, lifted: Lifted) -> None:
         self._task, self._linear, self._lifted = task, LinearFlight(task, lifted), lifted
@@ -71,7 +75,7 @@ class JSBSimFlight:
         self._limited = [n for n in prediction.names if " of " not in n]
         needed = [*(n for s in self._sensors for n in s.needs), *self._limited, *problem.controls, "theta", "phi"]
         self._channels = tuple(dict.fromkeys(needed))
-        self._columns = {n: i for i, n in enumerate(self._channels)}
+        self.columns = {n: i for i, n in enumerate(self._channels)}
         self._flight: SteppedFlight | None = None
 
     def reset(self, quiet: int) -> FloatArray:
@@ -106,8 +110,8 @@ class JSBSimFlight:
 
     def attitude(self) -> tuple[float, float]:
         """Return pitch and bank now, rad."""
-        return float(self._rows[self._count - 1, self._columns["theta"]]), float(
-            self._rows[self._count - 1, self._columns["phi"]]
+        return float(self._rows[self._count - 1, self.columns["theta"]]), float(
+            self._rows[self._count - 1, self.columns["phi"]]
         )
 
     def _seen(self, first: int, count: int) -> FloatArray:
@@ -135,10 +139,10 @@ class JSBSimFlight:
             if name.startswith("command of "):
                 out[:, i] = u[list(problem.controls).index(name.removeprefix("command of "))]  # type: ignore[arg-type]
             elif name.startswith("rate of "):
-                j = self._columns[name.removeprefix("rate of ")]
+                j = self.columns[name.removeprefix("rate of ")]
                 out[:, i] = np.diff(np.concatenate([before[j : j + 1], rows[:, j]])) * problem.rate_hz
             else:
-                out[:, i] = rows[:, self._columns[name]] - prediction.trim[name]
+                out[:, i] = rows[:, self.columns[name]] - prediction.trim[name]
         return np.stack([out / prediction.high, out / prediction.low], axis=1)
 
 

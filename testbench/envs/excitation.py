@@ -14,7 +14,6 @@ it.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -33,6 +32,7 @@ from testbench.core.record import FloatArray
 from testbench.envs.dynamics import JSBSimFlight, LinearFlight, Piece
 from testbench.envs.gain import Gain
 from testbench.envs.lifted import lift
+from testbench.envs.sensing import Display
 from testbench.envs.tasks import amplitude, prepare
 from testbench.information.fisher import Criterion
 
@@ -43,7 +43,7 @@ Observation = NDArray[np.float32]
 LEVELS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 """Commands of the discrete version, in shares of the amplitude; action 0 holds the command, action i + 1 steps to i."""
 
-_RATE_TOLERANCE = 1e-6
+RATE_TOLERANCE = 1e-6
 _FAR = 1e4  # in units of the observation: a flight ends within the decision that takes it beyond a limit, which is 1
 
 
@@ -76,6 +76,17 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
         breach_cost: of a broken limit, nats.
         render_mode: None or "rgb_array".
 
+    Attributes:
+        task: what is flown.
+        amplitude: (m,) command either side of trim, rad (1 for the throttle), that a full action means.
+        steps: decisions of a flight.
+        quiet: samples before the first decision.
+        samples: of a flight.
+        rate_hz: of the samples.
+        lifted: one decision of the linear aircraft.
+        gain: what the flight has told.
+        display: how samples are shown.
+
     Raises:
         ScenarioError: an unknown task or option.
         LimitError: a decision that is no whole number of samples, or limits without room.
@@ -107,69 +118,49 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
         experiment = problem.experiment
         rate = problem.rate_hz / experiment.stride
         self.decision_s = decision_s if decision_s is not None else math.ceil(problem.shortest_s * rate - 1e-9) / rate
-        self._r = _whole(self.decision_s * rate, "decision_s", f"of {1.0 / rate:g} s")
-        self._quiet = _whole(problem.start_s * rate, "start_s", f"of {1.0 / rate:g} s")
-        if not 1 <= stack <= self._quiet:
+        r = _whole(self.decision_s * rate, "decision_s", f"of {1.0 / rate:g} s")
+        self.quiet = _whole(problem.start_s * rate, "start_s", f"of {1.0 / rate:g} s")
+        if not 1 <= stack <= self.quiet:
             raise LimitError(
-                f"1 <= stack <= {self._quiet}, the samples before the first decision, must hold, got {stack}"
+                f"1 <= stack <= {self.quiet}, the samples before the first decision, must hold, got {stack}"
             )
-        self.steps = (experiment.samples - self._quiet) // self._r
+        self.steps = (experiment.samples - self.quiet) // r
         if self.steps < 1:
             raise LimitError(
                 f"the record must hold at least one decision of {self.decision_s:g} s, got {problem.duration_s:g} s"
             )
-        lifted = lift(problem, self._r)
+        self.lifted = lifted = lift(problem, r)
+        self.dynamics = dynamics
         self.criterion: Criterion = criterion
         self.near = near
-        self._gain = Gain(problem, criterion, prior)
+        self.gain = Gain(problem, criterion, prior)
         p, k = lifted.p, lifted.k
         first = lifted.nz + lifted.r * p
-        scale = np.tile(self._gain.sensitivity_scale, (lifted.r, 1, 1))
+        scale = np.tile(self.gain.sensitivity_scale, (lifted.r, 1, 1))
         lifted.matrix[first : first + lifted.r * p * k] *= scale.reshape(-1, 1)
         self._flight = LinearFlight(self.task, lifted) if dynamics == "linear" else JSBSimFlight(self.task, lifted)
-        self._rate, self._stack = rate, stack
-        self._near_cost, self._breach_cost, self._discrete = near_cost, breach_cost, actions == "discrete"
-        self._sensors = experiment.sensors
-        self._centre, self._unit = self._display()
-        quantum = np.array([s.quantum or 1e-9 * u for s, u in zip(self._sensors, self._unit, strict=True)])
-        self._counts, self._step_shown = 1.0 / quantum, quantum / self._unit
-        self._centre_shown = self._centre / self._unit
-        self._exact = tuple(replace(s, quantum=0.0) for s in self._sensors)  # rounded together with the signal, later
-        self._every = np.array([round(rate / (s.rate_hz or rate)) for s in self._sensors])
-        self._slow = bool(np.any(self._every > 1) or any(s.dropout > 0.0 for s in self._sensors))
+        self.rate_hz, self.stack = rate, stack
+        self.near_cost, self.breach_cost, self.discrete = near_cost, breach_cost, actions == "discrete"
+        self.samples = self.quiet + self.steps * r
+        self.display = Display(self.task, rate, self.samples)
         m, t = len(problem.controls), len(problem.targets.names)
         size = stack * p + m + 1 + t
         low, high = np.full(size, -_FAR, np.float32), np.full(size, _FAR, np.float32)
         low[stack * p : stack * p + m], high[stack * p : stack * p + m] = -1.0, 1.0
         low[stack * p + m :], high[stack * p + m :] = 0.0, 1.0
         self.observation_space = gymnasium.spaces.Box(low, high, dtype=np.float32)
-        if not self._discrete:
+        if not self.discrete:
             self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (m,), np.float32)
         elif m == 1:
             self.action_space = gymnasium.spaces.Discrete(len(LEVELS) + 1)
         else:
             self.action_space = gymnasium.spaces.MultiDiscrete([len(LEVELS) + 1] * m)
-        self._samples = self._quiet + self.steps * self._r
-        self._seen, self._shown = np.empty((self._samples, p)), np.empty((self._samples, p))
+        self._seen, self._shown = np.empty((self.samples, p)), np.empty((self.samples, p))
         self._u = np.zeros((self.steps, m))
         self._uses = np.zeros(self.steps)
         self._costs = np.ones(self.steps + 1)
         self._step, self._over, self._largest = 0, True, 0.0
         self._now, self._left = np.zeros(m), np.ones(1)
-
-    def _display(self) -> tuple[FloatArray, FloatArray]:
-        """Return what the observation subtracts from the sensors and divides by (p,) each."""
-        problem = self.task.problem
-        prediction, at = problem.prediction, self.task.trimmed.state
-        centre, unit = [], []
-        for sensor, sigma in zip(self._sensors, problem.experiment.sigma, strict=True):
-            centre.append(float(sensor.feel({n: np.array([at[n]]) for n in sensor.needs})[0]) * sensor.scale)
-            if sensor.channel in prediction.names:
-                i = prediction.names.index(sensor.channel)
-                unit.append(float(min(prediction.high[i], -prediction.low[i])))
-            else:
-                unit.append(10.0 * float(sigma))
-        return np.array(centre), np.array(unit)
 
     @property
     def commands(self) -> FloatArray:
@@ -179,7 +170,7 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
     @property
     def information(self) -> FloatArray:
         """(k, k) Fisher information of the flight so far about the parameters that are estimated."""
-        return self._gain.information
+        return self.gain.information
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -192,16 +183,16 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
         super().reset(seed=seed)
         if options:
             raise ScenarioError([f"reset takes no options, got {', '.join(options)}"])
-        self._draw(int(self.np_random.integers(2**31)))
-        self._gain.reset(self._quiet)
-        self._seen[: self._quiet] = self._flight.reset(self._quiet)
-        self._measure(0, self._quiet)
+        self._drawn = self.display.draw(int(self.np_random.integers(2**31)))
+        self.gain.reset(self.quiet)
+        self._seen[: self.quiet] = self._flight.reset(self.quiet)
+        self._measure(0, self.quiet)
         self._step, self._over, self._largest = 0, False, 0.0
         self._now = np.zeros(len(self.amplitude))
-        known = self._gain.known()
+        known = self.gain.known()
         self._log_cost, self._relative = known
         self._costs[0] = math.exp(known.log_cost)
-        return self._observe(), {"cost": self._costs[0], "use": 0.0, "t_s": self._quiet / self._rate}
+        return self._observe(), {"cost": self._costs[0], "use": 0.0, "t_s": self.quiet / self.rate_hz}
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Hold the commands of ``action`` for one decision.
@@ -214,27 +205,27 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
         self._now = self._level(action)
         u = self._now * self.amplitude
         piece = self._flight.fly(u)
-        at = self._quiet + self._step * self._r
-        self._seen[at : at + self._r] = piece.seen
-        self._measure(at, at + self._r)
+        at = self.quiet + self._step * self.lifted.r
+        self._seen[at : at + self.lifted.r] = piece.seen
+        self._measure(at, at + self.lifted.r)
         use = float(np.maximum.reduce(piece.use, axis=None))
         self._u[self._step], self._uses[self._step] = u, use
         self._step += 1
         broken = bool(piece.ended) or not use <= 1.0
         if broken:
-            reward = -self._breach_cost
+            reward = -self.breach_cost
         else:
-            self._gain.add(piece.sensitivities)
-            known = self._gain.known()
+            self.gain.add(piece.sensitivities)
+            known = self.gain.known()
             reward = self._log_cost - known.log_cost
             self._log_cost, self._relative = known
             if use > self.near:
-                reward -= self._near_cost * ((use - self.near) / (1.0 - self.near)) ** 2
+                reward -= self.near_cost * ((use - self.near) / (1.0 - self.near)) ** 2
         self._largest = max(self._largest, use)
         cost = math.exp(self._log_cost)
         self._costs[self._step] = cost
         over = self._step == self.steps
-        info: dict[str, Any] = {"cost": cost, "use": use, "t_s": (at + self._r) / self._rate}
+        info: dict[str, Any] = {"cost": cost, "use": use, "t_s": (at + self.lifted.r) / self.rate_hz}
         if broken or over:
             names = self.task.problem.targets.names
             info["limit"] = self._which(piece) if broken else ""
@@ -246,47 +237,28 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
 
     def _level(self, action: Any) -> FloatArray:
         """Return the commands (m,), in amplitudes, that an action means."""
-        if self._discrete:
+        if self.discrete:
             chosen = np.atleast_1d(np.asarray(action))
             inside = chosen.shape == self._now.shape and all(0 <= a <= len(LEVELS) and a == int(a) for a in chosen)
             if not inside:
                 raise LimitError(f"an action must be 0 (hold) to {len(LEVELS)} per control, got {action}")
             return np.array([now if a == 0 else LEVELS[int(a) - 1] for a, now in zip(chosen, self._now, strict=True)])
         level = np.asarray(action, float)
-        most = 1.0 + _RATE_TOLERANCE
+        most = 1.0 + RATE_TOLERANCE
         if level.shape != self._now.shape or not all(-most <= a <= most for a in level.tolist()):
             raise LimitError(f"an action must hold {self._now.size} numbers from -1 to 1, got {action}")
         return level
 
-    def _draw(self, seed: int) -> None:
-        """Draw what the sensors add (N, p) and, where samples are held or lost, which sample each instant shows."""
-        n, p = self._samples, len(self._sensors)
-        self._error = np.empty((n, p))
-        self._source = np.tile(np.arange(n)[:, None], (1, p)) if self._slow else None
-        for i, sensor in enumerate(self._exact):
-            every = int(self._every[i])
-            count = -(-n // every)
-            error, arrived = sensor.sample(np.zeros(count), seed, every / self._rate)
-            self._error[:, i] = np.repeat(error, every)[:n] if every > 1 else error
-            if self._source is not None:
-                last = np.maximum.accumulate(np.where(arrived, np.arange(count), 0)) * every
-                self._source[:, i] = np.repeat(last, every)[:n]
-        if self._source is not None:
-            self._error = np.take_along_axis(self._error, self._source, axis=0)
-            self._source = self._source * p + np.arange(p)  # place in the flattened samples
-
     def _measure(self, start: int, stop: int) -> None:
         """Fill in what the sensors show of samples ``start`` to ``stop``."""
-        if self._source is None:
-            y = self._seen[start:stop] + self._error[start:stop]
-        else:
-            y = self._seen.take(self._source[start:stop]) + self._error[start:stop]
-        self._shown[start:stop] = np.rint(y * self._counts) * self._step_shown - self._centre_shown
+        error, source = self._drawn
+        felt = self._seen[start:stop] if source is None else self._seen.take(source[start:stop])
+        self._shown[start:stop] = self.display.show(felt + error[start:stop])
 
     def _observe(self) -> Observation:
-        done = self._quiet + self._step * self._r
+        done = self.quiet + self._step * self.lifted.r
         self._left[0] = 1.0 - self._step / self.steps
-        parts = (self._shown[done - self._stack : done].ravel(), self._now, self._left, 1.0 / (1.0 + self._relative))
+        parts = (self._shown[done - self.stack : done].ravel(), self._now, self._left, 1.0 / (1.0 + self._relative))
         return np.concatenate(parts, dtype=np.float32, casting="same_kind")
 
     def _which(self, piece: Piece) -> str:
@@ -300,19 +272,19 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
         """Return the flight so far as the report draws it."""
         from testbench.envs.figures import Episode
 
-        done, problem = self._quiet + self._step * self._r, self.task.problem
+        done, problem = self.quiet + self._step * self.lifted.r, self.task.problem
         theta, phi = self._flight.attitude()
         return Episode(
             title=f"{self.task.aircraft.name}, {self.task.scenario.condition.V_m_s:g} m/s",
-            start_s=self._quiet / self._rate,
+            start_s=self.quiet / self.rate_hz,
             decision_s=self.decision_s,
-            duration_s=self._samples / self._rate,
-            sensor_rate_hz=self._rate,
+            duration_s=self.samples / self.rate_hz,
+            sensor_rate_hz=self.rate_hz,
             controls=problem.controls,
             u=self.commands,
             amplitude=self.amplitude,
-            channels=tuple(s.channel for s in self._sensors),
-            y=self._shown[:done] * self._unit + self._centre,
+            channels=tuple(s.channel for s in problem.experiment.sensors),
+            y=self._shown[:done] * self.display.unit + self.display.centre,
             use=self._uses[: self._step].copy(),
             cost=self._costs[: self._step + 1].copy(),
             theta=theta,
@@ -331,7 +303,7 @@ class ExcitationDesign(gymnasium.Env[Observation, Any]):
 
 def _whole(ratio: float, what: str, of: str) -> int:
     whole = round(ratio)
-    if whole < 1 or abs(ratio - whole) > _RATE_TOLERANCE * max(ratio, 1.0):
+    if whole < 1 or abs(ratio - whole) > RATE_TOLERANCE * max(ratio, 1.0):
         raise LimitError(f"{what} must be a whole number of samples {of} of the fastest sensors, got {ratio:g} of them")
     return whole
 

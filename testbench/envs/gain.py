@@ -11,7 +11,7 @@ Statistical Science 10, 1995).
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dgeqrf, dpotrf, dtrtrs
@@ -23,9 +23,12 @@ from testbench.questions.design.problem import Problem
 
 
 class Known(NamedTuple):
-    """Natural logarithm of the cost, and standard errors of the targets over the wanted ones (t,)."""
+    """Natural logarithm of the cost, and standard errors of the targets over the wanted ones (t,).
 
-    log_cost: float
+    Of many flights at once they have one axis more, the first.
+    """
+
+    log_cost: Any
     relative: FloatArray
 
 
@@ -42,33 +45,37 @@ class Gain:
         EstimationError: no prior, or targets that depend on one another under criterion D.
 
     Attributes:
+        prior: (k,) standard errors before the flight.
         sensitivity_scale: (p, k) factors on sensitivities before they enter: prior standard errors over noise.
+        gradient: (k, t) of the targets in wanted errors by the parameters in prior standard errors.
+        taken: (N, p) root of the share of samples that each sensor delivers at each instant.
+        criterion: which cost.
     """
 
     def __init__(self, problem: Problem, criterion: Criterion, prior: float) -> None:
         if not prior > 0.0:
             raise EstimationError(f"prior > 0 must hold for what is believed before the flight, got {prior:g}")
         true = problem.experiment.structure.true
-        self._prior = prior * np.where(true == 0.0, 1.0, np.abs(true))
-        self.sensitivity_scale = self._prior / problem.experiment.sigma[:, None]
-        self._criterion = criterion
-        self._gradient = np.asfortranarray((problem.targets.gradient * self._prior).T)
-        if criterion == "D" and np.linalg.matrix_rank(self._gradient) < len(problem.targets.names):
+        self.prior = prior * np.where(true == 0.0, 1.0, np.abs(true))
+        self.sensitivity_scale = self.prior / problem.experiment.sigma[:, None]
+        self.criterion = criterion
+        self.gradient = np.asfortranarray((problem.targets.gradient * self.prior).T)
+        if criterion == "D" and np.linalg.matrix_rank(self.gradient) < len(problem.targets.names):
             raise EstimationError(
                 "the volume of the error ellipsoid needs targets that do not depend on one another, but "
                 f"{', '.join(problem.targets.names)} do; leave some out or choose criterion 'worst'"
             )
-        self._taken = _taken(problem)
+        self.taken = _taken(problem)
         self._eye = np.eye(len(true))
         self._p = len(problem.experiment.sensors)
-        self._always = bool(np.all(self._taken == 1.0))
+        self._always = bool(np.all(self.taken == 1.0))
         self.reset(0)
 
     def reset(self, quiet: int) -> None:
         """Begin again after ``quiet`` samples of undisturbed flight, which tell the offsets alone."""
         k = len(self._eye)
         self._M, self._b = np.zeros((k, k)), np.zeros((self._p, k))
-        self._c = np.sum(self._taken[:quiet] ** 2, axis=0)
+        self._c = np.sum(self.taken[:quiet] ** 2, axis=0)
         self._n = quiet
 
     def add(self, S: FloatArray) -> None:
@@ -77,7 +84,7 @@ class Gain:
         if self._always:
             self._b += np.add.reduce(S, 0)
         else:
-            w = self._taken[self._n : self._n + r]
+            w = self.taken[self._n : self._n + r]
             self._b += (S * (w * w)[:, :, None]).sum(axis=0)
             self._c = self._c + (w * w).sum(axis=0)
             S = S * w[:, :, None]
@@ -88,7 +95,7 @@ class Gain:
     @property
     def information(self) -> FloatArray:
         """Fisher information (k, k) so far, without the prior."""
-        return np.asarray(self._projected() / np.outer(self._prior, self._prior))
+        return np.asarray(self._projected() / np.outer(self.prior, self.prior))
 
     def _projected(self) -> FloatArray:
         if self._always:  # every sensor has had as many samples
@@ -104,15 +111,15 @@ class Gain:
         L, failed = dpotrf(self._projected() + self._eye, lower=1)
         if failed:
             raise EstimationError("information must stay finite; the linear aircraft has diverged, shorten the flight")
-        half, _ = dtrtrs(L, self._gradient, lower=1)  # covariance of the targets: half' half
+        half, _ = dtrtrs(L, self.gradient, lower=1)  # covariance of the targets: half' half
         variance = np.add.reduce(half * half, 0)
         relative = np.sqrt(variance)
-        if self._criterion == "D":  # volume of the ellipsoid: product of the diagonal of R in half = Q R
+        if self.criterion == "D":  # volume of the ellipsoid: product of the diagonal of R in half = Q R
             volume = abs(float(np.multiply.reduce(dgeqrf(half)[0].diagonal())))
             return Known(math.log(volume) / len(relative), relative)
-        if self._criterion == "worst":
+        if self.criterion == "worst":
             return Known(0.5 * float(np.log(variance.max())), relative)
-        if self._criterion == "A":
+        if self.criterion == "A":
             return Known(0.5 * float(np.log(variance.mean())), relative)
         return Known(float(np.log(np.linalg.svd(half, compute_uv=False)[0])), relative)
 

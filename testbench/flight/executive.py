@@ -274,6 +274,8 @@ class Executive:
                 self.propellers.hold()
             else:
                 self.propellers.settle()
+                if to_rest:
+                    self.propellers.rest(self.to_rest)
 
     @contextmanager
     def still(self) -> Iterator[None]:

@@ -267,6 +267,15 @@ class Propellers:
             self._fdm.fdm.run_ic()
         self.hold()
 
+    def rest(self, times: int) -> None:
+        """Evaluate all forces again at the speeds found: what loops over evaluations has still those before in it.
+
+        Turboprops are left as they are held, since they give nothing while time stands still.
+        """
+        if not self._turboprops:
+            for _ in range(times):
+                self._fdm.fdm.run_ic()
+
     def hold(self) -> None:
         """Let engines give the power of their throttle, speeds held, where they would not while time stands still."""
         if self._turboprops:

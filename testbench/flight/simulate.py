@@ -154,15 +154,15 @@ def fly(
     if wanted is not None:
         record = record.select(wanted)
     if reason:
-        raise ended_early(aircraft, manoeuvre, record, log_rate_hz)
+        raise aborted(record, aircraft.name, manoeuvre.name, log_rate_hz)
     return record
 
 
-def ended_early(aircraft: Aircraft, manoeuvre: Manoeuvre, record: FlightRecord, log_rate_hz: float) -> FlightAborted:
-    """Return the error of a flight whose record says that it ended before its manoeuvre did."""
+def aborted(record: FlightRecord, aircraft: str, manoeuvre: str, log_rate_hz: float) -> FlightAborted:
+    """Return the error of a flight that left its limits, which carries its record."""
     time_s = len(record) / log_rate_hz
     return FlightAborted(
-        f"{aircraft.name} left its limits at t = {time_s:.2f} s of manoeuvre '{manoeuvre.name}': {record.reason}; "
+        f"{aircraft} left its limits at t = {time_s:.2f} s of manoeuvre '{manoeuvre}': {record.reason}; "
         "reduce the amplitude or the duration of the input",
         time_s,
         record.reason,

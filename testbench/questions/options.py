@@ -28,11 +28,17 @@ class Wings(str, Enum):
     rigid = "rigid"
 
 
-class Simulator(str, Enum):
-    """Whether many flights may be flown together."""
+class FlownBy(str, Enum):
+    """What flies the flights of a question."""
 
     auto = "auto"
     jsbsim = "jsbsim"
+
+
+SimulatorOption = Annotated[
+    FlownBy,
+    typer.Option("--simulator", help="jsbsim flies one flight after the other; auto flies many at once where it can."),
+]
 
 
 class ShowByDefault(TyperGroup):

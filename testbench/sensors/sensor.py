@@ -200,17 +200,21 @@ class Sensor:
             seed: >= 0.
             dt_s: its own sample time; matters to a drifting bias only.
         """
-        root = np.random.SeedSequence([seed, zlib.crc32(self.channel.encode())])
-        losses, drift = root.spawn(2)
+        entropy = [seed, zlib.crc32(self.channel.encode())]
+        root = np.random.SeedSequence(entropy)
         y = x + self.bias + self.noise_std * np.random.default_rng(root).standard_normal(x.size)
         if self.drift_std > 0.0 or self.bias_walk > 0.0:
-            y = y + self._drift(x.size, dt_s, np.random.default_rng(drift))
+            drift = np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(1,)))
+            y = y + self._drift(x.size, dt_s, drift)
         if self.quantum > 0.0:
             y = self.quantum * np.rint(y / self.quantum)
         if self.channel == "psi":
             y = np.mod(y, 2.0 * np.pi)
             y[y >= 2.0 * np.pi] = 0.0  # mod of a tiny negative number rounds up to 2 pi itself
-        arrived = np.random.default_rng(losses).random(x.size) >= self.dropout
+        if self.dropout == 0.0:
+            return y, np.ones(x.size, bool)
+        losses = np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(0,)))
+        arrived = losses.random(x.size) >= self.dropout
         arrived[:1] = True
         return y, arrived
 

@@ -28,6 +28,17 @@ def test_a_propeller_is_trimmed_where_it_keeps_its_speed(c172p):
     assert trimmed.state["motor_speed"] > 100.0
 
 
+def test_a_placed_aircraft_is_at_rest_after_its_propeller_was_settled(c172p):
+    """Its lift depends on alphadot: a loop over evaluations, into which the propeller's new speed comes last."""
+    aircraft, trimmed, _ = c172p
+    fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
+    place_at_trim(fdm, trimmed)
+    before = fdm.get("accelerations/qdot-rad_sec2")
+    fdm.fdm.run_ic()
+    assert abs(fdm.get("accelerations/qdot-rad_sec2") - before) < 1e-12
+    assert abs(before) < 1e-6
+
+
 def test_speed_and_manifold_pressure_are_states(c172p):
     _, _, model = c172p
     assert model.states[-2:] == ("motor_speed", "manifold_pressure")

@@ -29,6 +29,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.batch.compiled import SOURCES
+from testbench.flight.batch.jobs import Flown, Job
 from testbench.flight.batch.model import BatchModel, attributes, batch_model, variant
 from testbench.flight.batch.program import Untranslated
 from testbench.flight.condition import FlightCondition, TrimmedFlight
@@ -67,7 +68,7 @@ class Judged:
 
 
 _JUDGED: OrderedDict[object, Judged] = OrderedDict()
-_BASES: dict[object, list[BatchModel]] = {}
+_BASES: dict[object, list[Judged]] = {}
 """Text of a model, its frame rate and number of elements -> structures found equal to JSBSim, the latest first."""
 _REFUSED: dict[object, Judged] = {}
 """The same by what the elements are -> verdict on what JSBSim must fly."""
@@ -103,7 +104,7 @@ def judged_at(
         if found.model is None:
             _REFUSED[_structure(aircraft, rate_hz, tree)] = found
         else:
-            _BASES.setdefault(_family(aircraft, rate_hz, tree), []).insert(0, found.model)
+            _BASES.setdefault(_family(aircraft, rate_hz, tree), []).insert(0, found)
         _keep(_key(aircraft, rate_hz, condition), found)
     return found
 
@@ -120,9 +121,9 @@ def variant_known(aircraft: Aircraft, rate_hz: float, condition: FlightCondition
         tree = aircraft.rigid_tree()
         bases = _BASES.get(_family(aircraft, rate_hz, tree), [])
         for i, base in enumerate(bases):
-            model = variant(base, aircraft, condition, tree)
+            model = None if base.model is None else variant(base.model, aircraft, condition, tree)
             if model is not None:
-                found = Judged(model)
+                found = replace(base, model=model)
                 bases.insert(0, bases.pop(i))
                 break
         else:
@@ -139,7 +140,7 @@ def variant_known(aircraft: Aircraft, rate_hz: float, condition: FlightCondition
 def distrust(model: BatchModel, reason: str) -> None:
     """Let JSBSim fly all models of a structure from now on, in this process."""
     for bases in _BASES.values():
-        bases[:] = [b for b in bases if b.program is not model.program]
+        bases[:] = [b for b in bases if b.model is not None and b.model.program is not model.program]
     for key in [k for k, each in _JUDGED.items() if each.model and each.model.program is model.program]:
         del _JUDGED[key]
     _REFUSED[_structure(model.aircraft, model.rate_hz, model.aircraft.rigid_tree())] = Judged(None, reason)
@@ -229,7 +230,7 @@ def compared(model: BatchModel, trimmed: TrimmedFlight) -> tuple[float, str]:
 
     The first is nan if it cannot be flown, the second then says why.
     """
-    from testbench.flight.batch.fly import Flown, Job, fly_block
+    from testbench.flight.batch.fly import fly_block
 
     reason = ""
     for share in _SHARES:

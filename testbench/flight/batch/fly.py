@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import threading
+import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Literal, TypeVar, get_args
+from dataclasses import dataclass
+from typing import TypeVar, get_args
 
 import numpy as np
 
@@ -21,7 +21,8 @@ from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import difference, distrust, judged
 from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.interpret import run
-from testbench.flight.batch.model import TOP_FT, BatchModel, filled, put, read, registers
+from testbench.flight.batch.jobs import BATCH, Flown, Job, Simulator
+from testbench.flight.batch.model import TOP_FT, BatchModel, filled, put, read, registers, states_at_trim
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import body_from_earth
 from testbench.flight.simulate import (
@@ -36,47 +37,14 @@ from testbench.flight.simulate import (
 )
 from testbench.flight.trim import horizon_rates, steady_wind, velocity_at
 
-Simulator = Literal["auto", "batch", "jsbsim"]
 FEWEST = 8
 """Flights from which a batch is worth the judgement of a model that has not been judged: 50 ms, where one flight of
 JSBSim takes 7 and one in a batch 3."""
 BOTH = 200
 """One flight in so many is flown by JSBSim as well."""
 _TRUSTED = 1e-6  # of a channel's range: more than a flight far from trim makes of what is agreed about trim
-_COUNT = itertools.count(1)  # flights of this process in batches
 _GUSTS = [r.GUST, r.GUST + 1, r.GUST + 2]
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, eq=False)
-class Job:
-    """One flight that is wanted: what :func:`testbench.flight.fly` takes."""
-
-    aircraft: Aircraft
-    trimmed: TrimmedFlight
-    manoeuvre: Manoeuvre
-    log_rate_hz: float
-    channels: tuple[str, ...] | None = None
-    air: Air | None = None
-
-
-@dataclass
-class Flown:
-    """How flights were flown.
-
-    Attributes:
-        batch: number flown by the program.
-        jsbsim: number flown by JSBSim.
-        both: number flown by both.
-        worst: greatest difference of those, of a channel's range.
-        reasons: why JSBSim flew -> number of flights.
-    """
-
-    batch: int = 0
-    jsbsim: int = 0
-    both: int = 0
-    worst: float = 0.0
-    reasons: dict[str, int] = field(default_factory=dict)
 
 
 def fly_many(
@@ -148,7 +116,7 @@ def fly_jobs(
         jobs: flights, of any aircraft.
         simulator: see :func:`fly_many`.
         flown: is told how many were flown by what.
-        fewest: with fewer flights, "auto" takes JSBSim.
+        fewest: flights from which "auto" takes a batch.
     """
     if simulator not in get_args(Simulator):
         raise LimitError(
@@ -183,7 +151,16 @@ def fly_jobs(
             for (i, _), record in zip(block, _fly_block([x for _, x in block], flown), strict=True):
                 out[i] = record
     for group in groups.values():
-        _fly_both(group, out, flown)
+        for i, ready in group:
+            flew = out[i]
+            if isinstance(flew, FlightRecord) and _is_looked_at(ready):
+                reason = _look_at(flew, ready, flown)
+                if reason:
+                    distrust(ready.model, reason)
+                    flown.batch -= len(group)
+                    for k, each in group:
+                        out[k] = _by_jsbsim(each.job, flown, reason)
+                    break
     return [x for x in out if x is not None]
 
 
@@ -191,7 +168,7 @@ def _by_jsbsim(job: Job, flown: Flown, reason: str) -> FlightRecord | TestbenchE
     flown.jsbsim += 1
     flown.reasons[reason] = flown.reasons.get(reason, 0) + 1
     try:
-        return fly(job.aircraft, job.trimmed, job.manoeuvre, job.log_rate_hz, job.channels, job.air)
+        return fly(*job.asked)
     except FlightAborted as error:
         return error.record if error.record is not None else error
     except TestbenchError as error:
@@ -255,11 +232,11 @@ def fly_block(jobs: Sequence[Job], models: Sequence[BatchModel], flown: Flown) -
 
 def _fly_block(lanes: Sequence[_Ready], flown: Flown) -> list[FlightRecord | TestbenchError]:
     model, step, names = lanes[0].model, lanes[0].step, lanes[0].logged
-    R = _placed(lanes)
+    R = placed([x.model for x in lanes], [x.job.trimmed for x in lanes])
     controls = tuple(dict.fromkeys(n for x in lanes for n in x.job.manoeuvre.signal.channels))
     blowing = any(x.wind is not None for x in lanes)
     rows = max((x.u.shape[0] - 1) // step for x in lanes)
-    limits = _limits(lanes)
+    limits = limits_of([x.model for x in lanes])
     columns = [model.channels.index(n) for n in names]
     logged = np.array([model.program.logged[n] for n in names], np.int64)
     scale = np.stack([x.model.factors[columns] for x in lanes], axis=1)
@@ -292,17 +269,29 @@ def _fly_block(lanes: Sequence[_Ready], flown: Flown) -> list[FlightRecord | Tes
     return out
 
 
-def _placed(lanes: Sequence[_Ready]) -> FloatArray:
-    """Return the registers of flights at their trims."""
-    R = registers([x.model for x in lanes])
-    columns = [_trim_column(x.job.trimmed) for x in lanes]
+def placed(models: Sequence[BatchModel], trims: Sequence[TrimmedFlight]) -> FloatArray:
+    """Return the registers (registers, LANES) of flights of one program at their trims."""
+    R = registers(models)
+    columns = [_trim_column(x) for x in trims]
     h, theta, phi = (np.array([c[k] for c in columns]) for k in range(3))
     uvw, pqr, wind = (np.stack([c[k] for c in columns], axis=1) for k in range(3, 6))
     R[r.GUST : r.GUST + 3] = filled(wind) / FT_M
-    controls = {n for x in lanes for n in x.job.trimmed.controls}
-    at = {n: np.array([x.job.trimmed.controls[n] for x in lanes]) for n in controls}
-    put(lanes[0].model, R, h, theta, phi, uvw, pqr, at, lanes[0].model.iterations)
+    controls = {n for x in trims for n in x.controls}
+    at = {n: np.array([x.controls[n] for x in trims]) for n in controls}
+    put(models[0], R, h, theta, phi, uvw, pqr, at, models[0].iterations, _engines(models, trims))
     return R
+
+
+def _engines(models: Sequence[BatchModel], trims: Sequence[TrimmedFlight]) -> list[dict[str, float]]:
+    """Return what the engines of flights hold at their trims; nothing if they have no states of their own."""
+    if not models[0].settles:
+        return []
+    known: dict[tuple[int, int], dict[str, float]] = {}
+    for model, trimmed in zip(models, trims, strict=True):
+        key = id(model), id(trimmed)
+        if key not in known:
+            known[key] = states_at_trim(model, trimmed)
+    return [known[id(m), id(t)] for m, t in zip(models, trims, strict=True)]
 
 
 def _trim_column(trimmed: TrimmedFlight) -> tuple[float, float, float, FloatArray, FloatArray, FloatArray]:
@@ -330,7 +319,7 @@ def _inputs(lanes: Sequence[_Ready], controls: Sequence[str], blowing: bool, fra
 
 
 @dataclass(frozen=True, eq=False)
-class _Limit:
+class Limit:
     """A register that must stay between bounds (flights,) in JSBSim's unit; no name if JSBSim flies on from there."""
 
     register: int
@@ -341,18 +330,18 @@ class _Limit:
     factor: float = 1.0
 
 
-def _limits(lanes: Sequence[_Ready]) -> list[_Limit]:
+def limits_of(models: Sequence[BatchModel]) -> list[Limit]:
     """Return what ends a flight, in the order in which JSBSim's flights are watched."""
-    model, out = lanes[0].model, []
+    model, out = models[0], []
     for of in model.aircraft.limits:
         for name in [n for n in model.channels if n.startswith("eta_")] if of == "eta" else [of]:
             i = model.channels.index(name)
-            factors = np.array([x.model.factors[i] for x in lanes])
-            low, high = np.array([x.job.aircraft.limits[of] for x in lanes]).T / factors
-            out.append(_Limit(model.program.logged[name], low, high, name, of, float(factors[0])))
-    one = np.ones(len(lanes))
-    out.append(_Limit(r.H_SL, -np.inf * one, TOP_FT * one))
-    out.append(_Limit(r.H_AGL, model.floor_ft * one, np.inf * one))
+            factors = np.array([x.factors[i] for x in models])
+            low, high = np.array([x.aircraft.limits[of] for x in models]).T / factors
+            out.append(Limit(model.program.logged[name], low, high, name, of, float(factors[0])))
+    one = np.ones(len(models))
+    out.append(Limit(r.H_SL, -np.inf * one, TOP_FT * one))
+    out.append(Limit(r.H_AGL, model.floor_ft * one, np.inf * one))
     return out
 
 
@@ -374,7 +363,7 @@ def _record(ready: _Ready, data: FloatArray, reason: str) -> FlightRecord:
         channels=ready.logged,
         data=data.copy(),
         kind="truth",
-        provenance=_provenance(job.aircraft, job.trimmed, job.manoeuvre, job.air),
+        provenance=_provenance(job.aircraft, job.trimmed, job.manoeuvre, job.air) | {"simulator": BATCH},
         outcome="aborted" if reason else "completed",
         reason=reason,
     )
@@ -384,24 +373,17 @@ def _record(ready: _Ready, data: FloatArray, reason: str) -> FlightRecord:
     return record if wanted is None else record.select(wanted)
 
 
-def _fly_both(
-    group: Sequence[tuple[int, _Ready]], out: list[FlightRecord | TestbenchError | None], flown: Flown
-) -> None:
-    """Fly one flight in ``BOTH`` by JSBSim as well; if they differ, JSBSim flies all of these, and this model hence."""
-    for i, ready in group:
-        if next(_COUNT) % BOTH:
-            continue
-        record = out[i]
-        if not isinstance(record, FlightRecord) or record.outcome != "completed":
-            continue
-        other = _by_jsbsim(ready.job, Flown(), "")
-        flown.both += 1
-        apart, name = difference(record, other) if isinstance(other, FlightRecord) else (math.inf, str(other))
-        flown.worst = max(flown.worst, float(apart))
-        if not apart <= _TRUSTED:
-            reason = f"a flight in a batch departed from JSBSim's by {apart:.1g} of the range of {name}"
-            distrust(ready.model, reason)
-            flown.batch -= len(group)
-            for k, each in group:
-                out[k] = _by_jsbsim(each.job, flown, reason)
-            return
+def _is_looked_at(ready: _Ready) -> bool:
+    """Return whether a flight is one of those flown by both; its own commands decide, whatever flies beside it."""
+    return zlib.crc32(ready.u.tobytes() + repr(ready.job.trimmed.alpha).encode()) % BOTH == 0
+
+
+def _look_at(record: FlightRecord, ready: _Ready, flown: Flown) -> str:
+    """Fly a flight by JSBSim as well, and remember how far apart they are; return why it is not trusted, or ""."""
+    other = _by_jsbsim(ready.job, Flown(), "")
+    flown.both += 1
+    apart, name = difference(record, other) if isinstance(other, FlightRecord) else (math.inf, str(other))
+    flown.worst = max(flown.worst, float(apart))
+    if apart <= _TRUSTED:
+        return ""
+    return f"a flight in a batch departed from JSBSim's by {apart:.1g} of the range of {name}"

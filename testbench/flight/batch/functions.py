@@ -49,6 +49,21 @@ class Functions:
             raise Untranslated(f"function {element.get('name')} is empty")
         return self._element(inside[0])
 
+    def evaluate(self, element: ET.Element) -> Value:
+        """Return the value of a <function> and give it to the properties that bear its names.
+
+        It is unknown if it holds something that is not translated.
+        """
+        try:
+            value = self.value(element)
+        except Untranslated as missing:
+            value = self._b.unknown(str(missing))
+        for name in (element.get("name"), element.get("copyto")):
+            if name and "/" in name:
+                self._p.declare(name)
+                self._p.write(name, value)
+        return value
+
     def _element(self, e: ET.Element) -> Value:
         b, tag = self._b, e.tag
         if tag in {"property", "p"}:

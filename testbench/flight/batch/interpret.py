@@ -262,6 +262,8 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
             stages.geography(R)
         elif op == 72:
             stages.euler_rates(R)
+        elif op == 73:
+            stages.altitudes(R)
 
 
 @compiled

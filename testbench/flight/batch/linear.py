@@ -15,8 +15,8 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged
 from testbench.flight.batch.compiled import LANES
-from testbench.flight.batch.fly import Simulator
 from testbench.flight.batch.interpret import execute
+from testbench.flight.batch.jobs import Simulator
 from testbench.flight.batch.model import BatchModel, filled, put, registers
 from testbench.flight.batch.properties import plain
 from testbench.flight.condition import TrimmedFlight
@@ -24,7 +24,6 @@ from testbench.flight.linear_model import LinearModel
 from testbench.flight.linearise import Layout, Points, along, linearise, linearise_along
 
 _SURFACES = ("de", "da", "dr")
-_OF_ENGINES = ("/propeller-rpm", "/map-pa")  # states that JSBSim brings to rest, and linearises by
 _ACCELERATIONS = np.array([FT_M, FT_M, FT_M, 1.0, 1.0, 1.0])
 
 
@@ -91,8 +90,8 @@ def _model(aircraft: Aircraft, trimmed: TrimmedFlight) -> tuple[BatchModel, Layo
 def _layout(model: BatchModel) -> Layout | None:
     """Return what the linear model consists of; None if the program leaves out something that it needs."""
     aircraft, known, servos = model.aircraft, model.program.properties, {}
-    if any(n.endswith(_OF_ENGINES) for n in known):
-        return None
+    if model.settles:
+        return None  # engines have states of their own
     for control in (u for u in _SURFACES if u in aircraft.controls):
         lag = aircraft.servo_of(control)
         if lag is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -21,9 +22,13 @@ from testbench.flight.batch.program import Program
 from testbench.flight.batch.properties import CORE, plain
 from testbench.flight.batch.translate import Translation, declared, translate
 from testbench.flight.batch.weights import Weights, dry
-from testbench.flight.condition import FlightCondition
+from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.executive import Executive
+from testbench.flight.trim import place_at_trim
 
+_LEVERS = re.compile(r"fcs/(mixture|advance|feather)-cmd-norm(\[\d+\])?")
+_SETTLED = ("/propeller-rpm", "/map-pa")
+_EARTH_ANGLE = "position/epa-rad"
 _FIXED = ("metrics/",)
 # JSBSim's properties give Ixz with the sign that it has in the matrix, the other two products with the opposite one.
 _INERTIA = (("xx", 0, 0, 1.0), ("yy", 1, 1, 1.0), ("zz", 2, 2, 1.0), ("xy", 0, 1, -1.0), ("xz", 0, 2, 1.0),
@@ -71,6 +76,11 @@ class BatchModel:
         return {n: found[plain(c.command)] for n, c in self.aircraft.controls.items() if plain(c.command) in found}
 
     @property
+    def settles(self) -> bool:
+        """Whether engines have states of their own, which JSBSim brings to rest before a flight."""
+        return any(n.endswith(_SETTLED) for n in self.program.properties)
+
+    @property
     def floor_ft(self) -> float:
         """Height above the ground below which JSBSim flies: a model may have wheels, which the batch has not."""
         return _CLEARANCE * float(self.start[r.WING_SPAN])
@@ -87,9 +97,11 @@ def batch_model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) 
     tree = aircraft.model_tree(rate_hz, condition.qbar_Pa, condition.V_m_s)
     sources = {n: _source(aircraft, n) for n in fdm.channels}
     inputs = [aircraft.controls[n].command for n in fdm.command_nodes]
+    settings = aircraft.adapter.settings if aircraft.adapter is not None else {}
+    frozen = settings.get("propulsion/fuel_freeze", 0.0) != 0.0  # JSBSim takes it but does not give it back
     followed = [*(m.follows for m in aircraft.memories), *(f"modal/etaddot-{i + 1}" for i in range(fdm.mode_count))]
     read = [*sources.values(), *inputs, *followed]  # the last are what a linear model asks for besides
-    translation = translate(tree, aircraft.engine_files, 1.0 / rate_hz, inputs, read)
+    translation = translate(tree, aircraft.engine_files, 1.0 / rate_hz, inputs, read, frozen)
     logged = translation.program.logged
     found = {n: logged[s] for n, s in sources.items()} | {n: logged[n] for n in followed}
     program = replace(translation.program, logged=found)
@@ -102,8 +114,10 @@ def batch_model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) 
             start[register] = fdm.get(name) / factor
     weights = _weights(fdm)
     _set_weights(start, weights)
+    # Where propellers are brought to rest by themselves, all the rest is evaluated before and after it.
+    iterations = 2 * fdm.to_rest + 1 if fdm.propellers.free else fdm.to_rest
     return BatchModel(
-        aircraft, rate_hz, program, start, fdm.channels, np.array(fdm.factors), fdm.to_rest,
+        aircraft, rate_hz, program, start, fdm.channels, np.array(fdm.factors), iterations,
         _Shape.of(aircraft, condition, tree, translation), weights, dry(tree), translation,
     )  # fmt: skip
 
@@ -290,6 +304,24 @@ def _set_weights(start: FloatArray, weights: Weights) -> None:
     start[r.INERTIA : r.INERTIA + 6] = [weights.inertia[i, k] for _, i, k, _ in _INERTIA]
 
 
+def states_at_trim(model: BatchModel, trimmed: TrimmedFlight) -> dict[str, float]:
+    """Return what is not motion when a flight from trim begins, from JSBSim: property -> value.
+
+    Of engines the speeds, blade angles and pressures, the levers that hold them, and what has no property but follows
+    from others; and the angle by which the Earth has turned while engines were held.
+    """
+    fdm = Executive(model.aircraft, model.rate_hz, trimmed.condition)
+    place_at_trim(fdm, trimmed)
+    names = (n for n in model.program.properties if n.startswith("propulsion/") or _LEVERS.fullmatch(n))
+    states = {n: fdm.get(n) for n in names if fdm.has(n)}
+    for name in model.program.properties:
+        if name.startswith("batch/") and name.endswith("/starved"):
+            flow = name.replace("batch/", "propulsion/").replace("starved", "fuel-flow-rate-pps")
+            states[name] = float(fdm.get(flow) == 0.0)
+    states[_EARTH_ANGLE] = fdm.get(_EARTH_ANGLE)
+    return states
+
+
 def registers(models: Sequence[BatchModel]) -> FloatArray:
     """Return the registers (registers, LANES) of up to LANES flights; the last is repeated to fill the block."""
     columns = [m.start for m in models]
@@ -312,6 +344,7 @@ def put(
     pqr: FloatArray,
     commands: Mapping[str, FloatArray],
     times: int,
+    states: Sequence[Mapping[str, float]] = (),
 ) -> None:
     """Place flights, heading north, and evaluate their forces while time stands still.
 
@@ -325,6 +358,7 @@ def put(
         pqr: (3, flights), rad/s.
         commands: control -> (flights,), SI.
         times: evaluations, each of which JSBSim makes as two frames.
+        states: of every flight, see ``states_at_trim``; none of them moves while time stands still.
     """
     for name, register in model.commands.items():
         if name in commands:
@@ -333,12 +367,19 @@ def put(
     h_ft, uvw, pqr = filled(np.asarray(h_m) / FT_M), filled(uvw_m_s / FT_M), filled(pqr)
     weigh(R)
     R[r.DT] = 0.0
+    held = {n: filled(np.array([s[n] for s in states])) for n in (states[0] if states else ())}
+    turned = held.pop(_EARTH_ANGLE, np.zeros(1))
+    for name, values in held.items():
+        R[model.program.properties[name]] = values
     execute(model.program.before, model.program.tables, R)
     for _ in range(times):
         place(R, h_ft, euler, uvw, pqr)
         execute(model.program.frame, model.program.tables, R)
+        begin(R)  # JSBSim's integrators remember the accelerations that its second frame begins with
         execute(model.program.frame, model.program.tables, R)
-    begin(R)
+    if turned.any():
+        R[r.EARTH_ANGLE] = turned
+        execute(model.program.frame, model.program.tables, R)
 
 
 def read(model: BatchModel, R: FloatArray) -> FloatArray:

@@ -87,6 +87,7 @@ class Op(IntEnum):
     EULER = 70
     GEOGRAPHY = 71
     EULER_RATES = 72
+    ALTITUDES = 73
     # what is not translated: a fault only if something that flies reads it
     UNKNOWN = 99
 
@@ -101,7 +102,7 @@ WRITES: Mapping[Op, tuple[int, ...]] = {
     Op.PROPAGATE: tuple(x for x in (*range(r.TIME, r.GUST), *range(r.WIND, r.U_AERO)) if x not in _ACCELERATIONS),
     Op.EULER: tuple(range(r.PHI, r.LATITUDE)),
     Op.GEOGRAPHY: tuple(range(r.LATITUDE, r.PHI_DOT)),
-    Op.EULER_RATES: tuple(range(r.PHI_DOT, r.WING_AREA)),
+    Op.EULER_RATES: tuple(range(r.PHI_DOT, r.DENSITY_ALTITUDE)),
     Op.AUXILIARY: (*range(r.U_AERO, r.GAMMA), *range(r.COS_ALPHA, r.N_X), r.CL_SQUARED),
     Op.AIR_DATA: (*range(r.GAMMA, r.COS_ALPHA), *range(r.N_X, r.CL_SQUARED)),
     Op.MOTION_NUMBERS: tuple(range(r.BI2VEL, r.PHI)),
@@ -110,6 +111,7 @@ WRITES: Mapping[Op, tuple[int, ...]] = {
     Op.REACTION: tuple(range(r.ADDED_FORCE, r.FORCE)),
     Op.THRUSTER: tuple(range(r.ENGINE_FORCE, r.ADDED_FORCE)),
     Op.ACCELERATE: _ACCELERATIONS,
+    Op.ALTITUDES: (r.DENSITY_ALTITUDE, r.PRESSURE_ALTITUDE),
     Op.WEIGH: (r.MASS, *range(r.INERTIA_INVERSE, r.NATIVE)),
 }
 """Stage -> registers of the rigid body that it writes."""
@@ -184,6 +186,7 @@ class Builder:
     _logged: dict[str, Value] = field(default_factory=dict)
     _stored: set[int] = field(default_factory=set)
     _reasons: list[str] = field(default_factory=list)
+    _constants: dict[float, Value] = field(default_factory=dict)
 
     def number(self, x: float, at: ET.Element | None = None) -> Value:
         """Return the value of a number of the model; each has a register of its own, whatever it is.
@@ -196,6 +199,12 @@ class Builder:
         if at is not None:
             self.places.append((len(self.numbers) - 1, at))
         return Value(_NUMBER, len(self.numbers) - 1)
+
+    def constant(self, x: float) -> Value:
+        """Return the value of a number that is the same in every model; it has one register however often it stands."""
+        if x not in self._constants:
+            self._constants[x] = self.number(x)
+        return self._constants[x]
 
     def core(self, register: int) -> Value:
         """Return the value that a register of the body has at this place of the frame."""

@@ -9,6 +9,7 @@ from testbench.flight.batch import registers as r
 from testbench.flight.batch.program import Builder, Op, Untranslated, Value
 
 _DEG = 180.0 / math.pi
+_SLUG_LB = 32.174049
 _KT = 1.0 / (1852.0 / (3600.0 * 0.3048))
 
 CORE: dict[str, tuple[int, float]] = {
@@ -137,7 +138,11 @@ AIR_DATA: dict[str, tuple[int, float]] = {
     **{f"accelerations/a-pilot-{a}-ft_sec2": (r.PILOT_ACCEL + i, 1.0) for i, a in enumerate("xyz")},
     **{f"accelerations/n-pilot-{a}-norm": (r.PILOT_ACCEL + i, 0.3048 / 9.80665) for i, a in enumerate("xyz")},
 }
-ON_DEMAND = EULER | GEOGRAPHY | EULER_RATES | AIR_DATA
+ALTITUDES: dict[str, tuple[int, float]] = {
+    "atmosphere/density-altitude": (r.DENSITY_ALTITUDE, 1.0),
+    "atmosphere/pressure-altitude": (r.PRESSURE_ALTITUDE, 1.0),
+}
+ON_DEMAND = ALTITUDES | EULER | GEOGRAPHY | EULER_RATES | AIR_DATA
 """The same for what is computed only if a model or a channel reads it."""
 
 ABSOLUTE = {"aero/mag-beta-rad": "aero/beta-rad", "aero/mag-beta-deg": "aero/beta-deg"}
@@ -155,6 +160,19 @@ _STAYING = re.compile(
     r"propulsion/tank(\[\d+\])?/\S+"
 )
 _GROUND = re.compile(r"(forces/fb[xyz]-gear-lbs|moments/[lmn]-gear-lbsft|gear/unit(\[\d+\])?/WOW|gear/wow)")
+# What JSBSim itself calls things of an engine: a model that declares another name means one of its own.
+_OF_ENGINES = frozenset({
+    "AFR", "advance-ratio", "air-intake-impedance-factor", "atsfc", "blade-angle", "bleed-factor", "boost-speed",
+    "boostloss-factor", "boostloss-hp", "bsfc-lbs_hphr", "cht-degF", "combustion_efficiency", "constant-speed-mode",
+    "cooling-factor", "egt-degF", "engine-rpm", "engtemp-c", "friction-hp", "fuel-flow-rate-gph",
+    "fuel-flow-rate-pps", "fuel-used-lbs", "helical-tip-Mach", "ielu_intervent", "injection_cmd", "isp", "itt-c",
+    "map-inhg", "map-pa", "mixture-ratio", "n1", "n2", "oil-pressure-psi", "oil-temperature-degF",
+    "oxi-flow-rate-pps", "pct-full", "pitch-angle-rad", "power-hp", "prop-induced-velocity_fps",
+    "propeller-power-ftlbps", "propeller-rpm", "propeller-sense", "propeller-torque-ftlb", "ram-air-factor",
+    "reverser", "reverser-angle-rad", "seized", "set-running", "stalled", "starter-norm", "thrust-coefficient",
+    "thrust-lbs", "torque-lbsft", "total-impulse", "tsfc", "vacuum-thrust_lbs", "volumetric-efficiency",
+    "x-position", "y-position", "yaw-angle-rad", "z-position",
+})  # fmt: skip
 
 
 def plain(name: str) -> str:
@@ -173,11 +191,22 @@ class Properties:
     def __init__(self, builder: Builder) -> None:
         self._b = builder
         self._own: set[str] = set()
+        self._written: set[str] = set()
         self.constants: set[str] = set()
 
     def declare(self, name: str) -> None:
         """Say that the model itself moves a property, whatever its name."""
         self._own.add(plain(name))
+
+    def declared(self, name: str) -> None:
+        """Say that the model names a property as its own: it is, if of an engine and JSBSim has no such word."""
+        name = plain(name)
+        if name.startswith("propulsion/engine") and name.rpartition("/")[2] not in _OF_ENGINES:
+            self._own.add(name)
+
+    def moves(self, name: str) -> bool:
+        """Return whether something before this place of the frame moves a property."""
+        return plain(name) in self._written
 
     def read(self, name: str) -> Value:
         """Return a property's value; a name that begins with a minus sign is its negative.
@@ -193,6 +222,9 @@ class Properties:
             return b.read(name)
         if _GROUND.fullmatch(name):
             return b.number(0.0)  # flights that come down to the ground are flown by JSBSim
+        if name == "forces/load-factor":  # lift of the last frame over the weight (FGAuxiliary::GetNlf)
+            weight = b.emit(Op.MUL, b.core(r.MASS), b.constant(_SLUG_LB))
+            return b.emit(Op.DIV, b.core(r.WIND_FORCE + 2), weight)
         if name in ABSOLUTE:
             return b.emit(Op.ABS, self.read(ABSOLUTE[name]))
         if name in _SEA_LEVEL:
@@ -238,6 +270,7 @@ class Properties:
         if computed and name not in self._own:
             raise Untranslated(f"it writes {name}")
         self._own.add(name)
+        self._written.add(name)
         b.write(name, value)
 
 

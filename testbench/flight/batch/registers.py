@@ -8,7 +8,7 @@ from __future__ import annotations
 
 # fmt: off
 (
-    DT, TIME, EARTH_ANGLE,
+    DT, TIME, EARTH_ANGLE, COS_EARTH, SIN_EARTH,
     ATTITUDE, _, _, _,                  # quaternion, body against inertial axes
     RATE, _, _,                         # of the body against inertial space, body axes
     POSITION, _, _,                     # inertial
@@ -47,6 +47,7 @@ from __future__ import annotations
     PHI, THETA, PSI,
     LATITUDE, LATITUDE_GEODETIC, LONGITUDE,
     PHI_DOT, THETA_DOT, PSI_DOT,
+    DENSITY_ALTITUDE, PRESSURE_ALTITUDE,
     # constants of an aircraft
     WING_AREA, WING_SPAN, CHORD, INCIDENCE,
     REFERENCE_POINT, _, _, EYE_POINT, _, _,         # in, structural axes
@@ -61,5 +62,5 @@ from __future__ import annotations
     ADDED_FORCE, _, _, ADDED_MOMENT, _, _,
     FORCE, _, _, MOMENT, _, _,
     COUNT,
-) = range(232)
+) = range(236)
 # fmt: on

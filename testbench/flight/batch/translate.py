@@ -19,8 +19,8 @@ from testbench.flight.batch.components import Components
 from testbench.flight.batch.engines import Engines
 from testbench.flight.batch.functions import Functions
 from testbench.flight.batch.program import Builder, Op, Program, Untranslated
-from testbench.flight.batch.properties import AIR_DATA, EULER, EULER_RATES, GEOGRAPHY, Properties, plain
-from testbench.flight.batch.units import triplet
+from testbench.flight.batch.properties import AIR_DATA, ALTITUDES, EULER, EULER_RATES, GEOGRAPHY, Properties, plain
+from testbench.flight.batch.units import convert, triplet
 
 _FORCE_AXES = {
     "LIFT": 2, "DRAG": 0, "SIDE": 1, "X": 0, "Y": 1, "Z": 2, "AXIAL": 0, "NORMAL": 2,
@@ -54,6 +54,7 @@ def translate(
     dt_s: float,
     inputs: Sequence[str],
     logged: Sequence[str],
+    frozen: bool = False,
 ) -> Translation:
     """Translate a model as JSBSim loads it.
 
@@ -63,21 +64,25 @@ def translate(
         dt_s: frame time.
         inputs: properties that are written before each frame.
         logged: properties that are read.
+        frozen: whether fuel stays, and mass with it.
 
     Raises:
         Untranslated: it holds something that the batch does not fly.
     """
-    return _Model(tree, engine_files, dt_s, inputs).translated(logged)
+    return _Model(tree, engine_files, dt_s, inputs, frozen).translated(logged)
 
 
 class _Model:
-    def __init__(self, tree: ET.Element, engine_files: Mapping[str, str], dt_s: float, inputs: Sequence[str]) -> None:
+    def __init__(
+        self, tree: ET.Element, engine_files: Mapping[str, str], dt_s: float, inputs: Sequence[str], frozen: bool
+    ) -> None:
         self._tree = tree
         self._b = Builder(frozenset(plain(n) for n in inputs))
         self._p = Properties(self._b)
         self._f = Functions(self._b, self._p)
         self._components = Components(self._b, self._p, self._f, dt_s)
-        self._engines = Engines(self._b, self._p, self._f, engine_files)
+        self._engine_files = engine_files
+        self._engines = Engines(self._b, self._p, self._f, engine_files, frozen)
         self._declared: dict[str, float] = {}
         self._sections = [
             *tree.findall("system"), *tree.findall("autopilot"), *tree.findall("flight_control"),
@@ -90,15 +95,23 @@ class _Model:
                                "external_reactions", "mass_balance", "ground_reactions"}:  # fmt: skip
                 if section.get("file"):
                     raise Untranslated(f"<{section.tag}> is in a file of its own")
-                self._declared |= declared(section)
+                for name, value in declared(section).items():
+                    self._declared[name] = value
+                    self._p.declared(name)
+        for e in tree.iter():
+            self._p.declared((e.text or "") if e.tag == "output" else e.get("name") or "")
+        self._engines.declare(tree.find("propulsion"))
+        self._p.declare("aero/stall-hyst-norm")
         read = self._read()
         b.stage(Op.PROPAGATE)
-        for op, names in ((Op.EULER, EULER.keys() | EULER_RATES.keys()), (Op.GEOGRAPHY, GEOGRAPHY.keys())):
+        for op, names in ((Op.EULER, EULER.keys() | EULER_RATES.keys()), (Op.GEOGRAPHY, GEOGRAPHY.keys()),
+                          (Op.ALTITUDES, ALTITUDES.keys())):  # fmt: skip
             if read & names:
                 b.stage(op)
         self._systems()
         self._functions([*tree.findall("mass_balance")])
         b.stage(Op.AUXILIARY)
+        read |= self._engines.breathed(tree.find("propulsion"))
         wanted = read | {plain(n) for n in logged}
         for op, names in ((Op.EULER_RATES, EULER_RATES.keys()), (Op.AIR_DATA, AIR_DATA.keys())):
             if wanted & names:
@@ -121,25 +134,16 @@ class _Model:
         return Translation(b.build(), tuple(b.numbers), self._declared, tuple(b.places))
 
     def _read(self) -> set[str]:
-        """Return the properties that anything in the model reads."""
-        return {plain((e.text or "").lstrip(" -")) for e in self._tree.iter() if e.tag in _READERS and e.text}
+        """Return the properties that anything in the model reads, its engines' files included."""
+        trees = [self._tree, *map(ET.fromstring, self._engine_files.values())]
+        return {plain((e.text or "").lstrip(" -")) for t in trees for e in t.iter() if e.tag in _READERS and e.text}
 
     def _functions(self, sections: Sequence[ET.Element], kind: str = "pre") -> None:
         """Evaluate the functions that stand by themselves in sections of the model."""
         for section in sections:
             for e in section.findall("function"):
                 if (e.get("type") or "pre") == kind:
-                    self._function(e)
-
-    def _function(self, e: ET.Element) -> None:
-        try:
-            value = self._f.value(e)
-        except Untranslated as missing:
-            value = self._b.unknown(str(missing))
-        for name in (e.get("name"), e.get("copyto")):
-            if name and "/" in name:
-                self._p.declare(name)
-                self._p.write(name, value)
+                    self._f.evaluate(e)
 
     def _systems(self) -> None:
         b, p = self._b, self._p
@@ -164,6 +168,7 @@ class _Model:
         sections = self._tree.findall("aerodynamics")
         self._functions(sections)
         b.stage(Op.MOTION_NUMBERS)
+        self._stall(self._tree.find("aerodynamics/hysteresis_limits"))
         forces, moments = stages.BODY, stages.BODY
         sums: dict[int, list[ET.Element]] = {}
         for axis in (a for s in sections for a in s.findall("axis")):
@@ -196,6 +201,18 @@ class _Model:
             self._sum(register, sums.get(register, []))
         b.stage(Op.AERODYNAMICS, forces, moments)
         self._functions(sections, "post")
+
+    def _stall(self, limits: ET.Element | None) -> None:
+        """Set the memory of a stall, which begins above one angle of attack and ends below another."""
+        if limits is None:
+            return
+        b, name, unit = self._b, "aero/stall-hyst-norm", limits.get("unit")
+        low, high = (b.number(convert(limits.find(end), "RAD", 0.0, unit)) for end in ("min", "max"))
+        alpha, zero = b.core(r.ALPHA), b.constant(0.0)
+        below = b.emit(Op.SELECT, b.emit(Op.LT, alpha, low), zero, b.read(name))
+        stalled = b.emit(Op.SELECT, b.emit(Op.GT, alpha, high), b.constant(1.0), below)
+        given = b.emit(Op.AND, b.emit(Op.NE, low, zero), b.emit(Op.NE, high, zero))
+        b.write(name, b.emit(Op.SELECT, given, stalled, zero))
 
     def _sum(self, register: int, functions: Sequence[ET.Element]) -> None:
         """Store the sum of the functions of an axis, and give each its property."""

@@ -15,7 +15,7 @@ from testbench.flight.air import Air
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import judged_at
 from testbench.flight.batch.compiled import LANES
-from testbench.flight.batch.fly import Simulator
+from testbench.flight.batch.jobs import Simulator
 from testbench.flight.batch.model import BatchModel, filled, put, read, registers
 from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.trim import (
@@ -65,6 +65,7 @@ def trim_many(
             if simulator != "jsbsim":
                 at_rest = partial(trim, each, condition, rate_hz, blowing[i])
                 model = judged_at(each, rate_hz or each.rate_hz, condition, at_rest).model
+                model = None if model is None or model.settles else model  # JSBSim brings propellers to rest
         except TestbenchError as error:
             out[i] = error
             continue

@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from testbench.questions.campaign.result import CampaignResult
     from testbench.questions.campaign.summary import Accuracy, Summary
 
+BATCH, JSBSIM = "batch", "jsbsim"
+"""What a finished run says has flown it; behind the second stands why, if the batch was wanted."""
+
 _MILLION = 1_000_000
 _LINES = 3
 
@@ -123,6 +126,7 @@ def _progress(result: CampaignResult) -> str:
     text = f"{counts.done} of {counts.total} runs are done{failed}"
     if counts.finished < counts.total:
         text += f"; {counts.total - counts.finished} are still to be flown and do not count yet"
+    text += _simulators(result.summary)
     rule = result.campaign.spec.stop
     if rule is not None and result.stopped is not None:
         text += (
@@ -132,6 +136,17 @@ def _progress(result: CampaignResult) -> str:
     elif rule is not None and counts.finished == counts.total:
         text += f"; the wanted ± {rule.half_width:g} of '{rule.quantity}' was not reached"
     return text
+
+
+def _simulators(summary: Summary) -> str:
+    """Return what flew, and why where JSBSim had to fly run by run."""
+    parts = [
+        f"{counted(n, 'run')} flown in batches, by a translation of the model that JSBSim has judged equal"
+        if what == BATCH
+        else f"{counted(n, 'run')} flown by JSBSim one by one{what.removeprefix(JSBSIM)}"
+        for what, n in sorted(summary.simulators.items())
+    ]
+    return f"; {', '.join(parts)}" if parts else ""
 
 
 def most_biased(summary: Summary) -> list[Accuracy]:

@@ -17,6 +17,7 @@ from typing import Any
 from testbench.core.errors import CampaignError
 from testbench.core.files import write_file
 from testbench.core.processes import cores
+from testbench.flight.batch.jobs import Simulator
 from testbench.questions.campaign.draws import run_inputs, run_seed
 from testbench.questions.campaign.flying import Job, Outcome, fly_batch
 from testbench.questions.campaign.load import Campaign, versions
@@ -32,7 +33,7 @@ from testbench.questions.campaign.workers import (
     require_dask,
 )
 
-MOST_PER_BATCH = 25
+MOST_PER_BATCH = 64  # what flies as one block
 BATCH_S = 3.0  # work in a batch: little is lost with one, and what dask and SQLite take for it is less than 1 %
 _FIRST_BATCH = 4  # before the first run has said how long it takes
 DEATHS = 3  # a run that is alone with a process when it dies may have been unlucky; three times it was not
@@ -86,6 +87,7 @@ def fly_campaign(
     scheduler: str | None = None,
     progress: Callable[[Progress], None] | None = None,
     task: Task = fly_batch,
+    simulator: Simulator = "auto",
 ) -> Ending:
     """Fly all runs of a campaign that are not finished yet.
 
@@ -97,6 +99,8 @@ def fly_campaign(
         scheduler: address of a dask scheduler to use instead, with the workers it has.
         progress: called about twice a second.
         task: what a worker does with a batch.
+        simulator: "jsbsim" flies every flight by JSBSim; else runs of a model that has been found equal to it are flown
+            together.
 
     Raises:
         CampaignError: the store cannot be written or the workers are gone; ``resume`` goes on.
@@ -121,7 +125,9 @@ def fly_campaign(
             return Ending(store.counts(), stopped, 0.0)
         found = found or stack.enter_context(local_workers(workers or cores()))
         packages = tuple(versions().items())
-        job = Job(campaign.spec.model_dump_json(), json.dumps(campaign.content), packages, campaign.spec.records)
+        job = Job(
+            campaign.spec.model_dump_json(), json.dumps(campaign.content), packages, campaign.spec.records, simulator
+        )
         return _Session(campaign, store, folder, found, watch, task, job, store.counts()).fly(progress)
 
 

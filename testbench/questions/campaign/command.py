@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from testbench.page.terminal import console
-from testbench.questions.options import OutOption
+from testbench.questions.options import FlownBy, OutOption, SimulatorOption
 
 if TYPE_CHECKING:
     from testbench.questions.campaign.load import Campaign
@@ -35,12 +35,13 @@ def campaign_run(
     out: OutOption = Path("results"),
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
+    simulator: SimulatorOption = FlownBy.auto,
 ) -> None:
     """Fly a new campaign and write its store, tables, figures and report.html.
 
     Example: `testbench campaign run taurus_scatter --workers 2`. If it is interrupted, go on with `campaign resume`.
     """
-    _fly_campaign(campaign, out, False, workers, scheduler)
+    _fly_campaign(campaign, out, False, workers, scheduler, simulator)
 
 
 @command.command("resume")
@@ -49,9 +50,10 @@ def campaign_resume(
     out: OutOption = Path("results"),
     workers: WorkersOption = None,
     scheduler: SchedulerOption = None,
+    simulator: SimulatorOption = FlownBy.auto,
 ) -> None:
     """Go on with a campaign that was interrupted or given more runs; finished runs are not flown again."""
-    _fly_campaign(campaign, out, True, workers, scheduler)
+    _fly_campaign(campaign, out, True, workers, scheduler, simulator)
 
 
 @command.command("status")
@@ -78,7 +80,9 @@ def campaign_summarise(campaign: CampaignArgument, out: OutOption = Path("result
     _report_campaign(loaded, out / f"campaign_{loaded.spec.name}")
 
 
-def _fly_campaign(campaign: Path, out: Path, resume: bool, workers: int | None, scheduler: str | None) -> None:
+def _fly_campaign(
+    campaign: Path, out: Path, resume: bool, workers: int | None, scheduler: str | None, simulator: FlownBy
+) -> None:
     from rich.console import Console
 
     from testbench.questions.campaign.ask import fly_campaign
@@ -92,7 +96,15 @@ def _fly_campaign(campaign: Path, out: Path, resume: bool, workers: int | None, 
     folder = out / f"campaign_{loaded.spec.name}"
     try:
         with show_progress(Console(stderr=True)) as progress:
-            fly_campaign(loaded, folder, resume=resume, workers=workers, scheduler=scheduler, progress=progress)
+            fly_campaign(
+                loaded,
+                folder,
+                resume=resume,
+                workers=workers,
+                scheduler=scheduler,
+                progress=progress,
+                simulator=simulator.value,
+            )
     except KeyboardInterrupt:
         print(f"finished runs are kept; go on with: testbench campaign resume {campaign} --out {out}", file=sys.stderr)
         raise

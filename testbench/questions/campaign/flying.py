@@ -9,9 +9,10 @@ import time
 import traceback
 import zlib
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,17 +25,20 @@ from testbench.core.schema import parse
 from testbench.core.scratch import Scratch
 from testbench.evaluation.truth import Truth, true_model
 from testbench.flight import TrimmedFlight, load_aircraft
-from testbench.line import Case, trim_for
+from testbench.flight.air import air_of
+from testbench.flight.batch.jobs import BATCH, Flown, Simulator
+from testbench.flight.batch.jobs import Job as FlightJob
+from testbench.line import Case, condition_of, trim_for
 from testbench.questions.campaign.draws import run_inputs, run_seed
 from testbench.questions.campaign.load import versions
 from testbench.questions.campaign.scenario import CampaignSpec
 from testbench.questions.campaign.targets import change_aircraft, change_suites, set_keys
-from testbench.questions.run.ask import Prepared, run
+from testbench.questions.run.ask import Prepared, run, wanted_flights
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import SensorSuite, load_suite
 
-_REMEMBERED = 64
+_REMEMBERED = 256
 Made = TypeVar("Made")
 
 
@@ -47,12 +51,14 @@ class Job:
         content: the base scenario as JSON.
         versions: of the packages that the figures depend on.
         records: whether time histories come back.
+        simulator: what flies; see :mod:`testbench.flight.batch.jobs`.
     """
 
     spec: str
     content: str
     versions: tuple[tuple[str, str], ...]
     records: bool = False
+    simulator: Simulator = "auto"
 
 
 @dataclass(frozen=True)
@@ -74,6 +80,10 @@ class Remembered:
     def __init__(self, most: int = _REMEMBERED) -> None:
         self._most = most
         self._made: OrderedDict[Hashable, Any] = OrderedDict()
+
+    def has(self, key: Hashable) -> bool:
+        """Return whether something is remembered for ``key``."""
+        return key in self._made
 
     def get(self, key: Hashable, make: Callable[[], Made]) -> Made:
         """Return what ``make`` returned for ``key``, calling it if it is not remembered."""
@@ -121,49 +131,111 @@ def fly_batch(job: Job, indices: Sequence[int]) -> list[Outcome]:
     other = [f"{name} {here[name]} (campaign: {wanted})" for name, wanted in job.versions if here[name] != wanted]
     if other:
         raise CampaignError(f"workers must have the versions of the campaign, got {', '.join(other)}")
-    with _ONE_AT_A_TIME:
-        return [fly_one(job, index) for index in indices]
-
-
-def fly_one(job: Job, index: int) -> Outcome:
-    """Fly run ``index``; a failure is an outcome with its reason."""
-    spec, content = _parsed(job)
-    started = time.thread_time()
-    seed, inputs = run_seed(spec, index), run_inputs(spec, index)
-    kept: list[tuple[str, FlightRecord]] = []
-    results, reason = None, ""
-    try:
+    with _ONE_AT_A_TIME, np.errstate(all="ignore"):
         # numpy's complaints about overflowing predictions of unstable models are figures here, not news
-        with np.errstate(all="ignore"):
-            results = _found(_run(spec, content, inputs, seed, kept if job.records else None))
-    except TestbenchError as error:
-        reason = f"{type(error).__name__}: {error.message}"
-    except Exception as error:  # a fault of the program in one run of a million is a row of the table, with its place
-        place = traceback.extract_tb(error.__traceback__)[-1]
-        reason = f"unexpected {type(error).__name__}: {error} ({Path(place.filename).name}, line {place.lineno})"
-    return Outcome(
-        index,
-        seed,
-        json.dumps(inputs, separators=(",", ":")),
-        None if results is None else json.dumps(results, separators=(",", ":")),
-        reason,
-        time.thread_time() - started,
-        tuple((name, _netcdf(record)) for name, record in kept),
-    )
+        return _fly(job, [_Run.of(job, index) for index in indices])
 
 
-def _run(
-    spec: CampaignSpec,
-    content: Mapping[str, Any],
-    inputs: Mapping[str, Any],
-    seed: int,
-    kept: list[tuple[str, FlightRecord]] | None,
-) -> RunResult:
-    changed = _with_pilots(set_keys(content, inputs), inputs, seed)
+@dataclass
+class _Run:
+    """One run on its way: what it flies, then what it found or why it failed."""
+
+    index: int
+    seed: int
+    inputs: dict[str, Any]
+    scenario: Scenario | None = None
+    ready: Prepared | None = None
+    flights: list[FlightJob] = field(default_factory=list)
+    kept: list[tuple[str, FlightRecord]] = field(default_factory=list)
+    results: str | None = None
+    reason: str = ""
+    seconds: float = 0.0
+
+    @classmethod
+    def of(cls, job: Job, index: int) -> _Run:
+        """Draw the values of a run."""
+        spec, _ = _parsed(job)
+        return cls(index, run_seed(spec, index), run_inputs(spec, index))
+
+    @contextmanager
+    def attempt(self) -> Iterator[None]:
+        """Take a failure inside as the outcome of this run, and the time as its own."""
+        started = time.thread_time()
+        try:
+            yield
+        except TestbenchError as error:
+            self.reason = f"{type(error).__name__}: {error.message}"
+        except (
+            Exception
+        ) as error:  # a fault of the program in one run of a million is a row of the table, with its place
+            place = traceback.extract_tb(error.__traceback__)[-1]
+            self.reason = (
+                f"unexpected {type(error).__name__}: {error} ({Path(place.filename).name}, line {place.lineno})"
+            )
+        self.seconds += time.thread_time() - started
+
+    def outcome(self) -> Outcome:
+        """Return what is kept of the run."""
+        return Outcome(
+            self.index,
+            self.seed,
+            json.dumps(self.inputs, separators=(",", ":")),
+            self.results,
+            self.reason,
+            self.seconds,
+            tuple((name, _netcdf(record)) for name, record in self.kept),
+        )
+
+
+def _fly(job: Job, runs: Sequence[_Run]) -> list[Outcome]:
+    """Fly runs together: all trims, then all flights, then each run by itself."""
+    spec, content = _parsed(job)
+    wanted: dict[Hashable, tuple[_Run, Aircraft]] = {}
+    made: list[tuple[_Run, Hashable, Aircraft, tuple[SensorSuite, ...]]] = []
+    for run_ in runs:
+        with run_.attempt():
+            key, aircraft, suites = _drawn(run_, content)
+            made.append((run_, key, aircraft, suites))
+            if not _TRIMS.has(key):
+                wanted.setdefault(key, (run_, aircraft))
+    with _shared([r for r, _ in wanted.values()]):
+        _trim(job, wanted)
+    for run_, key, aircraft, suites in made:
+        with run_.attempt():
+            _prepare(run_, spec, key, aircraft, suites)
+    flying = [r for r in runs if not r.reason]
+    with _shared(flying):
+        why = _fly_together(job, flying)
+    for run_ in flying:
+        assert run_.scenario is not None
+        with run_.attempt():
+            keep = (lambda name, record, to=run_.kept: to.append((name, record))) if spec.records else None
+            found = _found(run(run_.scenario, run_.seed, keep, prepared=run_.ready))
+            flown = run_.ready.flown if run_.ready is not None else ()
+            together = any(record.provenance.get("simulator") == BATCH for record in flown)
+            found["flown"] = "batch" if together else f"jsbsim{why}"
+            run_.results = json.dumps(found, separators=(",", ":"))
+    return [r.outcome() for r in runs]
+
+
+@contextmanager
+def _shared(runs: Sequence[_Run]) -> Iterator[None]:
+    """Take the time inside as that of all runs, each its part."""
+    started = time.thread_time()
+    yield
+    for run_ in runs:
+        run_.seconds += (time.thread_time() - started) / len(runs)
+
+
+def _drawn(run_: _Run, content: Mapping[str, Any]) -> tuple[Hashable, Aircraft, tuple[SensorSuite, ...]]:
+    """Return what a run flies and measures with, and the key of its trim; its scenario is set."""
+    inputs = run_.inputs
+    changed = _with_pilots(set_keys(content, inputs), inputs, run_.seed)
     scenario, faults = parse(Scenario, changed, None)
     if scenario is None or faults:
         raise ScenarioError(faults)
-    seed = scenario.seed if "seed" in inputs else seed
+    run_.scenario = scenario
+    run_.seed = scenario.seed if "seed" in inputs else run_.seed
     aircraft = change_aircraft(_aircraft(scenario.aircraft, scenario.wings), inputs)
     suites = change_suites(tuple(_suite(name) for name in scenario.suites), inputs)
     c, air = scenario.condition, scenario.air
@@ -171,12 +243,72 @@ def _run(
         (scenario.aircraft, scenario.wings, repr((aircraft.adapter, aircraft.amendments)), c.V_m_s, c.h_m, c.gamma_deg),
         (scenario.simulation.rate_hz, air.wind_north_m_s, air.wind_east_m_s, air.wind_down_m_s),
     )
-    trimmed: TrimmedFlight = _TRIMS.get(key, lambda: trim_for(scenario, aircraft))
+    return key, aircraft, suites
+
+
+def _trim(job: Job, wanted: Mapping[Hashable, tuple[_Run, Aircraft]]) -> None:
+    """Trim what has not been trimmed, and remember it: the trim, or why there is none."""
+    if job.simulator == "jsbsim":
+        for key, (run_, aircraft) in wanted.items():
+            assert run_.scenario is not None
+            _TRIMS.get(key, partial(_trimmed_by_jsbsim, run_.scenario, aircraft))
+        return
+    from testbench.flight.batch.trim import trim_many
+
+    rates: dict[float | None, list[Hashable]] = {}
+    for key, (run_, _) in wanted.items():
+        assert run_.scenario is not None
+        rates.setdefault(run_.scenario.simulation.rate_hz, []).append(key)
+    for rate, keys in rates.items():
+        scenarios = [wanted[key][0].scenario for key in keys]
+        airs = [air_of(s.air, s.condition.h_m, 0) for s in scenarios if s is not None]
+        conditions = [condition_of(s.condition) for s in scenarios if s is not None]
+        found = trim_many([wanted[key][1] for key in keys], conditions, rate, airs)
+        for key, result in zip(keys, found, strict=True):
+            _TRIMS.get(key, partial(_same, result))
+
+
+def _same(result: TrimmedFlight | TestbenchError) -> TrimmedFlight | TestbenchError:
+    return result
+
+
+def _trimmed_by_jsbsim(scenario: Scenario, aircraft: Aircraft) -> TrimmedFlight | TestbenchError:
+    try:
+        return trim_for(scenario, aircraft)
+    except TestbenchError as error:
+        return error
+
+
+def _prepare(
+    run_: _Run, spec: CampaignSpec, key: Hashable, aircraft: Aircraft, suites: tuple[SensorSuite, ...]
+) -> None:
+    """Make what a run needs before it flies, and the flights that it wants."""
+    assert run_.scenario is not None
+    trimmed = _TRIMS.get(key, partial(_trimmed_by_jsbsim, run_.scenario, aircraft))
+    if isinstance(trimmed, TestbenchError):
+        raise trimmed
     truth: Truth | None = _TRUTHS.get(key, lambda: true_model(aircraft, trimmed)) if spec.truth else None
     needed = dict.fromkeys(name for suite in suites for sensor in suite.sensors for name in sensor.needs)
-    channels = None if kept is not None else tuple(needed)
-    keep = None if kept is None else lambda name, record: kept.append((name, record))
-    return run(scenario, seed, keep, prepared=Prepared(aircraft, suites, trimmed, truth, channels))
+    channels = None if spec.records else tuple(needed)
+    run_.ready = Prepared(aircraft, suites, trimmed, truth, channels)
+    run_.flights = wanted_flights(run_.scenario, run_.ready, run_.seed)
+
+
+def _fly_together(job: Job, runs: Sequence[_Run]) -> str:
+    """Fly what all runs want, and give each its own; return why JSBSim flew some, as the end of a sentence."""
+    if job.simulator == "jsbsim":
+        return ""
+    from testbench.flight.batch.fly import fly_jobs
+
+    told = Flown()
+    flown = fly_jobs([f for r in runs for f in r.flights], job.simulator, told, fewest=1)
+    at = 0
+    for run_ in runs:
+        mine, at = flown[at : at + len(run_.flights)], at + len(run_.flights)
+        assert run_.ready is not None
+        if all(isinstance(record, FlightRecord) for record in mine):
+            run_.ready = replace(run_.ready, flown=tuple(record for record in mine if isinstance(record, FlightRecord)))
+    return f", as {max(told.reasons, key=lambda r: told.reasons[r])}" if told.reasons else ""
 
 
 def _with_pilots(content: dict[str, Any], inputs: Mapping[str, Any], seed: int) -> dict[str, Any]:

@@ -109,6 +109,7 @@ class Summary:
     figures: tuple[Figure, ...]
     accuracies: tuple[Accuracy, ...]
     causes: tuple[Cause, ...]
+    simulators: Mapping[str, int]
 
     @property
     def failed(self) -> int:
@@ -161,6 +162,7 @@ def summarise(rows: Iterable[Row]) -> Summary:
     first: dict[str, Row] = {}
     counts: dict[str, int] = {}
     inputs: dict[str, list[Entry]] = {}
+    simulators: dict[str, int] = {}
     for row in rows:
         runs.append(row.run)
         done.append(row.state == "done")
@@ -172,6 +174,8 @@ def summarise(rows: Iterable[Row]) -> Summary:
                 columns.add(case, figures)
             if "true" in found:
                 columns.add(TRUE, found["true"])
+            if "flown" in found:  # stores of earlier versions do not say
+                simulators[found["flown"]] = simulators.get(found["flown"], 0) + 1
         else:
             reason = _NUMBER.sub("#", row.reason or "no reason given")
             first.setdefault(reason, row)
@@ -187,6 +191,7 @@ def summarise(rows: Iterable[Row]) -> Summary:
         tuple(_figure(name, values[flown]) for name, values in named.items() if not _beside(name, named)),
         tuple(_accuracy(name, truth, named, flown) for name in named if (truth := truth_of(name, named))),
         tuple(Cause(r, counts[r], first[r].run, first[r].reason or "") for r in ordered),
+        simulators,
     )
 
 

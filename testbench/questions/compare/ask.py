@@ -15,9 +15,10 @@ from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
 from testbench.flight import linearise, load_aircraft
 from testbench.flight.air import air_of
+from testbench.flight.batch.jobs import Job, Simulator
 from testbench.information.modes import modes_of
 from testbench.information.targets import needed_parameters
-from testbench.line import Report, fly_and_measure, log_rate, trim_for
+from testbench.line import Report, flown_already, log_rate, manoeuvre_of, trim_for
 from testbench.questions.compare.best_case import best_estimate, lagged_structure
 from testbench.questions.compare.judge import errors_of, model_errors
 from testbench.questions.compare.placement import Placed, place, templates
@@ -27,6 +28,7 @@ from testbench.questions.compare.scenario import BEST_CASE, CompareScenario, Pla
 from testbench.questions.compare.seen import Known, sensors_of, unknowns, wanted_modes
 from testbench.sensors import SensorSuite, load_suite
 
+_AT_ONCE = 64  # repetitions in turbulence that are flown together
 _FAST_MODE = {"longitudinal": "short period", "lateral": "Dutch roll"}
 
 
@@ -37,7 +39,11 @@ _FAST_MODE = {"longitudinal": "short period", "lateral": "Dutch roll"}
 
 
 def compare(
-    scenario: CompareScenario, seed: int | None = None, simulate: bool = True, progress: Report | None = None
+    scenario: CompareScenario,
+    seed: int | None = None,
+    simulate: bool = True,
+    progress: Report | None = None,
+    simulator: Simulator = "auto",
 ) -> CompareResult:
     """Compare the suites of a scenario.
 
@@ -50,6 +56,8 @@ def compare(
         seed: of the first repetition, instead of the scenario's.
         simulate: False to compare by information alone.
         progress: called with a few words as each stage begins.
+        simulator: "jsbsim" flies one repetition after the other; "auto" flies many in turbulence at once, where the
+            model has been found equal to JSBSim.
 
     Raises:
         TestbenchError: with the file and key that it comes from.
@@ -83,7 +91,7 @@ def compare(
     failures: list[Failure] = []
     flights, of_flight = 0, {}
     if simulate and scenario.identification.labels:
-        air = _flights(scenario, known, suites, seed, say)
+        air = _flights(scenario, known, suites, seed, say, simulator)
         for k, (truths, flown) in enumerate(air):
             flights += flown
             if k == 0 and identification.best_case and not scenario.air.turbulence_rms_m_s:
@@ -110,34 +118,61 @@ def _known(scenario: CompareScenario, aircraft: Aircraft, seed: int) -> Known:
 
 
 def _flights(
-    scenario: CompareScenario, known: Known, suites: Sequence[SensorSuite], seed: int, say: Report
+    scenario: CompareScenario,
+    known: Known,
+    suites: Sequence[SensorSuite],
+    seed: int,
+    say: Report,
+    simulator: Simulator,
 ) -> Iterator[tuple[Mapping[str, FlightRecord], int]]:
-    """Yield the true records of every repetition by manoeuvre, and how many of them were flown for it."""
-    random = scenario.air.turbulence_rms_m_s > 0.0
+    """Yield the true records of every repetition by manoeuvre, and how many of them were flown for it.
+
+    In still air all repetitions share those of the first; in turbulence they are flown some at a time.
+    """
+    names = [spec.name for spec in scenario.manoeuvre]
+    if not scenario.air.turbulence_rms_m_s > 0.0:
+        for spec in scenario.manoeuvre:
+            say(f"fly {spec.name}")
+        (once,) = _fly(scenario, known, suites, seed, range(1), "jsbsim")
+        for k in range(scenario.seeds):
+            yield once, 0 if k else len(names)
+        return
+    for first in range(0, scenario.seeds, _AT_ONCE):
+        some = range(first, min(first + _AT_ONCE, scenario.seeds))
+        say(f"fly repetitions {some[0] + 1} to {some[-1] + 1} of {scenario.seeds}")
+        for truths in _fly(scenario, known, suites, seed, some, simulator):
+            yield truths, len(names)
+
+
+def _fly(
+    scenario: CompareScenario,
+    known: Known,
+    suites: Sequence[SensorSuite],
+    seed: int,
+    repetitions: range,
+    simulator: Simulator,
+) -> list[dict[str, FlightRecord]]:
+    """Return the true records by manoeuvre of each repetition."""
+    from testbench.flight.batch.fly import fly_jobs
+
     rate = log_rate(scenario.simulation, suites)
-    needed = {name for suite in suites for s in suite.sensors for name in s.needs}
-    kept: dict[str, FlightRecord] = {}
-    for k in range(scenario.seeds):
-        flown = 0
+    needed = tuple(sorted({name for suite in suites for s in suite.sensors for name in s.needs}))
+    jobs: list[Job] = []
+    for k in repetitions:
         for i, spec in enumerate(scenario.manoeuvre):
-            if kept.get(spec.name) is not None and not random:
-                continue
-            say(f"fly {spec.name}" + (f", repetition {k + 1} of {scenario.seeds}" if random else ""))
             with located(scenario.file, f"manoeuvre[{i}]"):
-                flight = fly_and_measure(
-                    known.aircraft,
-                    known.trimmed,
-                    spec.name,
-                    spec.input,
-                    spec.duration_s,
-                    log_rate_hz=rate,
-                    settle_s=spec.settle_s,
-                    air=air_of(scenario.air, scenario.condition.h_m, derived_seed(seed, k, i)),
-                    channels=sorted(needed),
-                )
-                kept[spec.name] = flight.flown
-            flown += 1
-        yield dict(kept), flown
+                rate_hz = known.trimmed.rate_hz
+                manoeuvre = manoeuvre_of(spec.name, spec.input, spec.duration_s, spec.settle_s, rate_hz)
+                air = air_of(scenario.air, scenario.condition.h_m, derived_seed(seed, k, i))
+                jobs.append(Job(known.aircraft, known.trimmed, manoeuvre, rate, needed, air))
+    out: list[dict[str, FlightRecord]] = []
+    for n, flown in enumerate(fly_jobs(jobs, simulator)):
+        i = n % len(scenario.manoeuvre)
+        with located(scenario.file, f"manoeuvre[{i}]"):
+            out += [{}] if i == 0 else []
+            spec = scenario.manoeuvre[i]
+            out[-1][spec.name] = flown_already(known.aircraft, known.trimmed, spec.name, rate, flown)
+    return out
 
 
 def derived_seed(seed: int, repetition: int, manoeuvre: int) -> int:

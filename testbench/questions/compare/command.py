@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import OutOption, ScenarioArgument, SeedOption
+from testbench.questions.options import FlownBy, OutOption, ScenarioArgument, SeedOption, SimulatorOption
 
 
 def command(
@@ -18,6 +18,7 @@ def command(
     information: Annotated[
         bool, typer.Option("--information", help="Compare by Fisher information alone; nothing is flown.")
     ] = False,
+    simulator: SimulatorOption = FlownBy.auto,
 ) -> None:
     """Compare sensor suites over the same flights and noise: what each sensor buys, and what is more than chance.
 
@@ -33,7 +34,7 @@ def command(
     loaded = CompareScenario.load(find(scenario, "compare"))
     folder = out / f"compare_{loaded.name}"
     with stages() as say:
-        result = compare(loaded, seed, not information, say)
+        result = compare(loaded, seed, not information, say, simulator.value)
         say("write report")
         page = compare_page(result)
         page.write(folder)

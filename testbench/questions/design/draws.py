@@ -24,7 +24,7 @@ from testbench.information.targets import Targets
 from testbench.line import trim_for
 from testbench.questions.design.build import limits_of, problem_of
 from testbench.questions.design.candidates import Candidate
-from testbench.questions.design.flown import Envelope, Flown, Tightest, fly_once
+from testbench.questions.design.flown import Envelope, Flown, Tightest, fly_each, fly_once
 from testbench.questions.design.problem import Design, Problem, rescaled, seen_in
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import SensorSuite
@@ -212,11 +212,9 @@ def told(design: Design, draws: Draws, names: Sequence[str]) -> Told:
 
 def flown_in(design: Design, draws: Draws) -> tuple[InDraw, ...]:
     """Fly a design in the nonlinear simulator with each drawn aircraft, from its own trim."""
-    out = []
-    for draw in draws.judged:
-        _, broken, tight = fly_once(draw.aircraft, draw.trimmed, design, draw.envelope)
-        out.append(InDraw(tight, broken[0] if broken else ""))
-    return tuple(out)
+    of = draws.judged
+    flights = fly_each([d.aircraft for d in of], [d.trimmed for d in of], design, [d.envelope for d in of])
+    return tuple(InDraw(tight, broken[0] if broken else "") for _, broken, tight in flights)
 
 
 def kept_in_all(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -11,9 +11,11 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD, G0_M_S2
+from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
-from testbench.flight import TrimmedFlight
-from testbench.line import fly_and_measure
+from testbench.flight import TrimmedFlight, fly
+from testbench.flight.batch.jobs import Job, Simulator
+from testbench.line import manoeuvre_of
 from testbench.questions.design.limits import Breach, Limits, breaches
 from testbench.questions.design.problem import Design, Problem, rescaled
 
@@ -180,24 +182,52 @@ def fly_once(
     Raises:
         FlightAborted: it ended before anything was logged.
     """
-    rate = trimmed.rate_hz
+    job = _flight(aircraft, trimmed, design, limits)
     try:
-        commands = (f"{name}_cmd" for name in design.controls)
-        names = tuple(dict.fromkeys([*limits.bands, *design.controls, *commands, *_SHOWN]))
-        record = fly_and_measure(
-            aircraft,
-            trimmed,
-            design.family,
-            design.specs,
-            design.duration_s,
-            log_rate_hz=rate / max(1, int(rate // _LOG_HZ)),
-            channels=names,
-        ).flown
+        record = fly(*job.asked)
     except FlightAborted as error:
         if error.record is None:
             raise
-        text = f"the flight leaves the aircraft's limits at t = {error.time_s:.2f} s: {error.reason}"
-        return error.record, [text], Tightest("", 1.0 / _ABORTED, error.time_s)
+        record = error.record
+    return _judged(record, job, limits)
+
+
+def fly_each(
+    aircraft: Sequence[Aircraft],
+    trimmed: Sequence[TrimmedFlight],
+    design: Design,
+    limits: Sequence[Envelope],
+    simulator: Simulator = "auto",
+) -> list[tuple[FlightRecord, list[str], Tightest]]:
+    """Fly a design once with each aircraft, all at once where they can be; return as :func:`fly_once` does for each.
+
+    Raises:
+        TestbenchError: of the first that cannot be flown at all.
+    """
+    from testbench.flight.batch.fly import fly_jobs
+
+    jobs = [_flight(a, t, design, e) for a, t, e in zip(aircraft, trimmed, limits, strict=True)]
+    out = []
+    for record, job, envelope in zip(fly_jobs(jobs, simulator), jobs, limits, strict=True):
+        if isinstance(record, TestbenchError):
+            raise record
+        out.append(_judged(record, job, envelope))
+    return out
+
+
+def _flight(aircraft: Aircraft, trimmed: TrimmedFlight, design: Design, limits: Envelope) -> Job:
+    rate = trimmed.rate_hz
+    commands = (f"{name}_cmd" for name in design.controls)
+    names = tuple(dict.fromkeys([*limits.bands, *design.controls, *commands, *_SHOWN]))
+    manoeuvre = manoeuvre_of(design.family, design.specs, design.duration_s, 0.0, rate)
+    return Job(aircraft, trimmed, manoeuvre, rate / max(1, int(rate // _LOG_HZ)), names)
+
+
+def _judged(record: FlightRecord, job: Job, limits: Envelope) -> tuple[FlightRecord, list[str], Tightest]:
+    if record.outcome == "aborted":
+        end_s = len(record) / job.log_rate_hz
+        text = f"the flight leaves the aircraft's limits at t = {end_s:.2f} s: {record.reason}"
+        return record, [text], Tightest("", 1.0 / _ABORTED, end_s)
     return record, limits.broken(record), limits.tightest(record)
 
 

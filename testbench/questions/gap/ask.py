@@ -9,11 +9,11 @@ from pathlib import Path
 from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord, load_record
 from testbench.flight import load_aircraft
+from testbench.flight.batch.jobs import Simulator
 from testbench.line import Keep, condition_of
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose
 from testbench.questions.gap.evidence.compared import not_compared
-from testbench.questions.gap.flights import Simulator
 from testbench.questions.gap.hidden.kinds import measure_hidden
 from testbench.questions.gap.records import Flights, check_records, check_speeds
 from testbench.questions.gap.result import GapFinding
@@ -57,7 +57,7 @@ def run_gap(
     controls: int = 0,
     control_file: Path | None = None,
     more_effects: Sequence[str] = (),
-    simulator: Simulator | None = None,
+    simulator: Simulator = "auto",
 ) -> GapResult:
     """Read or make the measured records of a gap scenario and find what the believed model lacks.
 
@@ -70,7 +70,7 @@ def run_gap(
         controls: number of control flights without any effect, each of which is searched, too.
         control_file: keeps each of them, so that none is flown twice.
         more_effects: searched beside those of the scenario, ``FILE.py:NAME`` or names of the library.
-        simulator: replaces the scenario's own; "jsbsim" flies nothing in batches.
+        simulator: "jsbsim" flies nothing in batches.
 
     Raises:
         TestbenchError: with the file and key that it comes from.
@@ -90,8 +90,8 @@ def run_gap(
     condition = condition_of(scenario.condition)
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)
     with located(file, "suite"):
-        rate, by = scenario.simulation.rate_hz or aircraft.rate_hz, simulator or scenario.simulator
-        believed = Believed(aircraft, suite, condition, rate, simulator=by)
+        rate = scenario.simulation.rate_hz or aircraft.rate_hz
+        believed = Believed(aircraft, suite, condition, rate, simulator=simulator)
     with located(file, "effects"):
         choice = choose(suite, scenario.effects, (*scenario.more_effects, *more_effects), file, aircraft)
     notes = not_compared(suite)

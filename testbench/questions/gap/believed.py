@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import ModelError, ScenarioError
-from testbench.core.record import FlightAborted, FlightRecord, FloatArray
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.trajectories import driven
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight
 from testbench.flight.air import Air, Gust
+from testbench.flight.batch.jobs import Simulator
 from testbench.flight.simulate import commands as absolute_commands
 from testbench.inputs.signal import InputSignal
-from testbench.line import with_instability
+from testbench.line import flown_already
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.effects.base import MetGust
 from testbench.questions.gap.evidence.commanded import commands, moves_laterally
@@ -26,7 +27,6 @@ from testbench.questions.gap.evidence.compared import DRIFT_OVER_S, left_out, no
 from testbench.questions.gap.evidence.gusts import linear_response, record_key
 from testbench.questions.gap.flights import (
     Flyer,
-    Simulator,
     Wanted,
     flights,
     linear_models,
@@ -182,9 +182,7 @@ class Believed:
             FlightAborted, LimitError, RecordError: as :meth:`predict`.
         """
         found = flights([self.wanted(record, channels, air)])[0]
-        if isinstance(found, FlightAborted):
-            raise with_instability(found, self.aircraft, "measured commands", self.linear)
-        return made(found)
+        return flown_already(self.aircraft, self.trimmed, "measured commands", 1.0 / record.dt_s, found)
 
     def wanted(self, record: FlightRecord, channels: tuple[str, ...] | None = None, air: Air | None = None) -> Wanted:
         """Return what :meth:`flown` flies, to be asked for together with others.

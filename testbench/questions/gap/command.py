@@ -9,7 +9,7 @@ import typer
 
 from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
-from testbench.questions.options import OutOption, SeedOption, Simulator, Wings, refuse
+from testbench.questions.options import FlownBy, OutOption, SeedOption, SimulatorOption, Wings, refuse
 
 CONTROLS = "controls.jsonl"  # in a folder of results: control flights, which are not flown again
 FLIGHTS = ("sensors", "hold_out", "wings", "airspeed", "altitude", "data")  # what is said of measured records
@@ -48,10 +48,7 @@ def command(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes that search; if not given, one for each core.")
     ] = None,
-    simulator: Annotated[
-        Simulator | None,
-        typer.Option(help="jsbsim flies one by one; auto flies together what has been found to fly as in JSBSim."),
-    ] = None,
+    simulator: SimulatorOption = FlownBy.auto,
     controls: Annotated[
         int,
         typer.Option(
@@ -102,7 +99,7 @@ def command(
                 controls=controls,
                 control_file=folder / CONTROLS,
                 more_effects=effect or (),
-                simulator="auto" if simulator is None else simulator.value,
+                simulator=simulator.value,
             )
         else:
             refuse(context, "with a gap case, whose file says all; or give measured records, too", *FLIGHTS)
@@ -119,7 +116,7 @@ def command(
                 controls=controls,
                 control_file=folder / CONTROLS,
                 more_effects=effect or (),
-                simulator=None if simulator is None else simulator.value,
+                simulator=simulator.value,
             )
         say("write report")
         page = gap_page(result)

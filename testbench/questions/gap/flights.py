@@ -10,7 +10,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Generic, Literal, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -19,14 +19,13 @@ from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight
 from testbench.flight.air import Air
-from testbench.flight.batch.fly import Job, fly_jobs
+from testbench.flight.batch.fly import fly_jobs
+from testbench.flight.batch.jobs import Job, Simulator
 from testbench.flight.batch.linear import linearise_flight, linearise_many
 from testbench.flight.batch.trim import trim_many
-from testbench.flight.simulate import ended_early
 from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.search.parallel import spread
 
-Simulator = Literal["auto", "jsbsim"]
 BEYOND = 0.25  # share of the range between its limits by which a hypothesis may exceed them on either side
 _MODELS, _FLIGHTS = 512, 512  # that are kept
 K = TypeVar("K", bound=Hashable)
@@ -43,7 +42,7 @@ class Flyer:
         contents: all that makes it differ from another.
         condition: of its trim.
         rate_hz: frame rate.
-        simulator: "auto", or "jsbsim" to fly nothing in batches.
+        simulator: "jsbsim" flies nothing in batches.
     """
 
     aircraft: Aircraft = field(compare=False)
@@ -119,7 +118,7 @@ def linear_along(
 
 
 def flights(wanted: Sequence[Wanted]) -> list[FlightRecord | TestbenchError]:
-    """Return the truth of each flight, or why it ended early or could not begin."""
+    """Return the truth of each flight, one that ended early as aborted, or why it could not begin."""
     return _FLOWN.of(wanted, _fly)
 
 
@@ -179,17 +178,9 @@ def _linearise(flyers: Sequence[Flyer]) -> list[LinearModel | TestbenchError]:
 def _fly(wanted: Sequence[Wanted]) -> list[FlightRecord | TestbenchError]:
     def by(some: Sequence[tuple[Wanted, TrimmedFlight]]) -> list[FlightRecord | TestbenchError]:
         jobs = [w.job(at) for w, at in some]
-        found = fly_jobs(jobs, some[0][0].flyer.simulator, fewest=1)
-        return [_whole(job, x) for job, x in zip(jobs, found, strict=True)]
+        return fly_jobs(jobs, some[0][0].flyer.simulator, fewest=1)
 
     return _from_trims(wanted, [w.flyer for w in wanted], by)
-
-
-def _whole(job: Job, flown: FlightRecord | TestbenchError) -> FlightRecord | TestbenchError:
-    """Return a flight, or the error of one that ended early."""
-    if isinstance(flown, TestbenchError) or flown.outcome == "completed":
-        return flown
-    return ended_early(job.aircraft, job.manoeuvre, flown, job.log_rate_hz)
 
 
 def _from_trims(

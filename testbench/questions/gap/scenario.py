@@ -27,7 +27,7 @@ class GapScenario(FlownAt):
     Of the manoeuvres, those for "identification" are used to name the effect, those for "validation" are held out.
 
     ``effects`` are searched in place of the whole library, ``more_effects`` beside it, or beside those: names of the
-    library, or ``FILE.py:NAME`` for effects that are brought. ``simulator`` "jsbsim" flies nothing in batches.
+    library, or ``FILE.py:NAME`` for effects that are brought.
     """
 
     unnamed: ClassVar[str] = "gap"
@@ -38,7 +38,6 @@ class GapScenario(FlownAt):
     measured: Annotated[tuple[MeasuredFile, ...], Field(strict=False)] = ()
     effects: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] | None = None
     more_effects: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    simulator: Literal["auto", "jsbsim"] = "auto"
 
     def faults(self) -> list[str]:
         """Return what is wrong with the effects that are searched, as far as texts tell; no code of theirs is run."""

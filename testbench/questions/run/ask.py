@@ -7,11 +7,22 @@ from pathlib import Path
 
 from testbench.aircraft import Aircraft
 from testbench.core.errors import located
+from testbench.core.record import FlightRecord
 from testbench.estimators.identification import Identification
 from testbench.evaluation.truth import Truth, excited, true_model
 from testbench.flight import TrimmedFlight, load_aircraft
 from testbench.flight.air import air_of
-from testbench.line import Flight, Keep, Report, fly_and_measure, identify_and_judge, log_rate, trim_for
+from testbench.flight.batch.jobs import Job
+from testbench.line import (
+    Flight,
+    Keep,
+    Report,
+    fly_and_measure,
+    identify_and_judge,
+    log_rate,
+    manoeuvre_of,
+    trim_for,
+)
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import SensorSuite, load_suite
@@ -27,6 +38,7 @@ class Prepared:
         trimmed: at the scenario's condition and steady wind.
         truth: of this aircraft and trim, or None if estimates are not compared with the truth.
         channels: of the truth to log; all if None.
+        flown: truth of each manoeuvre, if they have been flown already; see :func:`wanted_flights`.
     """
 
     aircraft: Aircraft
@@ -34,6 +46,7 @@ class Prepared:
     trimmed: TrimmedFlight
     truth: Truth | None = None
     channels: tuple[str, ...] | None = None
+    flown: tuple[FlightRecord, ...] = ()
 
 
 def run(
@@ -116,9 +129,25 @@ def _fly_all(scenario: Scenario, ready: Prepared, seed: int, keep: Keep | None, 
                 channels=ready.channels,
                 use=spec.use,
                 keep=keep,
+                flown=ready.flown[i] if ready.flown else None,
             )
         flights.append(flight)
     return tuple(flights)
+
+
+def wanted_flights(scenario: Scenario, ready: Prepared, seed: int) -> list[Job]:
+    """Return the flights that a run will fly, in its order, so that they can be flown with those of other runs.
+
+    Raises:
+        LimitError: an input breaks its law; with the scenario's file.
+    """
+    rate, out = log_rate(scenario.simulation, ready.suites), []
+    for i, spec in enumerate(scenario.manoeuvre):
+        with located(scenario.file, f"manoeuvre[{i}]"):
+            manoeuvre = manoeuvre_of(spec.name, spec.input, spec.duration_s, spec.settle_s, ready.trimmed.rate_hz)
+            air = air_of(scenario.air, scenario.condition.h_m, seed + i)
+        out.append(Job(ready.aircraft, ready.trimmed, manoeuvre, rate, ready.channels, air))
+    return out
 
 
 def _truth(ready: Prepared, flights: tuple[Flight, ...], identification: Identification) -> Truth:

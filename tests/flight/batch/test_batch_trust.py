@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -20,7 +18,6 @@ def own_verdicts(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     for name in ("_JUDGED", "_BASES", "_REFUSED"):
         monkeypatch.setattr(check, name, type(getattr(check, name))())
-    monkeypatch.setattr(batch, "_COUNT", itertools.count(1))
 
 
 def scaled(aircraft, factor: float):
@@ -53,7 +50,7 @@ def test_a_structure_that_departs_in_flight_is_flown_by_jsbsim_at_once_and_from_
     jobs, told, fly_block = pulses(taurus, trimmed, 10), batch.Flown(), batch._fly_block
     right = batch.fly_jobs(jobs, "jsbsim")
     assert check.judged(taurus, trimmed).model is not None
-    monkeypatch.setattr(batch, "BOTH", 7)
+    monkeypatch.setattr(batch, "BOTH", 1)
     blocks = []
 
     def off(lanes, flown):
@@ -68,16 +65,6 @@ def test_a_structure_that_departs_in_flight_is_flown_by_jsbsim_at_once_and_from_
     assert (told.both, told.batch, told.jsbsim) == (1, 0, len(jobs))
     assert check.judged(taurus, trimmed).model is None
     assert "departed from JSBSim" in check.judged(taurus, trimmed).reason
-
-
-def test_one_flight_in_so_many_is_flown_by_both_over_all_calls(taurus, monkeypatch):
-    trimmed = trim(taurus, FlightCondition(15.0, 100.0))
-    monkeypatch.setattr(batch, "BOTH", 5)
-    told = batch.Flown()
-    for job in pulses(taurus, trimmed, 12):
-        batch.fly_jobs([job], "auto", told, fewest=1)
-    assert (told.batch, told.both) == (12, 2)
-    assert told.worst < 1e-9
 
 
 def test_few_flights_are_not_worth_a_judgement_unless_it_is_asked_for(taurus):

@@ -358,7 +358,7 @@ def test_bias_comes_from_a_flight_that_is_not_linear() -> None:
     scenario = loaded.model_copy(update=changes)
     known = _known(scenario, load_aircraft("eolo", "flexible"), 0)
     suite = load_suite("eolo_five_accelerometers")
-    truths, _ = next(_flights(scenario, known, [suite], 0, lambda text: None))
+    truths, _ = next(_flights(scenario, known, [suite], 0, lambda text: None, "jsbsim"))
     found = _flight_errors(scenario, known, [suite], truths)
     wn, M_de = Quantity("mode", "wn of 1st symmetric wing bending"), Quantity("parameter", "M_de")
     assert abs(found["slow", suite.name][M_de]) > 5.0  # percent, without any noise

@@ -16,7 +16,7 @@ from studies.blind.run import look_again, name_case
 
 from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightRecord
-from testbench.questions.gap.flights import Simulator
+from testbench.flight.batch.jobs import Simulator
 
 
 def run_case(case: Case, variant: str = "", simulator: Simulator = "auto") -> dict[str, Any]:

@@ -11,13 +11,13 @@ from studies.blind.flights import RATE_HZ, condition, suite
 
 from testbench.core.record import FlightRecord
 from testbench.flight import load_aircraft
+from testbench.flight.batch.jobs import Simulator
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, Rest, judged, rest
 from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.evidence.air import listen
-from testbench.questions.gap.flights import Simulator
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis

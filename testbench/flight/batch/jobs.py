@@ -1,0 +1,54 @@
+"""What is asked of a batch, and what is told of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from testbench.aircraft import Aircraft
+from testbench.flight.air import Air
+from testbench.flight.condition import TrimmedFlight
+from testbench.flight.simulate import Manoeuvre
+
+Simulator = Literal["auto", "batch", "jsbsim"]
+"""What flies: "jsbsim" one flight after the other; "batch" many at once, and refuses what it cannot fly; "auto" the
+batch where a model has been found equal to JSBSim, else JSBSim.
+"""
+BATCH = "batch, judged by JSBSim"
+"""What the provenance of a record that a batch has flown says of its simulator."""
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One flight that is wanted: what :func:`testbench.flight.fly` takes."""
+
+    aircraft: Aircraft
+    trimmed: TrimmedFlight
+    manoeuvre: Manoeuvre
+    log_rate_hz: float
+    channels: tuple[str, ...] | None = None
+    air: Air | None = None
+
+    @property
+    def asked(self) -> tuple[Aircraft, TrimmedFlight, Manoeuvre, float, tuple[str, ...] | None, Air | None]:
+        """The arguments of :func:`testbench.flight.fly`."""
+        return self.aircraft, self.trimmed, self.manoeuvre, self.log_rate_hz, self.channels, self.air
+
+
+@dataclass
+class Flown:
+    """How flights were flown.
+
+    Attributes:
+        batch: number flown by the program.
+        jsbsim: number flown by JSBSim.
+        both: number flown by both.
+        worst: greatest difference of those, of a channel's range.
+        reasons: why JSBSim flew -> number of flights.
+    """
+
+    batch: int = 0
+    jsbsim: int = 0
+    both: int = 0
+    worst: float = 0.0
+    reasons: dict[str, int] = field(default_factory=dict)

@@ -1,0 +1,186 @@
+"""Engines of the batch: JSBSim's own flights, the moments of a spinning propeller by hand, and what is refused."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import testbench as tb
+from testbench.core.constants import LBF_N
+from testbench.flight.batch import registers as r
+from testbench.flight.batch.check import TOLERANCE, compared, difference
+from testbench.flight.batch.compiled import LANES
+from testbench.flight.batch.fly import fly_many
+from testbench.flight.batch.integrate import thruster
+from testbench.flight.batch.model import batch_model, put, registers, states_at_trim
+from testbench.flight.batch.program import Untranslated
+from testbench.flight.batch.translate import translate
+from testbench.flight.condition import TrimmedFlight
+from testbench.flight.executive import Executive
+from testbench.flight.trim import place_at_trim, velocity_at
+
+MOTOR = '<electric_engine name="motor"><power unit="WATTS">60000</power></electric_engine>'
+TURBOPROP = """
+<turboprop_engine name="small">
+  <idlen1>60</idlen1> <maxn1>100</maxn1> <maxpower>90</maxpower> <psfc>0.6</psfc>
+  <n1idle_max_delay>0.8</n1idle_max_delay>
+  <table name="EnginePowerVC">
+    <independentVar lookup="row">atmosphere/P-psf</independentVar>
+    <independentVar lookup="column">velocities/ve-kts</independentVar>
+    <tableData>
+               0    200
+      1000   0.6    0.7
+      2200   1.0    1.1
+    </tableData>
+  </table>
+  <table name="EnginePowerRPM_N1" type="internal">
+    <tableData>
+               50    100
+      0         0     30
+      4000      1     50
+    </tableData>
+  </table>
+  <table name="ITT_N1" type="internal">
+    <tableData>
+               0     1
+      15     100   700
+      100    100   900
+    </tableData>
+  </table>
+</turboprop_engine>
+"""
+
+
+def cub(engine: str = "", p_factor: float = 0.0, sense: float = 1.0) -> tb.Aircraft:
+    """Return the J3Cub with another engine and a heavier propeller, so that JSBSim's own search brings it to rest."""
+    aircraft = tb.load_aircraft("jsbsim:J3Cub")
+    files = dict(aircraft.engine_files)
+    for name, text in files.items():
+        if engine and "<piston_engine" in text:
+            files[name] = engine
+        if engine and "<propeller" in text:
+            files[name] = re.sub(r"(<ixx[^>]*>)[^<]*", lambda m: f"{m.group(1)} 8.0 ", text)
+    assert aircraft.adapter is not None
+    settings = {n: v for n, v in aircraft.adapter.settings.items() if not (engine and n.endswith("magneto_cmd"))}
+    xml = aircraft.xml
+    if p_factor:
+        xml = re.sub(r"<(p_factor|sense)>[^<]*</\1>", "", xml)
+        xml = xml.replace("</thruster>", f"<sense>{sense}</sense><p_factor>{p_factor}</p_factor></thruster>")
+    return replace(aircraft, xml=xml, engine_files=files, adapter=replace(aircraft.adapter, settings=settings))
+
+
+FLOWN = {
+    "electric": lambda: cub(MOTOR),
+    "electric, P-factor, turning left": lambda: cub(MOTOR, 8.0, -1.0),
+    "piston": lambda: tb.load_aircraft("jsbsim:J3Cub"),
+    "two geared propellers": lambda: tb.load_aircraft("jsbsim:wrightFlyer1903"),
+    "turboprop": lambda: cub(TURBOPROP),
+    "turbine": lambda: tb.load_aircraft("jsbsim:f15"),
+    "rocket": lambda: tb.load_aircraft("jsbsim:x24b"),
+}
+
+
+def trimmed(aircraft: tb.Aircraft) -> TrimmedFlight:
+    return tb.trim(aircraft, tb.FlightCondition(aircraft.design_V_m_s, aircraft.design_h_m))
+
+
+@pytest.mark.parametrize("name", FLOWN)
+def test_engines_fly_as_jsbsim_flies_them(name):
+    """20 s in which every control moves, the throttle by 2 % of its range or less; floors of ranges are the judge's."""
+    aircraft = FLOWN[name]()
+    at = trimmed(aircraft)
+    worst, channel = compared(batch_model(aircraft, at.rate_hz, at.condition), at)
+    assert worst <= TOLERANCE, channel
+
+
+def test_a_turbine_goes_from_idle_into_its_afterburner_as_jsbsim_s():
+    aircraft = FLOWN["turbine"]()
+    at = trimmed(aircraft)
+    t = np.arange(round(8.0 * at.rate_hz)) / at.rate_hz
+    thr = np.where(t < 3.0, -0.4, 1.0 - at.controls["thr"])
+    manoeuvre = tb.Manoeuvre("slam", tb.InputSignal(t, thr[:, None], ("thr",)), settle_s=0.0)
+    truth = tb.fly(aircraft, at, manoeuvre, log_rate_hz=50.0)
+    (record,) = fly_many(aircraft, at, [manoeuvre], log_rate_hz=50.0, simulator="batch")
+    assert difference(record, truth)[0] <= TOLERANCE
+    assert truth["thrust"].max() > 1.3 * 17800.0 * LBF_N  # of its dry thrust at rest
+
+
+def test_flights_of_a_block_begin_with_their_own_engines():
+    aircraft = FLOWN["piston"]()
+    trims = [tb.trim(aircraft, tb.FlightCondition(V, 1000.0)) for V in (28.0, 34.0)]
+    t = np.arange(round(4.0 * trims[0].rate_hz)) / trims[0].rate_hz
+    manoeuvre = tb.Manoeuvre("step", tb.InputSignal(t, 0.05 * (t > 1.0)[:, None], ("thr",)), settle_s=0.0)
+    flown = fly_many(aircraft, trims, [manoeuvre] * 2, log_rate_hz=50.0, simulator="batch")
+    for record, at in zip(flown, trims, strict=True):
+        assert difference(record, tb.fly(aircraft, at, manoeuvre, log_rate_hz=50.0))[0] <= TOLERANCE
+        assert record["motor_speed"][0] == pytest.approx(at.state["motor_speed"], rel=1e-6)
+
+
+def test_a_propeller_s_gyroscopic_moment_and_torque_are_those_of_a_spinning_body():
+    """M = r x F + omega x h + Q about the thrust line."""
+    rng = np.random.default_rng(5)
+    R = np.zeros((r.COUNT + 9, LANES))
+    axis, at, omega = (rng.normal(size=(3, LANES)) for _ in range(3))
+    thrust, torque, h = (rng.normal(size=LANES) for _ in range(3))
+    R[r.RATE : r.RATE + 3] = omega
+    R[r.CG] = 10.0
+    R[r.COUNT :] = np.vstack([thrust, axis, at, torque, h])
+    thruster(R, r.COUNT)
+    arm = np.stack([10.0 - at[0], at[1], -at[2]]) / 12.0  # structural axes: aft, right, up
+    moment = np.cross(arm.T, (thrust * axis).T) + np.cross(omega.T, (h * axis).T) + (torque * axis).T
+    np.testing.assert_allclose(R[r.ENGINE_MOMENT : r.ENGINE_MOMENT + 3].T, moment, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(R[r.ENGINE_FORCE : r.ENGINE_FORCE + 3], thrust * axis, rtol=1e-12)
+
+
+def test_air_that_comes_in_aslant_moves_the_thrust_sideways():
+    """The shift is the P-factor times the angle of the wind that the propeller makes for itself (FGPropeller)."""
+    aircraft = cub(MOTOR, 8.0)
+    at = trimmed(aircraft)
+    model = batch_model(aircraft, at.rate_hz, at.condition)
+    R, one, V = registers([model]), np.ones(1), at.condition.V_m_s
+    uvw = velocity_at(V, at.alpha, 0.1)[:, None]
+    controls = {n: v * one for n, v in at.controls.items()}
+    states = states_at_trim(model, at)
+    put(model, R, at.condition.h_m * one, at.theta * one, at.phi * one, uvw, np.zeros((3, 1)), controls, 12, [states])
+    u, v, w = R[r.U_AERO : r.U_AERO + 3, 0]
+    place = model.program.properties["propulsion/engine/y-position"]
+    before = states["propulsion/engine/y-position"]
+    fdm = Executive(aircraft, at.rate_hz, at.condition)
+    place_at_trim(fdm, at)
+    fdm.place(at.condition.h_m, at.theta, at.phi, uvw[:, 0])
+    fdm.evaluate(to_rest=True, held=True)
+    induced = fdm.get("propulsion/engine/prop-induced-velocity_fps")
+    angle = np.arctan2(np.hypot(v, w), u + induced)
+    hub = fdm.get("propulsion/engine/y-reference-position")
+    assert R[place, 0] - hub == pytest.approx(8.0 * angle * w / np.hypot(v, w), rel=1e-9)
+    assert R[place, 0] != pytest.approx(before, rel=1e-3)
+    assert R[r.ENGINE_MOMENT + 2, 0] == pytest.approx(fdm.get("moments/n-prop-lbsft"), rel=1e-9)
+
+
+def test_an_engine_that_burns_its_fuel_is_left_to_jsbsim():
+    aircraft = FLOWN["piston"]()
+    assert aircraft.adapter is not None
+    settings = {n: v for n, v in aircraft.adapter.settings.items() if n != "propulsion/fuel_freeze"}
+    burning = replace(aircraft, adapter=replace(aircraft.adapter, settings=settings))
+    with pytest.raises(Untranslated, match="burns its fuel"):
+        batch_model(burning, burning.rate_hz, tb.FlightCondition(31.0, 1000.0))
+
+
+@pytest.mark.parametrize(
+    ("inside", "reason"),
+    [
+        ("<numboostspeeds>2</numboostspeeds><ratedboost1>5</ratedboost1>", "not given in full"),
+        ('<displacement unit="GAL">2</displacement>', "GAL"),
+    ],
+)
+def test_a_piston_engine_that_is_not_understood_is_left_to_jsbsim(inside, reason):
+    aircraft = FLOWN["piston"]()
+    files = {n: t.replace("</piston_engine>", f"{inside}</piston_engine>") for n, t in aircraft.engine_files.items()}
+    if "displacement" in inside:
+        files = {n: re.sub(r"<displacement[^>]*>[^<]*</displacement>", "", t, count=1) for n, t in files.items()}
+    tree = aircraft.model_tree(aircraft.rate_hz, 500.0, 30.0)
+    with pytest.raises(Untranslated, match=reason):
+        translate(tree, files, 0.005, [], ["propulsion/engine/thrust-lbs"], frozen=True)

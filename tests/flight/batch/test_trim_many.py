@@ -1,0 +1,63 @@
+"""Trims of a batch against the same trims by JSBSim."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import testbench as tb
+from testbench.core.errors import TrimError
+from testbench.flight.air import Air
+from testbench.flight.batch.trim import trim_many
+from testbench.questions.campaign.targets import change_aircraft
+
+
+@pytest.mark.parametrize(("name", "V", "h"), [("taurus", 13.0, 100.0), ("eolo", 16.0, 547.0), ("b1", 200.0, 3000.0)])
+def test_trims_are_those_of_jsbsim(name: str, V: float, h: float) -> None:
+    aircraft = tb.load_aircraft(name)
+    varied = [change_aircraft(aircraft, {"aircraft.mass_percent": x}) for x in (-2.0, 1.0)]
+    conditions = [tb.FlightCondition(V, h), tb.FlightCondition(1.05 * V, h)]
+    for found, a, c in zip(trim_many(varied, conditions), varied, conditions, strict=True):
+        assert isinstance(found, tb.TrimmedFlight)
+        truth = tb.trim(a, c)
+        assert np.max(np.abs(found.residual)) < 1e-9
+        for control, value in truth.controls.items():
+            assert found.controls[control] == pytest.approx(value, abs=1e-8)
+        assert found.alpha == pytest.approx(truth.alpha, abs=1e-9)
+        for channel in ("V", "alpha", "q", "az", "ax", "thrust", "qbar", "h"):
+            assert found.state[channel] == pytest.approx(truth.state[channel], rel=1e-7, abs=1e-7), channel
+
+
+def test_a_steady_wind_is_trimmed_in() -> None:
+    aircraft, air = tb.load_aircraft("taurus"), Air(wind_north_m_s=-4.0, wind_east_m_s=2.0)
+    condition = tb.FlightCondition(13.0, 100.0)
+    (found,) = trim_many([aircraft], [condition], airs=[air])
+    assert isinstance(found, tb.TrimmedFlight)
+    truth = tb.trim(aircraft, condition, air=air)
+    assert found.state["Vg"] == pytest.approx(truth.state["Vg"], abs=1e-9)
+    assert found.controls["dr"] == pytest.approx(truth.controls["dr"], abs=1e-8)
+
+
+def test_no_bit_depends_on_what_is_trimmed_beside() -> None:
+    aircraft = tb.load_aircraft("taurus")
+    varied = [change_aircraft(aircraft, {"aircraft.mass_percent": 0.1 * k}) for k in range(70)]
+    condition = tb.FlightCondition(13.0, 100.0)
+    together = trim_many(varied, [condition] * 70)
+    for k in (0, 69):
+        (alone,) = trim_many([varied[k]], [condition])
+        other = together[k]
+        assert isinstance(alone, tb.TrimmedFlight)
+        assert isinstance(other, tb.TrimmedFlight)
+        assert alone.alpha == other.alpha
+        assert alone.controls == other.controls
+        assert alone.state == other.state
+
+
+def test_what_has_no_trim_says_why_and_leaves_the_others() -> None:
+    aircraft = tb.load_aircraft("taurus")
+    fast, slow = trim_many([aircraft] * 2, [tb.FlightCondition(13.0, 100.0), tb.FlightCondition(6.0, 100.0)])
+    assert isinstance(fast, tb.TrimmedFlight)
+    assert isinstance(slow, TrimError)
+    with pytest.raises(TrimError) as caught:
+        tb.trim(aircraft, tb.FlightCondition(6.0, 100.0))
+    assert slow.message == caught.value.message
