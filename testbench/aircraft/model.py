@@ -5,6 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Literal
@@ -218,13 +219,9 @@ class Aircraft:
         Raises:
             ModelError: there is no such coefficient, or the model does not trim at its design condition.
         """
-        function_name = f"aero/coefficient/{name}"
-        if function_name in self.xml:  # reading a large model takes milliseconds
-            for function in ET.fromstring(self.xml).iter("function"):
-                if function.get("name") == function_name:
-                    values = function.findall("product/value")
-                    if len(values) == 1:
-                        return float(values[0].text or "nan")
+        written = _written_coefficients(self.xml)
+        if name in written:
+            return written[name]
         try:
             return self.perturbed[name]
         except KeyError as error:
@@ -232,6 +229,18 @@ class Aircraft:
             raise ModelError(
                 f"{self.name} must have a coefficient '{name}', got none{f': {why}' if why else nearest(name, ())}"
             ) from error
+
+
+@lru_cache(maxsize=16)
+def _written_coefficients(xml: str) -> dict[str, float]:
+    """Return the coefficients that a model has as one number in a function ``aero/coefficient/NAME``."""
+    found: dict[str, float] = {}
+    for function in ET.fromstring(xml).iter("function"):
+        head, _, name = (function.get("name") or "").rpartition("/")
+        values = function.findall("product/value")
+        if head == "aero/coefficient" and len(values) == 1 and name not in found:
+            found[name] = float(values[0].text or "nan")
+    return found
 
 
 _Points = dict[str, Annotated[tuple[Annotated[tuple[float, float], Field(strict=False)], ...], Field(strict=False)]]

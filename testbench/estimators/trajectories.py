@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import schur, solve_sylvester
+from scipy.linalg import expm, schur, solve_sylvester
 from scipy.signal import lfilter
 
 from testbench.core.record import FloatArray
@@ -65,6 +66,23 @@ class Trajectories:
                 start[:, :, 0] = np.eye(T.shape[0])
                 x[part, part] = _recursion(T, start)[:, :, 1:][:, :, ::step]
         return _times(self._V, x).transpose(2, 0, 1)
+
+
+def driven(A: FloatArray, B: FloatArray, inputs: Sequence[FloatArray], dt_s: float) -> list[FloatArray]:
+    """Return the states (n, k) of xdot = A x + B u from rest, one array for each input (n, m), held between samples.
+
+    All run side by side; a shorter one is at rest once it ends.
+    """
+    k, m = B.shape
+    block = np.zeros((k + m, k + m))
+    block[:k] = np.hstack([A, B])
+    step = expm(block * dt_s)
+    longest = max(len(u) for u in inputs)
+    f = np.zeros((longest, k, len(inputs)))
+    for i, u in enumerate(inputs):
+        f[: len(u) - 1, :, i] = u[:-1] @ step[:k, k:].T
+    x = Trajectories(step[:k, :k], longest).forced(f)
+    return [x[: len(u), :, i] for i, u in enumerate(inputs)]
 
 
 def _times(M: FloatArray, x: FloatArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,23 +52,8 @@ def linearise(aircraft: Aircraft, trimmed: TrimmedFlight) -> LinearModel:
         True
     """
     point = _Point.of(aircraft, trimmed)
-    at = {n: trimmed.state[n] for n in point.states} | dict(trimmed.controls)
-    servos, direct = point.servos, tuple(u for u in point.surfaces if u not in point.servos)
-    memories = tuple(m.name for m in point.memories)
-    slopes = point.slopes(at, (*point.states, *memories, *point.inputs), _FOURTH_ORDER)
-    n, first = len(point.states), len(point.states) + len(memories)
-    own, columns = first + len(servos), [*range(first), *(first + point.inputs.index(u) for u in servos)]
-    A, C = point.joined(slopes[:n, columns], slopes[n:, columns], servos)
-    B, D = np.zeros((own, len(point.inputs) + len(servos))), slopes[n:, first:][: len(point.outputs)]
-    B[:n, : len(point.inputs)] = slopes[:n, first:]
-    B[own - len(servos) :, len(point.inputs) :] = np.diag([point.servo_rate(u) for u in servos])
-    D = np.hstack([D, np.zeros((len(D), len(servos)))])
-    states = (*point.states, *memories, *(f"{SERVO}{u}" for u in servos))
-    names = (*point.inputs, *(f"{u}_cmd" for u in servos))
-    if direct:
-        i = [point.inputs.index(u) for u in direct]
-        B, D, names = np.hstack([B, B[:, i]]), np.hstack([D, D[:, i]]), (*names, *(f"{u}_cmd" for u in direct))
-    model = LinearModel(A, B, C, D, states, names, point.outputs)
+    at = point.layout.trim_of(trimmed)
+    model = point.layout.model(point.values(point.layout.points(at)))
     return with_engine(model, point.fdm, point.back, at) if point.engine else model
 
 
@@ -87,90 +72,139 @@ def linearise_along(
     Returns A (n, k, k), C (n, p, k), and the names of the p outputs: those of :func:`linearise`.
     """
     point = _Point.of(aircraft, trimmed)
-    names = (*point.states, *point.inputs)
-    n, brought = len(point.states), [m.name for m in point.memories]
+    return along(point.layout, flown, states, point.values)
+
+
+def along(
+    layout: Layout, flown: FlightRecord, states: Sequence[str], values: Callable[[Points], FloatArray]
+) -> tuple[FloatArray, FloatArray, tuple[str, ...]]:
+    """Return what :func:`linearise_along` does, from the ``values`` at points that any simulator gives."""
+    n, brought = len(layout.states), [m.name for m in layout.memories]
     servos = [s.removeprefix(SERVO) for s in states if s.startswith(SERVO)]
     wanted = [s for s in states if not s.startswith(SERVO)]
-    moving = [index_of(s, point.states) for s in wanted if s not in brought]
+    moving = [index_of(s, layout.states) for s in wanted if s not in brought]
     if len(wanted) - len(moving) not in (0, len(brought)):
         raise ChannelError(f"states of amendments must be wanted all or none, got {wanted} of {brought}")
     variables = (*wanted, *servos)
-    rows = [*moving, *range(n, n + len(point.outputs) + len(brought))]
-    slopes = np.empty((len(flown), len(rows), len(variables)))
-    for k, values in enumerate(flown.columns(names)):
-        at = dict(zip(names, values.tolist(), strict=True))
-        slopes[k] = point.slopes(at, variables, _SECOND_ORDER)[rows]
-    A, C = point.joined(slopes[:, : len(moving)], slopes[:, len(moving) :], servos)
-    return A, C, point.outputs
+    rows = [*moving, *range(n, n + len(layout.outputs) + len(brought))]
+    at = {name: flown[name] for name in (*layout.states, *layout.inputs)}
+    found = values(beside(at, variables, _SECOND_ORDER))
+    by_sample = found.reshape(len(found), len(flown), -1).transpose(1, 0, 2)
+    slopes = layout.slopes(by_sample, variables, _SECOND_ORDER)[:, rows]
+    A, C = layout.joined(slopes[:, : len(moving)], slopes[:, len(moving) :], servos)
+    return A, C, layout.outputs
+
+
+Points = Mapping[str, FloatArray]
+"""State or input -> its value at each of several points (points,), SI; what is not given is 0."""
+
+
+def beside(at: Points, names: Sequence[str], weights: Mapping[int, float]) -> Points:
+    """Return the points from which differences are taken about each of ``at``, of each variable in turn.
+
+    Args:
+        at: n points.
+        names: variables.
+        weights: multiple of a variable's step -> weight of the value there in the derivative times the step.
+    """
+    n, count = len(next(iter(at.values()))), len(weights)
+    out = {s: np.repeat(x[:, None], len(names) * count, axis=1) for s, x in at.items()}
+    for i, name in enumerate(names):
+        values = out.setdefault(name, np.zeros((n, len(names) * count)))
+        for j, k in enumerate(weights):
+            values[:, i * count + j] += k * _step(name)
+    return {s: x.ravel() for s, x in out.items()}
 
 
 @dataclass(frozen=True, eq=False)
-class _Point:
-    """JSBSim ready to be evaluated wherever it is put; ``stations`` weight its channels for the wing stations.
+class Layout:
+    """What a linear model of an aircraft is made of.
 
-    ``memories`` are the states that amendments bring with them.
+    Attributes:
+        states: of the rigid body and its modes.
+        inputs: control channels.
+        outputs: channels of the simulator, and those of wing stations.
+        stations: (channels of stations, channels of the simulator) weights.
+        memories: states that amendments bring with them.
+        servos: surface that a servo moves -> its corner frequency, rad/s.
     """
 
-    fdm: Executive
     states: tuple[str, ...]
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     stations: FloatArray
     memories: tuple[Memory, ...]
-    back: TrimmedFlight
+    servos: Mapping[str, float]
 
     @classmethod
-    def of(cls, aircraft: Aircraft, trimmed: TrimmedFlight) -> _Point:
-        fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
-        modes = range(1, fdm.mode_count + 1)
-        if len(fdm.propellers):
-            place_at_trim(fdm, trimmed)
-        if modes:
-            fdm.set("modal/static-ic", 0.0)
+    def of(cls, aircraft: Aircraft, channels: Sequence[str], servos: Mapping[str, float]) -> Layout:
+        """Lay out an aircraft.
+
+        Args:
+            aircraft: what flies.
+            channels: those of the simulator.
+            servos: surface that a servo moves -> its corner frequency, rad/s.
+        """
+        elastic = aircraft.flown_modes()
+        modes = range(1, (len(elastic) if elastic else 0) + 1)
         states = (*_RIGID, *(f"eta_{i}" for i in modes), *(f"etadot_{i}" for i in modes))
-        names, rows = station_rows(aircraft.flown_stations(), aircraft.flown_modes())
-        weights = np.array([[row.get(c, 0.0) for c in fdm.channels] for row in rows])
+        names, rows = station_rows(aircraft.flown_stations(), elastic)
+        weights = np.array([[row.get(c, 0.0) for c in channels] for row in rows])
+        stations = weights.reshape(len(rows), len(channels))
         inputs = tuple(n for n in CONTROLS if n in aircraft.controls)
-        stations = weights.reshape(len(rows), len(fdm.channels))
-        return cls(fdm, states, inputs, (*fdm.channels, *names), stations, aircraft.memories, trimmed)
+        return cls(states, inputs, (*channels, *names), stations, aircraft.memories, servos)
+
+    def trim_of(self, trimmed: TrimmedFlight) -> dict[str, float]:
+        """Return states and inputs at a trim."""
+        return {n: trimmed.state[n] for n in self.states} | dict(trimmed.controls)
 
     @property
-    def surfaces(self) -> tuple[str, ...]:
-        """Inputs that are surfaces."""
-        return tuple(u for u in self.inputs if u in _SURFACES)
+    def _variables(self) -> tuple[str, ...]:
+        return (*self.states, *(m.name for m in self.memories), *self.inputs)
 
-    @property
-    def servos(self) -> tuple[str, ...]:
-        """Surfaces that a servo moves."""
-        return tuple(u for u in self.surfaces if self.fdm.has(self.fdm.aircraft.servo_of(u)))
+    def points(self, at: Mapping[str, float]) -> Points:
+        """Return the points that :meth:`model` needs the values of, about ``at``."""
+        return beside({n: np.array([x]) for n, x in at.items()}, self._variables, _FOURTH_ORDER)
 
-    @property
-    def engine(self) -> bool:
-        """Whether the speed of its propellers is a state."""
-        return self.fdm.propellers.free and "thr" in self.inputs
+    def model(self, values: FloatArray) -> LinearModel:
+        """Return the linear model.
 
-    def servo_rate(self, control: str) -> float:
-        """Return the corner frequency of a servo, rad/s."""
-        return self.fdm.get(str(self.fdm.aircraft.servo_of(control)))
+        Args:
+            values: (state derivatives + channels + what memories follow, points) at :meth:`points`.
+        """
+        servos = tuple(u for u in self.inputs if u in self.servos)
+        direct = tuple(u for u in self.inputs if u in _SURFACES and u not in self.servos)
+        memories = tuple(m.name for m in self.memories)
+        slopes = self.slopes(values, self._variables, _FOURTH_ORDER)
+        n, first = len(self.states), len(self.states) + len(memories)
+        own, columns = first + len(servos), [*range(first), *(first + self.inputs.index(u) for u in servos)]
+        A, C = self.joined(slopes[:n, columns], slopes[n:, columns], servos)
+        B, D = np.zeros((own, len(self.inputs) + len(servos))), slopes[n:, first:][: len(self.outputs)]
+        B[:n, : len(self.inputs)] = slopes[:n, first:]
+        B[own - len(servos) :, len(self.inputs) :] = np.diag([self.servos[u] for u in servos])
+        D = np.hstack([D, np.zeros((len(D), len(servos)))])
+        states = (*self.states, *memories, *(f"{SERVO}{u}" for u in servos))
+        names = (*self.inputs, *(f"{u}_cmd" for u in servos))
+        if direct:
+            i = [self.inputs.index(u) for u in direct]
+            B, D, names = np.hstack([B, B[:, i]]), np.hstack([D, D[:, i]]), (*names, *(f"{u}_cmd" for u in direct))
+        return LinearModel(A, B, C, D, states, names, self.outputs)
 
-    def slopes(self, at: Mapping[str, float], names: Sequence[str], weights: Mapping[int, float]) -> FloatArray:
+    def slopes(self, values: FloatArray, names: Sequence[str], weights: Mapping[int, float]) -> FloatArray:
         """Return the derivatives of all state derivatives, all outputs and all that is followed, in this order.
 
         Args:
-            at: value of every state and input; states that amendments bring with them are at rest if not given.
+            values: (..., state derivatives + channels + what memories follow, points) at the points of :func:`beside`.
             names: k of them.
-            weights: multiple of a variable's step -> weight of the value there in the derivative times the step.
+            weights: as there.
 
-        Returns (states + outputs + memories, k).
+        Returns (..., states + outputs + memories, k).
         """
-        columns = []
-        for name in names:
-            step = _step(name)
-            values = (w * self._derivatives({**at, name: at.get(name, 0.0) + k * step}) for k, w in weights.items())
-            columns.append(sum(values) / step)
-        slopes = np.column_stack(columns)
-        first, last = len(self.states), len(slopes) - len(self.memories)
-        return np.vstack([slopes[:last], self.stations @ slopes[first:last], slopes[last:]])
+        parts = values.reshape(*values.shape[:-1], len(names), len(weights))
+        slopes = sum(w * parts[..., k] for k, w in enumerate(weights.values())) / np.array([_step(n) for n in names])
+        first, last = len(self.states), slopes.shape[-2] - len(self.memories)
+        of_stations = self.stations @ slopes[..., first:last, :]
+        return np.concatenate([slopes[..., :last, :], of_stations, slopes[..., last:, :]], axis=-2)
 
     def joined(self, moving: FloatArray, shown: FloatArray, servos: Sequence[str]) -> tuple[FloatArray, FloatArray]:
         """Return A (..., k, k) and C (..., outputs, k) of states, memories and servos from slopes by them.
@@ -204,9 +238,39 @@ class _Point:
             A[..., n + i, :n] = memory.rate_rad_s * followed[..., i, :]
             A[..., n + i, n + i] = -memory.rate_rad_s
         for i, u in enumerate(servos):
-            A[..., first + i, :] = self.servo_rate(u) * K[..., i, :]
-            A[..., first + i, first + i] = -self.servo_rate(u)
+            A[..., first + i, :] = self.servos[u] * K[..., i, :]
+            A[..., first + i, first + i] = -self.servos[u]
         return A, shown - shown[..., first:] @ K
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """JSBSim ready to be evaluated wherever it is put."""
+
+    fdm: Executive
+    layout: Layout
+    back: TrimmedFlight
+
+    @classmethod
+    def of(cls, aircraft: Aircraft, trimmed: TrimmedFlight) -> _Point:
+        fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
+        if len(fdm.propellers):
+            place_at_trim(fdm, trimmed)
+        if fdm.mode_count:
+            fdm.set("modal/static-ic", 0.0)
+        lags = {u: aircraft.servo_of(u) for u in _SURFACES if u in aircraft.controls}
+        servos = {u: fdm.get(lag) for u, lag in lags.items() if lag is not None and fdm.has(lag)}
+        return cls(fdm, Layout.of(aircraft, fdm.channels, servos), trimmed)
+
+    @property
+    def engine(self) -> bool:
+        """Whether the speed of its propellers is a state."""
+        return self.fdm.propellers.free and "thr" in self.layout.inputs
+
+    def values(self, points: Points) -> FloatArray:
+        """Return the state derivatives, all channels and what the memories follow (rows, points)."""
+        each = zip(*(x.tolist() for x in points.values()), strict=True)
+        return np.column_stack([self._derivatives(dict(zip(points, x, strict=True))) for x in each])
 
     def _derivatives(self, at: Mapping[str, float]) -> FloatArray:
         """Return the state derivatives, all channels and what the memories follow at one point."""
@@ -217,7 +281,7 @@ class _Point:
         for i in modes:
             fdm.set(f"modal/eta-{i}", at[f"eta_{i}"])
             fdm.set(f"modal/etadot-{i}", at[f"etadot_{i}"])
-        for memory in self.memories:
+        for memory in self.layout.memories:
             fdm.set(memory.start, at.get(memory.name, 0.0))
         fdm.evaluate(held=self.engine)
         rigid = [fdm.get(name) * factor for name, factor in _DERIVATIVES]
@@ -225,7 +289,7 @@ class _Point:
         channels = fdm.read() | {
             "psi": 0.0
         }  # no state is a heading: read, it jumps by a turn where it begins, at north
-        return np.array([*rigid, *modal, *channels.values(), *(fdm.get(m.follows) for m in self.memories)])
+        return np.array([*rigid, *modal, *channels.values(), *(fdm.get(m.follows) for m in self.layout.memories)])
 
 
 def _step(name: str) -> float:

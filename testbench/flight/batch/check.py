@@ -1,8 +1,9 @@
 """The judge: a translated model is used only after it has flown beside JSBSim.
 
 The first flight of a model in a batch is preceded by one of 20 s in which every control moves, flown by both. Every
-channel of the simulator must agree within 1e-9 of its range. The verdict is kept on disk, by a hash of the model, of
-the batch's own code and of JSBSim's version.
+channel of the simulator must agree within 1e-9 of its range. The verdict is kept on disk, by a hash of the model's
+structure, of the batch's own code and of JSBSim's version: models that differ in numbers only fly by one program, and
+one in two hundred flights is flown by both whatever was found before.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ import json
 import math
 import os
 import sys
+import xml.etree.ElementTree as ET
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -28,7 +30,7 @@ from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.batch.compiled import SOURCES
 from testbench.flight.batch.jobs import BATCH, Flown, Job
-from testbench.flight.batch.model import BatchModel, batch_model, variant
+from testbench.flight.batch.model import BatchModel, attributes, batch_model, variant
 from testbench.flight.batch.program import Untranslated
 from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.executive import _Key
@@ -68,6 +70,9 @@ class Judged:
 
 _JUDGED: OrderedDict[object, Judged] = OrderedDict()
 _BASES: dict[object, list[Judged]] = {}
+"""Text of a model, its frame rate and number of elements -> structures found equal to JSBSim, the latest first."""
+_REFUSED: dict[object, Judged] = {}
+"""The same by what the elements are -> verdict on what JSBSim must fly."""
 
 
 def judged(aircraft: Aircraft, trimmed: TrimmedFlight) -> Judged:
@@ -78,60 +83,108 @@ def judged(aircraft: Aircraft, trimmed: TrimmedFlight) -> Judged:
     Raises:
         ModelError: JSBSim refuses the aircraft.
     """
-    key = _Key.of(aircraft, trimmed.rate_hz, trimmed.condition)
-    limits = tuple(aircraft.limits.items())
-    if (key, limits) not in _JUDGED:
-        _JUDGED[key, limits] = _judged(aircraft, trimmed)
-        if len(_JUDGED) > _KEPT:
-            _JUDGED.popitem(last=False)
-    _JUDGED.move_to_end((key, limits))
-    return _JUDGED[key, limits]
+    return judged_at(aircraft, trimmed.rate_hz, trimmed.condition, lambda: trimmed)
 
 
-def _judged(aircraft: Aircraft, trimmed: TrimmedFlight) -> Judged:
-    c = trimmed.condition
-    family = hash(aircraft.xml), trimmed.rate_hz
-    bases = _BASES.setdefault(family, [])
-    known = _variant_of(bases, aircraft, c)
-    if known is not None:
-        return known
-    try:
-        found = _verdict(batch_model(aircraft, trimmed.rate_hz, c), trimmed)
-    except Untranslated as missing:
-        return Judged(None, str(missing))
-    bases.append(found)
+def judged_at(
+    aircraft: Aircraft, rate_hz: float, condition: FlightCondition, trimmed: Callable[[], TrimmedFlight]
+) -> Judged:
+    """Return the same at a condition; ``trimmed`` is called if it has to fly.
+
+    Raises:
+        ModelError: JSBSim refuses the aircraft.
+        TrimError: it has no trim to fly from.
+    """
+    found = variant_known(aircraft, rate_hz, condition)
+    if found is None:
+        tree = aircraft.rigid_tree()
+        try:
+            found = _verdict(batch_model(aircraft, rate_hz, condition), trimmed)
+        except Untranslated as missing:
+            found = Judged(None, str(missing))
+        if found.model is None:
+            _REFUSED[_structure(aircraft, rate_hz, tree)] = found
+        else:
+            _BASES.setdefault(_family(aircraft, rate_hz, tree), []).insert(0, found)
+        _keep(_key(aircraft, rate_hz, condition), found)
     return found
 
 
-def _variant_of(bases: Sequence[Judged], aircraft: Aircraft, condition: FlightCondition) -> Judged | None:
-    tree = aircraft.rigid_tree() if bases else None
-    for base in bases:
-        assert tree is not None
-        model = None if base.model is None else variant(base.model, aircraft, condition, tree)
-        if model is not None:
-            return Judged(model, base.reason, base.worst, base.channel)
-    return None
-
-
-def variant_known(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> BatchModel | None:
-    """Return the model of an aircraft if one of its shape has been found equal to JSBSim in this process.
+def variant_known(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> Judged | None:
+    """Return the verdict on an aircraft if one has been given in this process, on it or on another of its structure.
 
     Raises:
         ModelError: an amendment does not fit the model.
     """
-    found = _variant_of(_BASES.get((hash(aircraft.xml), rate_hz), []), aircraft, condition)
-    return None if found is None else found.model
+    key = _key(aircraft, rate_hz, condition)
+    found = _JUDGED.get(key)
+    if found is None:
+        tree = aircraft.rigid_tree()
+        bases = _BASES.get(_family(aircraft, rate_hz, tree), [])
+        for i, base in enumerate(bases):
+            model = None if base.model is None else variant(base.model, aircraft, condition, tree)
+            if model is not None:
+                found = replace(base, model=model)
+                bases.insert(0, bases.pop(i))
+                break
+        else:
+            found = _REFUSED.get(_structure(aircraft, rate_hz, tree))
+            if found is None:
+                return None
+        _keep(key, found)
+    _JUDGED.move_to_end(key)
+    if found.model is not None and found.model.aircraft is not aircraft:  # whose limits may be others
+        found = replace(found, model=replace(found.model, aircraft=aircraft))
+    return found
 
 
-def _verdict(model: BatchModel, trimmed: TrimmedFlight) -> Judged:
+def distrust(model: BatchModel, reason: str) -> None:
+    """Let JSBSim fly all models of a structure from now on, in this process."""
+    for bases in _BASES.values():
+        bases[:] = [b for b in bases if b.model is not None and b.model.program is not model.program]
+    for key in [k for k, each in _JUDGED.items() if each.model and each.model.program is model.program]:
+        del _JUDGED[key]
+    _REFUSED[_structure(model.aircraft, model.rate_hz, model.aircraft.rigid_tree())] = Judged(None, reason)
+
+
+def _key(aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> object:
+    return _Key.of(aircraft, rate_hz, condition), tuple(aircraft.limits)
+
+
+def _family(aircraft: Aircraft, rate_hz: float, tree: ET.Element) -> object:
+    return hash(aircraft.xml), rate_hz, sum(1 for _ in tree.iter())
+
+
+def _structure(aircraft: Aircraft, rate_hz: float, tree: ET.Element) -> object:
+    """Return what models have in common that differ in numbers: tags, attributes and all texts that are no numbers."""
+    modes = aircraft.flown_modes()
+    elements = tuple((e.tag, *sorted(attributes(e).items()), _word(e.text)) for e in tree.iter())
+    return hash(aircraft.xml), rate_hz, 0 if modes is None else len(modes), elements
+
+
+def _word(text: str | None) -> str:
+    try:
+        float(text or "")
+    except ValueError:
+        return (text or "").strip()
+    return ""
+
+
+def _keep(key: object, found: Judged) -> None:
+    _JUDGED[key] = found
+    if len(_JUDGED) > _KEPT:
+        _JUDGED.popitem(last=False)
+
+
+def _verdict(model: BatchModel, trimmed: Callable[[], TrimmedFlight]) -> Judged:
     """Return the verdict on a model, from disk if there is one."""
-    kept = _place(model, trimmed)
+    kept = _place(model)
     if kept is not None and kept.is_file():
         with suppress(OSError, ValueError, KeyError):
             known = json.loads(kept.read_text(encoding="utf-8"))
             worst, name = float(known["worst"]), str(known["channel"])
             return _of(model, worst, name)
-    worst, name = compared(model, trimmed)
+    worst, name = compared(model, trimmed())
     if kept is not None and math.isfinite(worst):
         with suppress(OSError):
             kept.parent.mkdir(parents=True, exist_ok=True)
@@ -149,16 +202,17 @@ def _of(model: BatchModel, worst: float, name: str) -> Judged:
     return Judged(None, f"its {name} departs from JSBSim's by {worst:.1g} of its range", worst, name)
 
 
-def _place(model: BatchModel, trimmed: TrimmedFlight) -> Path | None:
+def _place(model: BatchModel) -> Path | None:
     """Return the file of a verdict, or None if there is no place for it."""
     base = os.environ.get("XDG_CACHE_HOME") or (Path.home() / ".cache" if _has_home() else None)
     if base is None:
         return None
     p = model.program
     parts = (
-        model.start.tobytes(),
-        *(code.tobytes() for code in (p.before, p.frame, p.log, p.tables)),
-        (model.rate_hz, trimmed.alpha, sorted(trimmed.controls.items())),
+        model.aircraft.xml,
+        model.rate_hz,
+        model.shape,
+        *(code.tobytes() for code in (p.before, p.frame, p.log)),
         (SOURCES, version("jsbsim"), sys.platform),
     )
     text = repr(parts)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -115,11 +116,12 @@ def batch_model(
     inputs = [aircraft.controls[n].command for n in fdm.command_nodes]
     settings = aircraft.adapter.settings if aircraft.adapter is not None else {}
     frozen = settings.get("propulsion/fuel_freeze", 0.0) != 0.0  # JSBSim takes it but does not give it back
-    translation = translate(
-        tree, aircraft.engine_files, 1.0 / rate_hz, inputs, [*sources.values(), *inputs, *watched], frozen
-    )
-    shown = {**sources, **dict(zip(watched, watched, strict=True))}
-    program = replace(translation.program, logged={n: translation.program.logged[s] for n, s in shown.items()})
+    followed = [*(m.follows for m in aircraft.memories), *(f"modal/etaddot-{i + 1}" for i in range(fdm.mode_count))]
+    read = [*sources.values(), *inputs, *followed, *watched]  # a linear model asks for what is followed
+    translation = translate(tree, aircraft.engine_files, 1.0 / rate_hz, inputs, read, frozen)
+    logged = translation.program.logged
+    found = {n: logged[s] for n, s in sources.items()} | {n: logged[n] for n in (*followed, *watched)}
+    program = replace(translation.program, logged=found)
     start = np.zeros(program.size)
     start[program.numbers] = translation.numbers
     for name, register in program.properties.items():
@@ -219,6 +221,18 @@ class _Template:
     elements: tuple[tuple[str, dict[str, str], str | None], ...]
     places: tuple[tuple[int, int], ...]
 
+    @cached_property
+    def _tags(self) -> list[str]:
+        return [tag for tag, _, _ in self.elements]
+
+    @cached_property
+    def _fixed(self) -> list[tuple[int, str | None]]:
+        return [(i, text) for i, (_, _, text) in enumerate(self.elements) if text is not None]
+
+    @cached_property
+    def _attributes(self) -> list[dict[str, str]]:
+        return [own for _, own, _ in self.elements]
+
     @classmethod
     def of(cls, tree: ET.Element, translation: Translation) -> _Template:
         """Take the shape of a tree, or of a part of one, that has been translated."""
@@ -232,19 +246,17 @@ class _Template:
         free = {at for _, at in places}
         balance = {id(e) for b in tree.iter("mass_balance") for e in b.iter()}
         elements = tuple(
-            (e.tag, _attributes(e), None if i in free or id(e) in balance else e.text)
-            for i, e in enumerate(tree.iter())
+            (e.tag, attributes(e), None if i in free or id(e) in balance else e.text) for i, e in enumerate(tree.iter())
         )
         return cls(elements, places)
 
     def numbers(self, tree: ET.Element, base: tuple[float, ...]) -> FloatArray | None:
         """Return the numbers of another tree in the program's order, or None if it differs in more than numbers."""
         others = list(tree.iter())
-        if len(others) != len(self.elements):
+        if [e.tag for e in others] != self._tags or [attributes(e) for e in others] != self._attributes:
             return None
-        for e, (tag, attributes, text) in zip(others, self.elements, strict=True):
-            if e.tag != tag or (text is not None and e.text != text) or _attributes(e) != attributes:
-                return None
+        if [(i, others[i].text) for i, _ in self._fixed] != self._fixed:
+            return None
         out = np.array(base)
         try:
             for number, at in self.places:
@@ -254,14 +266,14 @@ class _Template:
         return out
 
 
-def _attributes(e: ET.Element) -> dict[str, str]:
+def attributes(e: ET.Element) -> dict[str, str]:
     """Return the attributes of an element that must be the same: the value of a declared property may differ."""
     return {"unit": e.get("unit", "")} if e.tag == "property" else e.attrib
 
 
 @dataclass(frozen=True, eq=False)
 class _Shape:
-    """What models have in common that differ in numbers only.
+    """What models have in common that differ in numbers only; its text says all of it but the modes' numbers.
 
     Attributes:
         fixed: commands, limits, engines, settings.
@@ -271,7 +283,7 @@ class _Shape:
     """
 
     fixed: tuple[object, ...]
-    modes: tuple[object, ...] | None
+    modes: tuple[object, ...] | None = field(repr=False)
     rigid: _Template
     whole: _Template
 
@@ -306,8 +318,9 @@ def _modes(aircraft: Aircraft, condition: FlightCondition) -> tuple[object, ...]
 
 
 def _fixed(aircraft: Aircraft) -> tuple[object, ...]:
+    controls = tuple((n, c.command, c.scale) for n, c in aircraft.controls.items())
     return (
-        tuple(sorted(aircraft.engine_files.items())), tuple((n, c.command) for n, c in aircraft.controls.items()),
+        tuple(sorted(aircraft.engine_files.items())), controls,
         tuple(aircraft.limits), None if aircraft.adapter is None else tuple(sorted(aircraft.adapter.settings.items())),
     )  # fmt: skip
 

@@ -11,6 +11,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -120,8 +121,7 @@ WRITES: Mapping[Op, tuple[int, ...]] = {
 """Stage -> registers of the rigid body that it writes."""
 
 
-@dataclass(frozen=True)
-class Value:
+class Value(NamedTuple):
     """Something that an operation can read: a number of the model, a property, a register of the body, or a result."""
 
     kind: str

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from testbench.core.errors import TestbenchError
 from testbench.core.record import FloatArray
 from testbench.flight.air import Air
 from testbench.flight.batch import registers as r
-from testbench.flight.batch.check import judged, variant_known
+from testbench.flight.batch.check import judged_at
 from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.jobs import Simulator
 from testbench.flight.batch.model import BatchModel, filled, put, read, registers
@@ -42,9 +43,8 @@ def trim_many(
 ) -> list[TrimmedFlight | TestbenchError]:
     """Trim every aircraft at its condition, as :func:`testbench.flight.trim` would.
 
-    The first of each shape is trimmed by JSBSim, which the batch is then compared with. What does not come to an
-    equilibrium in the batch is trimmed by JSBSim, too, which says why there is none. What each comes to does not depend
-    on the others.
+    What does not come to an equilibrium in the batch is trimmed by JSBSim, which says why there is none. What each
+    comes to does not depend on the others.
 
     Args:
         aircraft: of each flight.
@@ -68,7 +68,11 @@ def trim_many(
     groups: dict[int, list[tuple[int, BatchModel]]] = {}
     for i, (each, condition) in enumerate(zip(aircraft, conditions, strict=True)):
         try:
-            model = None if simulator == "jsbsim" else _model(each, rate_hz or each.rate_hz, condition, blowing[i])
+            model = None
+            if simulator != "jsbsim":
+                at_rest = partial(trim, each, condition, rate_hz, blowing[i])
+                model = judged_at(each, rate_hz or each.rate_hz, condition, at_rest).model
+                model = None if model is None or model.settles else model  # JSBSim brings propellers to rest
         except TestbenchError as error:
             out[i] = error
             continue
@@ -77,21 +81,11 @@ def trim_many(
         else:
             groups.setdefault(id(model.program), []).append((i, model))
     for group in groups.values():
-        for k in range(0, len(group), LANES):
-            block = group[k : k + LANES]
-            members = [i for i, _ in block]
-            found = _trimmed([m for _, m in block], [conditions[i] for i in members], [blowing[i] for i in members])
-            for i, result in zip(members, found, strict=True):
-                out[i] = _by_jsbsim(aircraft[i], conditions[i], rate_hz, blowing[i]) if result is None else result
+        members = [i for i, _ in group]
+        found = _trimmed([m for _, m in group], [conditions[i] for i in members], [blowing[i] for i in members])
+        for i, result in zip(members, found, strict=True):
+            out[i] = _by_jsbsim(aircraft[i], conditions[i], rate_hz, blowing[i]) if result is None else result
     return [x for x in out if x is not None]
-
-
-def _model(aircraft: Aircraft, rate_hz: float, condition: FlightCondition, air: Air | None) -> BatchModel | None:
-    """Return the model to trim by, or None if JSBSim must; an unknown one is trimmed and judged first."""
-    known = variant_known(aircraft, rate_hz, condition)
-    if known is None:
-        known = judged(aircraft, trim(aircraft, condition, rate_hz, air)).model
-    return None if known is None or known.settles else known  # JSBSim brings propellers to rest
 
 
 def _by_jsbsim(
@@ -106,21 +100,21 @@ def _by_jsbsim(
 def _trimmed(
     models: Sequence[BatchModel], conditions: Sequence[FlightCondition], airs: Sequence[Air | None]
 ) -> list[TrimmedFlight | TestbenchError | None]:
-    """Trim one block; None for a flight that does not come to rest."""
+    """Trim flights of one program; None for one that does not come to rest."""
     problem = _Problem(models, conditions, airs)
-    x, residual, done = problem.newton()
-    state = problem.state()
+    x, done = problem.newton()
+    residual, state = problem.at_rest(x)
     out: list[TrimmedFlight | TestbenchError | None] = []
-    for lane, (model, condition) in enumerate(zip(models, conditions, strict=True)):
-        if not done[lane]:
+    for i, (model, condition) in enumerate(zip(models, conditions, strict=True)):
+        if not (done[i] and np.max(np.abs(residual[:, i])) < TOLERANCE):
             out.append(None)
             continue
-        found = dict(zip(problem.names, map(float, x[:, lane]), strict=True))
+        found = dict(zip(problem.names, map(float, x[:, i]), strict=True))
         try:
             out.append(
                 checked_trim(
-                    model.aircraft, condition, model.rate_hz, found, residual[:, lane],
-                    dict(zip(model.channels, map(float, state[:, lane] * model.factors), strict=True)),
+                    model.aircraft, condition, model.rate_hz, found, residual[:, i],
+                    dict(zip(model.channels, map(float, state[:, i] * model.factors), strict=True)),
                 )
             )  # fmt: skip
         except TestbenchError as error:
@@ -129,70 +123,85 @@ def _trimmed(
 
 
 class _Problem:
-    """Six accelerations (6, flights) as functions of the unknowns (unknowns, flights)."""
+    """Six accelerations (6, points) as functions of the unknowns (unknowns, points) of flights of one program.
+
+    Both sides of every difference of a Jacobian are points of their own, so that one flight fills a block. Each point
+    is evaluated by fresh registers: it does not depend on those before it.
+    """
 
     def __init__(
         self, models: Sequence[BatchModel], conditions: Sequence[FlightCondition], airs: Sequence[Air | None]
     ) -> None:
-        self._model = models[0]
+        self._models = models
         self._V, self._h, self._gamma = (
             np.array([getattr(c, n) for c in conditions]) for n in ("V_m_s", "h_m", "gamma_rad")
         )
         self.names = unknowns(models[0].aircraft)
         self._wind = np.array([(0.0, 0.0, 0.0) if a is None else a.wind_m_s for a in airs]).T
-        self._models = models
-        self._R = self._afresh()
+        self._steps = np.array([UNKNOWN_STEP.get(n, 1e-4) for n in self.names])
 
-    def _afresh(self) -> FloatArray:
-        R = registers(self._models)
-        R[r.GUST : r.GUST + 3] = filled(self._wind) / FT_M
+    def newton(self) -> tuple[FloatArray, np.ndarray]:
+        """Return unknowns (unknowns, flights), and which flights have come to rest; each stops by itself."""
+        x = np.repeat(first_guess(self.names)[:, None], len(self._models), axis=1)
+        moving = np.arange(len(self._models))
+        residual = self._accelerations(x, moving)
+        for _ in range(_ITERATIONS):
+            moving = moving[~(np.max(np.abs(residual[:, moving]), axis=0) < TOLERANCE)]
+            if not moving.size:
+                break
+            J = self._jacobian(x[:, moving], moving)
+            for i, lane in enumerate(moving):
+                if np.all(np.isfinite(J[:, :, i])) and np.linalg.cond(J[:, :, i]) < 1e12:
+                    x[:, lane] -= np.clip(np.linalg.solve(J[:, :, i], residual[:, lane]), -_LONGEST, _LONGEST)
+            residual[:, moving] = self._accelerations(x[:, moving], moving)
+        return x, np.max(np.abs(residual), axis=0) < TOLERANCE
+
+    def _jacobian(self, x: FloatArray, flights: np.ndarray) -> FloatArray:
+        """Return d accelerations / d unknowns (6, unknowns, flights) by central differences."""
+        n, m = x.shape
+        steps = self._steps[:, None] * np.eye(n)
+        points = np.concatenate([x[:, None, :] + steps[:, :, None], x[:, None, :] - steps[:, :, None]], axis=1)
+        found = self._accelerations(points.reshape(n, -1), np.tile(flights, 2 * n)).reshape(-1, 2, n, m)
+        return (found[:, 0] - found[:, 1]) / (2.0 * self._steps[:, None])
+
+    def _accelerations(self, x: FloatArray, flights: np.ndarray) -> FloatArray:
+        blocks = (slice(k, k + LANES) for k in range(0, len(flights), LANES))
+        out = [self._block(x[:, b], flights[b])[r.U_DOT : r.U_DOT + 6, : len(flights[b])] for b in blocks]
+        return np.concatenate(out, axis=1) * _SI[:, None]
+
+    def _block(self, x: FloatArray, flights: np.ndarray) -> FloatArray:
+        """Return the registers (registers, LANES) of up to LANES points.
+
+        Args:
+            x: (unknowns, points).
+            flights: (points,) whose each is.
+        """
+        models = [self._models[i] for i in flights]
+        R = registers(models)
+        wind, V, h = self._wind[:, flights], self._V[flights], self._h[flights]
+        R[r.GUST : r.GUST + 3] = filled(wind) / FT_M
+        at = dict(zip(self.names, x, strict=True))
+        zero = np.zeros_like(V)
+        alpha, phi, beta = at["alpha"], at["phi"], at.get("beta", zero)
+        theta = alpha + at.get("gamma", self._gamma[flights])
+        uvw = V * np.stack([np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)])
+        C = _body_from_earth(theta, phi)
+        uvw = uvw + np.einsum("ijf,jf->if", C, wind)
+        north, east, _ = np.einsum("ijf,if->jf", C, uvw)
+        turn = np.stack([east / (RADIUS_EAST_M + h), -north / (RADIUS_NORTH_M + h), zero])
+        pqr = np.einsum("ijf,jf->if", C, turn)
+        put(models[0], R, h, theta, phi, uvw, pqr, at, models[0].iterations)
         return R
 
-    def newton(self) -> tuple[FloatArray, FloatArray, np.ndarray]:
-        """Return unknowns, residuals and which flights have come to rest; each stops by itself."""
-        x = np.repeat(first_guess(self.names)[:, None], len(self._models), axis=1)
-        residual = self._accelerations(x)
-        for _ in range(_ITERATIONS):
-            moving = ~(np.max(np.abs(residual), axis=0) < TOLERANCE)
-            if not np.any(moving):
-                break
-            J = self._jacobian(x)
-            for lane in np.flatnonzero(moving):
-                if not (np.all(np.isfinite(J[:, :, lane])) and np.linalg.cond(J[:, :, lane]) < 1e12):
-                    continue
-                step = np.linalg.solve(J[:, :, lane], residual[:, lane])
-                x[:, lane] -= np.clip(step, -_LONGEST, _LONGEST)
-            residual = np.where(moving, self._accelerations(x), residual)
-        self._R = self._afresh()  # so that nothing remains of how long others took
-        residual = self._accelerations(x)
-        return x, residual, np.max(np.abs(residual), axis=0) < TOLERANCE
-
-    def _jacobian(self, x: FloatArray) -> FloatArray:
-        columns = []
-        for i, name in enumerate(self.names):
-            step = np.zeros_like(x)
-            step[i] = UNKNOWN_STEP.get(name, 1e-4)
-            up, down = self._accelerations(x + step), self._accelerations(x - step)
-            columns.append((up - down) / (2.0 * step[i]))
-        return np.stack(columns, axis=1)
-
-    def _accelerations(self, x: FloatArray) -> FloatArray:
-        at = dict(zip(self.names, x, strict=True))
-        zero = np.zeros_like(self._V)
-        alpha, phi, beta = at["alpha"], at["phi"], at.get("beta", zero)
-        theta = alpha + at.get("gamma", self._gamma)
-        uvw = self._V * np.stack([np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)])
-        C = _body_from_earth(theta, phi)
-        uvw = uvw + np.einsum("ijf,jf->if", C, self._wind)
-        north, east, _ = np.einsum("ijf,if->jf", C, uvw)
-        turn = np.stack([east / (RADIUS_EAST_M + self._h), -north / (RADIUS_NORTH_M + self._h), zero])
-        pqr = np.einsum("ijf,jf->if", C, turn)
-        put(self._model, self._R, self._h, theta, phi, uvw, pqr, at, self._model.iterations)
-        return self._R[r.U_DOT : r.U_DOT + 6, : len(self._models)] * _SI[:, None]
-
-    def state(self) -> FloatArray:
-        """Return every channel (channels, flights), in JSBSim's unit."""
-        return read(self._model, self._R)[:, : len(self._models)]
+    def at_rest(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return accelerations (6, flights), SI, and every channel (channels, flights), in JSBSim's unit."""
+        residual, state = [], []
+        for k in range(0, len(self._models), LANES):
+            flights = np.arange(len(self._models))[k : k + LANES]
+            R = self._block(x[:, flights], flights)
+            residual.append(R[r.U_DOT : r.U_DOT + 6, : flights.size] * _SI[:, None])
+            state.append(read(self._models[0], R)[:, : flights.size])
+        return np.concatenate(residual, axis=1), np.concatenate(state, axis=1)
 
 
 def _body_from_earth(theta: FloatArray, phi: FloatArray) -> FloatArray:

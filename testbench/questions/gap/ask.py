@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord, load_record
 from testbench.flight import load_aircraft
+from testbench.flight.batch.jobs import Simulator
 from testbench.line import Keep, condition_of
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose
@@ -56,6 +57,7 @@ def run_gap(
     controls: int = 0,
     control_file: Path | None = None,
     more_effects: Sequence[str] = (),
+    simulator: Simulator = "auto",
 ) -> GapResult:
     """Read or make the measured records of a gap scenario and find what the believed model lacks.
 
@@ -68,6 +70,7 @@ def run_gap(
         controls: number of control flights without any effect, each of which is searched, too.
         control_file: keeps each of them, so that none is flown twice.
         more_effects: searched beside those of the scenario, ``FILE.py:NAME`` or names of the library.
+        simulator: "jsbsim" flies nothing in batches.
 
     Raises:
         TestbenchError: with the file and key that it comes from.
@@ -87,7 +90,8 @@ def run_gap(
     condition = condition_of(scenario.condition)
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)
     with located(file, "suite"):
-        believed = Believed(aircraft, suite, condition, scenario.simulation.rate_hz or aircraft.rate_hz)
+        rate = scenario.simulation.rate_hz or aircraft.rate_hz
+        believed = Believed(aircraft, suite, condition, rate, simulator=simulator)
     with located(file, "effects"):
         choice = choose(suite, scenario.effects, (*scenario.more_effects, *more_effects), file, aircraft)
     notes = not_compared(suite)
@@ -140,10 +144,12 @@ def run_flights(
     controls: int = 0,
     control_file: Path | None = None,
     more_effects: Sequence[str] = (),
+    simulator: Simulator = "auto",
 ) -> GapResult:
     """Find what the believed model of recorded flights lacks; see :func:`testbench.questions.gap.records.load_flights`.
 
-    ``progress``, ``check``, ``controls``, ``control_file`` and ``more_effects`` are those of :func:`run_gap`.
+    ``progress``, ``check``, ``controls``, ``control_file``, ``more_effects`` and ``simulator`` are those of
+    :func:`run_gap`.
 
     Raises:
         FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the measured commands.
@@ -151,7 +157,7 @@ def run_flights(
     """
     choice = choose(flights.believed.suite, None, more_effects, None, flights.believed.aircraft)
     finding = find_gap(
-        flights.believed,
+        replace(flights.believed, simulator=simulator),
         flights.naming,
         flights.held_out,
         progress,

@@ -3,28 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import ModelError, ScenarioError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.state_space import Trajectories
-from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight, linearise, trim
+from testbench.estimators.trajectories import driven
+from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight
 from testbench.flight.air import Air, Gust
+from testbench.flight.batch.jobs import Simulator
 from testbench.flight.simulate import commands as absolute_commands
 from testbench.inputs.signal import InputSignal
-from testbench.line import fly_and_measure
+from testbench.line import flown_already
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.effects.base import MetGust
 from testbench.questions.gap.evidence.commanded import commands, moves_laterally
 from testbench.questions.gap.evidence.compared import DRIFT_OVER_S, left_out, not_compared
 from testbench.questions.gap.evidence.gusts import linear_response, record_key
+from testbench.questions.gap.flights import (
+    Flyer,
+    Wanted,
+    flights,
+    linear_models,
+    made,
+    trims,
+)
 from testbench.sensors import SensorSuite
 
 # A nuisance is a coefficient of the believed aircraft that is estimated along with every hypothesis ("re-tuned"). Its
@@ -52,7 +60,6 @@ LATERAL_PRIORS: Mapping[str, float] = {
     "Cn_dr": 0.10,
 }
 NOTHING = 1e-9  # a coefficient of a foreign model that is smaller is what differences leave of zero
-BEYOND = 0.25  # share of the range between its limits by which a hypothesis may exceed them on either side
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +70,7 @@ class Believed:
     is the aircraft that is linearised, without the amendments that shapes stand for. ``whiten`` serves if turbulence
     colours the residuals: it takes a record and residuals (n, outputs) in units of the noise and returns as many, each
     white with variance one; it must be linear. ``gusts`` are those that single records met: every other record is
-    predicted in still air.
+    predicted in still air. ``simulator`` "jsbsim" flies nothing in batches.
 
     Raises:
         ScenarioError: the suite has no channel to compare, or one without any noise.
@@ -77,6 +84,7 @@ class Believed:
     at_rest: Aircraft | None = None
     whiten: Callable[[FlightRecord, FloatArray], FloatArray] | None = None
     gusts: tuple[MetGust, ...] = ()
+    simulator: Simulator = "auto"
 
     def __post_init__(self) -> None:
         if not self.outputs:
@@ -94,19 +102,7 @@ class Believed:
     @cached_property
     def trimmed(self) -> TrimmedFlight:
         """The believed equilibrium."""
-        return _trimmed(self._key)
-
-    @cached_property
-    def outputs(self) -> tuple[str, ...]:
-        """Channels of the suite that are compared: all but commands, deflections and those left out."""
-        without = left_out(self.suite)
-        return tuple(n for n in self.suite.channels if n.removesuffix("_cmd") not in CONTROLS and n not in without)
-
-    @cached_property
-    def noise_std(self) -> FloatArray:
-        """Standard deviation of one sample of each output, what its bias wanders by within a manoeuvre in it, SI."""
-        drift = {s.channel: s.drift_over(DRIFT_OVER_S) for s in self.suite.sensors}
-        return np.array([float(np.hypot(self.suite.noise_std[n], drift[n])) for n in self.outputs])
+        return made(trims([self.flyer])[0])
 
     def with_effect(self, effect: Effect, values: Mapping[str, float]) -> Believed:
         """Return the belief with one effect of the library added, or with all parts of one that is put together."""
@@ -161,7 +157,7 @@ class Believed:
             FlightAborted, LimitError: the believed aircraft does not survive these commands.
             RecordError: the record holds no command, or no quiet flight before the first one.
         """
-        return self._read(self.flown(record, self._needed))
+        return self._read(self.flown(record, self.needed))
 
     def check_commands(self, record: FlightRecord) -> None:
         """Refuse a record whose commands, about the trim of the belief, leave the range of a control.
@@ -173,7 +169,7 @@ class Believed:
         """
         names, u = commands(record)
         signal = InputSignal(np.arange(len(u), dtype=np.float64) * record.dt_s, u, names)
-        absolute_commands(self.aircraft, _trimmed(self._key), Manoeuvre("measured commands", signal, 0.0))
+        absolute_commands(self.aircraft, self.trimmed, Manoeuvre("measured commands", signal, 0.0))
 
     def flown(
         self, record: FlightRecord, channels: tuple[str, ...] | None = None, air: Air | None = None
@@ -185,36 +181,55 @@ class Believed:
         Raises:
             FlightAborted, LimitError, RecordError: as :meth:`predict`.
         """
-        names, u = commands(record)
-        held = np.repeat(u[:-1], round(self.rate_hz * record.dt_s), axis=0)  # the last command acts after the record
+        found = flights([self.wanted(record, channels, air)])[0]
+        return flown_already(self.aircraft, self.trimmed, "measured commands", 1.0 / record.dt_s, found)
+
+    def wanted(self, record: FlightRecord, channels: tuple[str, ...] | None = None, air: Air | None = None) -> Wanted:
+        """Return what :meth:`flown` flies, to be asked for together with others.
+
+        Raises:
+            RecordError: as :meth:`predict`.
+        """
+        names, held = _held(record, self.rate_hz)
         gust = self.gust_in(record)
         air = Air(gust=gust) if air is None and gust is not None else air
-        return _flown(self._key, names, held.shape, held.tobytes(), 1.0 / record.dt_s, channels, air)
+        return Wanted(self.flyer, names, held, 1.0 / record.dt_s, channels, air)
 
     def predict_linear(self, record: FlightRecord) -> FloatArray:
-        """Return the same from the aircraft linearised at trim: ten times faster, and right for small deviations.
+        """Return the same from the aircraft linearised at trim: faster, and right for small deviations.
 
         The workflow uses it for differences between hypotheses only, never for a residual.
         """
-        names, u = commands(record)
-        for shape in self.shapes:
-            u = shape(names, u, record.dt_s)
-        model = self._linear
-        columns = [model.inputs.index(n if n == "thr" else f"{n}_cmd") for n in names]
-        n, m = len(model.states), len(columns)
-        block = np.zeros((n + m, n + m))
-        block[:n] = np.hstack([model.A, model.B[:, columns]])
-        step = expm(block * record.dt_s)
-        driven = u @ step[:n, n:].T
-        x = Trajectories(step[:n, :n], len(record)).forced(driven[:, :, None])[:, :, 0]
-        rows = [model.outputs.index(c) for c in self._needed]
-        outputs = x @ model.C[rows].T + u @ model.D[np.ix_(rows, columns)].T
-        trimmed, gust = _trimmed(self._rest_key), self.gust_in(record)
-        outputs += [trimmed.state[c] for c in self._needed]
+        return self.predict_linear_all([record])[0]
+
+    def predict_linear_all(self, records: Sequence[FlightRecord]) -> list[FloatArray]:
+        """Return :meth:`predict_linear` of several records at once."""
+        model, trimmed = self._linear, made(trims([self.linear_flyer])[0])
+        at_trim = np.array([trimmed.state[c] for c in self.needed])
+        rows = [model.outputs.index(c) for c in self.needed]
+        alike: dict[tuple[tuple[str, ...], float], list[tuple[int, FloatArray]]] = {}
+        for i, record in enumerate(records):
+            names, u = commands(record)
+            for shape in self.shapes:
+                u = shape(names, u, record.dt_s)
+            alike.setdefault((names, record.dt_s), []).append((i, u))
+        out: dict[int, FloatArray] = {}
+        for (names, dt_s), inputs in alike.items():
+            columns = [model.inputs.index(n if n == "thr" else f"{n}_cmd") for n in names]
+            B, D = model.B[:, columns], model.D[np.ix_(rows, columns)]
+            moved = driven(model.A, B, [u for _, u in inputs], dt_s)
+            for (i, u), x in zip(inputs, moved, strict=True):
+                out[i] = x @ model.C[rows].T + u @ D.T + at_trim
+        return [self._with_gust(record, out[i]) for i, record in enumerate(records)]
+
+    def _with_gust(self, record: FlightRecord, outputs: FloatArray) -> FloatArray:
+        """Return what is read of linear ``outputs`` (n, needed) and of the gust that the record met, if any."""
+        gust = self.gust_in(record)
         if gust is not None:
             velocity = gust.velocity(record.t_s - record.t_s[0], self.condition.V_m_s)
-            outputs += linear_response(model, trimmed.theta, gust.axis, velocity, record.dt_s, self._needed)
-        return self._read(FlightRecord(t_s=record.t_s, channels=self._needed, data=outputs, kind="truth"))
+            theta = made(trims([self.linear_flyer])[0]).theta
+            outputs = outputs + linear_response(self._linear, theta, gust.axis, velocity, record.dt_s, self.needed)
+        return self._read(FlightRecord(t_s=record.t_s, channels=self.needed, data=outputs, kind="truth"))
 
     def gust_in(self, record: FlightRecord) -> Gust | None:
         """Return the gust that this very record met, if any.
@@ -233,39 +248,47 @@ class Believed:
 
         The same as ``SensorSuite.measure`` of sensors that have no noise, without drawing any.
         """
-        if any(s.rate_hz is not None for s in self._ideal_suite.sensors):
-            return self._ideal_suite.measure(truth, 0).columns(self.outputs)
+        if any(s.rate_hz is not None for s in _compared(self.suite).ideal.sensors):
+            return _compared(self.suite).ideal.measure(truth, 0).columns(self.outputs)
         stride = self.suite.check_log_rate(1.0 / truth.dt_s)
-        by_channel = {s.channel: s.respond(truth)[::stride] for s in self._ideal_suite.sensors}
+        by_channel = {s.channel: s.respond(truth)[::stride] for s in _compared(self.suite).ideal.sensors}
         return np.column_stack([by_channel[n] for n in self.outputs])
 
     @property
     def linear(self) -> LinearModel:
         """The aircraft linearised about trim, all amendments in it."""
-        return _linearised(self._key)
+        return made(linear_models([self.flyer])[0])
 
     @cached_property
     def _linear(self) -> LinearModel:
-        return _linearised(self._rest_key)
+        return made(linear_models([self.linear_flyer])[0])
 
     @cached_property
-    def _key(self) -> _Key:
-        return _Key.of(self.aircraft, self.condition, self.rate_hz)
+    def flyer(self) -> Flyer:
+        """What flies."""
+        return Flyer.of(self.aircraft, self.condition, self.rate_hz, self.simulator)
 
     @cached_property
-    def _rest_key(self) -> _Key:
-        return self._key if self.at_rest is None else _Key.of(self.at_rest, self.condition, self.rate_hz)
+    def linear_flyer(self) -> Flyer:
+        """What is linearised."""
+        if self.at_rest is None:
+            return self.flyer
+        return Flyer.of(self.at_rest, self.condition, self.rate_hz, self.simulator)
 
-    @cached_property
-    def _needed(self) -> tuple[str, ...]:
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Channels of the suite that are compared: all but commands, deflections and those left out."""
+        return _outputs(self.suite)
+
+    @property
+    def noise_std(self) -> FloatArray:
+        """Standard deviation of one sample of each output, what its bias wanders by within a manoeuvre in it, SI."""
+        return _compared(self.suite).noise_std
+
+    @property
+    def needed(self) -> tuple[str, ...]:
         """The true channels that the suite's outputs are made of."""
-        return tuple(dict.fromkeys(n for s in self._ideal_suite.sensors for n in s.needs))
-
-    @cached_property
-    def _ideal_suite(self) -> SensorSuite:
-        """The outputs' sensors with everything that is certain (scale, lag, delay, position) and nothing random."""
-        sensors = tuple(s for s in self.suite.sensors if s.channel in self.outputs)
-        return replace(self.suite, sensors=sensors).without_errors()
+        return _compared(self.suite).needed
 
     def residuals(self, record: FlightRecord) -> FloatArray:
         """Return measured minus predicted in units of the noise, each channel about its own mean, (n, outputs).
@@ -287,67 +310,44 @@ class Believed:
         return r if self.whiten is None else self.whiten(record, r)
 
 
-@dataclass(frozen=True)
-class _Key:
-    """What trim, linearisation and flight depend on: hypotheses that differ in their sensors alone share them."""
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """What of a suite is compared.
 
-    aircraft: Aircraft = field(compare=False)
-    contents: tuple[object, ...]
-    condition: FlightCondition
-    rate_hz: float
+    Attributes:
+        noise_std: (outputs,).
+        ideal: the outputs' sensors with everything that is certain (scale, lag, delay, position) and nothing random.
+        needed: the true channels that they are made of.
+    """
 
-    @classmethod
-    def of(cls, aircraft: Aircraft, condition: FlightCondition, rate_hz: float) -> _Key:
-        limits = tuple(sorted(aircraft.limits.items()))
-        changed = (repr(aircraft.adapter), repr(aircraft.elastic), repr(aircraft.amendments))
-        contents = (aircraft.xml, *changed, aircraft.mass, limits)
-        return cls(aircraft, (aircraft.name, contents), condition, rate_hz)
+    noise_std: FloatArray
+    ideal: SensorSuite
+    needed: tuple[str, ...]
 
 
 @lru_cache(maxsize=256)
-def _trimmed(key: _Key) -> TrimmedFlight:
-    return trim(key.aircraft, key.condition, key.rate_hz)
+def _outputs(suite: SensorSuite) -> tuple[str, ...]:
+    without = left_out(suite)
+    return tuple(n for n in suite.channels if n.removesuffix("_cmd") not in CONTROLS and n not in without)
 
 
 @lru_cache(maxsize=256)
-def _linearised(key: _Key) -> LinearModel:
-    return linearise(key.aircraft, _trimmed(key))
+def _compared(suite: SensorSuite) -> _Compared:
+    outputs = _outputs(suite)
+    drift = {s.channel: s.drift_over(DRIFT_OVER_S) for s in suite.sensors}
+    noise_std = np.array([float(np.hypot(suite.noise_std[n], drift[n])) for n in outputs])
+    ideal = replace(suite, sensors=tuple(s for s in suite.sensors if s.channel in outputs)).without_errors()
+    return _Compared(noise_std, ideal, tuple(dict.fromkeys(n for s in ideal.sensors for n in s.needs)))
 
 
 @lru_cache(maxsize=128)
-def _flown(
-    key: _Key,
-    names: tuple[str, ...],
-    size: tuple[int, int],
-    held: bytes,
-    log_hz: float,
-    channels: tuple[str, ...] | None,
-    air: Air | None = None,
-) -> FlightRecord:
-    """Fly the commands ``held`` (the bytes of an array of ``size``), deviations from trim at every frame.
+def _held(record: FlightRecord, rate_hz: float) -> tuple[tuple[str, ...], bytes]:
+    """Return the controls that a record commands, and the bytes of their deviations at every frame.
 
-    The trim of a hypothesis may lie where the commands would leave the range of a control: half the drag, say, trims
-    with a throttle near idle. The control then stops at its end, so that a search can pass by. For the same reason a
-    flight may exceed the limits of the aircraft by BEYOND, as one does that stalls too early. The believed aircraft
-    itself is checked (``check_commands``).
+    The last command acts after the record.
     """
-    trimmed, u = _trimmed(key), np.frombuffer(held).reshape(size)
-    controls = [(key.aircraft.controls[n], trimmed.controls[n]) for n in names]
-    within = np.clip(u, [c.low - at for c, at in controls], [c.full - at for c, at in controls])
-    signal = InputSignal(np.arange(size[0]) / key.rate_hz, within, names)
-    aircraft = _beyond_limits(key.aircraft)
-    return fly_and_measure(
-        aircraft, trimmed, "measured commands", signal, log_rate_hz=log_hz, channels=channels, air=air
-    ).flown
-
-
-def _beyond_limits(aircraft: Aircraft) -> Aircraft:
-    """Return the aircraft with limits of its flights that are wider by a share of what lies between them."""
-    limits = {
-        n: (low, high) if n == "h" else (low - BEYOND * (high - low), high + BEYOND * (high - low))
-        for n, (low, high) in aircraft.limits.items()
-    }
-    return replace(aircraft, limits=limits)
+    names, u = commands(record)
+    return names, np.repeat(u[:-1], round(rate_hz * record.dt_s), axis=0).tobytes()
 
 
 def _in_place(aircraft: Aircraft, known: int, effect: Effect) -> Aircraft:

@@ -9,7 +9,7 @@ import typer
 
 from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
-from testbench.questions.options import OutOption, SeedOption, Wings, refuse
+from testbench.questions.options import FlownBy, OutOption, SeedOption, SimulatorOption, Wings, refuse
 
 CONTROLS = "controls.jsonl"  # in a folder of results: control flights, which are not flown again
 FLIGHTS = ("sensors", "hold_out", "wings", "airspeed", "altitude", "data")  # what is said of measured records
@@ -48,6 +48,7 @@ def command(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes that search; if not given, one for each core.")
     ] = None,
+    simulator: SimulatorOption = FlownBy.auto,
     controls: Annotated[
         int,
         typer.Option(
@@ -69,7 +70,7 @@ def command(
         refuse(
             context,
             "with --plan, whose scenario says all",
-            *(*FLIGHTS, "case", "records", "seed", "workers", "controls", "effect"),
+            *(*FLIGHTS, "case", "records", "seed", "workers", "controls", "effect", "simulator"),
         )
         _plan_gap(find(plan, "run"), out)
         return
@@ -92,7 +93,13 @@ def command(
             folder = out / f"gap_{name}"
             check_folder(folder)
             result = run_flights(
-                name, flights, say, controls=controls, control_file=folder / CONTROLS, more_effects=effect or ()
+                name,
+                flights,
+                say,
+                controls=controls,
+                control_file=folder / CONTROLS,
+                more_effects=effect or (),
+                simulator=simulator.value,
             )
         else:
             refuse(context, "with a gap case, whose file says all; or give measured records, too", *FLIGHTS)
@@ -109,6 +116,7 @@ def command(
                 controls=controls,
                 control_file=folder / CONTROLS,
                 more_effects=effect or (),
+                simulator=simulator.value,
             )
         say("write report")
         page = gap_page(result)

@@ -16,12 +16,14 @@ from studies.blind.run import look_again, name_case
 
 from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightRecord
+from testbench.flight.batch.jobs import Simulator
 
 
-def run_case(case: Case, variant: str = "") -> dict[str, Any]:
+def run_case(case: Case, variant: str = "", simulator: Simulator = "auto") -> dict[str, Any]:
     """Return the row of a case: what was named, of the ``variant`` WITHOUT or SHORT, or of the case as it is."""
     try:
-        row = name_case(case.aircraft, _records(case, variant), case.fly("held_out"), _taken_out(case, variant))
+        records, held_out, out = _records(case, variant), case.fly("held_out"), _taken_out(case, variant)
+        row = name_case(case.aircraft, records, held_out, out, simulator)
     except TestbenchError as error:
         row = {"outcome": "failed", "names": [], "why": str(error)}
     return {"case": case.name + variant, **row}

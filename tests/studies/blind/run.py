@@ -11,6 +11,7 @@ from studies.blind.flights import RATE_HZ, condition, suite
 
 from testbench.core.record import FlightRecord
 from testbench.flight import load_aircraft
+from testbench.flight.batch.jobs import Simulator
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, Rest, judged, rest
@@ -23,9 +24,9 @@ from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.workflow import search
 
 
-def believe(aircraft: str) -> Believed:
+def believe(aircraft: str, simulator: Simulator = "auto") -> Believed:
     """Return what is believed of an aircraft of the blind test: rigid wings, the suite, the condition."""
-    return Believed(load_aircraft(aircraft, "rigid"), suite(), condition(aircraft), RATE_HZ)
+    return Believed(load_aircraft(aircraft, "rigid"), suite(), condition(aircraft), RATE_HZ, simulator=simulator)
 
 
 def name_case(
@@ -33,6 +34,7 @@ def name_case(
     records: Mapping[str, FlightRecord],
     held_out: Mapping[str, FlightRecord],
     without: Sequence[str] = (),
+    simulator: Simulator = "auto",
 ) -> dict[str, Any]:
     """Return what the workflow says of the records of one case, as JSON values.
 
@@ -41,9 +43,10 @@ def name_case(
         records: measured records, used to name.
         held_out: measured records, used to judge.
         without: effects to take out of the library, and with them those of which they are special cases.
+        simulator: "jsbsim" flies nothing in batches.
     """
     began = time.process_time()
-    believed = believe(aircraft)
+    believed = believe(aircraft, simulator)
     naming_records = list(records.values())
     effects = _without(believed, without)
     heard = listen(believed, naming_records)

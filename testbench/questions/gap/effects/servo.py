@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 
@@ -53,11 +54,32 @@ def declared(aircraft: Aircraft, name: str) -> float:
     Raises:
         ModelError: it is not declared.
     """
-    tree = aircraft.model_tree(aircraft.rate_hz, 100.0, aircraft.design_V_m_s)
-    found = [e for e in tree.iter("property") if (e.text or "").strip() == name and "value" in e.attrib]
-    if not found:
+    known = _declared(_Model.of(aircraft))
+    if name not in known:
         raise ModelError(f"{aircraft.name} must declare {name}, it does not")
-    return float(found[0].get("value", "nan"))
+    return float(known[name])
+
+
+@dataclass(frozen=True)
+class _Model:
+    """A model as it is written."""
+
+    aircraft: Aircraft = field(compare=False)
+    contents: tuple[str, ...]
+
+    @classmethod
+    def of(cls, aircraft: Aircraft) -> _Model:
+        return cls(aircraft, (aircraft.xml, repr(aircraft.adapter), repr(aircraft.elastic), repr(aircraft.amendments)))
+
+
+@lru_cache(maxsize=64)
+def _declared(model: _Model) -> dict[str, str]:
+    """Return the properties that a model declares, and their values."""
+    aircraft, known = model.aircraft, dict[str, str]()
+    for e in aircraft.model_tree(aircraft.rate_hz, 100.0, aircraft.design_V_m_s).iter("property"):
+        if "value" in e.attrib:
+            known.setdefault((e.text or "").strip(), e.attrib["value"])
+    return known
 
 
 def through_servo(

@@ -215,12 +215,14 @@ def _cost(
     believed: Believed, model: GustModel, residuals: Sequence[tuple[FlightRecord, FloatArray]], rms_m_s: float
 ) -> float:
     """Return minus twice the log-likelihood of residuals in units of the noise at an rms, but for a constant."""
-    filters: dict[tuple[int, bytes], GustFilter] = {}
-    total = 0.0
-    for record, r in residuals:
-        taken = believed.taken(record)
-        key = (len(taken), taken.tobytes())
+    filters: dict[bytes, GustFilter] = {}
+    taken = [believed.taken(record) for record, _ in residuals]
+    for one in sorted(taken, key=len, reverse=True):  # of shorter records it is the beginning of that of a longer one
+        key, longer = one.tobytes(), next((f for k, f in filters.items() if k.startswith(one.tobytes())), None)
         if key not in filters:
-            filters[key] = GustFilter.of(model, rms_m_s, taken)
-        total += float(np.sum(filters[key].whiten(r) ** 2)) + filters[key].log_det
+            filters[key] = GustFilter.of(model, rms_m_s, one) if longer is None else longer.first(len(one))
+    total = 0.0
+    for one, (_, r) in zip(taken, residuals, strict=True):
+        found = filters[one.tobytes()]
+        total += float(np.sum(found.whiten(r) ** 2)) + found.log_det
     return total

@@ -7,6 +7,7 @@ record whitens the residuals of hypotheses.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,15 +52,15 @@ class GustFilter:
         K: (n, states, p) gains; zero in the columns of samples that were not taken.
         W: (n, p, p) S^(-1/2); the same.
         H: (n, p, states).
-        log_det: sum of log det S over the samples.
+        log_dets: (n,) log det S.
     """
 
     K: FloatArray
     W: FloatArray
     H: FloatArray
-    log_det: float
+    log_dets: FloatArray
     _band: FloatArray  # I - (F - K H), all samples stacked: lower triangular, unit diagonal, by diagonals
-    _free: FloatArray  # (n p, m) orthonormal: what biases and the aircraft's initial state put into innovations
+    _put_in: FloatArray  # (n p, m) what biases and the aircraft's initial state put into innovations
 
     @classmethod
     def of(cls, model: GustModel, rms_m_s: float, valid: NDArray[np.bool_]) -> GustFilter:
@@ -87,13 +88,28 @@ class GustFilter:
         for i in range(size):
             for j in range(size):
                 band[size + i - j, j : (n - 1) * size : size] = -M[:-1, i, j]
-        alone = cls(K, W, H, float(np.sum(log_det)), band, np.zeros((n * p, 0)))
+        alone = cls(K, W, H, log_det, band, np.zeros((n * p, 0)))
         biases = (alone._innovations(np.where(valid, row, 0.0), np.zeros(size)) for row in np.eye(p))
         starts = (alone._innovations(np.zeros((n, p)), x0) for x0 in np.eye(size)[: model.moving])
-        free = np.column_stack([c.ravel() for c in (*biases, *starts)])
-        norm = np.linalg.norm(free, axis=0)
-        U, s, _ = np.linalg.svd(free[:, norm > 1e-9] / norm[norm > 1e-9], full_matrices=False)
-        return cls(K, W, H, alone.log_det, band, np.asarray(U[:, s > _INDEPENDENT * s[0]]))
+        return cls(K, W, H, log_det, band, np.column_stack([c.ravel() for c in (*biases, *starts)]))
+
+    def first(self, n: int) -> GustFilter:
+        """Return the filter of the first n samples alone: what comes later changes nothing in it."""
+        _, p, size = self.H.shape
+        band, put_in = self._band[:, : n * size], self._put_in[: n * p]
+        return GustFilter(self.K[:n], self.W[:n], self.H[:n], self.log_dets[:n], band, put_in)
+
+    @property
+    def log_det(self) -> float:
+        """Sum of log det S over the samples."""
+        return float(np.sum(self.log_dets))
+
+    @cached_property
+    def _free(self) -> FloatArray:
+        """Orthonormal directions (n p, m) that biases and initial states put into innovations."""
+        norm = np.linalg.norm(self._put_in, axis=0)
+        U, s, _ = np.linalg.svd(self._put_in[:, norm > 1e-9] / norm[norm > 1e-9], full_matrices=False)
+        return np.asarray(U[:, s > _INDEPENDENT * s[0]])
 
     def whiten(self, residuals: FloatArray) -> FloatArray:
         """Return S^(-1/2) times the innovations of ``residuals`` (n, p), biases and initial states taken out by least

@@ -13,10 +13,10 @@ import numpy as np
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric.kalman.gain import sampled_noise
-from testbench.flight import linearise_along
 from testbench.flight.air import scale_lengths, turbulence_rms
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.gusts import INERTIAL
+from testbench.questions.gap.flights import linear_along
 from testbench.sensors import Sensor
 
 _LATERAL = {"beta", "v", "p", "r", "phi", "psi", "ay", "pdot", "rdot"}
@@ -54,7 +54,7 @@ class GustModel:
     def along(cls, believed: Believed, height_m: float, record: FlightRecord) -> GustModel:
         """Do the same along the aircraft's flight through the commands of a record, linear about every sample."""
         names, flown = _moving(believed), believed.flown(record)
-        A, C, outputs = linearise_along(believed.aircraft, believed.trimmed, flown, names)
+        A, C, outputs = linear_along(believed.flyer, flown, names)
         return cls._of(believed, height_m, record.dt_s, names, A, C, outputs, flown["theta"])
 
     @classmethod

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from hashlib import blake2b
 
 import numpy as np
@@ -17,6 +18,7 @@ from testbench.flight import LinearModel
 INERTIAL = frozenset({"h", "hdot", "Vg", "phi", "theta", "psi", "v_north", "v_east", "north", "east"})
 
 
+@lru_cache(maxsize=128)
 def record_key(record: FlightRecord) -> str:
     """Return what identifies a record: a digest of its times, channels, samples and validity.
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
@@ -13,7 +12,6 @@ from scipy.stats import chi2, norm
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
-from testbench.questions.gap.search.parallel import spread
 
 FRESH_TANGENTS = (2, 5)  # rounds before which tangents of the nuisances are taken anew, at the point reached
 MAX_ROUNDS = 14  # rounds of fitting on linear differences and flying the result
@@ -96,7 +94,7 @@ def descend(
             xtol=1e-4,
             max_nfev=4 if curved and begun else 8,
             callback=_GiveUp(aim),
-            workers=_spread_out,
+            workers=objective.at_all,
         )
         fallen, promised = promised - 2.0 * float(found.cost), 2.0 * float(found.cost)
         x_new = np.clip(objective.unscaled(found.x), low, high)
@@ -136,11 +134,6 @@ def descend(
         if idle == IDLE or (whole and (before - promised < rest or abs(chi2_here - promised) < rest)):
             break
     return best
-
-
-def _spread_out(objective: Callable[[FloatArray], FloatArray], points: Iterable[FloatArray]) -> list[FloatArray]:
-    """Return the objective at the points that its slopes are taken from, computed on all processes."""
-    return spread([partial(objective, z) for z in points])
 
 
 def _none(effect: Effect, x: FloatArray) -> FloatArray:
@@ -248,6 +241,12 @@ class _Objective:
         change = self.signature.at(x)
         left = self.here.lost if change is None else self.here.tuned(self.here.exact + change - self.known)[0]
         return np.concatenate([left, self.signature.effect.prior_residuals(x)])
+
+    def at_all(self, function: Callable[[FloatArray], FloatArray], points: Iterable[FloatArray]) -> list[FloatArray]:
+        """Return ``function``, which is this one in scipy's wrapping, at points whose changes are made together."""
+        some = list(points)
+        self.signature.at_all([self.unscaled(z) for z in some])
+        return [function(z) for z in some]
 
 
 def retune(base: Hypothesis) -> Hypothesis:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -14,7 +15,7 @@ from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.estimators.residuals import coloured_information
 from testbench.questions.gap.believed import LATERAL_PRIORS, Believed
 from testbench.questions.gap.effects import Effect
-from testbench.questions.gap.search.parallel import spread
+from testbench.questions.gap.flights import Wanted, flights, linear_models
 
 _LINEAR_STEP = 0.02
 _FLOWN_STEP = 0.01
@@ -129,7 +130,8 @@ class Hypothesis:
         if self.slopes is not None:
             return self.slopes
         columns, steps = [], _LINEAR_STEP * np.eye(self.nuisances.size)
-        ends = spread([partial(self._beside, sign * step) for step in steps for sign in (1.0, -1.0)])
+        both = [self.nuisances + sign * step for step in steps for sign in (1.0, -1.0)]
+        ends = linear_all([self.model.with_nuisances(self.named(x)) for x in both], self.records)
         for up, down in zip(ends[::2], ends[1::2], strict=True):
             if up is None and down is None:
                 columns.append(np.zeros_like(self.exact))
@@ -138,19 +140,13 @@ class Hypothesis:
             columns.append(((self.linear if down is None else down) - (self.linear if up is None else up)) / width)
         return np.column_stack(columns)
 
-    def _beside(self, step: FloatArray) -> FloatArray | None:
-        """Return the linear prediction (samples,) a step (k,) of the nuisances away; None if there is no trim there."""
-        try:
-            return _linear(self.model.with_nuisances(self.named(self.nuisances + step)), self.records)
-        except _NOT_FLOWN:
-            return None
-
     def afresh(self, flown: bool) -> Hypothesis:
         """Return the point with tangents of its own, from linear predictions or, at several times the cost, flown."""
         if not flown:
             return replace(self, slopes=None)
         steps = _FLOWN_STEP * np.eye(self.nuisances.size)
-        ends = spread([partial(self._flown, self.model, self.nuisances + step) for step in steps])
+        beside = [self.model.with_nuisances(self.named(self.nuisances + step)) for step in steps]
+        ends = flown_all(beside, self.records)
         columns = [(end - self.exact) / _FLOWN_STEP for end in ends if end is not None]
         return replace(self, slopes=np.column_stack(columns) if len(columns) == len(ends) else None)
 
@@ -202,21 +198,22 @@ class Hypothesis:
             share = min(share, _MAX_LATERAL_STEP / max(float(np.max(np.abs(step[lateral]))), 1e-12))
         return self.nuisances + step * share
 
-    def _flown(self, model: Believed, nuisances: FloatArray) -> FloatArray | None:
-        """Return the residuals (samples,) of another model flown at other ``nuisances`` (k,); None if it cannot fly."""
-        try:
-            return _flown(model.with_nuisances(self.named(nuisances)), self.records)
-        except _NOT_FLOWN:
-            return None
-
     def moved(self, model: Believed, nuisances: FloatArray) -> Hypothesis | None:
         """Fly another model at other values of the nuisances with the tangents of this point; None if it cannot fly."""
-        exact = self._flown(model, nuisances)
-        if exact is None:
-            return None
-        there = replace(self, model=model, nuisances=nuisances, exact=exact, slopes=self.tangents)
-        there.__dict__["_normal"] = self._normal  # the same tangents have the same normal equations
-        return there
+        return self.moved_all([model], [nuisances])[0]
+
+    def moved_all(self, models: Sequence[Believed], nuisances: Sequence[FloatArray]) -> list[Hypothesis | None]:
+        """Return :meth:`moved` to each of several places, all flown together."""
+        tuned = [m.with_nuisances(self.named(x)) for m, x in zip(models, nuisances, strict=True)]
+        out: list[Hypothesis | None] = []
+        for model, x, exact in zip(models, nuisances, flown_all(tuned, self.records), strict=True):
+            if exact is None:
+                out.append(None)
+                continue
+            there = replace(self, model=model, nuisances=x, exact=exact, slopes=self.tangents)
+            there.__dict__["_normal"] = self._normal  # the same tangents have the same normal equations
+            out.append(there)
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,24 +235,60 @@ class Signature:
             self.effect, dict(zip([p.name for p in self.effect.parameters], x.tolist(), strict=True))
         )
 
+    def tuned_model(self, x: FloatArray) -> Believed:
+        """Return the same with the nuisances of the point."""
+        return self.model(x).with_nuisances(self.base.by_name)
+
     def at(self, x: FloatArray) -> FloatArray | None:
         """Return residuals with the effect at ``x`` (p,) minus those of the point; None if that cannot be flown."""
-        key = x.tobytes()
-        if key not in self.known:
-            tuned = self.model(x).with_nuisances(self.base.by_name)
-            try:
-                if self.effect.flown:
-                    self.known[key] = _flown(tuned, self.base.records) - self.base.exact
-                else:
-                    self.known[key] = self.base.linear - _linear(tuned, self.base.records)
-            except _NOT_FLOWN:
-                self.known[key] = None
-        return self.known[key]
+        return self.at_all([x])[0]
+
+    def at_all(self, points: Sequence[FloatArray]) -> list[FloatArray | None]:
+        """Return :meth:`at` of several parameter values, flown or predicted together."""
+        new = list({x.tobytes(): x for x in points if x.tobytes() not in self.known}.values())
+        models = [self.tuned_model(x) for x in new]
+        if self.effect.flown:
+            ends = flown_all(models, self.base.records)
+            changes = [None if end is None else end - self.base.exact for end in ends]
+        else:
+            ends = linear_all(models, self.base.records)
+            changes = [None if end is None else self.base.linear - end for end in ends]
+        self.known.update(zip((x.tobytes() for x in new), changes, strict=True))
+        return [self.known[x.tobytes()] for x in points]
+
+
+def flown_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
+    """Return the residuals (samples,) of each model as flown, all together; None for one that cannot fly."""
+    wanted: list[Wanted] = []
+    for model in models:
+        with suppress(*_NOT_FLOWN):
+            wanted += [model.wanted(record, model.needed) for record in records]
+    flights(wanted)
+    return [_or_none(_flown, model, records) for model in models]
+
+
+def linear_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
+    """Return the linear prediction (samples,) of each model, in units of the noise; None for one without a trim."""
+    linear_models([model.linear_flyer for model in models])
+    return [_or_none(_linear, model, records) for model in models]
+
+
+def _or_none(
+    made: Callable[[Believed, tuple[FlightRecord, ...]], FloatArray],
+    model: Believed,
+    records: tuple[FlightRecord, ...],
+) -> FloatArray | None:
+    try:
+        return made(model, records)
+    except _NOT_FLOWN:
+        return None
 
 
 def _flown(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:
+    flights([model.wanted(record, model.needed) for record in records])
     return np.concatenate([model.residuals(r).ravel() for r in records])
 
 
 def _linear(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:
-    return np.concatenate([model.in_noise_units(r, model.predict_linear(r)).ravel() for r in records])
+    read = zip(records, model.predict_linear_all(records), strict=True)
+    return np.concatenate([model.in_noise_units(r, y).ravel() for r, y in read])

@@ -52,10 +52,13 @@ def slopes(signature: Signature, there: Hypothesis, x: FloatArray, errors: Float
     """
     low, high = signature.effect.bounds
     width = np.clip(_STEP * errors, _NARROWEST * (high - low), _WIDEST * (high - low))
-    columns = []
-    for i, h in enumerate(np.where(x + width < high, width, -width)):
-        beside = there.moved(signature.model(x + h * (np.arange(len(x)) == i)), there.nuisances)
-        columns.append(np.zeros_like(there.exact) if beside is None else (beside.exact - there.exact) / h)
+    steps = np.where(x + width < high, width, -width)
+    models = [signature.model(x + step) for step in np.diag(steps)]
+    ends = there.moved_all(models, [there.nuisances] * len(x))
+    columns = [
+        np.zeros_like(there.exact) if end is None else (end.exact - there.exact) / h
+        for end, h in zip(ends, steps, strict=True)
+    ]
     return np.column_stack(columns)
 
 

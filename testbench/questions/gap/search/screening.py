@@ -12,6 +12,7 @@ import numpy as np
 
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects import Effect
+from testbench.questions.gap.flights import trims
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.gap.search.parallel import spread
 
@@ -54,10 +55,9 @@ def screen(base: Hypothesis, effect: Effect, share: float = 1.0, far: bool = Fal
     the signature of one sign is not minus that of the other.
     """
     signature, size = Signature(base, effect), _size(effect)
-    if effect.lateral and not base.lateral:
-        return Screened(effect, signature, (), 0.0, "these records cannot show it: neither aileron nor rudder moves")
-    if not effect.looks:
-        return Screened(effect, signature, (), 0.0, f"looked for in every record, no {effect.name} stands out of one")
+    why = _not_sought(base, effect)
+    if why:
+        return Screened(effect, signature, (), 0.0, why)
     starts = _starts(effect)
     if size is not None:
         if not (far and effect.flown):  # the other sign changes the residuals by minus as much
@@ -67,8 +67,7 @@ def screen(base: Hypothesis, effect: Effect, share: float = 1.0, far: bool = Fal
             s[size] = none + share * (s[size] - none)
     r = base.tuned(base.exact)[0]
     flies, alone, found = False, 0.0, []
-    for x in starts:
-        change = signature.at(x)
+    for x, change in zip(starts, signature.at_all(starts), strict=True):
         if change is None:
             continue
         flies = True
@@ -90,10 +89,20 @@ def screen(base: Hypothesis, effect: Effect, share: float = 1.0, far: bool = Fal
     return Screened(effect, signature, tuple(f[2] for f in found), max(f[1] for f in found), "", alone)
 
 
+def _not_sought(base: Hypothesis, effect: Effect) -> str:
+    """Return why an effect is not sought in these records, or ""."""
+    if effect.lateral and not base.lateral:
+        return "these records cannot show it: neither aileron nor rudder moves"
+    return "" if effect.looks else f"looked for in every record, no {effect.name} stands out of one"
+
+
 def screen_all(tasks: Sequence[tuple[Hypothesis, Effect]], share: float = 1.0, far: bool = False) -> list[Screened]:
     """Return :func:`screen` of (point, effect) pairs, on all processes that the search may use."""
     for base in {id(base): base for base, _ in tasks}.values():
         base.prepare()
+    if share == 1.0:  # trimmed here, so that what other processes fly in batches is known to this one afterwards
+        sought = [(base, e) for base, e in tasks if not _not_sought(base, e)]
+        trims([Signature(base, e).tuned_model(_starts(e)[0]).flyer for base, e in sought])
     parts = spread([partial(_parts, base, effect, share, far) for base, effect in tasks])
     both = zip(tasks, parts, strict=True)
     return [Screened(e, Signature(b, e, known), *rest) for (b, e), (known, rest) in both]
@@ -127,11 +136,8 @@ def screen_closely(base: Hypothesis, screened: Sequence[Screened]) -> list[Scree
 def flown_best(base: Hypothesis, screened: Screened) -> Screened:
     """Return ``screened`` with the one start of the effect, of either sign, that leaves least when it is flown."""
     starts = _starts(screened.effect)
-    flown = [
-        (there.chi2, k)
-        for k, s in enumerate(starts)
-        if (there := base.moved(screened.signature.model(s), base.nuisances))
-    ]
+    ends = base.moved_all([screened.signature.model(s) for s in starts], [base.nuisances] * len(starts))
+    flown = [(there.chi2, k) for k, there in enumerate(ends) if there]
     return replace(screened, starts=(starts[min(flown)[1]],)) if flown else screened
 
 
