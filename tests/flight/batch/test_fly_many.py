@@ -151,6 +151,7 @@ def test_a_wrong_translation_is_caught_and_named(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(Functions, "_many", wrong)
     monkeypatch.setattr(check, "_JUDGED", type(check._JUDGED)())
     monkeypatch.setattr(check, "_BASES", {})
+    monkeypatch.setattr(check, "_REFUSED", {})
     aircraft = tb.load_aircraft("taurus")
     verdict = judged(aircraft, tb.trim(aircraft, CONDITIONS["taurus"]))
     assert verdict.model is None
@@ -202,6 +203,7 @@ def test_a_verdict_is_kept(taurus: tuple[Aircraft, TrimmedFlight], monkeypatch: 
     judged(aircraft, trimmed)
     monkeypatch.setattr(check, "_JUDGED", type(check._JUDGED)())
     monkeypatch.setattr(check, "_BASES", {})
+    monkeypatch.setattr(check, "_REFUSED", {})
     monkeypatch.setattr(check, "compared", lambda *_: pytest.fail("it has flown again"))
     assert judged(aircraft, trimmed).model is not None
 
