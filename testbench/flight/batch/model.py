@@ -19,7 +19,7 @@ from testbench.flight.batch import registers as r
 from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.integrate import begin, place, weigh
 from testbench.flight.batch.interpret import execute
-from testbench.flight.batch.program import Program
+from testbench.flight.batch.program import Program, Untranslated
 from testbench.flight.batch.properties import CORE, ON_GROUND, plain
 from testbench.flight.batch.scope import MEMORY
 from testbench.flight.batch.translate import Translation, declared, translate
@@ -56,7 +56,7 @@ class BatchModel:
         iterations: evaluations until a placed aircraft is at rest.
         shape: what another model must have in common with it, to fly by the same program.
         weights: as flown.
-        dry: without fuel.
+        dry: without fuel; None if only JSBSim can tell.
         translation: of its tree.
         memories: registers of what components of the control system remember.
         outputs: registers of what they write -> value before the first frame.
@@ -72,7 +72,7 @@ class BatchModel:
     iterations: int
     shape: _Shape
     weights: Weights
-    dry: Weights
+    dry: Weights | None
     translation: Translation
     memories: npt.NDArray[np.int64]
     outputs: Mapping[int, float]
@@ -136,9 +136,16 @@ def batch_model(
     iterations = 2 * fdm.to_rest + 1 if fdm.propellers.free else fdm.to_rest
     return BatchModel(
         aircraft, rate_hz, program, start, fdm.channels, np.array(fdm.factors), iterations,
-        _Shape.of(aircraft, condition, tree, translation), weights, dry(tree), translation, memories, outputs,
+        _Shape.of(aircraft, condition, tree, translation), weights, _dry(tree), translation, memories, outputs,
         _loading(aircraft, condition),
     )  # fmt: skip
+
+
+def _dry(tree: ET.Element) -> Weights | None:
+    try:
+        return dry(tree)
+    except Untranslated:
+        return None
 
 
 def _components(
@@ -203,7 +210,10 @@ def variant(base: BatchModel, aircraft: Aircraft, condition: FlightCondition, tr
         for name, value in declared(section).items():
             if name in base.program.properties:
                 start[base.program.properties[name]] = value
-    weights = base.weights.with_empty(base.dry, dry(tree))
+    empty = _dry(tree)
+    if base.dry is None or empty is None:
+        return None
+    weights = base.weights.with_empty(base.dry, empty)
     _set_weights(start, weights)
     factors = np.array([_factor(aircraft, n) for n in base.channels])
     return replace(base, aircraft=aircraft, start=start, factors=factors)
