@@ -84,6 +84,8 @@ def test_imports_point_to_the_left(path):
             assert here == "page" or path.stem.endswith("figures"), f"{path.name}:{line}: a drawing lies in figures.py"
         if top in ("dask", "distributed"):
             assert path.parent == PACKAGE / "questions" / "campaign", f"{path.name}:{line}: {top} belongs in campaign/"
+        if top == "numba":
+            assert path.name == "compiled.py", f"{path.name}:{line}: kernels are compiled by flight/batch/compiled.py"
         if top != "testbench":
             continue
         there = [*module.split("."), "__init__"][1]
