@@ -165,6 +165,45 @@ def _clip(R: FloatArray, t: int, a: int, b: int, c: int) -> None:  # pragma: no 
 
 
 @compiled
+def _scalar_product(
+    R: FloatArray, t: int, n: int, start: int, flat: npt.NDArray[np.int64], at: int
+) -> None:  # pragma: no cover
+    """Sum ``n`` products from the first to the last, eight flights at a time, which stay in the processor."""
+    R = lanes(R)
+    for f in range(0, LANES, 8):
+        if start >= 0:
+            first = 0
+            s0, s1, s2, s3 = R[start, f], R[start, f + 1], R[start, f + 2], R[start, f + 3]
+            s4, s5, s6, s7 = R[start, f + 4], R[start, f + 5], R[start, f + 6], R[start, f + 7]
+        else:
+            first, x, y = 1, flat[at], flat[at + 1]
+            s0, s1, s2, s3 = (
+                R[x, f] * R[y, f],
+                R[x, f + 1] * R[y, f + 1],
+                R[x, f + 2] * R[y, f + 2],
+                R[x, f + 3] * R[y, f + 3],
+            )
+            s4, s5, s6, s7 = (
+                R[x, f + 4] * R[y, f + 4],
+                R[x, f + 5] * R[y, f + 5],
+                R[x, f + 6] * R[y, f + 6],
+                R[x, f + 7] * R[y, f + 7],
+            )
+        for j in range(first, n):
+            x, y = flat[at + 2 * j], flat[at + 2 * j + 1]
+            s0 = R[x, f] * R[y, f] + s0
+            s1 = R[x, f + 1] * R[y, f + 1] + s1
+            s2 = R[x, f + 2] * R[y, f + 2] + s2
+            s3 = R[x, f + 3] * R[y, f + 3] + s3
+            s4 = R[x, f + 4] * R[y, f + 4] + s4
+            s5 = R[x, f + 5] * R[y, f + 5] + s5
+            s6 = R[x, f + 6] * R[y, f + 6] + s6
+            s7 = R[x, f + 7] * R[y, f + 7] + s7
+        R[t, f], R[t, f + 1], R[t, f + 2], R[t, f + 3] = s0, s1, s2, s3
+        R[t, f + 4], R[t, f + 5], R[t, f + 6], R[t, f + 7] = s4, s5, s6, s7
+
+
+@compiled
 def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None:  # pragma: no cover
     """Run a program once, for every flight.
 
@@ -174,7 +213,9 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
         R: (registers, LANES).
     """
     R = lanes(R)
-    for k in range(code.shape[0]):
+    flat, k = code.reshape(code.size), -1
+    while k + 1 < code.shape[0]:
+        k += 1
         op, t, a, b, c, e = code[k, 0], code[k, 1], code[k, 2], code[k, 3], code[k, 4], code[k, 5]
         if op == 3:
             for f in range(LANES):
@@ -182,6 +223,9 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
         elif op == 1:
             for f in range(LANES):
                 R[t, f] = R[a, f] + R[b, f]
+        elif op == 47:
+            _scalar_product(R, t, a, b, flat, 6 * (k + 1))
+            k += (2 * a + 5) // 6
         elif op == 44:
             for f in range(LANES):
                 R[t, f] = R[a, f] * R[b, f] + R[c, f]

@@ -8,7 +8,7 @@ before the first. Numbers of the model are registers, too, so that flights of on
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
@@ -74,6 +74,7 @@ class Op(IntEnum):
     MULADD = 44
     NEG = 45
     KINEMATIC = 46
+    SCALAR_PRODUCT = 47  # of pairs of registers, which stand in the rows behind it
     # stages of the frame
     PROPAGATE = 60
     AUXILIARY = 61
@@ -422,7 +423,7 @@ class _Assembly:
                 place[item.result] = next_free
                 next_free += 1
         commits = [(state_register[s], v) for s, v in self._commit.items()]
-        code = {"before": [_coded(i, of) for i in before]}
+        code = {"before": [row for i in before for row in _rows(i, of)]}
         base, most = next_free, next_free
         for part, items, ends in (
             ("frame", frame, [v for _, v in commits]),
@@ -436,7 +437,7 @@ class _Assembly:
                 last[value] = len(items)
             free: list[int] = []
             top = base
-            rows = []
+            rows: list[tuple[int, ...]] = []
             for k, item in enumerate(items):
                 for value in dict.fromkeys(item.arguments):
                     if value.kind == _TEMP and place[value] >= base and last[value] == k:
@@ -447,7 +448,7 @@ class _Assembly:
                     else:
                         place[item.result] = top
                         top += 1
-                rows.append(_coded(item, of))
+                rows += _rows(item, of)
             if part == "frame":
                 rows += [(int(Op.COPY), register, of(v), 0, 0, 0) for register, v in commits]
             code[part] = rows
@@ -483,11 +484,46 @@ def _fused(items: list[_Instruction], kept: set[Value]) -> list[_Instruction]:
                     item = _Instruction(Op.MULADD, (*source.arguments, other), 0, item.result)
                     break
         out.append(item)
+    return _chained([item for item in out if id(item) not in gone], uses, kept)
+
+
+def _chained(items: list[_Instruction], uses: Mapping[Value, int], kept: set[Value]) -> list[_Instruction]:
+    """Return operations with sums of several products as one: a sum that only the next takes up need not be stored."""
+    begun: dict[Value, _Instruction] = {}
+    gone: set[int] = set()
+    out = []
+    for item in items:
+        if item.op is Op.MULADD and item.result is not None:
+            x, y, sum_ = item.arguments
+            before = begun.get(sum_)
+            if before is not None and uses[sum_] == 1 and sum_ not in kept and sum_ not in (x, y):
+                gone.add(id(before))
+                start = before.arguments[2:] if before.op is Op.MULADD else ()
+                rest = before.arguments[:2] if before.op in (Op.MULADD, Op.MUL) else before.arguments
+                extra = len(start) if before.op is not Op.SCALAR_PRODUCT else before.extra
+                item = _Instruction(Op.SCALAR_PRODUCT, (*start, *rest, x, y), extra, item.result)
+        if item.op in (Op.MUL, Op.MULADD, Op.SCALAR_PRODUCT) and item.result is not None:
+            begun[item.result] = item
+        out.append(item)
     return [item for item in out if id(item) not in gone]
 
 
-def _coded(item: _Instruction, of: object) -> tuple[int, ...]:
-    operands = [of(v) for v in item.arguments]  # type: ignore[operator]
-    target = of(item.result) if item.result is not None else item.target  # type: ignore[operator]
+def _rows(item: _Instruction, of: Callable[[Value], int]) -> list[tuple[int, ...]]:
+    """Return the rows of an operation.
+
+    A scalar product has the number of pairs, the register that it begins with or -1, and the pairs behind it.
+    """
+    if item.op is not Op.SCALAR_PRODUCT:
+        return [_coded(item, of)]
+    assert item.result is not None
+    start, pairs = item.arguments[: item.extra], [of(v) for v in item.arguments[item.extra :]]
+    head = (int(item.op), of(item.result), len(pairs) // 2, of(start[0]) if start else -1, 0, 0)
+    pairs += [0] * (-len(pairs) % 6)
+    return [head, *(tuple(pairs[k : k + 6]) for k in range(0, len(pairs), 6))]
+
+
+def _coded(item: _Instruction, of: Callable[[Value], int]) -> tuple[int, ...]:
+    operands = [of(v) for v in item.arguments]
+    target = of(item.result) if item.result is not None else item.target
     operands += [0] * (3 - len(operands))
     return (int(item.op), target, *operands, item.extra)
