@@ -18,7 +18,7 @@ from testbench.aircraft.amend import Amendment, Memory
 from testbench.aircraft.elastic import ElasticMode, ElasticModel, WingShape, add_modes
 from testbench.aircraft.outline import Outline
 from testbench.aircraft.source import read_source
-from testbench.core.channels import CHANNELS
+from testbench.core.channels import channel as channel_of
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, JSBSIM_AREA_M2, JSBSIM_LENGTH_M, LBF_N, SLUG_KG
 from testbench.core.errors import Faults, ModelError, ScenarioError, nearest
 from testbench.core.schema import NonNegative, Positive, Strict, parse, read_toml
@@ -173,7 +173,7 @@ class Aircraft:
 
     def source_of(self, channel: str) -> tuple[str | None, float]:
         """Return the JSBSim property that a channel of the table is read from, and the factor to SI."""
-        c = CHANNELS[channel]
+        c = channel_of(channel)
         if self.adapter is not None:
             link = self.adapter.link(channel.removesuffix("_cmd"))
             if link is not None:

@@ -24,7 +24,7 @@ import jsbsim
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.core.channels import CHANNELS, CONTROLS, channel, modal_channels
+from testbench.core.channels import CHANNELS, CONTROLS, modal_channels
 from testbench.core.constants import FT_M, LBF_N
 from testbench.core.errors import ModelError
 from testbench.core.record import FloatArray
@@ -149,7 +149,7 @@ class Executive:
             self.propellers.start()
             for name, value in self.leaned().items():
                 self.set(name, value)
-        sources = [self._source(name) for name in (*CHANNELS, *modal_channels(self.mode_count))]
+        sources = [(n, *aircraft.source_of(n)) for n in (*CHANNELS, *modal_channels(self.mode_count))]
         found = [(name, prop, factor) for name, prop, factor in sources if self.has(prop)]
         self.channels = tuple(name for name, _, _ in found)
         self.factors = [factor for _, _, factor in found]
@@ -187,13 +187,6 @@ class Executive:
                 f"defined, but nothing defines {', '.join(missing)}",
                 missing,
             )
-
-    def _source(self, name: str) -> tuple[str, str | None, float]:
-        """Return a channel, the property that it is read from, and the factor to SI."""
-        if name in CHANNELS:
-            return name, *self.aircraft.source_of(name)
-        c = channel(name)
-        return name, c.jsbsim_property, c.factor
 
     def has(self, name: str | None) -> bool:
         """Return whether the model has a property."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any
@@ -126,6 +126,29 @@ def fly(
         >>> tb.fly(taurus, trimmed, tb.Manoeuvre("pulse", signal), log_rate_hz=60.0).kind
         'truth'
     """
+    step, u, wind = checked(aircraft, trimmed, manoeuvre, log_rate_hz, air)
+    fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
+    place_at_trim(fdm, trimmed)
+
+    names, wanted = logged_of(aircraft, fdm.channels, channels)
+    at_trim = np.array([trimmed.controls[n] for n in manoeuvre.signal.channels])
+    data, reason = _run(fdm, manoeuvre.signal.channels, at_trim, u, step, names, wind)
+    provenance = provenance_of(aircraft, trimmed, manoeuvre, air)
+    record = truth_of(aircraft, data, names, wanted, log_rate_hz, provenance, reason)
+    if reason:
+        raise aborted(record, aircraft.name, manoeuvre.name, log_rate_hz)
+    return record
+
+
+def checked(
+    aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre, log_rate_hz: float, air: Air | None
+) -> tuple[int, FloatArray, FloatArray | None]:
+    """Return what a flight is given, lawful: frames per row, absolute commands (frames + 1, controls), SI, and the
+    velocity of the air (frames + 1, 3), m/s, or None if it does not change.
+
+    Raises:
+        LimitError: a rate, a command or the air breaks its law.
+    """
     rate = trimmed.rate_hz
     if abs(manoeuvre.signal.dt_s * rate - 1.0) > 1e-6:
         raise LimitError(
@@ -133,29 +156,41 @@ def fly(
         )
     step = stride(rate, log_rate_hz)
     u = commands(aircraft, trimmed, manoeuvre)
-    wind = None if air is None else _moving_air(air, trimmed, u.shape[0], manoeuvre.settle_s)
-    fdm = Executive(aircraft, rate, trimmed.condition)
-    place_at_trim(fdm, trimmed)
+    return step, u, None if air is None else _moving_air(air, trimmed, u.shape[0], manoeuvre.settle_s)
 
-    names, wanted = logged_of(aircraft, fdm.channels, channels)
-    at_trim = np.array([trimmed.controls[n] for n in manoeuvre.signal.channels])
-    data, reason = _run(fdm, manoeuvre.signal.channels, at_trim, u, step, names, wind)
+
+def truth_of(
+    aircraft: Aircraft,
+    data: FloatArray,
+    names: tuple[str, ...],
+    wanted: Sequence[str] | None,
+    log_rate_hz: float,
+    provenance: Mapping[str, Any],
+    reason: str,
+) -> FlightRecord:
+    """Return the record of a flight: the channels logged, wing stations made from them, and of all those wanted.
+
+    Args:
+        aircraft: what flew.
+        data: (rows, names), SI.
+        names: channels that were logged.
+        wanted: channels of the record; all if None.
+        log_rate_hz: rows per second.
+        provenance: of the record.
+        reason: why the flight ended before its time, or "".
+    """
     record = FlightRecord(
         t_s=np.arange(len(data)) / log_rate_hz,
         channels=names,
         data=data,
         kind="truth",
-        provenance=_provenance(aircraft, trimmed, manoeuvre, air),
+        provenance=provenance,
         outcome="aborted" if reason else "completed",
         reason=reason,
     )
     if aircraft.flown_stations() and (wanted is None or set(wanted) != set(names)):
         record = with_stations(record, aircraft.flown_stations(), aircraft.flown_modes())
-    if wanted is not None:
-        record = record.select(wanted)
-    if reason:
-        raise aborted(record, aircraft.name, manoeuvre.name, log_rate_hz)
-    return record
+    return record if wanted is None else record.select(wanted)
 
 
 def aborted(record: FlightRecord, aircraft: str, manoeuvre: str, log_rate_hz: float) -> FlightAborted:
@@ -256,9 +291,10 @@ def _run(
     return log.si(taken, rows), ""
 
 
-def _provenance(
+def provenance_of(
     aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre, air: Air | None = None
 ) -> dict[str, Any]:
+    """Return what the record of a flight says of where it comes from."""
     c = trimmed.condition
     out = {
         "aircraft": aircraft.name,

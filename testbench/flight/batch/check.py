@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.core.channels import CHANNELS, channel
+from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
@@ -285,7 +285,7 @@ def difference(record: FlightRecord, truth: FlightRecord) -> tuple[float, str]:
     worst, where = 0.0, ""
     for name in truth.channels:
         a, b = record[name][:n], truth[name][:n]
-        unit = channel(name).unit if name not in CHANNELS else CHANNELS[name].unit
+        unit = channel(name).unit
         gap = np.abs(a - b)
         if unit == "rad":
             gap = np.minimum(gap, np.abs(gap - 360.0 * DEG_RAD))

@@ -12,7 +12,6 @@ from typing import TypeVar, get_args
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.aircraft.airframe import with_stations
 from testbench.core.constants import FT_M
 from testbench.core.errors import LimitError, TestbenchError, nearest
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
@@ -26,15 +25,7 @@ from testbench.flight.batch.model import TOP_FT, BatchModel, filled, put, read, 
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import body_from_earth
 from testbench.flight.recorder import limit_broken
-from testbench.flight.simulate import (
-    Manoeuvre,
-    _moving_air,
-    _provenance,
-    commands,
-    fly,
-    logged_of,
-    stride,
-)
+from testbench.flight.simulate import Manoeuvre, checked, fly, logged_of, provenance_of, truth_of
 from testbench.flight.trim import horizon_rates, steady_wind, velocity_at
 
 FEWEST = 8
@@ -157,11 +148,15 @@ def fly_jobs(
                 reason = _look_at(flew, ready, flown)
                 if reason:
                     distrust(ready.model, reason)
-                    flown.batch -= len(group)
+                    flown.batch -= sum(_by_batch(out[k]) for k, _ in group)
                     for k, each in group:
                         out[k] = _by_jsbsim(each.job, flown, reason)
                     break
     return [x for x in out if x is not None]
+
+
+def _by_batch(record: FlightRecord | TestbenchError | None) -> bool:
+    return isinstance(record, FlightRecord) and record.provenance.get("simulator") == BATCH
 
 
 def _by_jsbsim(job: Job, flown: Flown, reason: str) -> FlightRecord | TestbenchError:
@@ -205,17 +200,7 @@ class _Ready:
             LimitError: a rate, a command or the air breaks its law.
             ChannelError: it has no such channel.
         """
-        rate = job.trimmed.rate_hz
-        if abs(job.manoeuvre.signal.dt_s * rate - 1.0) > 1e-6:
-            raise LimitError(
-                f"a signal must be sampled at the simulation rate of {rate:g} Hz, got "
-                f"{1 / job.manoeuvre.signal.dt_s:g} Hz"
-            )
-        step = stride(rate, job.log_rate_hz)
-        u = commands(job.aircraft, job.trimmed, job.manoeuvre)
-        wind = None
-        if job.air is not None:
-            wind = _moving_air(job.air, job.trimmed, u.shape[0], job.manoeuvre.settle_s)
+        step, u, wind = checked(job.aircraft, job.trimmed, job.manoeuvre, job.log_rate_hz, job.air)
         logged, wanted = logged_of(job.aircraft, model.channels, job.channels)
         return cls(job, model, u, wind, logged, wanted, step)
 
@@ -358,19 +343,8 @@ def _scratch(use: str, shape: tuple[int, ...]) -> FloatArray:
 
 def _record(ready: _Ready, data: FloatArray, reason: str) -> FlightRecord:
     job = ready.job
-    record = FlightRecord(
-        t_s=np.arange(len(data)) / job.log_rate_hz,
-        channels=ready.logged,
-        data=data.copy(),
-        kind="truth",
-        provenance=_provenance(job.aircraft, job.trimmed, job.manoeuvre, job.air) | {"simulator": BATCH},
-        outcome="aborted" if reason else "completed",
-        reason=reason,
-    )
-    wanted = ready.wanted
-    if job.aircraft.flown_stations() and (wanted is None or set(wanted) != set(ready.logged)):
-        record = with_stations(record, job.aircraft.flown_stations(), job.aircraft.flown_modes())
-    return record if wanted is None else record.select(wanted)
+    provenance = provenance_of(job.aircraft, job.trimmed, job.manoeuvre, job.air) | {"simulator": BATCH}
+    return truth_of(job.aircraft, data.copy(), ready.logged, ready.wanted, job.log_rate_hz, provenance, reason)
 
 
 def _is_looked_at(ready: _Ready) -> bool:

@@ -27,7 +27,12 @@ def _truth(x: float) -> float:  # pragma: no cover
 def _table_1(T: FloatArray, at: int, x: float) -> float:  # pragma: no cover
     """Return a table's value at ``x``: number of rows, keys, values (FGTable::GetValue)."""
     n = int(T[at])
-    keys, values = at + 1, at + 1 + n
+    return _between(T, at + 1, at + 1 + n, n, x)
+
+
+@compiled
+def _between(T: FloatArray, keys: int, values: int, n: int, x: float) -> float:  # pragma: no cover
+    """Return the value at ``x`` between ``n`` keys; beyond the ends that of the end."""
     if x <= T[keys]:
         return T[values]
     if x >= T[keys + n - 1]:
@@ -60,16 +65,7 @@ def _table_2(T: FloatArray, at: int, row: float, column: float) -> float:  # pra
     columns = rows + n
     values = columns + m
     if m == 1:
-        if row <= T[rows]:
-            return T[values]
-        if row >= T[rows + n - 1]:
-            return T[values + n - 1]
-        k = 1
-        while T[rows + k] < row:
-            k += 1
-        factor = (row - T[rows + k - 1]) / (T[rows + k] - T[rows + k - 1])
-        y0 = T[values + k - 1]
-        return factor * (T[values + k] - y0) + y0
+        return _between(T, rows, values, n, row)
     c, across = _fraction(T, columns, m, column)
     if n == 1:
         y0 = T[values + c - 1]
@@ -326,8 +322,6 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
             stages.thruster(R, t)
         elif op == 68:
             stages.accelerate(R)
-        elif op == 69:
-            stages.weigh(R)
         elif op == 70:
             stages.euler(R)
         elif op == 71:

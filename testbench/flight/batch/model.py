@@ -12,7 +12,6 @@ import numpy as np
 import numpy.typing as npt
 
 from testbench.aircraft import Aircraft
-from testbench.core.channels import CHANNELS, channel
 from testbench.core.constants import FT_M
 from testbench.core.record import FloatArray
 from testbench.flight.batch import registers as r
@@ -112,7 +111,7 @@ def batch_model(
     """
     fdm = Executive(aircraft, rate_hz, condition)
     tree = aircraft.model_tree(rate_hz, condition.qbar_Pa, condition.V_m_s)
-    sources = {n: _source(aircraft, n) for n in fdm.channels}
+    sources = {n: str(aircraft.source_of(n)[0]) for n in fdm.channels}
     inputs = [aircraft.controls[n].command for n in fdm.command_nodes]
     settings = aircraft.adapter.settings if aircraft.adapter is not None else {}
     frozen = settings.get("propulsion/fuel_freeze", 0.0) != 0.0  # JSBSim takes it but does not give it back
@@ -215,7 +214,7 @@ def variant(base: BatchModel, aircraft: Aircraft, condition: FlightCondition, tr
         return None
     weights = base.weights.with_empty(base.dry, empty)
     _set_weights(start, weights)
-    factors = np.array([_factor(aircraft, n) for n in base.channels])
+    factors = np.array([aircraft.source_of(n)[1] for n in base.channels])
     return replace(base, aircraft=aircraft, start=start, factors=factors)
 
 
@@ -333,16 +332,6 @@ def _fixed(aircraft: Aircraft) -> tuple[object, ...]:
         tuple(sorted(aircraft.engine_files.items())), controls,
         tuple(aircraft.limits), None if aircraft.adapter is None else tuple(sorted(aircraft.adapter.settings.items())),
     )  # fmt: skip
-
-
-def _source(aircraft: Aircraft, name: str) -> str:
-    source = aircraft.source_of(name)[0] if name in CHANNELS else channel(name).jsbsim_property
-    assert source is not None
-    return source
-
-
-def _factor(aircraft: Aircraft, name: str) -> float:
-    return aircraft.source_of(name)[1] if name in CHANNELS else channel(name).factor
 
 
 def _value(fdm: Executive, name: str) -> float:

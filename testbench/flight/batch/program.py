@@ -85,7 +85,6 @@ class Op(IntEnum):
     REACTION = 66
     THRUSTER = 67
     ACCELERATE = 68
-    WEIGH = 69
     EULER = 70
     GEOGRAPHY = 71
     EULER_RATES = 72
@@ -117,7 +116,6 @@ WRITES: Mapping[Op, tuple[int, ...]] = {
     Op.THRUSTER: tuple(range(r.ENGINE_FORCE, r.ADDED_FORCE)),
     Op.ACCELERATE: _ACCELERATIONS,
     Op.ALTITUDES: (r.DENSITY_ALTITUDE, r.PRESSURE_ALTITUDE),
-    Op.WEIGH: (r.MASS, *range(r.INERTIA_INVERSE, r.NATIVE)),
 }
 """Stage -> registers of the rigid body that it writes."""
 
@@ -317,15 +315,11 @@ class _Assembly:
     def __init__(self, b: Builder) -> None:
         self._b = b
         self._frame, self._log = list(b._frame), list(b._log)
-        names = {number: name for name, number in b._states.items()}
+        self._names = {number: name for name, number in b._states.items()}
         self._commit = {b._states[name]: value for name, value in b._ended.items()}
         self._live()
-        self._frame, self._log = _fused(self._frame, self._ends()), _fused(self._log, set(b._logged.values()))
-        self._names = names
-
-    def _ends(self) -> set[Value]:
-        """Return the values that are read after the frame."""
-        return set(self._commit.values())
+        self._frame = _fused(self._frame, set(self._commit.values()))
+        self._log = _fused(self._log, set(b._logged.values()))
 
     def _live(self) -> None:
         """Leave out operations whose results nothing reads; keep the properties that something reads."""

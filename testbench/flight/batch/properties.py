@@ -194,7 +194,6 @@ class Properties:
         self._b = builder
         self._own: set[str] = set()
         self._written: set[str] = set()
-        self.constants: set[str] = set()
 
     def declare(self, name: str) -> None:
         """Say that the model itself moves a property, whatever its name."""

@@ -28,7 +28,6 @@ _FORCE_AXES = {
 }  # fmt: skip
 _MOMENT_AXES = {"ROLL": 0, "PITCH": 1, "YAW": 2}
 _FRAMES = {"BODY": stages.BODY, "WIND": stages.WIND_AXES, "LOCAL": stages.LOCAL, "INERTIAL": stages.INERTIAL}
-_READERS = {"property", "p", "independentVar", "input", "test", "default", "gain", "min", "max"}
 _COPIED = ("throttle", "mixture", "advance", "feather")
 
 
@@ -221,11 +220,7 @@ class _Model:
         """Store the sum of the functions of an axis, and give each its property."""
         b, total = self._b, None
         for e in functions:
-            value = self._f.value(e)
-            for name in (e.get("name"), e.get("copyto")):
-                if name and "/" in name:
-                    self._p.declare(name)
-                    self._p.write(name, value)
+            value = self._f.evaluate(e)
             total = value if total is None else b.emit(Op.ADD, total, value)
         b.store(register, b.number(0.0) if total is None else total)
 

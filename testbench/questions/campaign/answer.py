@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING
 
 from testbench.page.labels import number
 from testbench.page.words import counted
+from testbench.questions.campaign.summary import ALONE, TOGETHER
 
 if TYPE_CHECKING:
     from testbench.questions.campaign.result import CampaignResult
     from testbench.questions.campaign.summary import Accuracy, Summary
-
-BATCH, JSBSIM = "batch", "jsbsim"
-"""What a finished run says has flown it; behind the second stands why, if the batch was wanted."""
 
 _MILLION = 1_000_000
 _LINES = 3
@@ -142,8 +140,8 @@ def _simulators(summary: Summary) -> str:
     """Return what flew, and why where JSBSim had to fly run by run."""
     parts = [
         f"{counted(n, 'run')} flown in batches, by a translation of the model that JSBSim has judged equal"
-        if what == BATCH
-        else f"{counted(n, 'run')} flown by JSBSim one by one{what.removeprefix(JSBSIM)}"
+        if what == TOGETHER
+        else f"{counted(n, 'run')} flown by JSBSim one by one{what.removeprefix(ALONE)}"
         for what, n in sorted(summary.simulators.items())
     ]
     return f"; {', '.join(parts)}" if parts else ""

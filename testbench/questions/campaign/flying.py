@@ -12,7 +12,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -24,14 +24,15 @@ from testbench.core.record import FlightRecord
 from testbench.core.schema import parse
 from testbench.core.scratch import Scratch
 from testbench.evaluation.truth import Truth, true_model
-from testbench.flight import TrimmedFlight, load_aircraft
+from testbench.flight import load_aircraft
 from testbench.flight.air import air_of
 from testbench.flight.batch.jobs import BATCH, Flown, Simulator
 from testbench.flight.batch.jobs import Job as FlightJob
-from testbench.line import Case, condition_of, trim_for
+from testbench.line import Case, condition_of
 from testbench.questions.campaign.draws import run_inputs, run_seed
 from testbench.questions.campaign.load import versions
 from testbench.questions.campaign.scenario import CampaignSpec
+from testbench.questions.campaign.summary import ALONE, TOGETHER
 from testbench.questions.campaign.targets import change_aircraft, change_suites, set_keys
 from testbench.questions.run.ask import Prepared, run, wanted_flights
 from testbench.questions.run.result import RunResult
@@ -82,15 +83,25 @@ class Remembered:
         self._made: OrderedDict[Hashable, Any] = OrderedDict()
 
     def has(self, key: Hashable) -> bool:
-        """Return whether something is remembered for ``key``."""
+        """Return whether something is remembered for ``key``, which counts as use of it."""
+        if key in self._made:
+            self._made.move_to_end(key)
         return key in self._made
 
     def get(self, key: Hashable, make: Callable[[], Made]) -> Made:
         """Return what ``make`` returned for ``key``, calling it if it is not remembered."""
         if key not in self._made:
-            self._made[key] = make()
-            if len(self._made) > self._most:
-                self._made.popitem(last=False)
+            self.put(key, make())
+        return self.known(key)
+
+    def put(self, key: Hashable, made: Any) -> None:
+        """Remember something for ``key``."""
+        self._made[key] = made
+        if len(self._made) > self._most:
+            self._made.popitem(last=False)
+
+    def known(self, key: Hashable) -> Any:
+        """Return what is remembered for ``key``."""
         self._made.move_to_end(key)
         return self._made[key]
 
@@ -213,7 +224,7 @@ def _fly(job: Job, runs: Sequence[_Run]) -> list[Outcome]:
             found = _found(run(run_.scenario, run_.seed, keep, prepared=run_.ready))
             flown = run_.ready.flown if run_.ready is not None else ()
             together = any(record.provenance.get("simulator") == BATCH for record in flown)
-            found["flown"] = "batch" if together else f"jsbsim{why}"
+            found["flown"] = TOGETHER if together else f"{ALONE}{why}"
             run_.results = json.dumps(found, separators=(",", ":"))
     return [r.outcome() for r in runs]
 
@@ -248,11 +259,6 @@ def _drawn(run_: _Run, content: Mapping[str, Any]) -> tuple[Hashable, Aircraft, 
 
 def _trim(job: Job, wanted: Mapping[Hashable, tuple[_Run, Aircraft]]) -> None:
     """Trim what has not been trimmed, and remember it: the trim, or why there is none."""
-    if job.simulator == "jsbsim":
-        for key, (run_, aircraft) in wanted.items():
-            assert run_.scenario is not None
-            _TRIMS.get(key, partial(_trimmed_by_jsbsim, run_.scenario, aircraft))
-        return
     from testbench.flight.batch.trim import trim_many
 
     rates: dict[float | None, list[Hashable]] = {}
@@ -263,20 +269,9 @@ def _trim(job: Job, wanted: Mapping[Hashable, tuple[_Run, Aircraft]]) -> None:
         scenarios = [wanted[key][0].scenario for key in keys]
         airs = [air_of(s.air, s.condition.h_m, 0) for s in scenarios if s is not None]
         conditions = [condition_of(s.condition) for s in scenarios if s is not None]
-        found = trim_many([wanted[key][1] for key in keys], conditions, rate, airs)
+        found = trim_many([wanted[key][1] for key in keys], conditions, rate, airs, job.simulator)
         for key, result in zip(keys, found, strict=True):
-            _TRIMS.get(key, partial(_same, result))
-
-
-def _same(result: TrimmedFlight | TestbenchError) -> TrimmedFlight | TestbenchError:
-    return result
-
-
-def _trimmed_by_jsbsim(scenario: Scenario, aircraft: Aircraft) -> TrimmedFlight | TestbenchError:
-    try:
-        return trim_for(scenario, aircraft)
-    except TestbenchError as error:
-        return error
+            _TRIMS.put(key, result)
 
 
 def _prepare(
@@ -284,7 +279,7 @@ def _prepare(
 ) -> None:
     """Make what a run needs before it flies, and the flights that it wants."""
     assert run_.scenario is not None
-    trimmed = _TRIMS.get(key, partial(_trimmed_by_jsbsim, run_.scenario, aircraft))
+    trimmed = _TRIMS.known(key)  # of this batch at the latest, which is smaller than what is remembered
     if isinstance(trimmed, TestbenchError):
         raise trimmed
     truth: Truth | None = _TRUTHS.get(key, lambda: true_model(aircraft, trimmed)) if spec.truth else None

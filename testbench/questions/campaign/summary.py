@@ -20,6 +20,8 @@ QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
 Z95 = 1.959963984540054  # standard normal, two-sided 95 %
 _GROW = 4096
 TRUE = "true"
+TOGETHER, ALONE = "batch", "jsbsim"
+"""What a finished run says has flown it; behind the second stands why, if a batch was wanted."""
 _OUTPUTS = re.compile(r" \([^()]*\)(?= (?:wn|zeta))")  # whose poles: the truth is that of the aircraft
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
