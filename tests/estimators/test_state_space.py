@@ -151,7 +151,7 @@ def test_frequencies_above_nyquist_and_on_a_pole_are_refused():
 
 
 def test_to_dict_is_json_and_complete():
-    m = model(stable(), settings={"order": None}, advice=("careful",), status="warning")
+    m = model(stable(), settings={"order": None}, advice=("careful",))
     back = json.loads(json.dumps(m.to_dict()))
     assert np.array_equal(np.array(back["A"]), m.A)
     assert back["outputs"] == ["alpha", "q", "V"]
