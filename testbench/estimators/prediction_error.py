@@ -41,6 +41,7 @@ _EXACT = 1e-12  # floor of the innovations, as a share of an output's size
 _NOTHING = 1e-10  # innovations below this share are rounding: nothing is left to weigh
 _FREE_OF_NOISE = 1e-7  # start innovations below this share say nothing of a disturbance: K is not identifiable
 _LOST = 1e-8  # smallest over largest singular value of the scaled Jacobian below which a direction is undecided
+_MARGINAL = 0.999  # spectral radius of the predictor from which on it stands at its limit (judged)
 _COLOURED = 1e-3  # false-alarm probability of the whiteness test
 
 
@@ -393,9 +394,21 @@ def _finish(
     )
 
 
+def _radius(A: FloatArray) -> float:
+    return float(np.max(np.abs(np.linalg.eigvals(A))))
+
+
 def _advice(model: StateSpaceModel, white: FloatArray, layout: Layout) -> tuple[Advice, ...]:
     out, found = [], model.diagnostics
-    if not found["converged"]:
+    if not found["converged"] and layout.disturbances and _radius(model.A - model.K @ model.C) > _MARGINAL:
+        out.append(
+            doubt(
+                "predictor_at_limit",
+                "the search ended where the predictor A - K C becomes unstable: these data hold no disturbances that "
+                "could be told from the noise; set disturbances = false",
+            )
+        )
+    elif not found["converged"]:
         out.append(
             wrong(
                 "not_converged",

@@ -155,7 +155,8 @@ def test_to_dict_is_json_and_complete():
     back = json.loads(json.dumps(m.to_dict()))
     assert np.array_equal(np.array(back["A"]), m.A)
     assert back["outputs"] == ["alpha", "q", "V"]
-    assert back["advice"] == ["careful"]
+    assert back["status"] == "doubt"
+    assert back["advice"] == [{"severity": "doubt", "code": "own", "sentence": "careful"}]
     assert back["settings"] == {"order": None}
     assert np.array_equal(np.array(back["K"]), np.zeros((4, 3)))
 
