@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.logs.signals import GAP, Mapped
+from testbench.logs.clocks import gaps, shortest_step
+from testbench.logs.signals import Mapped
 
 DEFAULT_RATE_HZ = 50.0
 STOP_DB = 60.0  # what the filter leaves of what would fold down
@@ -30,7 +31,7 @@ def common_rate(channels: Sequence[Mapped]) -> float:
     first = channels[0].t_s
     steps = np.diff(first)
     usual = float(np.median(steps))
-    even = np.abs(steps[steps <= GAP * usual] - usual) <= 0.01 * usual
+    even = np.abs(np.delete(steps, gaps(first)) - usual) <= 0.01 * usual
     if all(np.array_equal(c.t_s, first) for c in channels) and even.all():
         return 1.0 / usual if abs(round(1.0 / usual) * usual - 1.0) > 1e-3 else float(round(1.0 / usual))
     fastest = max(c.rate_hz for c in channels)
@@ -45,8 +46,10 @@ def resample(
     A channel that was logged faster first passes a zero-phase low pass (Kaiser window, passband to 0.4, 60 dB from
     0.6 of the new rate; Oppenheim and Schafer, Discrete-Time Signal Processing, sec. 7.6) at its own rate. Between
     samples a cubic interpolates; for the channels in ``stepped``, a straight line. A slower channel (below 0.8 of the
-    new rate) is sampled at the time of the grid nearest to each of its samples. Everywhere else, in gaps (a step above
-    1.75 times the usual one) and before the first and after the last sample, the last value is held and marked.
+    new rate) is sampled at the time of the grid nearest to each of its samples. Everywhere else, in gaps
+    (:mod:`testbench.logs.clocks`; a step that is no longer than one of the record is none) and before the first and
+    after the last sample, the last value is held and marked. A channel without a stretch that is long enough is left
+    out; :mod:`testbench.questions.importing.balance` says so.
 
     Args:
         channels: channels in SI units, each with its own times on one clock.
@@ -96,7 +99,8 @@ def _on_grid(
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return the values on the grid, 0 where none was taken, and where one was."""
     values, taken = np.zeros(grid.size), np.zeros(grid.size, bool)
-    cuts = np.flatnonzero(np.diff(t) > GAP * step) + 1
+    lost = gaps(t)
+    cuts = lost[np.diff(t)[lost] > dt] + 1
     slack = 1e-3 * min(step, dt)  # times are rounded to microseconds
     for part in np.split(np.arange(t.size), cuts):
         tp, xp = t[part], x[part]
@@ -104,7 +108,7 @@ def _on_grid(
         if step > dt / _SLOW:
             inside = np.unique(np.clip(np.rint(tp / dt), 0, grid.size - 1).astype(int))
         elif step < _SLOW * dt:
-            low = _lowpass(tp, xp, step, dt)
+            low = _lowpass(tp, xp, shortest_step(t), dt)
             if low is None:
                 continue  # too short to be filtered, and unfiltered it would fold
             tp, xp = low
