@@ -16,7 +16,8 @@ _CHUNK = 512  # steps over which the rate is taken to be the same; rates drift, 
 _OFTEN = 0.1  # a step that makes up this share of all is a habit of the clock
 _REGULAR = 0.25  # spread over mean of the distances between long steps; 1 where samples are lost at random
 _FEW = 4.0  # usual steps: a longer one that recurs is an outage that recurs, unless it takes
-_MOST = 0.5  # of the time, because then the samples come in bursts
+_MOST = 0.5  # of the time, because then the samples come in bursts, unless the bursts are further apart than
+_BURST_S = 0.04  # s: short beside the motions of an aircraft
 _FINEST = 0.125  # of the median step; two samples closer than this say nothing on the rate
 
 
@@ -60,5 +61,5 @@ def _longest_usual(steps: FloatArray) -> float:
     if long.size < _OFTEN * steps.size and np.std(apart) > _REGULAR * np.mean(apart):
         return median  # lost at random
     usual = float(np.median(steps[long]))
-    recurs = usual <= _FEW * median or float(np.sum(steps[long])) > _MOST * float(np.sum(steps))
-    return usual if recurs else median
+    in_bursts = usual <= _BURST_S and float(np.sum(steps[long])) > _MOST * float(np.sum(steps))
+    return usual if usual <= _FEW * median or in_bursts else median

@@ -7,7 +7,7 @@ Nothing is changed here; a question says what was got, what it would mean and wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from testbench.core.channels import CONTROLS, UNITS, channel
 from testbench.core.constants import DEG_RAD, G0_M_S2
+from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
 
 Signals = Mapping[str, tuple[FloatArray, FloatArray]]
@@ -115,8 +116,36 @@ def to_set(file: Path | None) -> Callable[[str, str], str]:
 
 
 def refusal(file: Path | str, asked: Sequence[str]) -> str:
-    """Return the refusal of questions in one sentence each."""
-    return f"with --strict every value of '{file}' must be plausible, got {' | '.join(asked)}"
+    """Return the refusal of questions, one a line."""
+    count = "one that is not" if len(asked) == 1 else f"{len(asked)} questions"
+    return f"every value of '{file}' must be plausible (strict), got {count}:\n  " + "\n  ".join(asked)
+
+
+def questions_of(
+    records: Iterable[tuple[str, FlightRecord]], file: Path | None = None, strict: bool = False
+) -> tuple[str, ...]:
+    """Return the questions that described records raise, in words, a question of several records once.
+
+    Args:
+        records: name and record of each.
+        file: the description, for what to set.
+        strict: refuse instead.
+
+    Raises:
+        RecordError: ``strict``, and there is a question.
+    """
+    asked: dict[tuple[str, str], list[tuple[str, str]]] = {}
+    for name, record in records:
+        for question in implausible(signals_of(record)):
+            key = (question.channel, question.unit or question.means)
+            asked.setdefault(key, []).append((name, question.asked(to_set(file))))
+    out = []
+    for found in asked.values():
+        also = f" (and in {', '.join(name for name, _ in found[1:])})" if found[1:] else ""
+        out.append(f"in record '{found[0][0]}'{also}, {found[0][1]}")
+    if strict and out:
+        raise RecordError(refusal(file or "the records", out))
+    return tuple(out)
 
 
 def clock_unit(times: FloatArray) -> str:
@@ -231,7 +260,7 @@ def _against_airspeed(signals: Signals, c: Criteria) -> list[Question]:
     if 0.0 < typical < c.slowest_m_s and float(np.min(V)) > 0.5 * typical and _moves(signals, c):
         got = f"{typical:.3g} m/s while the aircraft moves"
         out.append(Question("V", got, "is it in km/s, a Mach number or a fraction, or was the pitot tube covered"))
-    if "qbar" in signals and typical > c.slowest_m_s:
+    if "qbar" in signals and c.slowest_m_s < typical < c.fastest_m_s:
         ratio = float(np.median(signals["qbar"][1])) / (0.5 * _SEA_LEVEL_KG_M3 * typical**2)
         if 0.0 < ratio < c.thinnest:
             fits = {u: f * ratio for u, f in UNITS["Pa"].items() if 0.1 < f * ratio < 1.5}

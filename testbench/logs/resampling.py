@@ -17,6 +17,7 @@ DEFAULT_RATE_HZ = 50.0
 STOP_DB = 60.0  # what the filter leaves of what would fold down
 _PASS, _STOP = 0.4, 0.6  # of the new rate: what lies between folds down to above 0.4 of it only
 _SLOW = 0.8  # a channel below this part of the new rate is sampled where it was sampled
+_SMOOTH = 4.0  # longest over shortest step: beyond it a cubic through noise overshoots between the samples
 _MOST = 20_000_000  # samples of a record; above it the times are wrong rather than the flight long
 
 
@@ -45,7 +46,8 @@ def resample(
 
     A channel that was logged faster first passes a zero-phase low pass (Kaiser window, passband to 0.4, 60 dB from
     0.6 of the new rate; Oppenheim and Schafer, Discrete-Time Signal Processing, sec. 7.6) at its own rate. Between
-    samples a cubic interpolates; for the channels in ``stepped``, a straight line. A slower channel (below 0.8 of the
+    samples a cubic interpolates; a straight line does for the channels in ``stepped`` and where steps differ by more
+    than a factor of 4. A slower channel (below 0.8 of the
     new rate) is sampled at the time of the grid nearest to each of its samples. Everywhere else, in gaps
     (:mod:`testbench.logs.clocks`; a step that is no longer than one of the record is none) and before the first and
     after the last sample, the last value is held and marked. A channel without a stretch that is long enough is left
@@ -108,7 +110,7 @@ def _on_grid(
         if step > dt / _SLOW:
             inside = np.unique(np.clip(np.rint(tp / dt), 0, grid.size - 1).astype(int))
         elif step < _SLOW * dt:
-            low = _lowpass(tp, xp, shortest_step(t), dt)
+            low = _lowpass(tp, xp, shortest_step(t), dt, stepped)
             if low is None:
                 continue  # too short to be filtered, and unfiltered it would fold
             tp, xp = low
@@ -119,14 +121,17 @@ def _on_grid(
 
 
 def _between(t: FloatArray, x: FloatArray, at: FloatArray, stepped: bool) -> FloatArray:
-    if t.size < 4 or stepped:
+    steps = np.diff(t)
+    if t.size < 4 or stepped or steps.max() > _SMOOTH * steps.min():
         return np.interp(at, t, x)
     from scipy.interpolate import CubicSpline
 
     return np.asarray(CubicSpline(t, x)(np.clip(at, t[0], t[-1])))
 
 
-def _lowpass(t: FloatArray, x: FloatArray, step: float, dt: float) -> tuple[FloatArray, FloatArray] | None:
+def _lowpass(
+    t: FloatArray, x: FloatArray, step: float, dt: float, stepped: bool
+) -> tuple[FloatArray, FloatArray] | None:
     """Return a stretch without gaps on an even grid of its own rate, low-passed for ``dt``; None if it is too short."""
     from scipy.signal import firwin, kaiserord
 
@@ -138,6 +143,6 @@ def _lowpass(t: FloatArray, x: FloatArray, step: float, dt: float) -> tuple[Floa
     if even.size <= half:
         return None
     kernel = firwin(taps, (_PASS + _STOP) * ratio, window=("kaiser", beta))
-    y = np.interp(even, t, x)
+    y = _between(t, x, even, stepped)
     left, right = 2.0 * y[0] - y[half:0:-1], 2.0 * y[-1] - y[-2 : -half - 2 : -1]  # odd about the ends: keeps trends
     return even, np.convolve(np.concatenate([left, y, right]), kernel, mode="valid")

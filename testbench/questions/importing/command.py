@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import refuse
+from testbench.questions.options import StrictOption, refuse
 
 _NOT_TO_DESCRIBE = (
     "out", "rate", "throw", "lead", "tail", "record", "imu", "airspeed", "gps", "baro", "ekf", "strict"
@@ -50,7 +50,7 @@ def command(
     gps: Annotated[int | None, _sensor("receiver")] = None,
     baro: Annotated[int | None, _sensor("barometer")] = None,
     ekf: Annotated[int | None, _sensor("lane of the filter")] = None,
-    strict: Annotated[bool, typer.Option("--strict", help="Refuse values that no flight has.")] = False,
+    strict: StrictOption = False,
 ) -> None:
     """Show what a flight log holds, and with -o cut its manoeuvres into records ready for `testbench identify`.
 
