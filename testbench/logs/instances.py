@@ -97,13 +97,14 @@ def choose_instances(
 def _choice(kind: str, taken: str, names: list[str], faults: Mapping[str, tuple[str, ...]], asked: bool) -> Choice:
     said = {name: ", ".join(filter(None, faults[name])) for name in names}
     option = f" (--{kind} {{}} reads this one)" if kind in KINDS else ""
+    fine = "not asked for" if asked else "as good as the one read"
     others = tuple(
-        (name, f"{said[name] or 'as good as the one read'}; {taken} is read instead{option.format(_number(name))}")
+        (name, f"{said[name] or fine}; {taken} is read instead{option.format(_number(name))}")
         for name in names
         if name != taken
     )
     better = len({bool(said[name]) for name in names}) > 1
-    why = "as asked" if asked else "the best" if better else "the first"
+    why = "as asked," if asked else "the best" if better else "the first"
     rest = "; ".join(f"{name}: {said[name]}" for name in names if said[name])
     return Choice(
         kind, taken, others, f"{kind}: {taken} is read, {why} of {', '.join(names)}" + (f" ({rest})" if rest else "")

@@ -252,6 +252,7 @@ def _read_mat(path: Path, variable: str | None) -> Table:
         raise RecordError(f"'{path}' must be a complete MAT file, but it is damaged: {_one_line(error)}") from error
     stated = _stated(content["testbench"]) if isinstance(content.get("testbench"), str) else {}
     units = content["units"] if stated and isinstance(content.get("units"), dict) else {}
+    units = {name: unit for name, unit in units.items() if isinstance(unit, str)}  # a damaged file holds others
     if variable is not None:
         if variable not in content:
             raise RecordError(f"'{path}' must hold the variable '{variable}', got none{nearest(variable, content)}")

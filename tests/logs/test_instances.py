@@ -70,7 +70,7 @@ def test_the_best_unit_is_read_for_all_its_channels(tmp_path, units, taken, why)
 def test_the_unit_asked_for_is_read_even_if_it_is_worse(tmp_path):
     found = find_channels(log_of(tmp_path, unit(0), unit(1, AH=0.0)), RULES, sensors={"imu": 1})
     assert {c.source.split(".")[0] for c in found.channels} == {"IMU#1"}
-    assert found.choices[0].said == "imu: IMU#1 is read, as asked of IMU, IMU#1 (IMU#1: AH is 0, not 1)"
+    assert found.choices[0].said == "imu: IMU#1 is read, as asked, of IMU, IMU#1 (IMU#1: AH is 0, not 1)"
 
 
 @pytest.mark.parametrize(
