@@ -21,10 +21,9 @@ _BURST_S = 0.04  # s: short beside the motions of an aircraft
 _FINEST = 0.125  # of the median step; two samples closer than this say nothing on the rate
 
 
-def usual_step(t: FloatArray) -> float:
-    """Return the mean step outside gaps, s, of increasing times (n,), n >= 2."""
-    steps = np.diff(t)
-    return float(np.mean(steps[~_beyond(steps)]))
+def usual_step(t: FloatArray, lost: NDArray[np.intp] | None = None) -> float:
+    """Return the mean step outside gaps, s, of increasing times (n,), n >= 2; ``lost`` is what :func:`gaps` gives."""
+    return float(np.mean(np.delete(np.diff(t), gaps(t) if lost is None else lost)))
 
 
 def shortest_step(t: FloatArray) -> float:
@@ -41,19 +40,21 @@ def gaps(t: FloatArray) -> NDArray[np.intp]:
 def _beyond(steps: FloatArray) -> NDArray[np.bool_]:
     """Say for every step whether it is a gap: longer than 1.75 times the longest usual one around it.
 
-    The longest usual step is that of three neighbouring parts of some 512 steps, so that a rate that changes makes no
-    gaps.
+    The longest usual step is that of three neighbouring parts of 512 steps, so that a rate that changes makes no gaps.
+    The last part is the last 512 steps.
     """
-    count = max(1, steps.size // _CHUNK)
-    parts = np.array_split(steps, count)
+    full = steps.size // _CHUNK
+    rows = steps[: full * _CHUNK].reshape(full, _CHUNK)
+    parts = [*rows, steps[-_CHUNK:]] if steps.size % _CHUNK else list(rows)
     usual = np.array([_longest_usual(part) for part in parts])
     around = np.maximum(usual, np.maximum(np.r_[usual[1:], 0.0], np.r_[0.0, usual[:-1]]))
-    return np.asarray(steps > GAP * np.repeat(around, [part.size for part in parts]))
+    return np.asarray(steps > GAP * around[np.arange(steps.size) // _CHUNK])
 
 
 def _longest_usual(steps: FloatArray) -> float:
     """Return the median step, or the longer one that makes up a tenth of the steps or comes at even distances."""
-    median = float(np.median(steps))
+    middle = steps.size // 2
+    median = float(np.partition(steps, middle)[middle])
     long = np.flatnonzero(steps > GAP * median)
     if long.size < 3:
         return median

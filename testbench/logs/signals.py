@@ -10,6 +10,7 @@ import struct
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -123,10 +124,15 @@ class Mapped:
     said: str
     assumed: str = ""
 
-    @property
+    @cached_property
+    def lost(self) -> NDArray[np.intp]:
+        """Indices of the samples after which samples were lost."""
+        return gaps(self.t_s)
+
+    @cached_property
     def step_s(self) -> float:
         """The usual step: the mean outside gaps."""
-        return usual_step(self.t_s)
+        return usual_step(self.t_s, self.lost)
 
     @property
     def rate_hz(self) -> float:
@@ -136,7 +142,7 @@ class Mapped:
     @property
     def gaps(self) -> list[tuple[float, float]]:
         """Last time before and first time after each stretch without samples."""
-        return [(float(self.t_s[i]), float(self.t_s[i + 1])) for i in gaps(self.t_s)]
+        return [(float(self.t_s[i]), float(self.t_s[i + 1])) for i in self.lost]
 
 
 @dataclass(frozen=True, eq=False)
