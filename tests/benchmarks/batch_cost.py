@@ -10,10 +10,10 @@ from __future__ import annotations
 import csv
 import gc
 import os
-import resource
 import subprocess
 import sys
 import time
+import tracemalloc
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -44,8 +44,9 @@ MODELS = {
     "jsbsim:f16": (180.0, 3000.0),
     "jsbsim:J3Cub": (30.0, 500.0),
 }
-STREAMED = (1_000, 10_000, 100_000)
-KEPT = (250, 500, 1000, 2000)
+STREAMED, VARIED = (1_000, 10_000, 100_000), (1_000, 10_000, 20_000)
+KEPT = 512
+CHANNELS = ("V", "alpha", "q", "theta", "az", "de", "h", "p")
 OUT = Path(__file__).resolve().parents[2] / "results" / "benchmarks"
 Case = tuple[Aircraft, TrimmedFlight]
 
@@ -150,24 +151,22 @@ def line(what: str, points: Mapping[float, float], unit: str, per: str) -> Line:
 
 
 def kept() -> list[Line]:
-    """Measure the memory of records that are kept, over their number and over their samples, bytes."""
+    """Measure the memory of records that are kept, over their samples, bytes allocated per flight."""
     case = case_of("taurus", *MODELS["taurus"])
-    process = psutil.Process()
 
-    def held(flights: int, seconds: float, channels: tuple[str, ...]) -> float:
+    def held(seconds: float) -> tuple[int, float]:
+        tracemalloc.start()
+        before = tracemalloc.get_traced_memory()[0]
+        records = list(islice(tb.fly_stream(jobs(case, seconds, CHANNELS), "batch"), KEPT))
         gc.collect()
-        before = process.memory_info().rss
-        records = list(islice(tb.fly_stream(jobs(case, seconds, channels), "batch"), flights))
-        gc.collect()
-        return float(process.memory_info().rss - before) / len(records)
+        bytes_each = (tracemalloc.get_traced_memory()[0] - before) / len(records)
+        tracemalloc.stop()
+        assert isinstance(records[0], tb.FlightRecord)
+        return records[0].data.size, bytes_each
 
-    channels = ("V", "alpha", "q", "theta", "az", "de", "h", "p")
-    held(512, 20.0, channels)  # what is used again for every block
-    over: dict[float, float] = {}
-    for seconds in LENGTHS_S:
-        rows = round(seconds * 48.0) + 1  # taurus is logged at 48 Hz: 240 / 5
-        over[float(rows * len(channels))] = median(held(n, seconds, channels) for n in KEPT[1:])
-    return [line("samples kept", over, "bytes", "sample of a channel that is kept")]
+    for seconds in LENGTHS_S:  # what is used again for every block of that length
+        held(seconds)
+    return [line("samples kept", dict(map(held, LENGTHS_S)), "bytes", f"sample, of {len(CHANNELS)} channels kept")]
 
 
 def streamed(varied: bool) -> list[tuple[int, float]]:
@@ -180,7 +179,7 @@ def streamed(varied: bool) -> list[tuple[int, float]]:
 
 
 def stream(varied: bool) -> None:
-    """Fly and forget; print peaks of memory."""
+    """Fly and forget; print the most memory that the process was seen to have."""
     from testbench.aircraft.vary import varied as changed
 
     case = case_of("taurus", *MODELS["taurus"])
@@ -190,14 +189,17 @@ def stream(varied: bool) -> None:
             aircraft = changed(case[0], {"aircraft.mass_percent": 1e-5 * k}, "drawn", "") if varied else case[0]
             yield replace(job, aircraft=aircraft)
 
-    done, last = 0, 0.0
+    done, last, most = 0, 0.0, 0
+    process = psutil.Process()
     found = tb.fly_stream(flights(), "batch")
-    for number in STREAMED:
+    for number in VARIED if varied else STREAMED:
         for record in islice(found, number - done):
             assert isinstance(record, tb.FlightRecord)
             last += float(record["q"][-1])
-        done = number
-        print(done, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0, flush=True)
+            done += 1
+            if done % 250 == 0:
+                most = max(most, process.memory_info().rss)
+        print(done, most / 2**20, flush=True)
     assert np.isfinite(last)
 
 
