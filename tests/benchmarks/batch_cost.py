@@ -4,7 +4,7 @@ Run with ``python tests/benchmarks/batch_cost.py``; writes results/benchmarks/ba
 ``memory`` behind it batch_memory.csv, the memory of flights that are streamed, which takes some minutes. One
 core, processor time, medians of several rounds in one run, the points of a line taking turns; straight lines fitted by
 least squares. The flight in 200 that JSBSim flies as well is left out: it adds 1/200 of what it takes, but more to some
-points of a line than to others. The machine's speed enters every number: ratios in one run say more than figures of two.
+points of a line than to others. The machine's speed enters every number: compare ratios within one run.
 """
 
 from __future__ import annotations
