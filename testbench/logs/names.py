@@ -142,6 +142,7 @@ def meaning(name: str, stated: str = "") -> Meaning | None:
         stated: unit that the file states for it; else that of the name.
     """
     name, inside = split_unit(name.strip())
+    stated = stated.strip().strip("-")  # a dash says that there is nothing to say
     if inside.isdigit() and not (inside == "1" and name in CHANNELS and channel(name).unit == "1"):
         return None  # y[2] is a column of a matrix, thr [1] a number without unit
     if name in CHANNELS:
@@ -149,7 +150,7 @@ def meaning(name: str, stated: str = "") -> Meaning | None:
     for short in dict.fromkeys((name, name.rsplit(".", 1)[-1])):
         if (found := _named(short)) is not None:
             unit = stated_unit(found.channel, stated or inside)
-            return Meaning(found.channel, unit if stated.strip() or inside else found.unit)
+            return Meaning(found.channel, unit if stated or inside else found.unit)
     return None
 
 

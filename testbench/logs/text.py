@@ -23,6 +23,7 @@ from testbench.logs.times import is_stamp
 
 _PART = 200  # lines that are looked through for the first row of numbers
 _SAMPLE = 50  # rows by which separator and decimal sign are told
+_WORSE = 0.75  # of the share of numbers under the best choice: below it a choice that was given is refused
 _BINARY = re.compile(r"[\x00-\x08\x0e-\x1f]")
 _THOUSANDS = {
     ".": re.compile(r"[+-]?\d{1,3}(?:[,'’ \u00a0\u202f]\d{3})+(?:\.\d*)?"),
@@ -85,7 +86,7 @@ def read_text(
     """
     text, encoding = _decode(path, lenient)
     lines = _lines(text, skip_rows)
-    delimiter, decimal = _separators(lines.rows[:_PART], blanks, delimiter, decimal)
+    delimiter, decimal = _separators(path, lines.rows[:_PART], blanks, delimiter, decimal)
     cells = [_cells(path, n, line, delimiter) for n, line in zip(lines.numbers, lines.rows, strict=True)]
     numbers = list(lines.numbers)
     while cells and not any(cells[-1]):  # spreadsheets leave lines of delimiters at the end
@@ -212,16 +213,31 @@ def _cells(path: Path, n: int, line: str, delimiter: str | None) -> list[str]:
 
 
 def _separators(
-    lines: Sequence[str], blanks: bool, delimiter: str | None, decimal: str | None
+    path: Path, lines: Sequence[str], blanks: bool, delimiter: str | None, decimal: str | None
 ) -> tuple[str | None, str]:
-    """Return the separator and the decimal sign under which most cells of the first rows are numbers."""
+    """Return the separator and the decimal sign under which most cells of the first rows are numbers.
+
+    Raises:
+        RecordError: one of them was given, and other ones make many more cells numbers.
+    """
     usual: list[str | None] = [None, ","] if blanks else [","]
     marks = [delimiter] if delimiter else [*usual, ";", "\t", "|", *([] if blanks else [None])]
     signs = [decimal] if decimal else [".", ","]
     quoted = any('"' in line for line in lines)  # "0,02","1,5": a comma may be both
     pairs = [(mark, sign) for mark in marks for sign in signs if mark != sign or quoted]
     scores = [_score(lines, mark, sign) for mark, sign in pairs]
-    return pairs[int(np.argmax(scores))] if pairs else (delimiter, decimal or ".")
+    if not pairs:
+        raise RecordError(f"delimiter and decimal must differ, got '{delimiter}' for both ('{path}')")
+    best = pairs[int(np.argmax(scores))]
+    if delimiter or decimal:
+        free = _separators(path, lines, blanks, None, None)
+        if max(scores) < _WORSE * _score(lines, *free):
+            raise RecordError(
+                f"the cells of '{path}' must be numbers with the delimiter and decimal given, but most are only with "
+                f"{_NAMES.get(free[0], repr(free[0]))} between cells and decimal = '{free[1]}'; correct or leave out "
+                "the keys delimiter and decimal"
+            )
+    return best
 
 
 def _score(lines: Sequence[str], delimiter: str | None, decimal: str) -> float:
