@@ -120,9 +120,7 @@ def _topics(path: Path, fields: dict[str, list[_Field]]) -> tuple[dict[str, Topi
         else:
             unread[words[2]] += 1
     others = len(lines) - sum(words[1] == craft[0][0] for words in lines) if craft else 0
-    warnings = (
-        [f"{others} messages are of other aircraft than number {craft[0][0]} and were left out"] if others else []
-    )
+    warnings = [f"{others} messages of other aircraft than number {craft[0][0]} were left out"] if others else []
     topics = {}
     for name, messages in rows.items():
         table = [_numbers(words) for words in messages]

@@ -118,13 +118,14 @@ def listed(value: Any, root: str = "") -> str:
     return ", ".join(found[:_MOST]) + (f" and {len(found) - _MOST} more" if len(found) > _MOST else "")
 
 
-def series(value: Any, root: str, file: object) -> Series:
+def series(value: Any, root: str, file: object, units: Mapping[str, str] | None = None) -> Series:
     """Return the columns that a structure holds, or the variables of a whole file.
 
     Args:
         value: what lies at ``root``.
         root: its path; "" for the whole file, in which a single structure is entered.
         file: for messages.
+        units: name -> unit, of names that state none.
 
     Raises:
         RecordError: it holds no samples, or several groups with times of their own, or what only MATLAB can read.
@@ -134,7 +135,7 @@ def series(value: Any, root: str, file: object) -> Series:
     if not root:
         big = [name for name, inner in value.items() if _is_big(inner)]
         if len(big) == 1 and not isinstance(value[big[0]], np.ndarray):
-            return series(value[big[0]], big[0], file)
+            return series(value[big[0]], big[0], file, _units_in(value))
     _refuse_kind(value, root, file)
     leaves = list(_leaves(value, ""))
     clocks = [leaf for leaf in leaves if clock_called(leaf.path)[0] and min(leaf.values.shape) == 1 < leaf.values.size]
@@ -159,13 +160,12 @@ def series(value: Any, root: str, file: object) -> Series:
                 f"{', '.join(_join(root, leaf.path) for leaf in wide) or 'those with numbers'}: it holds "
                 f"{listed(value, root) or 'no numbers'}"
             )
-    units = value.get("units") if isinstance(value, Mapping) and isinstance(value.get("units"), Mapping) else {}
     found = Series(root, {}, {}, {})
     for leaf in leaves:
         if leaf in clocks and any(leaf is not kept and _same(leaf, kept) for kept in groups.values()):
             continue  # the same times again
         values = leaf.values.T if leaf.values.shape[1] == count != leaf.values.shape[0] else leaf.values
-        stated = leaf.unit or (text if isinstance(text := (units or {}).get(leaf.path), str) else "")
+        stated = leaf.unit or (units or {}).get(leaf.path, "")
         if values.shape[0] != count:
             if min(values.shape) == 1 < values.size:
                 found.others[leaf.path] = values.ravel()
@@ -174,6 +174,12 @@ def series(value: Any, root: str, file: object) -> Series:
             name = leaf.path if values.shape[1] == 1 else f"{leaf.path}[{k}]"
             found.columns[name], found.units[name] = column, stated
     return found
+
+
+def _units_in(value: Mapping[str, Any]) -> dict[str, str]:
+    """Return the units that a structure of text called units gives for the fields beside it."""
+    units = value.get("units")
+    return {k: v for k, v in units.items() if isinstance(v, str)} if isinstance(units, Mapping) else {}
 
 
 def _same(one: _Leaf, other: _Leaf) -> bool:
@@ -185,7 +191,9 @@ def _join(root: str, path: str) -> str:
 
 
 def _is_big(value: Any) -> bool:
-    """Say whether a variable may hold samples: text and single numbers do not."""
+    """Say whether a variable may hold samples: text, single numbers and structures of text do not."""
+    if isinstance(value, Mapping):
+        return any(map(_is_big, value.values()))
     return not isinstance(value, str) and value is not None and not (isinstance(value, np.ndarray) and value.size < 2)
 
 
@@ -252,8 +260,10 @@ def _leaves(value: Any, path: str) -> Iterator[_Leaf]:
             rest = {n: v for n, v in value.items() if clock_called(n)[0]}
         else:
             rest = dict(value)
+        units = _units_in(value)
         for name, inner in rest.items():
-            yield from _leaves(inner, _join(path, name))
+            for leaf in _leaves(inner, _join(path, name)):
+                yield leaf if leaf.unit else leaf._replace(unit=units.get(name, ""))
 
 
 def _leaves_of_a_kind(value: Mapping[str, Any], lower: Mapping[str, str], path: str) -> Iterator[_Leaf]:
