@@ -114,7 +114,7 @@ def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Ru
     if clock is None:
         raise RecordError(
             f"a column of '{path}' must be called t or time, or hold dates, got "
-            f"{_listed(table.names) or 'columns without names'}; {_to_describe(path)}"
+            f"{_listed(table.names) or ', '.join(('columns without names', *table.said))}; {_to_describe(path)}"
         )
     unit, assumed = clock_unit(table, clock)
     warnings += [assumed] if assumed else []

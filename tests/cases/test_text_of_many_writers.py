@@ -130,6 +130,19 @@ def test_separators_of_thousands_are_refused_by_name(number, delimiter, decimal,
     assert f"got '{shown}' in column 2 of" in str(error.value)
 
 
+def test_a_heading_that_does_not_fit_is_named_as_the_cause(tmp_path):
+    (tmp_path / "f.csv").write_text("time,de,q\n" + text("", ",", ",").lstrip())
+    with pytest.raises(
+        RecordError, match=r"has 3 names and 6 cells in each row: its numbers seem to have decimal commas"
+    ):
+        import_log(tmp_path / "f.csv")
+    (tmp_path / "g.csv").write_text(text("time,de", columns=(T, DE, Q)))
+    with pytest.raises(
+        RecordError, match=r"its heading has 2 names and its rows 3 cells, so that it names none; `testb"
+    ):
+        import_log(tmp_path / "g.csv")
+
+
 def test_a_column_that_is_not_used_may_hold_anything(tmp_path):
     lines = [f"{line},1.234.567" if i else f"{line},serial" for i, line in enumerate(text(HEAD).splitlines())]
     (tmp_path / "f.csv").write_text("\n".join(lines))
@@ -152,6 +165,39 @@ def test_jsbsim_s_own_output_has_its_channels(tmp_path):
     np.testing.assert_allclose(record["V"], FT_M * (130.0 + T), rtol=1e-7)
     np.testing.assert_allclose(record["qbar"], PSF_PA * (20.0 + T), rtol=1e-7)
     np.testing.assert_allclose(record["qdot"], 2.0 * DEG_RAD * np.cos(T), atol=1e-7)
+
+
+def test_what_jsbsim_writes_is_what_its_properties_say(tmp_path):
+    """Stock c172p with all groups of JSBSim's own output, 2 s at 60 Hz, the elevator moved after 1 s."""
+    import jsbsim
+
+    (tmp_path / "out.xml").write_text(
+        f'<?xml version="1.0"?><output name="{tmp_path}/f.csv" type="CSV" rate="60"><rates>ON</rates>'
+        "<position>ON</position><velocities>ON</velocities><aerosurfaces>ON</aerosurfaces><forces>ON</forces><fcs>ON</fcs></output>"
+    )
+    executive = jsbsim.FGFDMExec(jsbsim.get_default_root_dir())
+    executive.set_debug_level(0)
+    executive.load_model("c172p")
+    executive.set_output_directive(str(tmp_path / "out.xml"))
+    executive["ic/h-sl-ft"], executive["ic/vc-kts"] = 3000.0, 90.0
+    executive.run_ic()
+    names = {"q": "velocities/q-rad_sec", "alpha": "aero/alpha-rad", "de": "fcs/elevator-pos-rad",
+             "theta": "attitude/theta-rad", "qdot": "accelerations/qdot-rad_sec2"}  # fmt: skip
+    said = []
+    for step in range(240):
+        executive["fcs/elevator-cmd-norm"] = -0.2 if 120 <= step < 180 else 0.0
+        executive.run()
+        said.append([executive[name] for name in names.values()])
+    del executive  # closes the file
+    found = import_log(tmp_path / "f.csv")
+    record = found.record
+    assert {*names, "V", "qbar", "u", "v", "w", "h", "phi", "psi", "beta", "v_north"} <= set(record.channels)
+    assert found.rate_hz == 60.0
+    for k, name in enumerate(names):
+        of_properties = np.array(said)[:, k]
+        nearest = np.abs(record[name][:, None] - of_properties).min(axis=1)[2:]  # the first stand before the first step
+        assert nearest.max() < 1e-6 * np.ptp(of_properties), name
+        assert np.ptp(record[name]) > 0.9 * np.ptp(of_properties[2:]), name
 
 
 def test_inputs_are_not_taken_for_velocities(tmp_path):
