@@ -6,7 +6,6 @@ Nothing is resampled here; a mapped channel keeps the times at which it was logg
 
 from __future__ import annotations
 
-import struct
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -20,19 +19,6 @@ from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray
 
-NEEDS_LOGS = "need {package}, which is not installed; pip install 'flight-testbench[logs]'"
-BROKEN = (
-    struct.error,
-    ValueError,
-    IndexError,
-    KeyError,
-    TypeError,
-    AttributeError,
-    OverflowError,
-    MemoryError,
-    RecursionError,
-)
-"""What the readers of logs raise on damaged files, beside their own exceptions (seen on files damaged at random)."""
 GAP = 1.75  # a step this many times the usual one means that samples were lost; loggers jitter by up to half a step
 MIN_SAMPLES = 4
 FAR = 2.0  # times the span of all but 2 % of the times, from its middle: what lies beyond is no time of the flight
@@ -70,6 +56,7 @@ class Log:
         parameters: settings of the autopilot, by name.
         warnings: sentences on what is damaged, what was left out and what was saved.
         unread: name -> number of messages of the types that no rule uses.
+        notes: sentences on what was set or changed while the log ran and matters to what is read.
     """
 
     file: Path
@@ -79,6 +66,7 @@ class Log:
     parameters: Mapping[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     unread: Mapping[str, int] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -94,6 +82,7 @@ class Rule:
         said: the conversion in words.
         assumed: what the log does not say and was assumed.
         in_si: True where commands of surfaces come out in rad and no throw is to be multiplied.
+        takes: the unit of the columns, where the log may state another one.
     """
 
     channel: str
@@ -103,6 +92,7 @@ class Rule:
     said: str
     assumed: str = ""
     in_si: bool = False
+    takes: str = ""
 
 
 @dataclass(frozen=True, eq=False)

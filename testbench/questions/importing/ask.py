@@ -17,16 +17,16 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError
 from testbench.core.files import write_file
 from testbench.core.record import FlightRecord
-from testbench.logs.dataflash import HEAD, read_dataflash, servo_rules
-from testbench.logs.dataflash import RULES as DATAFLASH_RULES
+from testbench.logs.ardupilot import ardupilot_rules
+from testbench.logs.dataflash import HEAD, read_dataflash
 from testbench.logs.layout import SUFFIXES, find_data_folder
 from testbench.logs.manoeuvres import QUIET_S, Manoeuvre, Search, find_manoeuvres
+from testbench.logs.px4 import px4_rules
 from testbench.logs.read import read_records
 from testbench.logs.resampling import common_rate, resample
 from testbench.logs.sidpac import read_columns
 from testbench.logs.signals import Log, Mapped, Rule, Topic, map_channels, scaled
 from testbench.logs.ulog import MAGIC, read_ulog
-from testbench.logs.ulog import RULES as ULOG_RULES
 from testbench.questions.identify.scenario import RecordDescription
 
 _AXES = {"longitudinal": ("de", "thr"), "lateral": ("da", "dr")}
@@ -66,10 +66,13 @@ def read_log(path: Path | str, part: str | None = None) -> tuple[Log, tuple[Rule
     if part is not None:
         raise RecordError(f"--record chooses among those of a description (.toml), but '{path}' is none")
     if head.startswith(MAGIC) or suffix == ".ulg":
-        return read_ulog(path), ULOG_RULES
+        log = read_ulog(path)
+        rules, said = px4_rules(log)
+        return replace(log, notes=(*log.notes, *said)), rules
     if head.startswith(HEAD) or suffix == ".bin" or (suffix in (".log", ".txt") and b"FMT," in head):
         log = read_dataflash(path)
-        return log, (*DATAFLASH_RULES, *servo_rules(log.parameters))
+        rules, said = ardupilot_rules(log)
+        return replace(log, notes=(*log.notes, *said)), rules
     if suffix in SUFFIXES:
         return read_columns(path)
     raise RecordError(

@@ -87,6 +87,6 @@ def print_import(imported: Imported, console: Console, paths: Sequence[Path] = (
     unread = [f"{name} ({count})" for name, count in sorted(imported.log.unread.items(), key=lambda item: -item[1])]
     also = [f"the log also holds topics that are not used: {some(unread, _MOST_UNREAD, ', ')}"] if unread else []
     console.print()
-    print_answer(console, [("finding", text) for text in (*imported.search.said, *also)])
+    print_answer(console, [("finding", text) for text in (*imported.log.notes, *imported.search.said, *also)])
     for path in paths:
         console.print(Text(f"Written: {path}"), soft_wrap=True)
