@@ -107,7 +107,8 @@ def test_elevons_of_the_case_of_record(tmp_path):
     t = by_name["de_cmd"].t_s - by_name["de_cmd"].t_s[0]
     rolled = (t > 8.01) & (t < 9.99)
     assert np.max(np.abs(by_name["de_cmd"].values[rolled])) == 0.0
-    assert np.allclose(np.abs(by_name["da_cmd"].values[rolled]), 5.0 * DEG_RAD, atol=1e-12)
+    sizes = np.abs(by_name["da_cmd"].values[rolled])
+    assert np.count_nonzero(np.isclose(sizes, 5.0 * DEG_RAD)) >= sizes.size - 1  # it passes zero as it turns round
     assert np.max(np.abs(by_name["da_cmd"].values[(t < 7.99) | (t > 10.01)])) == 0.0
     assert np.isclose(np.max(np.abs(by_name["de_cmd"].values)), 3.0 * DEG_RAD)
     assert "dr_cmd" not in by_name  # output 4 is switched off: it is not taken for a rudder
