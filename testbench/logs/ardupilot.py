@@ -9,11 +9,13 @@ V-tail elevator plus rudder, the right one elevator minus rudder. Flaperons move
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
@@ -51,8 +53,9 @@ RULES = (
 """What needs no setting of the autopilot, by preference."""
 _AETR = (("de", "Elev", -1.0), ("da", "Ail", 1.0), ("dr", "Rudd", -1.0))
 _OUTPUTS = {"RCOU": range(1, 15), "RCO2": range(15, 19), "RCO3": range(19, 33)}
-_CHOICE = {"IMU": ("GH", "AH"), "ARSP": ("U", "H", "Pri"), "GPS": ("U",), "XKF4": ("PI",), "NKF4": ("PI",)}
-"""What says which instance is healthy, used or first."""
+_CHOICE = {"IMU": ("GH", "AH"), "ARSP": ("U", "H", "Pri"), "GPS": ("U", "Status"), "BARO": ("H", "Health"),
+           "XKF4": ("PI",), "NKF4": ("PI",)}  # fmt: skip
+"""What says which instance is healthy, in use or first."""
 COLUMNS: Mapping[str, tuple[str, ...]] = {
     **{kind: tuple({f for rule in RULES if rule.topic == kind for f in rule.fields} | set(_CHOICE.get(kind, ())))
        for kind in (*dict.fromkeys(rule.topic for rule in RULES), "XKF4", "NKF4")},
@@ -89,7 +92,7 @@ MIXES = (
 )
 """By preference: a surface of its own before one that is mixed. Signs are those of the demands."""
 _SPLIT = (16, 17, 86, 87)  # left and right outer, left and right inner surfaces of split elevons
-_SOUND = 0.99  # of the time that a sensor says it is healthy: below it that is said
+_IN_USE = 0.5  # of the time that a sensor says it is in use: below it another one is looked for
 _SIGN = {"de": -1.0, "da": 1.0, "dr": -1.0, "thr": 1.0}
 """From the demand, positive nose up, right wing down, nose right, to the channel table."""
 _USUAL = {"da": 1, "de": 2, "thr": 3, "dr": 4}
@@ -115,23 +118,19 @@ def split_mixes(full_span: bool, pitch: bool) -> Iterator[Mix]:
     )
 
 
-def ardupilot_rules(log: Log) -> tuple[tuple[Rule, ...], tuple[str, ...]]:
-    """Return the rules for a log by its own settings, and sentences on what was chosen and what would serve better.
+def ardupilot_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
+    """Return the log with what it says on its own sensors, and the rules for it by its own settings.
 
     Servo outputs count where the settings name what they drive, because limits and mixing are in them; else the demands
-    of AETR; else the usual outputs, which is said. Of several sensors or filters the one that the log calls first, in
-    use and healthy counts.
+    of AETR; else the usual outputs, which is said. The sensors and the lane of the filter that the autopilot used are
+    preferred.
     """
-    notes: list[str] = []
-    chosen = {kind: _instance(log, kind, notes) for kind in ("IMU", "ARSP", "GPS")}
-    for kind in ("XKF", "NKF"):
-        suffix = _core(log, f"{kind}4", notes)
-        chosen |= {f"{kind}1": f"{kind}1{suffix}", f"{kind}2": f"{kind}2{suffix}"}
-    chosen |= {kind: chosen["IMU"].replace("IMU", kind) for kind in ("GYR", "ACC")}
-    rules = [replace(rule, topic=chosen.get(rule.topic, rule.topic)) for rule in _ordered(log, chosen)]
-    rules += (*servo_rules(log, True), *_demands(log), *servo_rules(log, False))
-    known = [adapted for rule in rules if (adapted := _in_unit(log, rule, notes)) is not None]
-    return tuple(known), (*notes, *too_slow(log, known, _BETTER))
+    preferred, notes = _preferred(log)
+    log = replace(log, preferred={**log.preferred, **preferred}, notes=(*log.notes, *notes))
+    rules = (*_ordered(log), *servo_rules(log, True), *_demands(log), *servo_rules(log, False))
+    strange: list[str] = []
+    known = [adapted for rule in rules if (adapted := _in_unit(log, rule, strange)) is not None]
+    return replace(log, notes=(*log.notes, *strange, *too_slow(log, known, _BETTER))), tuple(known)
 
 
 _BETTER = (
@@ -140,58 +139,69 @@ _BETTER = (
 )
 
 
-def _ordered(log: Log, chosen: Mapping[str, str]) -> list[Rule]:
+def _ordered(log: Log) -> list[Rule]:
     """Put the raw inertial data first where they were logged faster than those of IMU."""
-    slow, fast = (log.topics.get(chosen[kind]) for kind in ("IMU", "GYR"))
+    slow, fast = (log.topics.get(kind) for kind in ("IMU", "GYR"))
     if fast is None or (slow is not None and slow.t_s.size >= fast.t_s.size):
         return list(RULES)
     return sorted(RULES, key=lambda rule: rule.topic not in ("GYR", "ACC"))  # stable: the rest keeps its order
+
+
+def _preferred(log: Log) -> tuple[dict[str, tuple[str, str]], list[str]]:
+    """Return topic -> the instance that the autopilot used, where it is not the first, and sentences on it."""
+    wanted: dict[str, tuple[int, str]] = {}
+    notes = []
+    for kind in ("XKF", "NKF"):
+        core, share = _most(topic.columns.get("PI") for topic in _instances(log, f"{kind}4"))
+        if core or share < 1.0:
+            said = f"the autopilot flew by core {core} of {kind} for {100.0 * share:.3g} % of the time"
+            notes.append(said)
+            wanted |= {f"{kind}1": (core, said), f"{kind}2": (core, said)}
+            wanted |= {sensor: (_unit(log, core), said) for sensor in ("IMU", "GYR", "ACC")}
+    first, share = _most(topic.columns.get("Pri") for topic in _instances(log, "ARSP"))
+    if first or share < 1.0:
+        wanted["ARSP"] = (first, f"the log calls airspeed {first} the first for {100.0 * share:.3g} % of the time")
+        notes.append(wanted["ARSP"][1])
+    for kind in ("ARSP", "GPS"):
+        use = {t.name: float(np.mean(t.columns["U"] != 0)) for t in _instances(log, kind) if "U" in t.columns}
+        taken = kind if kind not in wanted else _named(kind, wanted[kind][0])
+        if use and use.get(taken, 1.0) < _IN_USE:
+            said = f"{taken} was in use for {100.0 * use[taken]:.3g} % of the time, by its own flag"
+            notes.append(said)
+            best = max(use, key=lambda name: use[name])
+            if use[best] > use[taken]:
+                wanted[kind] = (int(best.partition("#")[2] or 0), said)
+    named = {kind: (_named(kind, number), said) for kind, (number, said) in wanted.items()}
+    return {kind: value for kind, value in named.items() if value[0] in log.topics and value[0] != kind}, notes
 
 
 def _instances(log: Log, kind: str) -> list[Topic]:
     return [topic for name, topic in sorted(log.topics.items()) if name.partition("#")[0] == kind]
 
 
-def _instance(log: Log, kind: str, notes: list[str]) -> str:
-    """Return the topic of the sensor to read: first by the log's word, then by use and health, then by number."""
-    held = _instances(log, kind)
-    if not held:
-        return kind
-    marks = {}
-    for topic in held:
-        flags = [topic.columns[key] != 0 for key in _CHOICE[kind] if key in topic.columns and key != "Pri"]
-        marks[topic.name] = float(np.mean(np.all(flags, axis=0))) if flags else 1.0
-    best = max(held, key=lambda topic: round(marks[topic.name], 2)).name
-    first = next((int(np.bincount(t.columns["Pri"].astype(int)).argmax()) for t in held if "Pri" in t.columns), None)
-    preferred = kind if not first else f"{kind}#{first}"
-    if first is not None and marks.get(preferred, 0.0) >= 0.5:
-        best = preferred
-    if len(held) == 1 and marks[best] < _SOUND:
-        notes.append(f"{best} was in use and healthy for {100.0 * marks[best]:.3g} % of the time, by its own flags")
-    if len(held) > 1:
-        why = "the log calls it first" if first is not None and best == preferred else "it was in use and healthy for "
-        why += "" if why.endswith("first") else f"{100.0 * marks[best]:.3g} % of the time"
-        others = ", ".join(f"{n} {100.0 * mark:.3g} %" for n, mark in marks.items() if n != best)
-        notes.append(f"{best} is read, because {why}" + (f"; healthy and in use: {others}" if others else ""))
-    return best
+def _named(kind: str, number: int) -> str:
+    return f"{kind}#{number}" if number else kind
 
 
-def _core(log: Log, kind: str, notes: list[str]) -> str:
-    """Return the suffix of the filter's core that the autopilot flew by for most of the time."""
-    topic = next((t for t in _instances(log, kind) if "PI" in t.columns), None)
-    if topic is None:
-        return ""
-    counts = np.bincount(np.clip(topic.columns["PI"].astype(int), 0, None))
-    core = int(counts.argmax())
-    share = 100.0 * counts[core] / counts.sum()
-    if core or share < 100.0:
-        notes.append(f"{kind[:3]}: core {core} is read, by which the autopilot flew for {share:.3g} % of the time")
-    return f"#{core}" if core else ""
+def _most(columns: Iterable[NDArray[Any] | None]) -> tuple[int, float]:
+    """Return the number that the first column holds most often, and its share; 0 and 1 without a column."""
+    column = next((c for c in columns if c is not None and c.size), None)
+    if column is None:
+        return 0, 1.0
+    counts = np.bincount(np.clip(column.astype(np.int64), 0, 255))
+    return int(counts.argmax()), float(counts.max() / column.size)
+
+
+def _unit(log: Log, core: int) -> int:
+    """Return the inertial unit of a core: the cores are given to the units that the mask holds, in turn."""
+    mask = int(log.parameters.get("EK3_IMU_MASK", 0.0))
+    held = [i for i in range(8) if mask >> i & 1]
+    return held[core] if core < len(held) else core
 
 
 def _in_unit(log: Log, rule: Rule, notes: list[str]) -> Rule | None:
     """Return the rule for the unit that the log states; None if that unit is of another kind."""
-    topic = log.topics.get(rule.topic)
+    topic = next(iter(_instances(log, rule.topic)), None)
     stated = topic.units.get(rule.fields[0], "") if topic is not None and rule.takes else ""
     if stated in ("", "UNKNOWN", rule.takes, "instance"):
         return rule

@@ -9,6 +9,7 @@ how much torque about roll, pitch and yaw it then gives, of the most that all gi
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -116,8 +117,8 @@ _BETTER = (
 )
 
 
-def px4_rules(log: Log) -> tuple[tuple[Rule, ...], tuple[str, ...]]:
-    """Return the rules for a log by its own settings, and sentences on what was chosen and what would serve better.
+def px4_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
+    """Return the log with what was chosen and what would serve better, and the rules for it by its own settings.
 
     Servo outputs count where the settings say which surface each drives and they were logged as fast as the torque
     set-points, because they hold limits, flaps and trim; else torque set-points; else the commands of actuator_controls
@@ -146,7 +147,7 @@ def px4_rules(log: Log) -> tuple[tuple[Rule, ...], tuple[str, ...]]:
         notes.append("V is airspeed_validated, which PX4 flew by; airspeed, the sensor alone, is not read")
     notes += _changes(log)
     rules = (*RULES, *servos, *torques, *_thrust_rules(log), *_old_rules(log))
-    return rules, (*notes, *too_slow(log, rules, _BETTER))
+    return replace(log, notes=(*log.notes, *notes, *too_slow(log, rules, _BETTER))), rules
 
 
 def _rate(log: Log, topic: str) -> float:

@@ -24,7 +24,7 @@ def too_slow(log: Log, rules: Iterable[Rule], better: str) -> list[str]:
     """
     rates: dict[str, float] = {}
     for rule in rules:
-        topic = log.topics.get(rule.topic)
+        topic = log.topics.get(log.preferred.get(rule.topic, (rule.topic,))[0])
         usable = topic is not None and topic.t_s.size > 1 and set(rule.fields) <= set(topic.columns)
         if topic is not None and usable and rule.channel in _LOOKED_AT and rule.channel not in rates:
             steps = np.diff(topic.t_s)

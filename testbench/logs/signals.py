@@ -57,6 +57,7 @@ class Log:
         warnings: sentences on what is damaged, what was left out and what was saved.
         unread: name -> number of messages of the types that no rule uses.
         notes: sentences on what was set or changed while the log ran and matters to what is read.
+        preferred: topic with several instances -> the one that the autopilot used ("ARSP#1"), and how the log says so.
     """
 
     file: Path
@@ -67,6 +68,7 @@ class Log:
     warnings: tuple[str, ...] = ()
     unread: Mapping[str, int] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    preferred: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ def map_channels(log: Log, rules: Iterable[Rule], throw_rad: Mapping[str, float]
     throws = throw_rad or {}
     found: dict[str, Mapped] = {}
     for rule in rules:
-        topic = log.topics.get(rule.topic)
+        topic = log.topics.get(log.preferred.get(rule.topic, (rule.topic,))[0])
         if rule.channel in found or topic is None or not set(rule.fields) <= set(topic.columns):
             continue
         with np.errstate(invalid="ignore"):  # a damaged number may be a signalling NaN, which complains as it is cast
@@ -161,7 +163,7 @@ def map_channels(log: Log, rules: Iterable[Rule], throw_rad: Mapping[str, float]
         finite = np.isfinite(values)
         if np.count_nonzero(finite) < MIN_SAMPLES:
             continue
-        source = f"{rule.topic}.{'/'.join(rule.fields)}" if rule.topic else "/".join(rule.fields)
+        source = f"{topic.name}.{'/'.join(rule.fields)}" if rule.topic else "/".join(rule.fields)
         found[rule.channel] = Mapped(rule.channel, topic.t_s[ok][finite], values[finite], source, rule.said, assumed)
     return list(found.values())
 

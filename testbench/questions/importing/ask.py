@@ -66,13 +66,9 @@ def read_log(path: Path | str, part: str | None = None) -> tuple[Log, tuple[Rule
     if part is not None:
         raise RecordError(f"--record chooses among those of a description (.toml), but '{path}' is none")
     if head.startswith(MAGIC) or suffix == ".ulg":
-        log = read_ulog(path)
-        rules, said = px4_rules(log)
-        return replace(log, notes=(*log.notes, *said)), rules
+        return px4_rules(read_ulog(path))
     if head.startswith(HEAD) or suffix == ".bin" or (suffix in (".log", ".txt") and b"FMT," in head):
-        log = read_dataflash(path)
-        rules, said = ardupilot_rules(log)
-        return replace(log, notes=(*log.notes, *said)), rules
+        return ardupilot_rules(read_dataflash(path))
     if suffix in SUFFIXES:
         return read_columns(path)
     raise RecordError(
