@@ -105,7 +105,7 @@ def read_dataflash(path: Path | str) -> Log:
     facts = {"software": _word(said[0])} if said is not None else {}
     unread = {name: n for name, n in found.counts.items() if name not in (*COLUMNS, *_OWN, "FMT")}
     kind = f"ArduPilot DataFlash ({'binary' if binary else 'text'})"
-    return Log(path, kind, topics, facts, parameters, (*damage, *lost), unread, tuple(changed))
+    return Log(path, kind, topics, facts, parameters, (*damage, *lost), unread, notes=tuple(changed))
 
 
 def _parameters(columns: Mapping[str, NDArray[Any]]) -> tuple[dict[str, float], list[str]]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import numpy as np
-
-from testbench.logs.signals import GAP, Log, Rule
+from testbench.logs.clocks import usual_step
+from testbench.logs.signals import Log, Rule
 
 SAMPLES = 25.0
 """Samples in a period of the fastest motion of interest (Morelli and Klein, Aircraft System Identification, 2nd ed.,
@@ -27,8 +26,7 @@ def too_slow(log: Log, rules: Iterable[Rule], better: str) -> list[str]:
         topic = log.topics.get(log.preferred.get(rule.topic, (rule.topic,))[0])
         usable = topic is not None and topic.t_s.size > 1 and set(rule.fields) <= set(topic.columns)
         if topic is not None and usable and rule.channel in _LOOKED_AT and rule.channel not in rates:
-            steps = np.diff(topic.t_s)
-            rates[rule.channel] = 1.0 / float(np.mean(steps[steps <= GAP * np.quantile(steps, 0.9)]))  # without gaps
+            rates[rule.channel] = 1.0 / usual_step(topic.t_s)
     slow = {name: rate for name, rate in rates.items() if rate < _ENOUGH * SAMPLES * FASTEST_HZ}
     if not slow:
         return []

@@ -15,11 +15,14 @@ if TYPE_CHECKING:
 def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
     """Return found against printed values, then the findings of the run, doubts last; verdicts if there are none.
 
+    Values that are hardly meant come first among the doubts, and all of them.
+
     After ``most_doubts`` doubts, only the number of the others is given.
     """
     advice = tuple(a for case in result.cases for a in case.model.advice)
-    findings = [text for text in result.findings if not text.endswith(advice)] if advice else list(result.findings)
-    doubts = [text for text in result.findings if text.endswith(advice)] if advice else []
+    told = result.findings[len(result.questions) :]
+    findings = [text for text in told if not text.endswith(advice)] if advice else list(told)
+    doubts = [text for text in told if text.endswith(advice)] if advice else []
     found = [*_against_printed(result), *findings]
     if not found:
         found = [
@@ -33,7 +36,7 @@ def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
             f"{counted(len(doubts) - most_doubts, 'more doubt')} in the report, with the models",
         ]
     lines = [Line("lead" if i == 0 else "finding", sentence(text)) for i, text in enumerate(found)]
-    return lines + [Line("doubt", sentence(text)) for text in doubts]
+    return lines + [Line("doubt", sentence(text)) for text in (*result.questions, *doubts)]
 
 
 def _against_printed(result: RunResult) -> list[str]:
