@@ -97,6 +97,6 @@ def print_import(imported: Imported, console: Console, paths: Sequence[Path] = (
     unread = [f"{s.source} ({s.samples})" for s in sorted(imported.balance.unknown, key=lambda s: -s.samples)]
     also = [f"no rule knows: {some(unread, _MOST_UNREAD, ', ')}"] if unread else []
     console.print()
-    print_answer(console, [("finding", text) for text in (*imported.search.said, *also)])
+    print_answer(console, [("finding", text) for text in (*imported.log.notes, *imported.search.said, *also)])
     for path in paths:
         console.print(Text(f"Written: {path}"), soft_wrap=True)
