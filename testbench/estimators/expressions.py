@@ -121,7 +121,7 @@ right=Number(value=2.0)))
 
 def where(text: str, at: int) -> str:
     """Return ``at character 12, "de*alpha"``: a place in a text, with what stands there."""
-    there = text[at : at + 20].strip()
+    there = " ".join(text[at : at + 20].split())
     return f"at character {at + 1}" + (f" ('{there}')" if there else " (its end)")
 
 

@@ -98,6 +98,19 @@ def test_faults_of_a_file_are_told_with_the_file(tmp_path):
     assert f"{tmp_path / 'file.toml'}: equations.alpha_dot: 'Zz' at character 1" in fault
 
 
+def test_equations_may_have_several_lines_and_names_may_not(tmp_path):
+    long = '"""\n  M_alpha*alpha\n\t+ M_q*q\n+ M_de*de"""'
+    (entry,) = read(tmp_path, SCENARIO.replace('"M_alpha*alpha + M_q*q + M_de*de"', long)).identification.estimators
+    assert len(entry.equations.trees) == 2
+    with pytest.raises(ScenarioError, match="must be one line"):
+        read(
+            tmp_path,
+            SCENARIO.replace('"M_alpha*alpha + M_q*q + M_de*de"', long).replace(
+                "structures.mine", 'structures."a\\nb"'
+            ),
+        )
+
+
 def test_comparisons_take_them(tmp_path):
     text = (SCENARIOS / "compare" / "eolo_alpha.toml").read_text(encoding="utf-8")
     tables, entries = SCENARIO[SCENARIO.index("[identification.structures") :].split("[[identification.estimators]]")
