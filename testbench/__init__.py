@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from testbench.questions.gap.ask import run_gap
     from testbench.questions.gap.workflow import find_gap
     from testbench.questions.identify.ask import identify, load_description
+    from testbench.questions.importing.ask import import_log
     from testbench.questions.modes.ask import fly_modes
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.run.ask import load_scenario, run
@@ -65,6 +66,7 @@ _HOME = {
     "fly_and_measure": "testbench.line",
     "fly_campaign": "testbench.questions.campaign.ask",
     "identify": "testbench.questions.identify.ask",
+    "import_log": "testbench.questions.importing.ask",
     "linearise": "testbench.flight",
     "load": "testbench.questions.files",
     "load_aircraft": "testbench.flight",
@@ -97,6 +99,7 @@ __all__ = [
     "fly_many",
     "fly_modes",
     "identify",
+    "import_log",
     "linearise",
     "load",
     "load_aircraft",

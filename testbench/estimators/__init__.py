@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from testbench.core.advice import ranked
 from testbench.core.bring import is_brought
 from testbench.core.bring import whose as whose_code
 from testbench.core.errors import EstimationError, nearest
@@ -230,7 +231,7 @@ def estimate(
             whose = {"structure": whose_code(path, path.stem)}
         model = replace(model, provenance=whose) if whose else model
         if isinstance(structure, Written) and (doubts := structure.doubts(records)):
-            return replace(model, status="warning", advice=(*model.advice, *doubts))
+            return replace(model, advice=ranked((*model.advice, *doubts)))
         return model
     judged = {"validation": validation} if "validation" in row.needs else {}
     return row.load()(records, inputs, outputs, settings=entry, **judged)

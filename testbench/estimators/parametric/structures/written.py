@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from testbench.core.advice import Advice, doubt
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.schema import parse
@@ -74,8 +75,8 @@ class Law:
     # --- linear ones ---
 
     @cached_property
-    def forms(self) -> tuple[list[tuple[str, Node]], list[Form]] | None:
-        """Steps without states and inputs, and the affine forms of rates, then outputs; None if one is not affine.
+    def forms(self) -> tuple[list[tuple[str, Node]], list[Form | None]]:
+        """Steps without states and inputs, and the affine forms of rates, then outputs, None for one that bends.
 
         Coefficients of steps become steps of their own, so that forms do not grow.
         """
@@ -89,20 +90,23 @@ class Law:
                         steps.append((str(len(steps)), coefficient))  # no name of a user's is a number
                         form[variable] = Name(steps[-1][0])
             found[name] = form
-        forms = [_affine(node, found) for node in (*self.rates, *self.shown)]
-        return None if any(form is None for form in forms) else (steps, [form for form in forms if form is not None])
+        return steps, [_affine(node, found) for node in (*self.rates, *self.shown)]
+
+    @property
+    def linear(self) -> bool:
+        """Whether all is affine in states and inputs."""
+        return None not in self.forms[1]
 
     @cached_property
     def entries(self) -> tuple[list[tuple[str, tuple[int, ...]]], Callable[..., tuple[AnyArray, ...]]]:
         """Of a linear law: which entry of which matrix each coefficient is, and the function that computes them."""
-        assert self.forms is not None
         steps, forms = self.forms
         places: list[tuple[str, tuple[int, ...]]] = []
         roots: list[Node] = []
         n = len(self.states)
         for row, form in enumerate(forms):
             of_state, i = row < n, row if row < n else row - n
-            for variable, coefficient in form.items():
+            for variable, coefficient in (form or {}).items():
                 if variable in self.states:
                     places.append(("A" if of_state else "C", (i, self.states.index(variable))))
                 elif variable:
@@ -355,19 +359,23 @@ class Written(ModelStructure):
             x[self.states.index(state)] = value
         return x
 
-    def doubts(self, records: Sequence[FlightRecord]) -> tuple[str, ...]:
-        """Return what must be said where speeds were removed as trim, but equations multiply by them as a whole."""
+    def doubts(self, records: Sequence[FlightRecord]) -> tuple[Advice, ...]:
+        """Return what must be said where a speed was removed as trim, but the equations take it as a whole."""
+        begun = {symbol.name for _, node in self.law.initial for symbol in names(node)}
+        shown = self.law.forms[1][len(self.states) :]
+        bent = {name for name, form in zip(self.outputs, shown, strict=True) if form is None}
         out = []
         for name in _WHOLE_ONLY:
-            known = name in (*self.states, *self.inputs) and self.law.multiplies(name)
-            if not known and not any(symbol.name == name for _, node in self.law.initial for symbol in names(node)):
-                continue
+            multiplied = name in (*self.states, *self.inputs) and self.law.multiplies(name)
             removed = [dict(r.provenance.get("prepared", {}).get("removed", {})).get(name, 0.0) for r in records]
-            if max(map(abs, removed)) > 0.0:
+            if (multiplied or name in begun or name in bent) and any(removed):
                 out.append(
-                    f"the equations take {name} as a whole, but {max(removed, key=abs):.4g} was removed from it as "
-                    f'trim, so that they see deviations; if {name} itself is meant, take preparation.bias = "none", or '
-                    f"write the sum of {name} and a constant"
+                    doubt(
+                        "trim_removed",
+                        f"the equations take {name} as a whole, but {max(removed, key=abs):.4g} was removed from it "
+                        f"as trim, so that they see deviations; if {name} itself is meant, take preparation.bias = "
+                        f'"none", or write the sum of {name} and a constant',
+                    )
                 )
         return tuple(out)
 
@@ -463,7 +471,7 @@ def written(
         shown=tuple(_put(node, constants) for node in shown),
         initial=tuple((state, _put(node, constants)) for state, node in equations.begins.items()),
     )
-    kind = WrittenStructure if law.forms is None else LinearWrittenStructure
+    kind = LinearWrittenStructure if law.linear else WrittenStructure
     return kind(
         name=name,
         states=equations.states,
