@@ -10,7 +10,7 @@ from testbench.core.bring import is_brought
 from testbench.core.errors import nearest
 from testbench.core.schema import Strict
 from testbench.estimators import METHODS
-from testbench.estimators.equations import STAND_IN, Equations
+from testbench.estimators.equations import STAND_IN, Equations, Symbol
 from testbench.estimators.own import OwnMethod
 from testbench.estimators.settings import Settings
 from testbench.estimators.structured import STRUCTURE_NAMES, Structured
@@ -50,7 +50,7 @@ class Identification(Strict):
 
     inputs: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
     outputs: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    structures: dict[str, Equations] = {}
+    structures: dict[Symbol, Equations] = {}
     estimators: Annotated[tuple[Estimator, ...], Field(min_length=1, strict=False)]
 
     @model_validator(mode="before")

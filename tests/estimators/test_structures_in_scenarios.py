@@ -74,6 +74,12 @@ def test_an_entry_has_the_equations_that_it_names(tmp_path):
         ('structure = "mine"', 'structure = "mind"', "estimators[0].structure", "did you mean 'mine'?"),
         ('inputs = ["de"]', 'inputs = ["thr"]', "identification", "'mine' is driven by 'de'"),
         ('structure = "mine"', 'structure = "mine"\noutputs = ["V"]', "identification", "'mine' has no output 'V'"),
+        (
+            "[identification.structures.mine]",
+            '[identification.structures."a.toml"]',
+            "structures.a.toml",
+            "a name must be",
+        ),
         ("structures.mine", "structures.flexible", "identification", "a packaged structure has this name"),
         ('"M_alpha*alpha', '"__import__(1)*alpha', "structures.mine", "there is no function '__import__'"),
     ],

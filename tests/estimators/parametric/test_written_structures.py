@@ -242,6 +242,79 @@ def test_every_law_of_structures_holds_of_every_example(name):
     assert [law.sentence for law in laws if not law.holds] == []
 
 
+MORE = {
+    "a lift that stalls": (
+        {
+            "states": ["alpha", "q"],
+            "equations": {
+                "alpha_dot": "q + Z*alpha + stall*max(alpha - 0.05, 0)",
+                "q_dot": "M*alpha + M_q*q + D*de",
+            },
+        },
+        {"Z": -2.0, "stall": 1.5, "M": -12.0, "M_q": -2.0, "D": -15.0},
+    ),
+    "derivatives that follow the measured dynamic pressure": (
+        {
+            "states": ["alpha", "q"],
+            "inputs": ["de"],
+            "equations": {"alpha_dot": "q + Z*qbar/V*alpha", "q_dot": "qbar*(M*alpha + M_q*q/V + D*de)"},
+        },
+        {"Z": -0.3, "M": -0.06, "M_q": -0.3, "D": -0.1},
+    ),
+    "a roll damped by its square": (
+        {"states": ["p", "phi"], "equations": {"p_dot": "L_p*p + L_pp*abs(p)*p + L_da*da", "phi_dot": "p"}},
+        {"L_p": -3.0, "L_pp": -2.0, "L_da": 30.0},
+    ),
+    "a servo that nobody senses": (
+        {
+            "states": ["alpha", "q", "surface"],
+            "equations": {
+                "alpha_dot": "q + Z*alpha",
+                "q_dot": "M*alpha + M_q*q + D*surface",
+                "surface_dot": "(de_cmd - surface)/lag",
+            },
+        },
+        {"Z": -2.0, "M": -12.0, "M_q": -2.0, "D": -15.0, "lag": 0.08},
+    ),
+    "a bank that turns gravity": (
+        {
+            "states": ["beta", "p", "r", "phi"],
+            "equations": {
+                "beta_dot": "Y*beta - r + 0.5*sin(phi)",
+                "p_dot": "L_beta*beta + L_p*p + L_da*da",
+                "r_dot": "N_beta*beta + N_r*r + N_dr*dr",
+                "phi_dot": "p",
+            },
+        },
+        {"Y": -0.5, "L_beta": -8.0, "L_p": -5.0, "L_da": 20.0, "N_beta": 6.0, "N_r": -1.0, "N_dr": -4.0},
+    ),
+    "a lag downwash, one derivative in another equation": (
+        {
+            "states": ["alpha", "q"],
+            "equations": {"alpha_dot": "q + Z*alpha", "q_dot": "M*alpha + M_adot*alpha_dot + D*tanh(de/0.1)"},
+        },
+        {"Z": -2.0, "M": -12.0, "M_adot": -1.5, "D": -1.5},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MORE)
+def test_other_equations_of_the_kind_are_recovered_from_exact_data(name):
+    given, truth = MORE[name]
+    s = structure_from_equations(**given, parameters={key: 1.2 * value for key, value in truth.items()})
+    t = DT * np.arange(N)
+    waves = {c: 0.08 * np.sin((2.2 + i) * t) + 0.06 * np.sin((5.1 + i) * t) for i, c in enumerate(s.inputs)}
+    waves |= {"qbar": 250.0 + 40.0 * np.sin(0.9 * t), "V": 20.0 + 1.6 * np.sin(0.9 * t)}
+    u = np.stack([waves[i] for i in s.inputs], axis=1)
+    values = s.with_parameters(truth).values
+    held = np.array([i.endswith("_cmd") for i in s.inputs])
+    y = respond(s, values, (), u, DT, held, np.zeros(len(s.states)), substeps=4).y
+    record = FlightRecord(t, (*s.inputs, *s.outputs), np.hstack([u, y]), "measured")
+    model = output_error.estimate([record], s, substeps=4)
+    for key, value in truth.items():
+        assert model.values[key] == pytest.approx(value, rel=1e-6), key
+
+
 def test_only_what_is_used_of_outputs_counts():
     equations = read_equations(SCENARIOS / "structures" / "engine.toml")
     assert "k_T" in written(equations, "e", ("thrust",)).parameter_names

@@ -100,7 +100,7 @@ def _written(spec: Structured, outputs: tuple[str, ...], records: Sequence[Fligh
     equations = spec.equations or read_equations(Path(spec.structure))
     possible = equations.possible_outputs
     chosen = spec.outputs or tuple(name for name in outputs if name in possible)
-    name = Path(spec.structure).stem
+    name = Path(spec.structure).stem if spec.equations is None else spec.structure
     if not chosen:
         raise EstimationError(
             f"structure '{name}' has outputs {', '.join(possible)}, but the identification senses "
