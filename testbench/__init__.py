@@ -23,8 +23,10 @@ if TYPE_CHECKING:
     from testbench.estimators.parametric.structures.written import structure_from_equations
     from testbench.evaluation import evaluate
     from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
-    from testbench.flight.batch.fly import fly_many
+    from testbench.flight.batch.fly import fly_many, fly_stream
+    from testbench.flight.batch.jobs import Job
     from testbench.flight.batch.trim import trim_many
+    from testbench.flight.tangents import FlightParameter, tangents
     from testbench.inputs import InputSignal
     from testbench.line import fly_and_measure
     from testbench.logs.read import read_records
@@ -52,6 +54,10 @@ _HOME = {
     "make_plan": "testbench.questions.plan.ask",
     "fly_modes": "testbench.questions.modes.ask",
     "fly_many": "testbench.flight.batch.fly",
+    "fly_stream": "testbench.flight.batch.fly",
+    "Job": "testbench.flight.batch.jobs",
+    "FlightParameter": "testbench.flight.tangents",
+    "tangents": "testbench.flight.tangents",
     "trim_many": "testbench.flight.batch.trim",
     "InputSignal": "testbench.inputs",
     "METHODS": "testbench.estimators",
@@ -86,8 +92,10 @@ _HOME = {
 __all__ = [
     "METHODS",
     "FlightCondition",
+    "FlightParameter",
     "FlightRecord",
     "InputSignal",
+    "Job",
     "Manoeuvre",
     "compare",
     "estimate",
@@ -98,6 +106,7 @@ __all__ = [
     "fly_campaign",
     "fly_many",
     "fly_modes",
+    "fly_stream",
     "identify",
     "import_log",
     "linearise",
@@ -115,6 +124,7 @@ __all__ = [
     "run_gap",
     "structure_from_equations",
     "survey",
+    "tangents",
     "trim",
     "trim_many",
     "write_results",

@@ -195,7 +195,9 @@ def test_times_in_microseconds_that_state_no_unit_are_taken_as_such_and_said(tmp
     found = import_log(path)
     assert found.rate_hz == 50.0
     assert found.record.duration_s == pytest.approx(T[-1])
-    assert found.log.assumed == ("times are in us: their usual step is 20000, and 'timestamp' states no unit",)
+    assert [text.partition(", which")[0] for text in found.log.assumed] == [
+        "the file states no unit for column 'timestamp', whose whole numbers are 20000 apart: taken as us"
+    ]
     text = path.read_text(encoding="utf-8").replace("timestamp", "timestamp [s]")
     path.write_text(text, encoding="utf-8")  # the file insists on seconds
     assert "are the times in us" in import_log(path).asked[0]
