@@ -10,6 +10,7 @@ from testbench.core.bring import is_brought
 from testbench.core.errors import nearest
 from testbench.core.schema import NonNegative, Positive, Strict
 from testbench.estimators import brought
+from testbench.estimators.equations import Equations
 
 Names = Annotated[tuple[str, ...], Field(strict=False)]
 Pair = Annotated[tuple[float, float], Field(strict=False)]
@@ -36,27 +37,32 @@ STRUCTURE_NAMES = (
     "roll_yaw_rates",
     "aerodynamic_longitudinal",
 )
-"""Packaged structures; any other is brought, as ``FILE.py:NAME``."""
+"""Packaged structures; any other is in ``identification.structures``, or brought: ``FILE.toml``, ``FILE.py:NAME``."""
 
 
 def _known_structure(name: str, info: ValidationInfo) -> str:
     if is_brought(name):
         return brought.structure(name, info)
-    if name not in STRUCTURE_NAMES:
-        raise ValueError(f"must be one of {', '.join(STRUCTURE_NAMES)}, got '{name}'{nearest(name, STRUCTURE_NAMES)}")
+    if brought.is_text(name):
+        return brought.written(name, info)
+    if info.data.get("equations") is None and name not in STRUCTURE_NAMES:
+        known = (*STRUCTURE_NAMES, *(info.context or {}).get("structures", ()))
+        raise ValueError(f"must be one of {', '.join(known)}, got '{name}'{nearest(name, known)}")
     return name
 
 
 class Structured(Strict):
     """A structure by name, its settings and its parameters.
 
-    ``structure`` is packaged, or the user's own: "my_structure.py:make".
+    ``structure`` is packaged, or the user's own: a name in ``identification.structures``, whose table is then
+    ``equations`` here, "my_structure.toml" or "my_structure.py:make".
 
     ``outputs`` are those of the scenario that the structure has, unless they are named here. Trim values (``V_m_s``,
     ``alpha_deg``, ``theta_deg``) are those that were removed from the records as trim, unless they are given. ``free``
     names the only parameters that are estimated; ``fixed`` holds some of them.
     """
 
+    equations: Equations | None = None
     structure: Annotated[str, AfterValidator(_known_structure)]
     outputs: Names = ()
     start: dict[str, float] = {}

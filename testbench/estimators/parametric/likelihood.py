@@ -84,15 +84,13 @@ def stretch(
     part = record.select(structure.outputs)
     u = delayed(record.columns(structure.inputs), record.dt_s, delays_s)
     offsets = output_offsets(structure.outputs, biased, trended, record.t_s - record.t_s[0])
-    x0 = np.zeros(len(structure.states))
-    for i, state in enumerate(structure.states):
-        if initial == "record" and state not in record:
+    for state in structure.states:
+        if initial == "record" and state not in record and state not in structure.begun:
             raise EstimationError(
                 f"initial_states = 'record' needs every state as a channel, but the record lacks '{state}'; "
                 "choose 'free'"
             )
-        if initial != "zero" and state in record:
-            x0[i] = record[state][0]
+    x0 = structure.initial_state(record, measured=initial != "zero")
     return Stretch(u, part.data, np.asarray(part.valid), offsets, x0)
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from testbench.core.channels import channel
 from testbench.core.errors import EstimationError, nearest
-from testbench.core.record import FloatArray
+from testbench.core.record import FlightRecord, FloatArray
 
 STEP = 1e-30
 """Complex step: far below rounding, so that the derivative has no truncation error, and nothing is subtracted."""
@@ -134,6 +134,16 @@ class ModelStructure(ABC):
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds, (k,) each."""
         return np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
+
+    @property
+    def begun(self) -> tuple[str, ...]:
+        """States whose start the structure itself knows, whatever the record says."""
+        return ()
+
+    def initial_state(self, record: FlightRecord, measured: bool = True) -> FloatArray:
+        """Return where the states (n,) begin: at the first sample of their channels, else, or unmeasured, at zero."""
+        known = [measured and state in record for state in self.states]
+        return np.array([record[s][0] if k else 0.0 for s, k in zip(self.states, known, strict=True)])
 
     @property
     def must_move(self) -> tuple[str, ...]:

@@ -182,7 +182,7 @@ def _initial_std(
                 f"an initial deviation > 0 belongs to a state or free parameter ({', '.join(names)}), got {value:g} "
                 f"for '{name}'"
             )
-    x0 = np.array([record[s][0] if s in record else 0.0 for s in structure.states])
+    x0 = structure.initial_state(record)
     r = respond(structure, plant.values, chosen.tolist(), u, plant.dt_s, held, x0, substeps=plant.substeps)
     part = record.select(structure.outputs)
     size = np.array([part.data[ok, j].std() if ok.any() else 0.0 for j, ok in enumerate(part.valid.T)])
@@ -245,7 +245,7 @@ def _narrowed(wide: Gaussian, found: Gaussian, told: NDArray[np.bool_]) -> Gauss
 def _start(plant: Plant, record: FlightRecord, beliefs: Gaussian, std: FloatArray) -> Gaussian:
     """Return what is believed before the first sample: states from their channels, parameters from the last record."""
     n = plant.states
-    x0 = [record[s][0] if s in record else 0.0 for s in plant.structure.states]
+    x0 = plant.structure.initial_state(record)
     covariance = np.zeros((std.size, std.size))
     covariance[:n, :n] = np.diag(std[:n] ** 2)
     covariance[n:, n:] = beliefs.covariance
