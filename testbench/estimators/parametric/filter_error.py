@@ -33,6 +33,7 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
 from testbench.estimators.coverage import approximate
+from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
@@ -97,7 +98,8 @@ def estimate(
         output_trends: outputs with a line of their own in every record.
         input_biases: inputs with a constant error of their own in every record.
         delays_s: known delay per input, s.
-        held: inputs that are held between samples; None takes those called ``*_cmd``. The others run linearly.
+        held: inputs that are held between samples; None takes those called ``*_cmd``, and others that the records
+            show to be held. The others run linearly.
         max_iterations: Gauss-Newton steps per round.
         substeps: Runge-Kutta steps per sample of a nonlinear structure.
 
@@ -136,7 +138,7 @@ def estimate(
         len(structure.states),
         len(constant) + len(sloped),
     )
-    hold = held_inputs(structure.inputs, held)
+    hold, recognised = held_inputs(structure.inputs, held, records)
     base = Likelihood(structure, stretches, layout, records[0].dt_s, hold, substeps=substeps)
     likelihood = FilterLikelihood(base, noisy, fixed)
     found = _search(likelihood, max_iterations)
@@ -155,6 +157,7 @@ def estimate(
             "output_biases": list(constant),
             "output_trends": list(sloped),
             "input_biases": list(input_biases),
+            **said_of_hold(recognised),
         },
         diagnostics=diagnostics,
         structure=structure,

@@ -153,7 +153,7 @@ def estimate(
         )
     if not structure.free.any():
         raise EstimationError(f"structure '{structure.name}' has no free parameter; free some, or simulate it instead")
-    held, noise = held_inputs(structure.inputs, None), named(input_std, structure.inputs, "a noise")
+    held, noise = held_inputs(structure.inputs, None)[0], named(input_std, structure.inputs, "a noise")
     seen = stretch(record, structure, np.zeros(len(structure.inputs)), "zero", structure.outputs, ())
     biased = tuple(np.flatnonzero(noise > 0.0).tolist())
     layout = Layout(np.flatnonzero(structure.free), False, biased, len(structure.states), len(structure.outputs))

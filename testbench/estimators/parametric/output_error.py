@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
+from testbench.estimators.hold import held as which_held
+from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
@@ -65,7 +67,8 @@ def estimate(
         output_trends: outputs with a line of their own in every record.
         input_biases: inputs with a constant error of their own in every record.
         delays_s: known delay per input, s.
-        held: inputs that are held between samples; None takes those called ``*_cmd``. The others run linearly.
+        held: inputs that are held between samples; None takes those called ``*_cmd``, and others that the records
+            show to be held (see :mod:`testbench.estimators.hold`). The others run linearly.
         noise: "diagonal" or "full" covariance of the residuals.
         starts: how many start points; the others scatter by half of the values, or over finite bounds. The best wins.
         seed: of the start points.
@@ -84,7 +87,7 @@ def estimate(
         ChannelError: a record lacks a channel.
     """
     _check(records, structure, output_biases, output_trends, input_biases, starts)
-    hold = held_inputs(structure.inputs, held)
+    holding, recognised = held_inputs(structure.inputs, held, records)
     delays = named(delays_s, structure.inputs, "a delay")
     stretches = [
         stretch(r, structure, delays, initial_states, tuple(output_biases), tuple(output_trends)) for r in records
@@ -97,7 +100,7 @@ def estimate(
         len(output_biases) + len(output_trends),
     )
     likelihood = Likelihood(
-        structure, stretches, layout, records[0].dt_s, hold, substeps=substeps, full=noise == "full"
+        structure, stretches, layout, records[0].dt_s, holding, substeps=substeps, full=noise == "full"
     )
     results, failures = [], []
     for values in start_points(structure, starts, seed):
@@ -117,6 +120,7 @@ def estimate(
         "noise": noise,
         "starts": starts,
         "seed": seed,
+        **said_of_hold(recognised),
     }
     model = _model(likelihood, best, settings, tuple(delays.tolist()))
     return advice_in_words(replace(model, diagnostics={**model.diagnostics, "starts": [r.likelihood for r in results]}))
@@ -145,18 +149,21 @@ def _check(
             )
 
 
-def held_inputs(inputs: Sequence[str], held: Sequence[str] | None) -> NDArray[np.bool_]:
-    """Return which inputs are held from sample to sample: those named, or commands.
+def held_inputs(
+    inputs: Sequence[str], held: Sequence[str] | None, records: Sequence[FlightRecord] = ()
+) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    """Return which inputs are held from sample to sample, and the names of those of which only the records say so.
+
+    Held are those named; if none were, commands, and others that the records show to be held.
 
     Raises:
         EstimationError: a name is not one of the inputs.
     """
-    if held is None:
-        return np.array([name.endswith("_cmd") for name in inputs], bool)
-    for name in held:
+    for name in held or ():
         if name not in inputs:
             raise EstimationError(f"held inputs must be among {', '.join(inputs)}, got '{name}'")
-    return np.array([name in held for name in inputs], bool)
+    found, recognised = which_held(inputs, [None if held is None else name in held for name in inputs], records)
+    return np.array(found, bool), recognised
 
 
 def start_points(structure: ModelStructure, starts: int, seed: int) -> list[FloatArray]:

@@ -313,8 +313,8 @@ def test_a_start_that_diverges_is_said():
 
 
 def test_commands_are_held_and_deflections_are_not():
-    assert output_error.held_inputs(("de_cmd", "thr"), None).tolist() == [True, False]
-    assert output_error.held_inputs(("de", "thr"), ("thr",)).tolist() == [False, True]
+    assert output_error.held_inputs(("de_cmd", "thr"), None)[0].tolist() == [True, False]
+    assert output_error.held_inputs(("de", "thr"), ("thr",))[0].tolist() == [False, True]
 
 
 def test_an_unstable_aircraft_is_estimated():
