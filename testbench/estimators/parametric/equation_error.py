@@ -30,9 +30,10 @@ from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
+from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.model import ParametricModel, named
-from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import delayed
+from testbench.estimators.parametric.servo import by_surfaces, in_front
 from testbench.estimators.parametric.structure import STEP, ModelStructure
 from testbench.estimators.regression.smoothing import SineSeries, bridge
 from testbench.estimators.settings import EquationError
@@ -74,6 +75,13 @@ def estimate(
         EstimationError: a state is not measured, nothing is free, too few samples, or a parameter is not decided.
         ChannelError: a record lacks a channel.
     """
+    if in_front(structure):
+        return by_surfaces(
+            records,
+            structure,
+            held,
+            lambda moved, base, still: estimate(moved, base, delays_s=delays_s, held=still, cutoff_hz=cutoff_hz),
+        )
     check_records(records, structure.must_move, structure.outputs)
     free = np.flatnonzero(structure.free)
     if not free.size:

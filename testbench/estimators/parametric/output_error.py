@@ -17,18 +17,16 @@ from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
-from testbench.estimators.hold import held as which_held
 from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
 from testbench.estimators.parametric.gauss_newton import Minimum, minimise
-from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, stretch
+from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, held_inputs, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.settings import OutputError
@@ -96,7 +94,7 @@ def estimate(
         np.flatnonzero(structure.free),
         initial_states == "free",
         tuple(structure.inputs.index(name) for name in input_biases),
-        len(structure.states),
+        len(structure.states) - len(structure.followers),
         len(output_biases) + len(output_trends),
     )
     likelihood = Likelihood(
@@ -147,23 +145,6 @@ def _check(
             raise EstimationError(
                 f"an output bias or trend belongs to an output ({', '.join(structure.outputs)}), got '{name}'"
             )
-
-
-def held_inputs(
-    inputs: Sequence[str], held: Sequence[str] | None, records: Sequence[FlightRecord] = ()
-) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
-    """Return which inputs are held from sample to sample, and the names of those of which only the records say so.
-
-    Held are those named; if none were, commands, and others that the records show to be held.
-
-    Raises:
-        EstimationError: a name is not one of the inputs.
-    """
-    for name in held or ():
-        if name not in inputs:
-            raise EstimationError(f"held inputs must be among {', '.join(inputs)}, got '{name}'")
-    found, recognised = which_held(inputs, [None if held is None else name in held for name in inputs], records)
-    return np.array(found, bool), recognised
 
 
 def start_points(structure: ModelStructure, starts: int, seed: int) -> list[FloatArray]:
@@ -248,9 +229,7 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
         "whiteness_p": whiteness(residuals, [s.valid for s in stretches], likelihood.size, R),
         "correlation": correlations(white),
         "error_inflation": np.divide(np.sqrt(np.diag(corrected)), deviation, out=np.ones(f), where=deviation > 0.0),
-        "initial_states": [
-            x if layout.free_states else s.x0 for (x, _, _), s in zip(nuisances, stretches, strict=True)
-        ],
+        "initial_states": [layout.begin(x, s.x0) for (x, _, _), s in zip(nuisances, stretches, strict=True)],
         "offsets": [o for _, o, _ in nuisances],
         "input_biases": [b for _, _, b in nuisances],
     }

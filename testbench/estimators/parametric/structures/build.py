@@ -10,9 +10,10 @@ import numpy as np
 from testbench.core import bring
 from testbench.core.bring import is_brought, short
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import EstimationError
+from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord
 from testbench.estimators.brought import guarded, place
+from testbench.estimators.parametric.servo import behind_servos, servos_of
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.parametric.structures import STRUCTURES, Airframe, Trim
 from testbench.estimators.structured import Structured
@@ -46,6 +47,13 @@ def build(
         EstimationError: the structure has none of the outputs, a trim speed is not known, or a parameter, input or
             output is not one of the structure's.
     """
+    for name in (*spec.inputs, *spec.servo):
+        if name not in inputs:
+            raise EstimationError(
+                f"inputs and servos of a structure must be among those asked for ({', '.join(inputs)}), got "
+                f"'{name}'{nearest(name, inputs)}"
+            )
+    inputs = spec.inputs or inputs
     if is_brought(spec.structure):
         structure = _brought(spec, tuple(inputs), tuple(spec.outputs or outputs), records)
         return _with_parameters(spec, structure, inputs)
@@ -67,6 +75,7 @@ def _with_parameters(spec: Structured, structure: ModelStructure, inputs: Sequen
             f"structure '{short(spec.structure)}' is driven by {', '.join(structure.inputs)}, but the inputs of the "
             f"identification are {', '.join(inputs)}; name them there"
         )
+    structure = behind_servos(structure, servos_of(spec.servo, structure.inputs))
     return structure.with_parameters(
         spec.start, fixed=spec.fixed, free=spec.free, bounds=dict(spec.bounds), prior_std=dict(spec.prior_std)
     )
