@@ -223,7 +223,7 @@ def estimate(
 
         entry = of_servos(entry)
         structure: Any = started(entry, records, inputs, outputs)
-        fit = row.load()
+        fit: Any = row.load()
         if in_front(structure) and structure.limited and not structure.unknown:
             model = by_surfaces(
                 records, structure, entry.held, lambda moved, base, still: fit(moved, base, settings=entry, held=still)

@@ -50,7 +50,7 @@ CRITERIA = HoldCriteria()
 def recognised(records: Sequence[FlightRecord], name: str, criteria: HoldCriteria = CRITERIA) -> bool:
     """Return whether the channel ``name`` is held from sample to sample, as far as the records show.
 
-    Smooth inputs, with noise or rounded, are not called held: in 2000 draws of smooth kinds (multisines, sweeps, a
+    Smooth inputs, with noise or rounded, are not called held: in 1800 draws of smooth kinds (multisines, sweeps, a
     pilot's hand, doublets through a servo) none was, so that the probability is below 0.2 % at 95 % confidence. An
     input that jumps less than twice is not called held either.
 
