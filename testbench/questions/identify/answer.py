@@ -37,8 +37,8 @@ def identify_answer(found: Identified) -> list[Line]:
                     sentence(f"not decided by these data: {', '.join(f'{d.name} ({d.believed})' for d in bad)}"),
                 )
             )
-    lines += [Line("doubt", sentence(text)) for text in found.doubts]
-    lines += [Line("finding", sentence(text)) for text in found.notes]
+    lines += [Line(text.severity, sentence(text)) for text in found.doubts]
+    lines += [Line("note", sentence(text)) for text in found.notes]
     rest = run_answer(found)
     return lines + (rest if not lines else [Line("finding" if a == "lead" else a, b) for a, b in rest])
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from testbench.core.advice import doubt
 from testbench.core.errors import located
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.structured import Servo
 from testbench.flight import load_aircraft
 from testbench.line import Case, Flight, Keep, Report, identify_and_judge
+from testbench.logs.plausible import questions_of
 from testbench.logs.read import read_records
 from testbench.questions.identify.before import before, servos_of
 from testbench.questions.identify.derivatives import found_derivatives
@@ -23,6 +25,7 @@ def identify(
     data_folder: Path | None = None,
     keep: Keep | None = None,
     progress: Report | None = None,
+    strict: bool = False,
 ) -> Identified:
     """Run the same estimators and evaluation on recorded flights.
 
@@ -31,6 +34,7 @@ def identify(
         data_folder: where the files lie, instead of the folder that the description names.
         keep: called with a name and each record as soon as it has been read.
         progress: called with a few words as each stage begins.
+        strict: refuse records with values that are hardly meant (``questions`` of the result).
 
     Raises:
         TestbenchError: with the file and key of the description that it comes from.
@@ -51,6 +55,8 @@ def identify(
         aircraft = None if description.aircraft is None else load_aircraft(description.aircraft)
     inputs = description.identification.inputs
     servos = {} if aircraft is None else servos_of(aircraft, inputs)
+    records = [(flight.name, flight.measured["recorded"]) for flight in flights]
+    questions = questions_of(records, description.file, strict)
     cases = identify_and_judge(
         flights, ["recorded"], description.preparation, description.asked_of(servos), description.file, say
     )
@@ -68,7 +74,12 @@ def identify(
         derivatives=found_derivatives(cases, known),
         before=known,
         notes=(*_notes(description, cases, servos), *(known.notes if known else ())),
-        doubts=tuple(dict.fromkeys(text for case in cases if (text := cost_in_words(case, inputs)))),
+        doubts=tuple(
+            doubt("servo_ignored", text)
+            for text in dict.fromkeys(cost_in_words(case, inputs) for case in cases)
+            if text is not None
+        ),
+        questions=questions,
     )
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import DataOption, OutOption
+from testbench.questions.options import DataOption, OutOption, StrictOption
 
 
 def command(
@@ -24,6 +24,7 @@ def command(
     aircraft: Annotated[
         str | None, typer.Option(help="A model of what flew: derivatives before, coefficients, servos.")
     ] = None,
+    strict: StrictOption = False,
 ) -> None:
     """Identify models from recorded flights, with the same estimators, evaluation and report as a run.
 
@@ -45,7 +46,7 @@ def command(
             loaded = loaded.changed(aircraft=aircraft)
         folder = out / loaded.name
         with stages() as say:
-            result = identify(loaded, data, record_keeper(folder), say)
+            result = identify(loaded, data, record_keeper(folder), say, strict)
             say("write report")
             page = identify_page(result)
             page.write(folder)

@@ -126,7 +126,7 @@ def _beliefs(model: ParametricModel, names: Sequence[str]) -> dict[str, str]:
             out[name] = "weak"
         elif others[partner] > CRITERIA.together:
             out[name] = f"correlated with {names[partner]}"
-        elif inflated[i] > CRITERIA.coloured:
+        elif inflated[i] > CRITERIA.coloured or model.status == "wrong":
             out[name] = "in doubt"
         else:
             out[name] = "determined"

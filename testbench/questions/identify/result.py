@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from testbench.core.advice import Advice
 from testbench.questions.identify.before import Before
 from testbench.questions.identify.derivatives import FoundDerivative
 from testbench.questions.run.result import RunResult
@@ -23,4 +24,4 @@ class Identified(RunResult):
     derivatives: tuple[FoundDerivative, ...] = ()
     before: Before | None = None
     notes: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
+    doubts: tuple[Advice, ...] = ()
