@@ -220,17 +220,26 @@ def estimate(
         return own.run(entry, records, inputs, outputs, validation)
     row = _row(entry.method)
     if isinstance(entry, Structured):
-        from testbench.estimators.parametric.start import started
+        from testbench.estimators.parametric.servo import by_surfaces, in_front
+        from testbench.estimators.parametric.start import of_servos, started
         from testbench.estimators.parametric.structures.written import Written
 
-        structure = started(entry, records, inputs, outputs)
-        model = row.load()(records, structure, settings=entry)
+        entry = of_servos(entry)
+        structure: Any = started(entry, records, inputs, outputs)
+        fit: Any = row.load()
+        if in_front(structure) and structure.limited and not structure.unknown:
+            model = by_surfaces(
+                records, structure, entry.held, lambda moved, base, still: fit(moved, base, settings=entry, held=still)
+            )
+        else:
+            model = fit(records, structure, settings=entry)
         whose = {"structure": whose_code(*place(entry.structure))} if is_brought(entry.structure) else {}
         if is_text(entry.structure):
             path = Path(entry.structure)
             whose = {"structure": whose_code(path, path.stem)}
         model = replace(model, provenance=whose) if whose else model
-        if isinstance(structure, Written) and (doubts := structure.doubts(records)):
+        law = structure.base if in_front(structure) else structure
+        if isinstance(law, Written) and (doubts := law.doubts(records)):
             return replace(model, advice=ranked((*model.advice, *doubts)))
         return model
     judged = {"validation": validation} if "validation" in row.needs else {}

@@ -150,6 +150,15 @@ class ModelStructure(ABC):
         """Inputs that must move for the parameters to be found; others may stay constant."""
         return self.inputs
 
+    @property
+    def followers(self) -> tuple[str, ...]:
+        """The last states, which inputs alone drive: no process noise moves them, and they begin at rest."""
+        return ()
+
+    def at_rest(self, u: FloatArray) -> FloatArray:
+        """Return the states ``followers`` where the inputs (m,) have been constant."""
+        return np.zeros(len(self.followers))
+
     def with_parameters(
         self,
         values: Mapping[str, float] | None = None,
@@ -247,6 +256,8 @@ class Affine:
         points = np.vstack([np.zeros(k), np.diag(size), size * np.cos(np.arange(k))])
         with np.errstate(all="ignore"):
             s = structure.matrices(points)
+        if not all(np.all(np.isfinite(part)) for part in s):
+            return None
         shapes = tuple(part.shape[1:] if part.ndim > 1 else part.shape for part in s)
         wide = [np.broadcast_to(part, (len(points), *shape)) for part, shape in zip(s, shapes, strict=True)]
         entries = np.concatenate([part.reshape(len(points), -1) for part in wide], axis=1)

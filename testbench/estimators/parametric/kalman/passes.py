@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import correlations, whiteness
 from testbench.estimators.parametric.kalman.advice import advise_filter
 from testbench.estimators.parametric.kalman.augmented import Filter, Gaussian, Plant, Track, run
+from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.model import ParametricModel, named
-from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import delayed, respond
 from testbench.estimators.parametric.structure import Affine, LinearStructure, ModelStructure
 
@@ -47,7 +48,7 @@ def estimate_by(
     check_records(records, structure.inputs, structure.outputs)
     if passes < 1:
         raise EstimationError(f"a filter runs over its records at least once, got passes = {passes}")
-    hold = held_inputs(structure.inputs, held)
+    hold, recognised = held_inputs(structure.inputs, held, records)
     delays = named(delays_s, structure.inputs, "a delay")
     free = [p.name for p in structure.parameters if p.free]
     F = _values(process_noise, structure.states, "process noise", "a state")
@@ -107,6 +108,7 @@ def estimate_by(
             "smooth": smooth,
             "passes": passes,
             **settings,
+            **said_of_hold(recognised),
         },
         diagnostics={
             "tracks": tracks,

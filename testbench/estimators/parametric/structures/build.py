@@ -11,10 +11,11 @@ import numpy as np
 from testbench.core import bring
 from testbench.core.bring import is_brought, short
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import EstimationError
+from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord
 from testbench.estimators.brought import guarded, is_text, place
 from testbench.estimators.equations import read_equations
+from testbench.estimators.parametric.servo import behind_servos, servos_of
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.parametric.structures import STRUCTURES, Airframe, Trim
 from testbench.estimators.parametric.structures.written import written
@@ -49,6 +50,13 @@ def build(
         EstimationError: the structure has none of the outputs, a trim speed is not known, or a parameter, input or
             output is not one of the structure's.
     """
+    for name in (*spec.inputs, *spec.servo):
+        if name not in inputs:
+            raise EstimationError(
+                f"inputs and servos of a structure must be among those asked for ({', '.join(inputs)}), got "
+                f"'{name}'{nearest(name, inputs)}"
+            )
+    inputs = spec.inputs or inputs
     if spec.equations is not None or is_text(spec.structure):
         return _with_parameters(spec, _written(spec, tuple(outputs), records), inputs)
     if is_brought(spec.structure):
@@ -72,6 +80,7 @@ def _with_parameters(spec: Structured, structure: ModelStructure, inputs: Sequen
             f"structure '{short(spec.structure)}' is driven by {', '.join(structure.inputs)}, but the inputs of the "
             f"identification are {', '.join(inputs)}; name them there"
         )
+    structure = behind_servos(structure, servos_of(spec.servo, structure.inputs))
     return structure.with_parameters(
         spec.start, fixed=spec.fixed, free=spec.free, bounds=dict(spec.bounds), prior_std=dict(spec.prior_std)
     )
