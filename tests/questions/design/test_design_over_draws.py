@@ -14,6 +14,7 @@ from testbench.aircraft.believed import drawn
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim
+from testbench.flight.batch.jobs import Tally
 from testbench.questions.design.answer import design_sentences
 from testbench.questions.design.ask import run_design
 from testbench.questions.design.draws import draw_aircraft, told
@@ -59,7 +60,7 @@ def test_the_believed_aircraft_is_judged_as_without_draws(judged):
 def test_an_aircraft_that_is_known_well_has_the_errors_of_the_believed_one_in_every_draw(judged):
     known = replace(judged.aircraft, uncertainty=dict.fromkeys(STATED, 1e-7))
     best = judged.best.design
-    draws = draw_aircraft(judged.scenario, known, judged.problem, judged.suite, (), best)
+    draws = draw_aircraft(judged.scenario, known, judged.problem, judged.suite, (), best, "auto", Tally())
     ratios = told(best, draws, judged.problem.targets.names).ratios
     assert ratios.shape == (8, len(judged.problem.targets.names))
     believed = best.errors / judged.problem.targets.wanted
