@@ -174,7 +174,7 @@ def test_a_model_that_is_not_translated_is_flown_by_jsbsim(taurus: tuple[Aircraf
     assert told.batch == 0
     assert told.reasons == {verdict.reason: 8}
     assert isinstance(records[0], tb.FlightRecord)
-    assert "simulator" not in records[0].provenance
+    assert records[0].provenance["simulator"] == f"JSBSim, as {verdict.reason}"
     with pytest.raises(LimitError, match="<random>"):
         flown(odd, trimmed, manoeuvre, 60.0)
 

@@ -15,8 +15,10 @@ from testbench.estimators.parametric.response import respond
 from testbench.evaluation.envelope import fly_envelope
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
 from testbench.questions.design.limits import breaches
+from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import first_onset, make_plan
 from testbench.questions.plan.check import check
+from testbench.questions.plan.page import plan_page
 from testbench.questions.plan.repeats import reach, repeats_for
 from testbench.questions.plan.resources import schedule
 from testbench.questions.plan.response import (
@@ -30,6 +32,7 @@ from testbench.questions.plan.response import (
     roughness,
 )
 from testbench.questions.plan.scenario import PlanScenario
+from testbench.questions.plan.tables import plan_tables
 from testbench.sensors import Sensor, SensorSuite, load_suite
 
 DOUBLET = {"signal": "doublet", "control": "de", "amplitude_deg": 2.0, "period_s": 2.0, "start_s": 0.5}
@@ -143,6 +146,29 @@ def test_expected_response_is_the_flight_and_limits_are_kept(small, taurus):
     assert card.t_s[0] == -1.0
     moved = card.t_s[np.argmax(np.abs(card.expected["q"]) > 1e-3)]
     assert 0.5 < moved < 0.6  # the input starts at 0.5 s
+
+
+def test_many_cards_are_flown_at_once_and_the_page_says_the_same_as_by_jsbsim():
+    big = manoeuvre(input=[{**DOUBLET, "amplitude_deg": 3.5}])
+    asked = {"scale": True, "limits": {"speed_change_m_s": 1.2}, "turbulence_rms_m_s": 0.3}
+    asked |= {"manoeuvre": [manoeuvre(), {**big, "name": "large"}]}
+    together, alone = (make_plan(scenario(**asked), fly_envelope, simulator=s) for s in ("auto", "jsbsim"))
+    assert {c.status for c in together.cards} == {"fly", "scaled"}
+    assert together.tally.batch == alone.tally.jsbsim > 16  # eight cards, eight in turbulence, those that are scaled
+    assert not together.tally.jsbsim
+    assert alone.tally.reasons == {"it is wanted": alone.tally.jsbsim}
+    assert plan_page(together).flown is together.tally
+    assert plan_answer(together) == plan_answer(alone)
+    for mine, other in zip(plan_tables(together), plan_tables(alone), strict=True):
+        shown = [[[c.text(v) for c, v in zip(t.columns, r, strict=True)] for r in t.rows] for t in (mine, other)]
+        assert shown[0] == shown[1]
+    for mine, other in zip(together.cards, alone.cards, strict=True):
+        assert (mine.factor, mine.met) == (other.factor, other.met)
+        np.testing.assert_allclose(mine.expected.data, other.expected.data, rtol=0.0, atol=1e-7)
+
+
+def test_few_cards_are_flown_by_jsbsim(small):
+    assert small.tally.reasons == {"fewer than 8 flights at once are not worth a batch": 4}
 
 
 def test_what_breaks_a_limit_is_refused_with_limit_and_moment():
