@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import copy
 import tomllib
-from collections.abc import Iterable, Mapping
+import unicodedata
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, TypeVar, Union, get_args, get_origin
@@ -38,6 +39,10 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise RecordError(f"a readable TOML file must lie at '{path}', got: {reason}") from error
     except tomllib.TOMLDecodeError as error:
         raise ScenarioError([f"{path} must be TOML: {error}"]) from error
+    except RecursionError as error:
+        raise ScenarioError([f"{path} must be TOML of some levels, but its brackets nest without end"]) from error
+    except ValueError as error:  # Python reads no integer of thousands of digits
+        raise ScenarioError([f"{path} must be TOML of numbers that can be read: {error}"]) from error
 
 
 def parse(schema: type[Model], content: Mapping[str, Any], file: Path | str | None) -> tuple[Model | None, list[str]]:
@@ -45,6 +50,9 @@ def parse(schema: type[Model], content: Mapping[str, Any], file: Path | str | No
 
     Unknown keys do not keep the object from being built, so that a caller can go on and report deeper faults too.
     """
+    broken = [_line_fault(where, text, file) for where, text in _texts(content) if not _one_line(where, text)]
+    if broken:
+        return None, broken
     beside = {"file": file}  # what a file names by a path is looked for beside it: core/paths.py, core/bring.py
     try:
         return schema.model_validate(content, context=beside), []
@@ -57,6 +65,34 @@ def parse(schema: type[Model], content: Mapping[str, Any], file: Path | str | No
         return schema.model_validate(_without(content, unknown), context=beside), faults
     except ValidationError:
         return None, faults
+
+
+_PROSE = frozenset({"question", "source", "rights", "note"})
+"""Keys whose text is for people and may have several lines; every other text becomes a name somewhere."""
+
+
+def _texts(content: Any, where: str = "") -> Iterator[tuple[str, str]]:
+    """Yield the place and every text of a file's content, keys included."""
+    if isinstance(content, str):
+        yield where, content
+    elif isinstance(content, Mapping):
+        for key, value in content.items():
+            yield f"a key of {where or 'the file'}", str(key)
+            yield from _texts(value, f"{where}.{key}" if where else str(key))
+    elif isinstance(content, (list, tuple)):
+        for i, value in enumerate(content):
+            yield from _texts(value, f"{where}[{i}]")
+
+
+def _one_line(where: str, text: str) -> bool:
+    """Say whether a text holds no control character; prose may have line ends and tabs."""
+    allowed = "\n\r\t" if where.rpartition(".")[2] in _PROSE else ""
+    return not any(unicodedata.category(c) in ("Cc", "Zl", "Zp") and c not in allowed for c in text)
+
+
+def _line_fault(where: str, text: str, file: Path | str | None) -> str:
+    shown = text if len(text) <= 60 else f"{text[:60]}..."
+    return f"{f'{file}, ' if file else ''}{where}: must be one line without control characters, got {shown!r}"
 
 
 def _follows_from_another(item: Any) -> bool:

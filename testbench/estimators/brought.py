@@ -16,6 +16,9 @@ FOLDER = "estimators"
 """Folder of a project in which estimators and structures are looked for."""
 
 
+_STATUS = "; leave status out: it follows from advice"
+
+
 class BroughtCodeError(EstimationError):
     """An error from a user's file that is not one of the testbench: kind, text, file and line."""
 
@@ -91,4 +94,5 @@ def guarded(path: Path, label: str, what: str, function: Any, *arguments: Any, *
     except TestbenchError:
         raise
     except Exception as error:
-        raise BroughtCodeError(f"{label} must return {what}, got {bring.said(error, path)}") from error
+        hint = _STATUS if isinstance(error, TypeError) and "argument 'status'" in str(error) else ""
+        raise BroughtCodeError(f"{label} must return {what}, got {bring.said(error, path)}{hint}") from error

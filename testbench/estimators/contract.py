@@ -19,6 +19,7 @@ import numpy as np
 from scipy.signal import cont2discrete
 
 from testbench.core import bring
+from testbench.core.advice import status_of
 from testbench.core.constants import DEG_RAD
 from testbench.core.contract import Law, LawError, need, tried_on
 from testbench.core.errors import ChannelError, EstimationError, TestbenchError, nearest
@@ -153,7 +154,8 @@ def a_model_is_complete(t: Trial) -> None:
     need(shape == (len(record), len(t.outputs)), f"simulate must return {(len(record), len(t.outputs))}, got {shape}")
     names = ", ".join(model.poles())
     need(names == ", ".join(t.outputs), f"poles must be named by the outputs {', '.join(t.outputs)}, got {names}")
-    need((model.status == "warning") == bool(model.advice), f"status goes with advice, got {model.status}")
+    status = status_of(model.advice)
+    need(model.status == status, f"status must be that of the advice, '{status}', got '{model.status}'")
 
 
 def records_stay_as_they_are(t: Trial) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from testbench.core.advice import Advice, note
 from testbench.estimators.coverage_table import HELD
 
 
-def approximate(method: str, of: str = "its") -> tuple[str, ...]:
-    """Return the sentence that says by how much the 95 % intervals of a method are off; empty where they are right.
+def approximate(method: str, of: str = "its") -> tuple[Advice, ...]:
+    """Return the note that says by how much the 95 % intervals of a method are off; empty where they are right.
 
     Args:
         method: an entry of :data:`.coverage_table.HELD`.
@@ -16,7 +17,8 @@ def approximate(method: str, of: str = "its") -> tuple[str, ...]:
         return ()
     low, high, seeds = HELD[method]
     share = f"{low} % of the cases" if low == high else f"{low} to {high} % of the cases, by quantity and aircraft"
-    return (
+    said = (
         f"{of} 95 % intervals are approximate: in {seeds} simulated flights of each of two small aircraft they held "
-        f"the truth in {share} (results/estimators)",
+        f"the truth in {share} (results/estimators)"
     )
+    return (note("approximate_intervals", said),)

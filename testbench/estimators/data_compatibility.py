@@ -20,6 +20,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 from scipy.stats import norm
 
+from testbench.core.advice import Advice, doubt, note, wrong
 from testbench.core.constants import G0_M_S2
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord, FloatArray
@@ -40,7 +41,7 @@ from testbench.estimators.compatibility.choose import (
 )
 from testbench.estimators.compatibility.drift import noise_std, too_long
 from testbench.estimators.compatibility.fit import Fit, Problem, stretch
-from testbench.estimators.compatibility.result import DataCompatibility, InstrumentError
+from testbench.estimators.compatibility.result import INSTRUMENT_ERROR, DataCompatibility, InstrumentError
 from testbench.estimators.compatibility.take_out import correct, rebuild
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records
@@ -145,7 +146,6 @@ def estimate(
             "whitening_orders": {n: int(w.a.size) for n, w in zip(structure.outputs, fit.whiteners, strict=True)},
             "initial_states": [x.tolist() for x in fit.x0],
         },
-        status="warning" if doubts else "good",
         advice=tuple(doubts),
     )
 
@@ -240,18 +240,19 @@ def _rms(problem: Problem, residuals: Sequence[FloatArray]) -> dict[str, float]:
     return dict(zip(problem.structure.outputs, rms.tolist(), strict=True))
 
 
-def _unsteady_air(problem: Problem, rms: Mapping[str, float]) -> list[str]:
+def _unsteady_air(problem: Problem, rms: Mapping[str, float]) -> list[Advice]:
     """Return in words which air data wander far beyond the noise of their samples."""
     outputs = problem.structure.outputs
     noise = {n: noise_std(problem.stretches, outputs.index(n), False) for n in TIMED if n in outputs}
     wandering = [n for n, std in noise.items() if std > 0.0 and rms[n] > _WANDERING * std]
     if not wandering:
         return []
-    return [
+    said = (
         f"the residuals of {', '.join(wandering)} are more than {_WANDERING:g} times the noise of their samples: the "
         "air was not steady (turbulence), or something else is missing; some errors named may then be false, above all "
         "those of these channels; repeat in calm air, or believe only what several records agree on"
-    ]
+    )
+    return [doubt("unsteady_air", said)]
 
 
 def _advice(
@@ -260,30 +261,46 @@ def _advice(
     lost: Mapping[str, str],
     fit: Fit,
     false_alarm: float,
-) -> list[str]:
+) -> list[Advice]:
     out = []
     for e in errors:
         others = f"; these data also result if {', or if '.join(e.alternatives)}" if e.alternatives else ""
-        out.append(f"{e.words} ({e.significance:.1f} standard errors){others}")
+        out.append(doubt(INSTRUMENT_ERROR, f"{e.words} ({e.significance:.1f} standard errors){others}"))
     if errors:
         out.append(
-            "remove these errors before you estimate the aerodynamics; on records without errors this search names one "
-            f"with probability {false_alarm:g}"
+            note(
+                "remove_first",
+                "remove these errors before you estimate the aerodynamics; on records without errors this search names "
+                f"one with probability {false_alarm:g}",
+            )
         )
         hidden = [n for n in lost if any(e.name in lost[n] for e in errors)]
         if hidden:
             out.append(
-                f"these data cannot tell {', '.join(hidden)} from the errors named, which stand for both; manoeuvres "
-                "that change attitude, speed and heading more would tell them apart"
+                doubt(
+                    "not_told_apart",
+                    f"these data cannot tell {', '.join(hidden)} from the errors named, which stand for both; "
+                    "manoeuvres that change attitude, speed and heading more would tell them apart",
+                )
             )
     small = [e.name for e in errors if e.name[:2] in ACCELEROMETERS and abs(e.estimate) < _LOCAL_GRAVITY]
     if small:
         out.append(
-            f"{', '.join(small)} may be gravity: {structure.gravity_m_s2:g} m/s2 was assumed, and gravity varies by "
-            "0.05 m/s2 over the earth; give the local value"
+            doubt(
+                "gravity",
+                f"{', '.join(small)} may be gravity: {structure.gravity_m_s2:g} m/s2 was assumed, and gravity varies "
+                "by 0.05 m/s2 over the earth; give the local value",
+            )
         )
     if not fit.converged:
-        out.append("the search did not converge: its values are rough; use shorter records or look for fewer errors")
+        out.append(
+            wrong(
+                "not_converged",
+                "the search did not converge: its values are rough; use shorter records or look for fewer errors",
+            )
+        )
     if fit.at_bound:
-        out.append(f"{', '.join(fit.at_bound)} ended on a bound: the bound sets the value, not the data")
+        out.append(
+            wrong("on_bound", f"{', '.join(fit.at_bound)} ended on a bound: the bound sets the value, not the data")
+        )
     return out

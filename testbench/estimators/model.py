@@ -5,20 +5,20 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.advice import Advised
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 
 ComplexArray = NDArray[np.complex128]
-Status = Literal["good", "warning"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class IdentifiedModel(ABC):
+class IdentifiedModel(Advised, ABC):
     """A model of deviations from trim, inputs u to outputs y, identified from records.
 
     Attributes:
@@ -28,8 +28,7 @@ class IdentifiedModel(ABC):
         dt_s: sample time of the records that it was identified from, s.
         settings: the estimator's settings, as JSON values.
         diagnostics: intermediate results (singular values, condition numbers), arrays or JSON values.
-        status: "good", or "warning" with ``advice``.
-        advice: sentences that say what is doubtful and what to do about it.
+        advice: what is wrong or doubtful and what to do about it; ``status`` follows from it.
         provenance: whose code made it, as JSON values: file and SHA-256 of a user's code; empty for packaged code.
 
     ``continuous`` is True for models of continuous time: their frequency response is that of the aircraft; the response
@@ -43,7 +42,6 @@ class IdentifiedModel(ABC):
     dt_s: float
     settings: Mapping[str, Any] = field(default_factory=dict)
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
-    status: Status = "good"
     advice: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import AfterValidator, BaseModel, ConfigDict, model_validator
 
 from testbench.core import bring
+from testbench.core.advice import ranked, status_of
 from testbench.core.errors import EstimationError, ScenarioError, nearest
 from testbench.core.record import FlightRecord
 from testbench.core.schema import parse
@@ -139,7 +140,8 @@ def run(
 
     Raises:
         ScenarioError: the file cannot be run.
-        EstimationError: a setting breaks a law of its class, or the function returns no model.
+        EstimationError: a setting breaks a law of its class, the function returns no model, or a model whose status is
+            not that of its advice.
         BroughtCodeError: the function fails with an error that is not one of the testbench.
         TestbenchError: as the function raises it.
     """
@@ -159,7 +161,22 @@ def run(
     model = guarded(path, label, "a model", function, tuple(records), tuple(inputs), tuple(outputs), **more)
     if not isinstance(model, IdentifiedModel):
         raise EstimationError(f"{label} must return an IdentifiedModel, got {type(model).__name__}")
-    return stamped(model, method=label, provenance={"estimator": bring.whose(path, attribute)})
+    _advised(model, label)
+    return stamped(
+        model, advice=ranked(model.advice), method=label, provenance={"estimator": bring.whose(path, attribute)}
+    )
+
+
+def _advised(model: IdentifiedModel, label: str) -> None:
+    """Check that the advice of a user's model is a sequence of sentences, and that its status is the one of these."""
+    if isinstance(model.advice, str) or not all(isinstance(a, str) for a in model.advice):
+        raise EstimationError(f"advice of {label} must be a tuple of sentences, got {model.advice!r}")
+    status = status_of(model.advice)
+    if model.status != status:
+        raise EstimationError(
+            f"the status of a model follows from its advice; {label} must leave status out, got '{model.status}' where "
+            f"the advice says '{status}'"
+        )
 
 
 def stamped(model: IdentifiedModel, **values: Any) -> IdentifiedModel:

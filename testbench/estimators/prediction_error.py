@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from testbench.core.advice import Advice, doubt, wrong
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
@@ -40,6 +41,7 @@ _EXACT = 1e-12  # floor of the innovations, as a share of an output's size
 _NOTHING = 1e-10  # innovations below this share are rounding: nothing is left to weigh
 _FREE_OF_NOISE = 1e-7  # start innovations below this share say nothing of a disturbance: K is not identifiable
 _LOST = 1e-8  # smallest over largest singular value of the scaled Jacobian below which a direction is undecided
+_MARGINAL = 0.999  # spectral radius of the predictor from which on it stands at its limit (judged)
 _COLOURED = 1e-3  # false-alarm probability of the whiteness test
 
 
@@ -388,27 +390,59 @@ def _finish(
     return replace(
         model,
         diagnostics={**model.diagnostics, **found_more},
-        status="warning" if advice else "good",
         advice=advice,
     )
 
 
-def _advice(model: StateSpaceModel, white: FloatArray, layout: Layout) -> tuple[str, ...]:
+def _radius(A: FloatArray) -> float:
+    return float(np.max(np.abs(np.linalg.eigvals(A))))
+
+
+def _advice(model: StateSpaceModel, white: FloatArray, layout: Layout) -> tuple[Advice, ...]:
     out, found = [], model.diagnostics
-    if not found["converged"]:
-        out.append("the search did not converge: lower the order, start from another estimate or allow more iterations")
+    if not found["converged"] and layout.disturbances and _radius(model.A - model.K @ model.C) > _MARGINAL:
+        out.append(
+            doubt(
+                "predictor_at_limit",
+                "the search ended where the predictor A - K C becomes unstable: these data hold no disturbances that "
+                "could be told from the noise; set disturbances = false",
+            )
+        )
+    elif not found["converged"]:
+        out.append(
+            wrong(
+                "not_converged",
+                "the search did not converge: do not use the model; lower the order, start from another estimate or "
+                "allow more iterations",
+            )
+        )
     if found["undecided"]:
         out.append(
-            f"these data do not decide {found['undecided']} of {found['parameters']} directions, and the standard "
-            "errors leave them out: the order is too high, or an input moves too little"
+            doubt(
+                "not_told_apart",
+                f"these data do not decide {found['undecided']} of {found['parameters']} directions, and the standard "
+                "errors leave them out: the order is too high, or an input moves too little",
+            )
         )
     coloured = [o for o, w in zip(model.outputs, white, strict=True) if w < _COLOURED]
     if coloured and layout.disturbances:
-        out.append(f"innovations of {', '.join(coloured)} are not white: raise the order, or something is not linear")
+        out.append(
+            doubt(
+                "coloured_residuals",
+                f"innovations of {', '.join(coloured)} are not white: raise the order, or something is not linear",
+            )
+        )
     elif coloured:
         out.append(
-            f"residuals of {', '.join(coloured)} are not white: standard errors are corrected for it; estimate the "
-            "disturbances to correct the weights as well"
+            doubt(
+                "coloured_residuals",
+                f"residuals of {', '.join(coloured)} are not white: "
+                + (
+                    "standard errors are corrected for it; estimate the disturbances to correct the weights as well"
+                    if found["converged"]
+                    else "the standard errors are not to be believed, because the search did not converge"
+                ),
+            )
         )
     return (*out, *approximate("prediction_error"))
 

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.advice import Advice, doubt, note, wrong
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
@@ -124,7 +125,6 @@ def estimate(
         model,
         settings=settings,
         advice=tuple(advice),
-        status="warning" if advice else "good",
         diagnostics={
             **{key: {name: found[name].diagnostics[key] for name in outputs} for key in keys},
             "excited_band_rad_s": band,
@@ -132,9 +132,10 @@ def estimate(
     )
 
 
-_UNJUDGED = (
+_UNJUDGED = note(
+    "structure_not_judged",
     "the structure was chosen on the records it was fitted to, which favours more poles and zeros; "
-    "give validation records"
+    "give validation records",
 )
 
 
@@ -146,7 +147,7 @@ class _Outcome(NamedTuple):
     refined: tuple[int, ...]
     covariance: FloatArray
     diagnostics: dict[str, Any]
-    advice: list[str]
+    advice: list[Advice]
 
 
 def _structures(
@@ -167,15 +168,18 @@ def _series(record: FlightRecord, inputs: Sequence[str], output: str) -> Series:
     return Series(record.columns(inputs), part.data[:, 0], part.valid[:, 0])
 
 
-def _untaken(records: Sequence[FlightRecord], inputs: Sequence[str]) -> list[str]:
+def _untaken(records: Sequence[FlightRecord], inputs: Sequence[str]) -> list[Advice]:
     """Return a sentence on each input whose samples were not all taken and not bridged by ``prepare``."""
     out = []
     for name in inputs:
         share = np.mean(np.concatenate([r.select([name]).valid[:, 0] for r in records]))
         if share < 1.0 and not all("prepared" in r.provenance for r in records):
             out.append(
-                f"{name}: {100 * (1.0 - share):.1f} % of its samples were not taken and hold the value before; "
-                "bridge the gaps with prepare"
+                doubt(
+                    "interpolated",
+                    f"{name}: {100 * (1.0 - share):.1f} % of its samples were not taken and hold the value before; "
+                    "bridge the gaps with prepare",
+                )
             )
     return out
 
@@ -250,28 +254,45 @@ def _best_delays(
     return seen[tuple(chosen)]
 
 
-def _advice(name: str, diagnostics: Mapping[str, Any], no_delay: bool) -> list[str]:
+def _advice(name: str, diagnostics: Mapping[str, Any], no_delay: bool) -> list[Advice]:
     out = []
     if not diagnostics["converged"]:
         out.append(
-            f"{name}: the instrumental variables did not converge: its coefficients are those with the smallest error "
-            "found; use fewer poles or zeros, or filter out what the model cannot follow"
+            wrong(
+                "not_converged",
+                f"{name}: the instrumental variables did not converge: its coefficients are those with the smallest "
+                "error found; use fewer poles or zeros, or filter out what the model cannot follow",
+            )
         )
     if diagnostics["condition"] > 1.0 / _DEFICIENT:
         out.append(
-            f"{name}: the instruments are rank deficient (condition {diagnostics['condition']:.1e}): the data hold "
-            "fewer poles and zeros than asked for; lower them or excite a wider band"
+            doubt(
+                "not_told_apart",
+                f"{name}: the instruments are rank deficient (condition {diagnostics['condition']:.1e}): the data hold "
+                "fewer poles and zeros than asked for; lower them or excite a wider band",
+            )
         )
     if no_delay:
         out.append(
-            f"{name}: a refined delay ended at zero and was fixed there: there is no delay, or other terms of the "
-            "structure stand for it"
+            note(
+                "no_delay",
+                f"{name}: a refined delay ended at zero and was fixed there: there is no delay, or other terms of the "
+                "structure stand for it",
+            )
         )
     if diagnostics["residual_percent"] > 100.0 * _SILENT and diagnostics["white_probability"] < WHITE:
-        out.append(
-            f"{name}: the residuals are coloured (Ljung-Box probability {diagnostics['white_probability']:.1e}): "
+        errors_hold = (
             f"standard errors were corrected by a factor {diagnostics['error_factor']:.1f}; if the colour comes from a "
             "term that the model lacks, the coefficients are biased by more than they say"
+            if diagnostics["converged"]
+            else "the standard errors are not to be believed, because the iterations did not converge"
+        )
+        out.append(
+            doubt(
+                "coloured_residuals",
+                f"{name}: the residuals are coloured (Ljung-Box probability {diagnostics['white_probability']:.1e}): "
+                f"{errors_hold}",
+            )
         )
     return out
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.advice import as_json
 from testbench.core.errors import EstimationError, RecordError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.driven import output_rows, released
@@ -282,7 +283,7 @@ def description(model: IdentifiedModel) -> dict[str, Any]:
         "dt_s": model.dt_s,
         "settings": dict(model.settings),
         "status": model.status,
-        "advice": list(model.advice),
+        "advice": as_json(model.advice),
     }
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from testbench.core.advice import Advice, doubt
 from testbench.core.record import FlightRecord, FloatArray
 
 NEAR_PEAK = 0.3  # a pole within this share of the input's spectral peak may be the input's
@@ -46,7 +47,7 @@ def question_poles(
     known: FloatArray,
     records: Sequence[FlightRecord],
     inputs: Sequence[str],
-) -> list[str]:
+) -> list[Advice]:
     """Return a sentence for each reason to doubt that the data put the poles of ``output`` where they are.
 
     Args:
@@ -63,24 +64,33 @@ def question_poles(
         near = omega_rad_s[(np.abs(omega_rad_s - peak) <= NEAR_PEAK * peak) & (known > VAGUE)]
         if near.size:
             out.append(
-                f"{output}: poles at {_list(near)} rad/s lie within {100 * NEAR_PEAK:.0f} % "
-                f"of the peak of the spectrum of {given} ({peak:.2f} rad/s): the data, not the input, should decide "
-                "where they lie; check with an input of another spectrum"
+                doubt(
+                    "poles_at_input_peak",
+                    f"{output}: poles at {_list(near)} rad/s lie within {100 * NEAR_PEAK:.0f} % "
+                    f"of the peak of the spectrum of {given} ({peak:.2f} rad/s): the data, not the input, should "
+                    "decide where they lie; check with an input of another spectrum",
+                )
             )
     fast = omega_rad_s > PART_OF_NYQUIST * nyquist
     if fast.any():
         out.append(
-            f"{output}: poles at {_list(omega_rad_s[fast])} rad/s lie above half the Nyquist frequency "
-            f"({nyquist:.2f} rad/s): such poles come from noise and from holding the input; log faster or use fewer "
-            "poles"
+            doubt(
+                "beyond_nyquist",
+                f"{output}: poles at {_list(omega_rad_s[fast])} rad/s lie above half the Nyquist frequency "
+                f"({nyquist:.2f} rad/s): such poles come from noise and from holding the input; log faster or use "
+                "fewer poles",
+            )
         )
     low, high = excited_band(records, inputs)
     outside = ((omega_rad_s < low) | (omega_rad_s > high)) & ~fast
     if outside.any():
         out.append(
-            f"{output}: poles at {_list(omega_rad_s[outside])} rad/s lie outside the band {low:.2f} to {high:.2f} "
-            "rad/s that holds 99 % of the input's energy: they follow from the structure and the noise more than from "
-            "the data; excite that band or use fewer poles"
+            doubt(
+                "outside_band",
+                f"{output}: poles at {_list(omega_rad_s[outside])} rad/s lie outside the band {low:.2f} to {high:.2f} "
+                "rad/s that holds 99 % of the input's energy: they follow from the structure and the noise more than "
+                "from the data; excite that band or use fewer poles",
+            )
         )
     return out
 

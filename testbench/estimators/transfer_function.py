@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.advice import Advice, doubt, note
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
@@ -119,7 +120,6 @@ def estimate(
             "poles_without_continuous_counterpart": discrete,
             "input_peak_rad_s": spectral_peak(records, inputs[0]),
         },
-        status="warning" if advice else "good",
         advice=advice,
         numerators=np.array([np.pad(fit.b, (0, order - fit.b.size)) for fit in fits.values()]),
         denominators=np.array([np.pad(fit.a, (0, order + 1 - fit.a.size)) for fit in fits.values()]),
@@ -294,39 +294,54 @@ def _advice(
     inputs: Sequence[str],
     *,
     judged: bool,
-) -> tuple[str, ...]:
+) -> tuple[Advice, ...]:
     """Return what is doubtful and what to do about it, in sentences."""
     out = []
     if not judged:
         out.append(
-            "the number of zeros was chosen on the records it was fitted to, which favours more zeros; "
-            "give validation records"
+            note(
+                "structure_not_judged",
+                "the number of zeros was chosen on the records it was fitted to, which favours more zeros; "
+                "give validation records",
+            )
         )
     for name, fit in fits.items():
         if fit.taken < 1.0:
             out.append(
-                f"{name}: only {100 * fit.taken:.0f} % of its samples were taken, because the sensor is slower than "
-                "the log, and the others were interpolated; do not trust poles near the sensor's rate; decimate to "
-                "that rate"
+                doubt(
+                    "interpolated",
+                    f"{name}: only {100 * fit.taken:.0f} % of its samples were taken, because the sensor is slower "
+                    "than the log, and the others were interpolated; do not trust poles near the sensor's rate; "
+                    "decimate to that rate",
+                )
             )
         if fit.condition > 1.0 / _DEFICIENT:
             out.append(
-                f"{name}: the regression is rank deficient (condition {fit.condition:.1e}): "
-                "the data hold fewer poles than asked for; lower poles, decimate or excite a wider band"
+                doubt(
+                    "not_told_apart",
+                    f"{name}: the regression is rank deficient (condition {fit.condition:.1e}): "
+                    "the data hold fewer poles than asked for; lower poles, decimate or excite a wider band",
+                )
             )
         if discrete[name].size:
             z = ", ".join(f"{z.real:.3g}" for z in discrete[name])
             out.append(
-                f"{name}: discrete poles at {z} have no continuous counterpart: they model noise, not the aircraft; "
-                "use fewer poles"
+                doubt(
+                    "no_continuous_counterpart",
+                    f"{name}: discrete poles at {z} have no continuous counterpart: they model noise, not the "
+                    "aircraft; use fewer poles",
+                )
             )
         if fit.equation_error < _SILENT:
             continue
         if fit.white < _WHITE:
             out.append(
-                f"{name}: the equation errors are coloured (Ljung-Box probability {fit.white:.1e}), as noise on the "
-                "output makes them; the coefficients are biased, and their standard errors do not show it; low-pass "
-                "and decimate, or use an output-error method"
+                doubt(
+                    "coloured_residuals",
+                    f"{name}: the equation errors are coloured (Ljung-Box probability {fit.white:.1e}), as noise on "
+                    "the output makes them; the coefficients are biased, and their standard errors do not show it; "
+                    "low-pass and decimate, or use an output-error method",
+                )
             )
         poles = continuous_poles(discrete_poles(fit.a), records[0].dt_s)[0]
         omega = np.asarray(np.unique(np.round(np.abs(poles), 12)), np.float64)

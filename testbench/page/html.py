@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.page.words import Answer, Line, answer_lines, sentence
+from testbench.page.words import Answer, Line, advice_lines, answer_lines, sentence
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -63,18 +63,24 @@ def _environment() -> Environment:
     # The one script of a page: named by its hash, so that no other runs, not even one smuggled in by a text.
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     out.globals.update(sort_script=Markup(script), sort_hash=Markup(f"sha256-{digest}"), first_screen=first_screen)
+    out.globals.update(notes_of=notes_of, advice_lines=advice_lines)
     out.filters["sentence"] = sentence
     return out
 
 
 def first_screen(answer: Answer) -> tuple[list[Line], list[Line]]:
-    """Return the lines of an answer that stand above its figure, at least one, and those below it."""
-    lines = answer_lines(answer)
+    """Return the lines of an answer that stand above its figure, at least one, and those below it, without notes."""
+    lines = [line for line in answer_lines(answer) if line.kind != "note"]
     rows = np.cumsum([0.4 + math.ceil(len(line.text) / _LETTERS_PER_ROW) for line in lines])
     shown = max(1, int(np.count_nonzero(rows <= _ANSWER_ROWS)))
     if shown == len(lines) - 1 and rows[-1] <= _ANSWER_ROWS + 2.0:  # one short sentence is no continuation
         shown += 1
     return lines[:shown], lines[shown:]
+
+
+def notes_of(answer: Answer) -> list[str]:
+    """Return the notes of an answer."""
+    return [line.text for line in answer_lines(answer) if line.kind == "note"]
 
 
 def render(template: str, **context: Any) -> str:

@@ -57,6 +57,7 @@ def style() -> Any:
         "axes.titlesize": 9.0,
         "axes.titlelocation": "left",
         "axes.labelsize": 9.0,
+        "text.parse_math": False,  # a name with two dollar signs is a name
         "axes.labelcolor": INK,
         "axes.edgecolor": "#9aa1a9",
         "axes.linewidth": 0.7,

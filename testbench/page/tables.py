@@ -8,6 +8,7 @@ import json
 import math
 from dataclasses import dataclass, replace
 
+from testbench.core.escape import csv_cell
 from testbench.page.labels import number
 
 Value = str | float | int | bool | None
@@ -111,8 +112,8 @@ class Table:
         """Return the table as CSV with a header line; all digits of numbers, missing ones left empty."""
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
-        writer.writerow(self.heads())
-        writer.writerows([["" if _missing(v) else v for v in row] for row in self.rows])
+        writer.writerow([csv_cell(head) for head in self.heads()])
+        writer.writerows([[_written(v) for v in row] for row in self.rows])
         return out.getvalue()
 
     def to_json(self) -> str:
@@ -124,6 +125,10 @@ class Table:
             "rows": [{c.key: _json(v) for c, v in zip(self.columns, row, strict=True)} for row in self.rows],
         }
         return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _written(value: Value) -> Value:
+    return "" if _missing(value) else csv_cell(value) if isinstance(value, str) else value
 
 
 def _missing(value: Value) -> bool:

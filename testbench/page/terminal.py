@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from testbench.page.tables import Table
     from testbench.page.words import Answer
 
-_STYLES = {"lead": "bold", "doubt": "yellow"}
+_STYLES = {"lead": "bold", "wrong": "bold red", "doubt": "yellow"}
 
 
 def console() -> Any:
@@ -43,7 +43,7 @@ def stages() -> Iterator[Callable[[str], None]]:
 
 
 def print_answer(console: Console, answer: Answer) -> None:
-    """Print the sentences of an answer, one below the other: the lead in bold, doubts in yellow."""
+    """Print the sentences of an answer, one below the other, without notes: the lead in bold, doubts in yellow."""
     from rich.table import Table as Grid
     from rich.text import Text
 
@@ -51,7 +51,8 @@ def print_answer(console: Console, answer: Answer) -> None:
 
     grid = Grid.grid(padding=(0, 1))
     for kind, text in answer_lines(answer):
-        grid.add_row("-", Text(text, style=_STYLES.get(kind, "")))
+        if kind != "note":
+            grid.add_row("-", Text(text, style=_STYLES.get(kind, "")))
     console.print(grid)
 
 

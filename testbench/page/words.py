@@ -6,13 +6,20 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from testbench.core.advice import ranked
 from testbench.core.channels import CHANNELS
 
 _BEFORE_UNIT = re.compile(r"(\d) (%|rad/s|Hz|dB|s\b)")
 
 
+_RANK = {"wrong": "do not use: ", "doubt": "doubt: ", "note": ""}
+
+
 class Line(NamedTuple):
-    """One sentence of an answer: kind "lead" stands in bold, "doubt" is set off, "finding" is neither."""
+    """One sentence of an answer: kind "lead" stands in bold, "wrong" and "doubt" are set off, "finding" is not.
+
+    A "note" stands under a heading of its own on the page, and not on the terminal.
+    """
 
     kind: str
     text: str
@@ -26,6 +33,14 @@ def answer_lines(answer: Answer) -> list[Line]:
     """Return an answer as lines that are whole sentences; those without a kind are findings, the first the lead."""
     lines = [(("lead", "finding")[k > 0], s) if isinstance(s, str) else s for k, s in enumerate(answer)]
     return [Line(kind, sentence(text)) for kind, text in lines]
+
+
+def advice_lines(advice: Iterable[str]) -> list[Line]:
+    """Return advice as lines, the worst first, whose kinds are the severities; all but notes begin with that in words.
+
+    Advice that is given several times is said once.
+    """
+    return [Line(a.severity, _RANK[a.severity] + a) for a in ranked(dict.fromkeys(advice))]
 
 
 def sentence(text: str) -> str:

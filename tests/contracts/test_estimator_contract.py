@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from testbench.core.advice import OWN, Advice, status_of
 from testbench.core.errors import ChannelError, EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators import GIVES, METHODS, NEEDS, estimate
@@ -225,7 +226,26 @@ def test_status_goes_with_advice(method, noise):
         if noise < 3.0:
             raise
         return
-    assert (model.status == "warning") == bool(model.advice)
+    assert model.status == status_of(model.advice)
+    assert all(isinstance(a, Advice) and a.code != OWN for a in model.advice)
+
+
+# Noise biases what regresses on it: their doubts are right. These data hold no disturbances to estimate.
+BIASED_BY_NOISE = ("transfer_function", "equation_error")
+CLEAN = {**SPECS, "prediction_error": SPECS["prediction_error"].model_copy(update={"disturbances": False})}
+
+
+@METHOD
+def test_a_clean_fit_of_clean_data_is_good(method):
+    model = estimate(CLEAN[method], flights(method, 300, 200, noise=0.05), INPUTS, OUTPUTS, [flight(99)])
+    assert model.status == ("doubt" if method in BIASED_BY_NOISE else "good"), model.advice
+
+
+@METHOD
+def test_notes_are_given_once(method):
+    model = found_from(method, 300, 200, noise=0.05)
+    notes = [a for a in model.advice if a.severity == "note"]
+    assert len({a.code for a in notes}) == len(notes)
 
 
 @METHOD

@@ -121,6 +121,35 @@ def test_an_error_in_own_code_is_one_sentence_with_its_line(project, monkeypatch
         estimate(scenario.identification.estimators[0], [flight(1)], INPUTS, OUTPUTS)
 
 
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ('status="warning"', "argument 'status'.*leave status out: it follows from advice"),
+        ('advice="careful"', "advice of .* must be a tuple of sentences, got 'careful'"),
+        ("advice=(1,)", "must be a tuple of sentences"),
+    ],
+)
+def test_a_status_of_ones_own_is_refused(tmp_path, monkeypatch, more, said):
+    written("bring_an_estimator", tmp_path)
+    file = tmp_path / "my_method.py"
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace('method="my method",', f'method="my method", {more},'), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(EstimationError, match=said):
+        estimate("my_method.py:estimate", [flight(1)], INPUTS, OUTPUTS)
+
+
+def test_a_plain_sentence_is_a_doubt(tmp_path, monkeypatch):
+    written("bring_an_estimator", tmp_path)
+    file = tmp_path / "my_method.py"
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace('method="my method",', 'method="my method", advice=("careful",),'), encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    model = estimate("my_method.py:estimate", [flight(1)], INPUTS, OUTPUTS)
+    assert model.status == "doubt"
+    assert [(a, a.severity, a.code) for a in model.advice] == [("careful", "doubt", "own")]
+
+
 def test_from_python_the_file_is_found_where_one_works(tmp_path, monkeypatch):
     written("bring_an_estimator", tmp_path)
     monkeypatch.chdir(tmp_path)

@@ -130,7 +130,7 @@ def test_a_single_error_in_exact_data_is_recovered(short_flight, name):
     # 1e-6 of the error or 1e-7 in SI units (Runge-Kutta at 25 Hz). Delays interpolate between samples of a flight that
     # has kinks in its rates: 5e-6 s.
     assert result.values[name] == pytest.approx(SINGLE[name], rel=1e-6, abs=5e-6 if name.endswith("delay") else 1e-7)
-    assert result.status == "warning"
+    assert result.status != "good"
 
 
 def test_several_errors_at_once_are_recovered_with_every_error_asked_for(flight):

@@ -151,11 +151,12 @@ def test_frequencies_above_nyquist_and_on_a_pole_are_refused():
 
 
 def test_to_dict_is_json_and_complete():
-    m = model(stable(), settings={"order": None}, advice=("careful",), status="warning")
+    m = model(stable(), settings={"order": None}, advice=("careful",))
     back = json.loads(json.dumps(m.to_dict()))
     assert np.array_equal(np.array(back["A"]), m.A)
     assert back["outputs"] == ["alpha", "q", "V"]
-    assert back["advice"] == ["careful"]
+    assert back["status"] == "doubt"
+    assert back["advice"] == [{"severity": "doubt", "code": "own", "sentence": "careful"}]
     assert back["settings"] == {"order": None}
     assert np.array_equal(np.array(back["K"]), np.zeros((4, 3)))
 

@@ -160,7 +160,7 @@ def make_result(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., RunRe
             flights=flights,
             cases=(
                 case("eolo_no_alpha", ("q", "theta"), flights, 0.25),
-                case("eolo_alpha", ("alpha", "q", "theta"), flights, -0.1, advice=("doubt this.",), status="warning"),
+                case("eolo_alpha", ("alpha", "q", "theta"), flights, -0.1, advice=("doubt this.",)),
             ),
             truth=truth(),
             suites=(load_suite("eolo_no_alpha"), load_suite("eolo_alpha")),

@@ -134,7 +134,7 @@ def test_texts_from_scenarios_and_logs_stay_texts(show, make_result) -> None:
     base = make_result()
     source = base.source.model_copy(update={"title": HOSTILE, "question": HOSTILE})
     flights = tuple(replace(f, name=f"{f.name} {HOSTILE}") for f in base.flights)
-    model = replace(base.cases[0].model, advice=(HOSTILE,), settings={HOSTILE: HOSTILE}, status="warning")
+    model = replace(base.cases[0].model, advice=(HOSTILE,), settings={HOSTILE: HOSTILE})
     cases = (replace(base.cases[0], model=model, suite=HOSTILE), *base.cases[1:])
     hostile = replace(
         base, name=HOSTILE, title=HOSTILE, question=HOSTILE, source=source, flights=flights, cases=cases

@@ -64,7 +64,7 @@ def parametric(module: Any, **settings: Any) -> Method:
         free, errors = np.flatnonzero(structure.free), np.sqrt(np.diag(model.covariance))
         for i in free:
             out[f"derivatives: {structure.parameter_names[i]}"] = (float(model.params[i]), float(errors[i]))
-        return Found(out, model.status == "warning")
+        return Found(out, model.status != "good")
 
     return run
 
@@ -90,7 +90,7 @@ def subspace(method: str, replicas: int = 0) -> Method:
                 }
             else:
                 told = {"wn": float(d["wn_std"][at[0]]), "zeta": float(d["zeta_std"][at[0]])}
-        return Found(_of_poles(pair, case.true, told), model.status == "warning")
+        return Found(_of_poles(pair, case.true, told), model.status != "good")
 
     return run
 
@@ -104,7 +104,7 @@ def refined(disturbances: bool) -> Method:
         (poles,) = model.poles().values()
         pair = closest(poles, case.pair)
         rows = [(a.pole, a.wn_std, a.zeta_std, a.real_std) for a in model.diagnostics["pole_accuracy"]]
-        return Found(_of_poles(pair, case.true, _told(pair, rows)), model.status == "warning")
+        return Found(_of_poles(pair, case.true, _told(pair, rows)), model.status != "good")
 
     return run
 
@@ -123,13 +123,13 @@ def _continuous(model: Any, output: str, case: Case) -> Found:
     pair = closest(model.poles()[output], case.pair)
     rows = [(m.pole, m.wn_error_rad_s, m.zeta_error, m.wn_error_rad_s) for m in model.modes()[output]]
     told = {q: s for q, s in _told(pair, rows).items() if np.isfinite(s)} if np.size(model.covariance) else {}
-    return Found(_of_poles(pair, case.true, told), model.status == "warning")
+    return Found(_of_poles(pair, case.true, told), model.status != "good")
 
 
 def transfer(case: Case, records: list[FlightRecord]) -> Found:
     """Return the short period of the least-squares transfer function to q alone."""
     model = transfer_function.estimate(records, ("de",), ("q",), poles=4, zeros=(3,))
-    return Found(_of_poles(closest(model.poles()["q"], case.pair), case.true, {}), model.status == "warning")
+    return Found(_of_poles(closest(model.poles()["q"], case.pair), case.true, {}), model.status != "good")
 
 
 def instruments(case: Case, records: list[FlightRecord]) -> Found:
@@ -167,7 +167,7 @@ def _regressed(kind: str, quiet: bool) -> Method:
         for term, value, error in zip(result.terms, last, std, strict=True):
             if term in TERMS:
                 out[f"derivatives: M_{term}"] = (float(value), float(error))
-        return Found(out, result.status == "warning")
+        return Found(out, result.status != "good")
 
     return run
 
@@ -210,7 +210,7 @@ def _response(windowed: bool) -> Method:
             for f, h, true, e in zip(LINES / PERIOD_S, H, case.response[:, i], error, strict=True):
                 out[f"gain: {output}, {f:.1f} Hz"] = (float(np.abs(h)), float(e * np.abs(h)))
                 out[f"phase: {output}, {f:.1f} Hz"] = (float(np.angle(h / true)), float(e))
-        return Found(out, r.status == "warning")
+        return Found(out, r.status != "good")
 
     return run
 
@@ -241,7 +241,7 @@ def compatibility(case: Case, records: list[FlightRecord]) -> Found:
     }
     for e in found.tested:
         values[f"tested instrument errors: {e.name}"] = (e.estimate, e.standard_error)
-    return Found(values, found.status == "warning")
+    return Found(values, found.status != "good")
 
 
 LONGITUDINAL: dict[str, Method] = {

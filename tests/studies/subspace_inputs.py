@@ -80,7 +80,7 @@ def ours(method: str, z: Data, block: int) -> Answer:
     except EstimationError:
         return None, True
     (poles,) = model.poles().values()
-    return poles, model.status == "warning"
+    return poles, model.status != "good"
 
 
 def quietly(action: Callable[[], np.ndarray], dt: float) -> Answer:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from testbench.core.advice import Advice, note
 from testbench.core.constants import DEG_RAD
 from testbench.estimators.compatibility.fit import Stretch
 from testbench.estimators.parametric.kinematics import KinematicStructure
@@ -20,7 +21,7 @@ def noise_std(stretches: Sequence[Stretch], column: int, of_inputs: bool = True)
     return float(np.sqrt(np.mean(np.concatenate(data) ** 2) / 20.0))
 
 
-def too_long(structure: KinematicStructure, stretches: Sequence[Stretch], dt_s: float) -> list[str]:
+def too_long(structure: KinematicStructure, stretches: Sequence[Stretch], dt_s: float) -> list[Advice]:
     """Return in words where records are long for output error, which takes rates and accelerations as exact.
 
     White noise of standard deviation s in the samples of a rate makes the angle drift by s sqrt(dt T) after T, and
@@ -47,7 +48,8 @@ def too_long(structure: KinematicStructure, stretches: Sequence[Stretch], dt_s: 
                 )
     if not drifts:
         return []
-    return [
+    said = (
         f"records of {T:.0f} s are long for output error, because noise of the rates adds up: {'; '.join(drifts)}; the "
         "standard errors allow for it, and shorter records would make them smaller"
-    ]
+    )
+    return [note("long_records", said)]

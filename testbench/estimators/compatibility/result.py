@@ -6,11 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from testbench.core.advice import Advised, as_json
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.model import Status
 from testbench.estimators.parametric.kinematics import (
     KinematicStructure,
 )
+
+INSTRUMENT_ERROR = "instrument_error"
+"""The code of the advice that names one error."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class InstrumentError:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class DataCompatibility:
+class DataCompatibility(Advised):
     """What the kinematics say about the instruments of one or several records.
 
     Attributes:
@@ -48,7 +51,7 @@ class DataCompatibility:
         residual_before, residual_after: output -> rms of measured minus rebuilt, SI, all records; before with no error
             allowed for, after with ``errors``.
         settings, diagnostics: the settings, and how the search went.
-        status: "good" if no error is significant and nothing is doubtful, else "warning" with ``advice``.
+        advice: the errors found and what is doubtful, see :mod:`testbench.core.advice`; ``status`` follows from it.
     """
 
     structure: KinematicStructure
@@ -61,7 +64,6 @@ class DataCompatibility:
     residual_after: Mapping[str, float]
     settings: Mapping[str, Any] = field(default_factory=dict)
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
-    status: Status = "good"
     advice: tuple[str, ...] = ()
 
     @property
@@ -88,5 +90,5 @@ class DataCompatibility:
             "settings": dict(self.settings),
             "diagnostics": dict(self.diagnostics),
             "status": self.status,
-            "advice": list(self.advice),
+            "advice": as_json(self.advice),
         }

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares
 
+from testbench.core.advice import Advice, doubt, wrong
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
@@ -177,7 +178,6 @@ def fit_equivalent(
             "band_rad_s": [float(part.omega_rad_s[0]), float(part.omega_rad_s[-1])],
         },
         diagnostics=notes,
-        status="warning" if advice else "good",
         advice=tuple(advice),
         numerators=numerators,
         denominators=denominators,
@@ -326,29 +326,41 @@ def _errors(problem: Problem, x: FloatArray, J: FloatArray, w0: float) -> tuple[
     return covariance * np.outer(unit, unit), notes
 
 
-def _advice(name: str, note: Mapping[str, float], a: FloatArray, part: FrequencyResponse) -> list[str]:
+def _advice(name: str, note: Mapping[str, float], a: FloatArray, part: FrequencyResponse) -> list[Advice]:
     out = []
     low, high = float(part.omega_rad_s[0]), float(part.omega_rad_s[-1])
     if note["cost"] > _POOR:
         out.append(
-            f"{name}: the mean cost {note['cost']:.0f} exceeds {_POOR:.0f}: no equivalent of this order fits; raise "
-            "the order, narrow the band, or allow a delay"
+            wrong(
+                "no_fit",
+                f"{name}: the mean cost {note['cost']:.0f} exceeds {_POOR:.0f}: no equivalent of this order fits; "
+                "raise the order, narrow the band, or allow a delay",
+            )
         )
     elif 4.0 < note["misfit_ratio"] < np.inf:
         out.append(
-            f"{name}: the misfit is {note['misfit_ratio']:.1f} times what the random error explains, and standard "
-            "errors were raised for it: the structure lacks something that the data show"
+            doubt(
+                "structure_lacks",
+                f"{name}: the misfit is {note['misfit_ratio']:.1f} times what the random error explains, and standard "
+                "errors were raised for it: the structure lacks something that the data show",
+            )
         )
     if note["condition"] > 1e7:
         out.append(
-            f"{name}: the unknowns cannot be told apart (condition {note['condition']:.1e}): use fewer poles, zeros or "
-            "delays"
+            doubt(
+                "not_told_apart",
+                f"{name}: the unknowns cannot be told apart (condition {note['condition']:.1e}): use fewer poles, "
+                "zeros or delays",
+            )
         )
     sizes = np.abs(np.roots(a))
     outside = sizes[(sizes < low) | (sizes > high)]
     if outside.size and note["misfit_ratio"] != 1.0:
         out.append(
-            f"{name}: poles at {', '.join(f'{w:.2f}' for w in outside)} rad/s lie outside the fitted band {low:.2f} to "
-            f"{high:.2f} rad/s: the fit extrapolates; widen the band or fix the order lower"
+            doubt(
+                "outside_band",
+                f"{name}: poles at {', '.join(f'{w:.2f}' for w in outside)} rad/s lie outside the fitted band "
+                f"{low:.2f} to {high:.2f} rad/s: the fit extrapolates; widen the band or fix the order lower",
+            )
         )
     return out

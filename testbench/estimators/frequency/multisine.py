@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.advice import Advice, doubt, note
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
@@ -23,6 +24,7 @@ _STANDS_OUT = 5.0  # and if it stands this many standard deviations above the no
 _RANK = 1e-6  # smallest singular value of the inputs at a line, of the largest, that still tells them apart
 _NEIGHBOURS = 5  # detection lines averaged into one level of distortion
 _OTHER_PHASES = 0.3  # rad, root mean square; records closer than this repeat each other
+_BENT = 0.05  # share of nonlinear distortion in the response from which on it is a doubt (judgement)
 _TRANSIENT = 3.0  # first period against the others, in units of their noise power
 
 
@@ -222,7 +224,6 @@ def _at_lines(
             "interval_factor": interval_factor(2.0 * float(np.sum(periods - 1))),
             **{key: dict(zip(outputs, values, strict=True)) for key, values in found.items()},
         },
-        status="warning" if advice else "good",
         advice=advice,
     )
 
@@ -311,7 +312,7 @@ def _advice(
     bent: FloatArray | None,
     noise: FloatArray,
     H: ComplexArray,
-) -> tuple[str, ...]:
+) -> tuple[Advice, ...]:
     out = []
     for i, name in enumerate(outputs):
         worst = 0.0
@@ -325,14 +326,18 @@ def _advice(
                     worst = max(worst, float(got / max(expected, 1e-300)))
         if worst > _TRANSIENT:
             out.append(
-                f"{name}: the first period that was used differs from the others by {worst:.0f} times their "
-                "noise power: the transient has not decayed; raise drop_periods"
+                doubt(
+                    "transient",
+                    f"{name}: the first period that was used differs from the others by {worst:.0f} times their "
+                    "noise power: the transient has not decayed; raise drop_periods",
+                )
             )
         if bent is not None and np.sum(bent[:, i]) > 10.0 * np.sum(noise[:, i]):
             share = np.sqrt(np.sum(bent[:, i]) / np.sum(np.abs(H[:, i]) ** 2))
             if share > 1e-3:
-                out.append(
+                said = (
                     f"{name}: nonlinear distortion ({100.0 * share:.1f} % of the response) exceeds the noise: H is the "
                     "best linear approximation at this amplitude; more periods do not help, but other phases do"
                 )
+                out.append((doubt if share > _BENT else note)("distortion", said))
     return (*out, *approximate("frequency response, multisine"))

@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from testbench.core.advice import Advised, as_json
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
-from testbench.estimators.model import ComplexArray, Status
+from testbench.estimators.model import ComplexArray
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FrequencyResponse:
+class FrequencyResponse(Advised):
     """H(jw) from inputs to outputs at some frequencies, and how well each value is known.
 
     Attributes:
@@ -32,8 +33,7 @@ class FrequencyResponse:
         dt_s: sample time of the records, s.
         method: the function that made it.
         diagnostics: what it saw on the way.
-        status: "good", or "warning" with ``advice``.
-        advice: sentences that say what is doubtful and what to do about it.
+        advice: what is wrong or doubtful and what to do about it; ``status`` follows from it.
     """
 
     omega_rad_s: FloatArray
@@ -50,7 +50,6 @@ class FrequencyResponse:
     noise_variance: FloatArray | None = None
     distortion_variance: FloatArray | None = None
     diagnostics: Mapping[str, Any] = field(default_factory=dict)
-    status: Status = "good"
     advice: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -126,7 +125,7 @@ class FrequencyResponse:
             "dt_s": self.dt_s,
             "H": {"real": self.H.real.tolist(), "imag": self.H.imag.tolist()},
             "status": self.status,
-            "advice": list(self.advice),
+            "advice": as_json(self.advice),
         }
 
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.core.advice import Advice, doubt
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.coverage import approximate
@@ -245,7 +246,6 @@ def _combine(
             "interval_factor": _few_averages(float(counts.mean()) - m),
             "averages": {f"{n * dt_s:g}": part.averages for n, part in zip(lengths, parts, strict=True)},
         },
-        status="warning" if advice else "good",
         advice=advice,
     )
 
@@ -270,27 +270,36 @@ def _advice(
     among: FloatArray,
     omega: FloatArray,
     parts: list[_Spectra],
-) -> tuple[str, ...]:
+) -> tuple[Advice, ...]:
     out = []
     m = len(inputs)
     for i, name in enumerate(outputs):
         low = coherence[:, i] < _COHERENT
         if low.any():
             out.append(
-                f"{name}: coherence lies below {_COHERENT:g} at {100 * low.mean():.0f} % of the frequencies "
-                f"({omega[low][0]:.3g} to {omega[low][-1]:.3g} rad/s): noise, an input that is not named, or "
-                "nonlinearity; use the response elsewhere, or excite that band"
+                doubt(
+                    "low_coherence",
+                    f"{name}: coherence lies below {_COHERENT:g} at {100 * low.mean():.0f} % of the frequencies "
+                    f"({omega[low][0]:.3g} to {omega[low][-1]:.3g} rad/s): noise, an input that is not named, or "
+                    "nonlinearity; use the response elsewhere, or excite that band",
+                )
             )
     if (among > _CORRELATED).any():
         out.append(
-            f"inputs {', '.join(inputs)} are correlated (coherence above {_CORRELATED:g} at "
-            f"{100 * np.mean(among > _CORRELATED):.0f} % of the frequencies): their responses are hard to tell apart; "
-            "excite them one after the other"
+            doubt(
+                "correlated_inputs",
+                f"inputs {', '.join(inputs)} are correlated (coherence above {_CORRELATED:g} at "
+                f"{100 * np.mean(among > _CORRELATED):.0f} % of the frequencies): their responses are hard to tell "
+                "apart; excite them one after the other",
+            )
         )
     few = min(part.averages for part in parts)
     if few < 2.0 * m + 3.0:
         out.append(
-            f"the spectra rest on only {few:.1f} independent averages: coherence is too high by up to about "
-            f"{min(1.0, m / few):.2f} and the random error too small; shorten the window or give more data"
+            doubt(
+                "few_data",
+                f"the spectra rest on only {few:.1f} independent averages: coherence is too high by up to about "
+                f"{min(1.0, m / few):.2f} and the random error too small; shorten the window or give more data",
+            )
         )
     return (*out, *approximate("frequency response, windowed"))

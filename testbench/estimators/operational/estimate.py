@@ -106,7 +106,6 @@ def estimate(
             "decimated": stride,
             "criteria": asdict(criteria),
         },
-        status="warning" if advice else "good",
         advice=advice,
     )
 

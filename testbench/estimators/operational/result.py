@@ -8,8 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from testbench.core.advice import Advice, Advised, as_json
 from testbench.core.record import FloatArray
-from testbench.estimators.model import ComplexArray, Status
+from testbench.estimators.model import ComplexArray
 from testbench.estimators.operational.stabilise import OrderView
 
 METHOD = "ssi_cov"
@@ -36,7 +37,7 @@ class OperationalMode:
     shape: ComplexArray
     scaled_shape: ComplexArray
     orders: tuple[int, ...]
-    remarks: tuple[str, ...] = ()
+    remarks: tuple[Advice, ...] = ()
 
     @property
     def frequency_hz(self) -> float:
@@ -50,7 +51,7 @@ class OperationalMode:
 
 
 @dataclass(frozen=True, eq=False)
-class OperationalModes:
+class OperationalModes(Advised):
     """Modes of outputs alone, identified without any input.
 
     Attributes:
@@ -64,8 +65,7 @@ class OperationalModes:
         singular_values: of the block Hankel matrix.
         spectrum: (k, 2) frequency in Hz, and the mean spectral density of the scaled outputs in 1/Hz.
         settings: as JSON values.
-        status: "good", or "warning" with ``advice``.
-        advice: sentences that say what is doubtful and what to do about it.
+        advice: what is wrong or doubtful and what to do about it; ``status`` follows from it.
 
     An interval of 95 % is the value plus and minus ``quantile`` standard deviations.
     """
@@ -80,7 +80,6 @@ class OperationalModes:
     singular_values: FloatArray
     spectrum: FloatArray
     settings: Mapping[str, Any] = field(default_factory=dict)
-    status: Status = "good"
     advice: tuple[str, ...] = ()
     method: str = METHOD
 
@@ -118,5 +117,5 @@ class OperationalModes:
             ],
             "singular_values": self.singular_values.tolist(),
             "status": self.status,
-            "advice": list(self.advice),
+            "advice": as_json(self.advice),
         }

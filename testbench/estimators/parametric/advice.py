@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from testbench.core.advice import Advice, doubt, wrong
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import LinearStructure
 
@@ -17,6 +18,7 @@ _TOGETHER = 0.98  # correlation beyond which two estimates stand for one another
 _VAGUE = 0.5  # standard error relative to the value
 _EXACT = 1e-9  # median standard error relative to the value below which the records are free of noise
 _COLOURED = 1e-3  # false-alarm probability of the whiteness test
+_WHY = {"not_converged": "the search did not converge", "on_bound": "{} ended on a bound"}
 
 
 def null_directions(J: FloatArray, size: FloatArray, names: Sequence[str]) -> str:
@@ -30,17 +32,27 @@ def null_directions(J: FloatArray, size: FloatArray, names: Sequence[str]) -> st
 
 
 def advice_in_words(model: Any) -> Any:
-    """Return the ParametricModel with one sentence per doubt that its diagnostics give rise to, and its status."""
-    found, out = model.diagnostics, []
+    """Return the ParametricModel with one piece of advice per doubt that its diagnostics give rise to."""
+    found = model.diagnostics
+    out: list[Advice] = []
     names = [p.name for p in model.structure.parameters if p.free]
     free = model.structure.free
     values, errors = model.params[free], np.sqrt(np.diag(model.covariance))[free]
     if not found["converged"]:
-        out.append("the search did not converge: take other start values, fewer free parameters or more iterations")
+        out.append(
+            wrong(
+                "not_converged",
+                "the search did not converge: do not believe the estimates; take other start values, fewer free "
+                "parameters or more iterations",
+            )
+        )
     if found["at_bound"]:
         out.append(
-            f"{', '.join(found['at_bound'])} ended on a bound: the bound sets the value, not the data, and it has no "
-            "standard error; widen the bound, or find out why the data lead beyond it"
+            wrong(
+                "on_bound",
+                f"{', '.join(found['at_bound'])} ended on a bound: the bound sets the value, not the data, and it has "
+                "no standard error; widen the bound, or find out why the data lead beyond it",
+            )
         )
     # What is left of trim values may well be nothing; and rounding of noise-free records says nothing of a true zero.
     linear = isinstance(model.structure, LinearStructure)
@@ -51,26 +63,47 @@ def advice_in_words(model: Any) -> Any:
         if noisy and e > _VAGUE * abs(v) and e > 0.0 and not (linear and n.endswith("_0"))
     ]
     if vague:
-        out.append(f"these data say little about {', '.join(vague)}: fix them at a believed value, or excite them more")
+        out.append(
+            doubt(
+                "weakly_identifiable",
+                f"these data say little about {', '.join(vague)}: fix them at a believed value, or excite them more",
+            )
+        )
     fast = [abs(s) for s in np.linalg.eigvals(model.linear().A) if abs(s) > np.pi / model.dt_s]
     if fast:
         out.append(
-            f"poles of {', '.join(f'{w:.4g}' for w in fast)} rad/s lie beyond the Nyquist frequency of "
-            f"{np.pi / model.dt_s:.4g} rad/s: these samples show only that they are fast; fix the parameters that make "
-            "them so"
+            doubt(
+                "beyond_nyquist",
+                f"poles of {', '.join(f'{w:.4g}' for w in fast)} rad/s lie beyond the Nyquist frequency of "
+                f"{np.pi / model.dt_s:.4g} rad/s: these samples show only that they are fast; fix the parameters that "
+                "make them so",
+            )
         )
     correlation = np.abs(np.triu(found["correlation"], 1))
     pairs = [f"{names[i]} and {names[j]} ({correlation[i, j]:.3f})" for i, j in np.argwhere(correlation > _TOGETHER)]
     if pairs:
         out.append(
-            f"these data cannot tell these estimates apart (correlation): {', '.join(pairs)}; fix one of each pair, or "
-            "excite them separately"
+            doubt(
+                "correlated_estimates",
+                f"these data cannot tell these estimates apart (correlation): {', '.join(pairs)}; fix one of each "
+                "pair, or excite them separately",
+            )
         )
     coloured = [o for o, p in zip(model.outputs, found["whiteness_p"], strict=True) if p < _COLOURED]
     if coloured:
         factor = float(np.max(found["error_inflation"]))
-        out.append(
-            f"the residuals of {', '.join(coloured)} are not white (turbulence, filtered noise or something missing in "
-            f"the model): standard errors are corrected for it, by up to a factor {factor:.2g}"
+        # a correction of errors that are not to be believed would lend them weight
+        why = [_WHY[a.code].format(", ".join(found["at_bound"])) for a in out if a.code in _WHY]
+        errors_hold = (
+            f"the standard errors are not to be believed, because {' and '.join(why)}"
+            if why
+            else f"standard errors are corrected for it, by up to a factor {factor:.2g}"
         )
-    return replace(model, status="warning" if out else "good", advice=tuple(out))
+        out.append(
+            doubt(
+                "coloured_residuals",
+                f"the residuals of {', '.join(coloured)} are not white (turbulence, filtered noise or something "
+                f"missing in the model): {errors_hold}",
+            )
+        )
+    return replace(model, advice=tuple(out))

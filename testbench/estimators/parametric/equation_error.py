@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.advice import doubt
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
@@ -39,9 +40,10 @@ from testbench.estimators.settings import EquationError
 _STEPS = 20
 _QUIET = 1e-2  # noise of a state below this share of its motion does not bias anything worth mentioning
 _STILL = 1e-10  # relative change of the parameters, in standard errors, that ends the steps
-_BIASED = (
+_BIASED = doubt(
+    "noisy_terms",
     "noise of the measured states biases equation error, and the standard errors do not show that bias; refine the "
-    "estimate by output error"
+    "estimate by output error",
 )
 
 
@@ -248,4 +250,4 @@ def _model(
     said = replace(advice_in_words(replace(model, outputs=structure.states)), outputs=structure.outputs)
     if not any(d.noisy for d in data):
         return said
-    return replace(said, status="warning", advice=(*said.advice, _BIASED, *approximate("equation_error")))
+    return replace(said, advice=(*said.advice, _BIASED, *approximate("equation_error")))

@@ -29,6 +29,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from testbench.core.advice import doubt, note
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
@@ -244,21 +245,30 @@ def _with_filter_advice(model: ParametricModel) -> ParametricModel:
     ]
     if worse:
         out.append(
-            f"without its filter the model follows the records less well than the start values do: {', '.join(worse)}; "
-            "the process noise may explain what the model should explain; compare with output error, or give process "
-            "noise to other states"
+            doubt(
+                "free_run",
+                "without its filter the model follows the records less well than the start values do: "
+                f"{', '.join(worse)}; the process noise may explain what the model should explain; compare with output "
+                "error, or give process noise to other states",
+            )
         )
     if found["kc_eigenvalue"] > _BELIEVED:
         out.append(
-            "the filter follows some channel nearly without reserve (largest eigenvalue of K C "
-            f"{found['kc_eigenvalue']:.4f}): that channel may be smoothed, or computed from others; try without it"
+            doubt(
+                "filter_follows_sensor",
+                "the filter follows some channel nearly without reserve (largest eigenvalue of K C "
+                f"{found['kc_eigenvalue']:.4f}): that channel may be smoothed, or computed from others; try without it",
+            )
         )
     if found["process_noise"] and len(found["process_noise_absent"]) == len(found["process_noise"]):
-        out.append("the process noise cannot be told from zero: output error gives the same with fewer unknowns")
+        out.append(
+            note(
+                "no_process_noise",
+                "the process noise cannot be told from zero: output error gives the same with fewer unknowns",
+            )
+        )
     out.extend(approximate("filter_error"))
-    if not out:
-        return model
-    return replace(model, status="warning", advice=(*model.advice, *out))
+    return replace(model, advice=(*model.advice, *out))
 
 
 def predict(model: ParametricModel, record: FlightRecord) -> tuple[FloatArray, FloatArray]:

@@ -17,6 +17,7 @@ from testbench.core.record import FloatArray
 
 _POOR, _FINE = 0.25, 0.75  # real over predicted fall of the cost
 _ROUNDING = 1e-11  # of the cost
+_NEAR = 0.1  # standard errors: a search that ends nearer to its minimum than this has found it (judged)
 Problem = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Point (k,) -> weighted residuals r (N,) and their Jacobian dr/dpoint (N, k); r not finite where the point is bad."""
 
@@ -41,8 +42,11 @@ def minimise(
     quarter of the fall that the linear model predicts, and falls after one that gave more than three quarters of it
     (J. J. More, 1978).
 
+    A search that runs out of steps has converged all the same if no estimate is farther from the minimum of the linear
+    model than a tenth of its standard error: its last steps then lie far below what the data can tell.
+
     Args:
-        problem: point -> residuals and their Jacobian.
+        problem: point -> residuals, in units of their standard deviation, and their Jacobian.
         start: where the search starts.
         low: bounds below; a parameter on its bound stays while the gradient points outwards.
         high: bounds above.
@@ -95,4 +99,7 @@ def minimise(
         if not accepted:  # no descent left within rounding
             converged = promised <= 1e-6 * cost
             break
+    if not converged and np.any(~held):
+        triangle = np.asarray(np.linalg.qr(np.column_stack([J[:, ~held], r]), mode="r"))
+        converged = float(np.linalg.norm(triangle[: int(np.sum(~held)), -1])) <= _NEAR
     return Minimum(point, cost, np.asarray(np.linalg.qr(J, mode="r")), iterations, converged, held)

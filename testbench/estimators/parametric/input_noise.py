@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dtrtri
 
+from testbench.core.advice import doubt
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import check_records
@@ -229,10 +230,11 @@ def _model(
     model = advice_in_words(model)
     p = whiteness([white], [seen.valid], np.std(white, axis=0), np.eye(sigma.size))
     coloured = [o for o, value in zip(structure.outputs, p, strict=True) if value < _COLOURED]
-    said = (
+    said = doubt(
+        "coloured_residuals",
         f"the residuals of {', '.join(coloured)} are not white even when weighed (turbulence, a flight that is not "
-        "linear, or something missing in the model): the standard errors do not hold"
+        "linear, or something missing in the model): the standard errors do not hold",
     )
     diagnostics = {**model.diagnostics, "whiteness_p": p}
     advice = (*model.advice, said) if coloured else model.advice
-    return replace(model, diagnostics=diagnostics, advice=advice, status="warning" if advice else "good")
+    return replace(model, diagnostics=diagnostics, advice=advice)

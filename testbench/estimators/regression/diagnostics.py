@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.core.advice import Advice, doubt
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.estimators.coverage import approximate
@@ -97,7 +98,7 @@ def advise(
     std: FloatArray,
     r2: float,
     found: Diagnostics,
-) -> tuple[str, ...]:
+) -> tuple[Advice, ...]:
     """Return what is doubtful about a fit and what to do about it, in sentences."""
     out = []
     moving = [name for name in names if name != BIAS]
@@ -106,35 +107,47 @@ def advise(
             row = np.abs(found.correlation[moving.index(name)]) - np.eye(len(moving))[moving.index(name)]
             partner = moving[int(np.argmax(row))]
             out.append(
-                f"{name}: nearly a combination of the other terms (variance inflation {found.vif[i]:.0f}, most like "
-                f"{partner}, correlation {row.max():.3f}), so that its estimate depends on theirs; excite them "
-                "separately, fix one by a prior or leave one out"
+                doubt(
+                    "collinear_terms",
+                    f"{name}: nearly a combination of the other terms (variance inflation {found.vif[i]:.0f}, most "
+                    f"like {partner}, correlation {row.max():.3f}), so that its estimate depends on theirs; excite "
+                    "them separately, fix one by a prior or leave one out",
+                )
             )
     for i, name in enumerate(names):
         if name != BIAS and abs(theta[i]) < _T * std[i]:
             out.append(
-                f"{name}: {theta[i]:.3g} is within two standard errors ({std[i]:.2g}) of zero: these data do not "
-                "decide it; excite it more or leave it out"
+                doubt(
+                    "weakly_identifiable",
+                    f"{name}: {theta[i]:.3g} is within two standard errors ({std[i]:.2g}) of zero: these data do not "
+                    "decide it; excite it more or leave it out",
+                )
             )
     biased = False
     for name, share in _attenuation(records, names, found).items():
         if share > _ATTENUATION:
             out.append(
-                f"{name}: noise in the signal draws its estimate towards zero by about {100 * min(share, 1.0):.0f} %; "
-                "smooth the record first or regress in the frequency domain over the band of the manoeuvre"
+                doubt(
+                    "noisy_terms",
+                    f"{name}: noise in the signal draws its estimate towards zero by about {100 * min(share, 1.0):.0f} "
+                    "%; smooth the record first or regress in the frequency domain over the band of the manoeuvre",
+                )
             )
             biased = True
     if biased:
         out.extend(approximate("regression", "standard errors do not count noise in the terms, and"))
     if r2 < _R2:
         out.append(
-            f"{target}: the terms explain {100 * max(r2, 0.0):.0f} % of it; look for terms that are missing, "
-            "or for more excitation"
+            doubt(
+                "little_explained",
+                f"{target}: the terms explain {100 * max(r2, 0.0):.0f} % of it; look for terms that are missing, "
+                "or for more excitation",
+            )
         )
     return tuple(out)
 
 
-def noisy_terms(records: Sequence[RegressionData], names: Sequence[str]) -> tuple[str, ...]:
+def noisy_terms(records: Sequence[RegressionData], names: Sequence[str]) -> tuple[Advice, ...]:
     """Return, for a regression over a band, how far its errors can be believed if a term holds much noise."""
     for name in names:
         if len(factors(name)) != 1 or factors(name)[0][1] != 1:
@@ -142,9 +155,8 @@ def noisy_terms(records: Sequence[RegressionData], names: Sequence[str]) -> tupl
         for record in records:
             y = record[name][record.sampled([name])]
             if y.size >= _LEAST and noise_level(y) > _NOISY * float(np.std(y)):
-                return approximate(
-                    "regression", f"noise in {name} biases the estimates, standard errors do not count it, and the"
-                )
+                of = f"noise in {name} biases the estimates, standard errors do not count it, and the"
+                return tuple(doubt("noisy_terms", said) for said in approximate("regression", of))
     return ()
 
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.advice import doubt
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.estimators.regression.data import BIAS, RegressionData, check_terms, factors
@@ -83,8 +84,11 @@ def equation_error(
     r2 = 1.0 - float(v @ v) / energy if energy > 0.0 else 0.0
     found = advise(records, target, names, theta, std, r2, diagnostics)
     found += tuple(
-        f"{name}: data and prior differ by {far:.1f} standard deviations of their difference; check the units and sign "
-        "of the prior, or look for effects that are missing"
+        doubt(
+            "prior_conflict",
+            f"{name}: data and prior differ by {far:.1f} standard deviations of their difference; check the units and "
+            "sign of the prior, or look for effects that are missing",
+        )
         for name, far in zip(names, conflict, strict=True)
         if far > _CONFLICT
     )
@@ -111,7 +115,6 @@ def equation_error(
             "finite_record": finite_record,
             "records": len(records),
         },
-        status="warning" if found else "good",
         advice=found,
     )
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.core.advice import Advice, doubt
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.estimators.model import ComplexArray
@@ -94,10 +95,11 @@ def frequency_equation_error(
     advice = advise([], target, names, fit.theta, std, fit.r2, found)
     taken = float(np.mean(np.concatenate([record.sampled([target, *names]) for record in records])))
     if taken < 1.0 - _INTERPOLATED:
-        advice += (
+        said = (
             f"{target}: {100 * (1 - taken):.0f} % of the samples were not taken but interpolated, which lowers "
-            "amplitudes near the sensors' rates; keep the band well below these rates",
+            "amplitudes near the sensors' rates; keep the band well below these rates"
         )
+        advice += (doubt("interpolated", said),)
     advice += noisy_terms(records, names)
     advice += _uneven(target, [np.abs(y - x @ fit.theta) ** 2 for x, y in zip(rows, goals, strict=True)], weights)
     return RegressionResult(
@@ -119,12 +121,11 @@ def frequency_equation_error(
         band_hz=(low, high),
         recipe=records[0].recipe,
         settings={"step_hz": step_hz, "records": len(records)},
-        status="warning" if advice else "good",
         advice=advice,
     )
 
 
-def _uneven(target: str, power: Sequence[FloatArray], weights: Sequence[FloatArray]) -> tuple[str, ...]:
+def _uneven(target: str, power: Sequence[FloatArray], weights: Sequence[FloatArray]) -> tuple[Advice, ...]:
     """Return advice if the residuals' power differs between the halves of the band by more than chance allows.
 
     The logarithm of the ratio of two such powers has the variance 1 / m1 + 1 / m2, m the independent lines.
@@ -138,10 +139,11 @@ def _uneven(target: str, power: Sequence[FloatArray], weights: Sequence[FloatArr
     if abs(ratio) <= _UNEVEN * float(np.sqrt(1.0 / lines[0] + 1.0 / lines[1])):
         return ()
     where = "lower" if ratio > 0.0 else "upper"
-    return (
+    said = (
         f"{target}: residuals are {np.exp(abs(ratio)):.0f} times stronger in the {where} half of the band, where "
-        "errors are larger than stated; narrow the band, or look for terms that are missing",
+        "errors are larger than stated; narrow the band, or look for terms that are missing"
     )
+    return (doubt("coloured_residuals", said),)
 
 
 def check_band(band_hz: tuple[float, float], dt_s: float) -> tuple[float, float]:

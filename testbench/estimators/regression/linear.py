@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from testbench.core.advice import Advised, ranked
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
-from testbench.estimators.model import ComplexArray, Status
+from testbench.estimators.model import ComplexArray
 from testbench.estimators.regression.data import RegressionData
 from testbench.estimators.regression.equation_error import equation_error
 from testbench.estimators.regression.result import RegressionResult
@@ -18,7 +19,7 @@ _RATES = {"alpha": "alphadot", "beta": "betadot", "p": "pdot", "q": "qdot", "r":
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class LinearModel:
+class LinearModel(Advised):
     """x' = A x + B u + offset in SI units.
 
     Attributes:
@@ -30,8 +31,7 @@ class LinearModel:
         A_std: (n, n) standard errors, corrected for coloured residuals.
         B_std: (n, m).
         results: (n,) regressions of the state derivatives.
-        status: "good", or "warning" with ``advice``.
-        advice: sentences of all regressions.
+        advice: that of all regressions; ``status`` follows from it.
     """
 
     states: tuple[str, ...]
@@ -42,7 +42,6 @@ class LinearModel:
     A_std: FloatArray
     B_std: FloatArray
     results: tuple[RegressionResult, ...]
-    status: Status = "good"
     advice: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -80,7 +79,7 @@ def linear_model(
         raise EstimationError("a linear model needs at least one state, got none")
     n = len(states)
     params, std = np.array([r.params for r in results]), np.array([r.std_corrected for r in results])
-    advice = tuple(f"{r.target}: {sentence}" for r in results for sentence in r.advice)
+    advice = tuple(a.about(r.target) for r in results for a in ranked(r.advice))
     return LinearModel(
         states=tuple(states),
         inputs=tuple(inputs),
@@ -90,6 +89,5 @@ def linear_model(
         A_std=std[:, :n],
         B_std=std[:, n:-1],
         results=results,
-        status="warning" if advice else "good",
         advice=advice,
     )

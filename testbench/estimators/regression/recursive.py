@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from testbench.core.advice import Advised, doubt
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.estimators.coverage import approximate
-from testbench.estimators.model import ComplexArray, Status
+from testbench.estimators.model import ComplexArray
 from testbench.estimators.regression.data import BIAS, RegressionData, check_terms
 from testbench.estimators.regression.diagnostics import noisy_terms
 from testbench.estimators.regression.equation_error import block, equation_error
@@ -22,7 +23,7 @@ _CHUNK = 4096
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RecursiveResult:
+class RecursiveResult(Advised):
     """Estimates over time, at those times at which the data up to then decide them.
 
     Attributes:
@@ -33,8 +34,7 @@ class RecursiveResult:
         std: (m, k) their standard errors.
         std_plain: (m, k) the same as if residuals were white (time domain) or all lines independent (frequency domain).
         memory_s: time constant of the forgetting, -dt / ln(forgetting), s; infinite without.
-        status: "good", or "warning" with ``advice``.
-        advice: sentences that say what is doubtful.
+        advice: what is doubtful; ``status`` follows from it.
     """
 
     target: str
@@ -44,7 +44,6 @@ class RecursiveResult:
     std: FloatArray
     std_plain: FloatArray
     memory_s: float
-    status: Status = "good"
     advice: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -247,10 +246,11 @@ def _result(
     advice += approximate("quiet regression", "for a single record the")
     after = int(np.sum(tried_s >= t_s[0]))
     if t_s.size < after:
-        advice += (
+        said = (
             f"{target}: from {t_s[0]:g} s on, {100 * (1 - t_s.size / after):.0f} % of the times have no estimate, "
-            "because the samples in memory do not decide the terms; raise forgetting or excite throughout",
+            "because the samples in memory do not decide the terms; raise forgetting or excite throughout"
         )
+        advice += (doubt("weakly_identifiable", said),)
     return RecursiveResult(
         target=target,
         terms=terms,
@@ -259,6 +259,5 @@ def _result(
         std=np.vstack(std),
         std_plain=np.vstack(std_plain),
         memory_s=memory_s,
-        status="warning" if advice else "good",
         advice=advice,
     )

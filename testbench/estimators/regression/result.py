@@ -9,9 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from testbench.core.advice import Advised, as_json
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.model import Status
 from testbench.estimators.regression.coefficients import regression_data
 from testbench.estimators.regression.data import Recipe, RegressionData
 
@@ -19,7 +19,7 @@ Domain = Literal["time", "frequency"]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RegressionResult:
+class RegressionResult(Advised):
     """target = sum of params x terms + residual.
 
     Attributes:
@@ -40,8 +40,7 @@ class RegressionResult:
         domain: "time" or "frequency", the latter with ``band_hz``.
         recipe: how the signals were made from the record.
         settings: settings of the method, as JSON values.
-        status: "good", or "warning" with ``advice``.
-        advice: sentences that say what is doubtful and what to do about it.
+        advice: what is wrong or doubtful and what to do about it; ``status`` follows from it.
     """
 
     target: str
@@ -62,7 +61,6 @@ class RegressionResult:
     band_hz: tuple[float, float] | None = None
     recipe: Recipe = field(default_factory=Recipe)
     settings: Mapping[str, Any] = field(default_factory=dict)
-    status: Status = "good"
     advice: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -142,5 +140,5 @@ class RegressionResult:
             "recipe": asdict(self.recipe),
             "settings": dict(self.settings),
             "status": self.status,
-            "advice": list(self.advice),
+            "advice": as_json(self.advice),
         }

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from testbench.core.advice import doubt
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.estimators.coverage import approximate
@@ -275,12 +276,11 @@ def _search(
         are = "are linear combinations" if collinear[1:] else "is a linear combination"
         said = (
             f"in these data {', '.join(collinear)} {are} of the chosen terms {', '.join(result.terms)}, and the data "
-            "cannot tell them apart; excite them separately",
+            "cannot tell them apart; excite them separately"
         )
-        result = replace(result, status="warning", advice=result.advice + said)
+        result = replace(result, advice=(*result.advice, doubt("collinear_terms", said)))
     worth = approximate("quiet structure search", "standard errors do not count that terms were chosen, and the")
-    if worth:
-        result = replace(result, status="warning", advice=result.advice + worth)
+    result = replace(result, advice=result.advice + worth)
     return StructureSearch(
         result=result,
         candidates=tuple(names),

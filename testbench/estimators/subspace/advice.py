@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from testbench.core.advice import Advice, doubt, wrong
+
 if TYPE_CHECKING:
     from testbench.estimators.subspace.outcome import Settings
 
@@ -18,7 +20,7 @@ _POOR = 50.0  # free-run error in percent of the output beyond which a model doe
 _FEEDBACK = 0.02  # share of the innovations explained by later inputs from which on a loop is suspected
 
 
-def doubts(found: Mapping[str, Any], outputs: Sequence[str], J: int, L: int) -> tuple[str, ...]:
+def doubts(found: Mapping[str, Any], outputs: Sequence[str], J: int, L: int) -> tuple[Advice, ...]:
     """Return one sentence per doubt that the diagnostics ``found`` of an estimate with horizons J and L give rise to.
 
     The thresholds are judgement, set on simulated short periods and phugoids with measurement noise, 10 to 100 Hz:
@@ -30,41 +32,62 @@ def doubts(found: Mapping[str, Any], outputs: Sequence[str], J: int, L: int) -> 
     other = found["other_future_horizon"]
     if found["unknowns"] > found["columns"] / 2:
         out.append(
-            f"step 1 nearly interpolates: {found['unknowns']} unknowns per output from {found['columns']} columns; "
-            "shorten past_horizon, give more data or decimate"
+            doubt(
+                "few_data",
+                f"step 1 nearly interpolates: {found['unknowns']} unknowns per output from {found['columns']} columns; "
+                "shorten past_horizon, give more data or decimate",
+            )
         )
     if found["input_excitation"] < _EXCITED:
         out.append(
-            f"the inputs do not excite past_horizon = {J} samples (weakest over strongest direction "
-            f"{found['input_excitation']:.1e}): the response is determined only where the input has energy; "
-            "decimate, shorten past_horizon or excite a wider band"
+            doubt(
+                "weak_excitation",
+                f"the inputs do not excite past_horizon = {J} samples (weakest over strongest direction "
+                f"{found['input_excitation']:.1e}): the response is determined only where the input has energy; "
+                "decimate, shorten past_horizon or excite a wider band",
+            )
         )
     if noisy and values[n - 1] < _WEAK:
         out.append(
-            f"state {n} stands only {values[n - 1]:.2g} times above the noise floor: poles are unreliable; "
-            "lengthen future_horizon, decimate, add a sensor or lower the order"
+            doubt(
+                "weak_state",
+                f"state {n} stands only {values[n - 1]:.2g} times above the noise floor: poles are unreliable; "
+                "lengthen future_horizon, decimate, add a sensor or lower the order",
+            )
         )
     if noisy and n < values.size and values[n] > max(_WEAK, 0.1 * values[n - 1]):
         out.append(
-            f"order {n} discards a state that stands {values[n]:.2g} times above the noise floor "
-            "(turbulence, sensor dynamics, nonlinearity or a structural mode): try a higher order"
+            doubt(
+                "order_too_low",
+                f"order {n} discards a state that stands {values[n]:.2g} times above the noise floor "
+                "(turbulence, sensor dynamics, nonlinearity or a structural mode): try a higher order",
+            )
         )
     if found["pole_shift_past"] is not None and found["pole_shift_past"] > _MOVED:
         out.append(
-            f"with past_horizon = {J // 2} a pole moves by {100 * found['pole_shift_past']:.0f} %: "
-            f"past_horizon = {J} is too short, or the data do not hold that pole; lengthen it or give more data"
+            doubt(
+                "past_horizon",
+                f"with past_horizon = {J // 2} a pole moves by {100 * found['pole_shift_past']:.0f} %: "
+                f"past_horizon = {J} is too short, or the data do not hold that pole; lengthen it or give more data",
+            )
         )
     if found["pole_shift_future"] is not None and found["pole_shift_future"] > _MOVED:
         out.append(
-            f"with future_horizon = {other} a pole moves by {100 * found['pole_shift_future']:.0f} %: "
-            f"future_horizon = {L} is too short to tell the states apart, or the data do not hold that pole; "
-            "lengthen it or decimate"
+            doubt(
+                "future_horizon",
+                f"with future_horizon = {other} a pole moves by {100 * found['pole_shift_future']:.0f} %: "
+                f"future_horizon = {L} is too short to tell the states apart, or the data do not hold that pole; "
+                "lengthen it or decimate",
+            )
         )
     if found["poles_without_continuous_counterpart"].size:
         z = ", ".join(f"{z.real:.3g}" for z in found["poles_without_continuous_counterpart"])
         out.append(
-            f"discrete poles at {z} have no continuous counterpart: they model noise, not the aircraft; "
-            f"lengthen future_horizon = {L}, lower the order or decimate"
+            doubt(
+                "no_continuous_counterpart",
+                f"discrete poles at {z} have no continuous counterpart: they model noise, not the aircraft; "
+                f"lengthen future_horizon = {L}, lower the order or decimate",
+            )
         )
     restless = [
         f"{name} {ratio:.1f}"
@@ -73,9 +96,12 @@ def doubts(found: Mapping[str, Any], outputs: Sequence[str], J: int, L: int) -> 
     ]
     if restless:
         out.append(
-            f"the free run errs more than the innovations, by factors of {', '.join(restless)}: turbulence, drift, "
-            "nonlinearity, noise coloured by a low-pass filter, or a missing state; "
-            "compare a higher order and a longer future_horizon"
+            doubt(
+                "free_run",
+                f"the free run errs more than the innovations, by factors of {', '.join(restless)}: turbulence, drift, "
+                "nonlinearity, noise coloured by a low-pass filter, or a missing state; "
+                "compare a higher order and a longer future_horizon",
+            )
         )
     poor = [
         f"{name} {error:.0f} %"
@@ -84,18 +110,24 @@ def doubts(found: Mapping[str, Any], outputs: Sequence[str], J: int, L: int) -> 
     ]
     if poor:
         out.append(
-            f"in free run the model leaves much of the records that it was fitted to unexplained ({', '.join(poor)}): "
-            "do not use it to predict"
+            wrong(
+                "does_not_predict",
+                "in free run the model leaves much of the records that it was fitted to unexplained "
+                f"({', '.join(poor)}): do not use it to predict",
+            )
         )
     if found["moved_poles"].size:
         z = ", ".join(f"{abs(z):.4g}" for z in found["moved_poles"])
         out.append(
-            f"poles of modulus {z} were moved inside the unit circle (stable = true): do not trust their damping"
+            doubt(
+                "poles_moved",
+                f"poles of modulus {z} were moved inside the unit circle (stable = true): do not trust their damping",
+            )
         )
     return tuple(out)
 
 
-def advice_in_words(found: Mapping[str, Any], outputs: Sequence[str], given: Settings) -> tuple[str, ...]:
+def advice_in_words(found: Mapping[str, Any], outputs: Sequence[str], given: Settings) -> tuple[Advice, ...]:
     """Return one sentence per doubt: those of DSR_e, whose thresholds are the same, and those of the family.
 
     The threshold of feedback is judgement: simulated pitch dampers with turbulence give 0.05 and more, open loops with
@@ -105,13 +137,19 @@ def advice_in_words(found: Mapping[str, Any], outputs: Sequence[str], given: Set
     robust = given.method in ("ssarx", "pbsid_opt")
     if found["feedback"] > _FEEDBACK and not (robust and given.closed_loop):
         out.append(
-            f"later inputs explain {100 * found['feedback']:.0f} % of the innovations: the inputs react to the outputs "
-            "(closed loop), which biases "
-            + ("B and D; set closed_loop" if robust else f"{given.method}; use ssarx, pbsid_opt or dsr_e")
+            doubt(
+                "closed_loop",
+                f"later inputs explain {100 * found['feedback']:.0f} % of the innovations: the inputs react to the "
+                "outputs (closed loop), which biases "
+                + ("B and D; set closed_loop" if robust else f"{given.method}; use ssarx, pbsid_opt or dsr_e"),
+            )
         )
     if found["predictor_radius"] >= 1.0 and np.any(found["innovations_std"] > 0.0):
         out.append(
-            f"the one-step predictor A - K C is unstable (spectral radius {found['predictor_radius']:.3g}): "
-            "do not filter with K; lengthen past_horizon or give more data"
+            doubt(
+                "unstable_predictor",
+                f"the one-step predictor A - K C is unstable (spectral radius {found['predictor_radius']:.3g}): "
+                "do not filter with K; lengthen past_horizon or give more data",
+            )
         )
     return tuple(out)

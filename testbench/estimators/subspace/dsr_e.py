@@ -40,6 +40,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dtrcon
 
+from testbench.core.advice import Advice, doubt
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
@@ -200,17 +201,18 @@ def estimate(
         "pole_shift_variant": parted,
     }
     advice = doubts(diagnostics, outputs, J, L) + _advice_on_variant(variant, parted)
-    return replace(model, diagnostics=diagnostics, status="warning" if advice else "good", advice=advice)
+    return replace(model, diagnostics=diagnostics, advice=advice)
 
 
-def _advice_on_variant(variant: Variant, parted: float | None) -> tuple[str, ...]:
+def _advice_on_variant(variant: Variant, parted: float | None) -> tuple[Advice, ...]:
     if variant != "eolo" or (parted is not None and parted <= 0.1):
         return ()
     apart = "of another order" if parted is None else f"{100 * parted:.0f} % away"
-    return (
+    said = (
         f"the original DSR_e finds poles {apart}: the unweighted projection divides by what the inputs do not "
-        'excite; use variant = "original", excite a wider band or decimate',
+        'excite; use variant = "original", excite a wider band or decimate'
     )
+    return (doubt("weak_excitation", said),)
 
 
 def _diagnostics(

@@ -147,7 +147,6 @@ def estimate(
         D=size_y[:, None] * out.D / size_u,
         K=out.K / size_y,
         diagnostics=found,
-        status="warning" if advice else "good",
         advice=advice,
     )
     if bootstrap:
@@ -156,7 +155,7 @@ def estimate(
         again = given._replace(order=model.order, bootstrap=0, decimate=found["decimate"])
         found.update(spread(model, out, stretches, again, identify, (size_u, size_y), bootstrap))
         advice = (*advice, *approximate("bootstrap", "the bootstrap's"))
-    return replace(model, diagnostics=found, status="warning" if advice else "good", advice=advice)
+    return replace(model, diagnostics=found, advice=advice)
 
 
 def _check_settings(given: Settings, p: int) -> None:

@@ -345,7 +345,7 @@ def _finite(value: float | None) -> float | None:
 def _figures(case: Case) -> dict[str, float | None]:
     """Return the scalars of one case: prediction, modes and parameters, these with standard error and truth beside."""
     e = case.evaluation
-    out: dict[str, float | None] = {"warning": float(case.model.status == "warning")}
+    out: dict[str, float | None] = {"warning": float(case.model.status != "good")}
     for k, output in enumerate(case.model.outputs):
         out[f"validation MRSE of {output}, %"] = float(e.validation.mrse_percent[k])
         out[f"validation fit of {output}, %"] = float(e.validation.fit_percent[k])

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from testbench.core.escape import csv_cell
 from testbench.flight.batch.jobs import Tally
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.campaign.result import errors
@@ -132,11 +133,18 @@ def runs_csv(summary: Summary) -> str:
     """Return one line per finished run: number, state, what was varied, every figure with all digits."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(["run", "state", *summary.inputs, *summary.columns])
+    writer.writerow(["run", "state", *(csv_cell(name) for name in (*summary.inputs, *summary.columns))])
     figures = [values.tolist() for values in summary.columns.values()]
     inputs = list(summary.inputs.values())
     runs, done = summary.runs.astype(int).tolist(), summary.done.tolist()
     for i, run in enumerate(runs):
         found = ["" if (v := column[i]) != v else v for column in figures]  # NaN differs from itself
-        writer.writerow([run, "done" if done[i] else "failed", *(column[i] for column in inputs), *found])
+        writer.writerow(
+            [
+                run,
+                "done" if done[i] else "failed",
+                *(csv_cell(v) if isinstance(v := column[i], str) else v for column in inputs),
+                *found,
+            ]
+        )
     return out.getvalue()

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from testbench.page.words import Line, some
+from testbench.core.advice import ranked
+from testbench.estimators.compatibility.result import INSTRUMENT_ERROR
+from testbench.page.words import Line, advice_lines, some
 
 if TYPE_CHECKING:
     from testbench.estimators.data_compatibility import DataCompatibility
@@ -18,4 +20,6 @@ def compatibility_answer(result: DataCompatibility) -> list[Line]:
     if result.errors:
         surest = sorted(result.errors, key=lambda e: -e.significance)
         lead = "the instruments do not agree: " + some((e.words for e in surest), _NAMED)
-    return [Line("lead", lead), *(Line("doubt", text) for text in result.advice)]
+    advice = ranked(result.advice)
+    found = [Line("finding", a) for a in advice if a.code == INSTRUMENT_ERROR]  # what was asked for, not a doubt of it
+    return [Line("lead", lead), *found, *advice_lines(a for a in advice if a.code != INSTRUMENT_ERROR)]

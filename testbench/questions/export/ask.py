@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from testbench.core.advice import as_json, ranked
 from testbench.core.channels import channel
 from testbench.core.errors import RecordError
 from testbench.core.files import mat_bytes, write_file
@@ -83,7 +84,7 @@ def _plain(model: Matrices) -> dict[str, Any]:
     out: dict[str, Any] = {key: getattr(model, key).tolist() for key in ("A", "B", "C", "D", "delays_s")}
     units = {name: channel(name).unit for name in (*model.inputs, *model.outputs)}
     return {
-        "name": model.name, "method": model.method, "status": model.status, "advice": list(model.advice),
+        "name": model.name, "method": model.method, "status": model.status, "advice": as_json(model.advice),
         "time": "discrete" if model.dt_s else "continuous", "dt_s": model.dt_s, "inputs": list(model.inputs),
         "outputs": list(model.outputs), "units": units, **out,
     }  # fmt: skip
@@ -150,7 +151,7 @@ def control_text(model: Matrices) -> str:
     plain = without_delays(model)
     lines = [f"# {' '.join(model.name.split())}: {model.method}, deviations from trim, SI units and radians.",
              "import control", "import numpy as np", ""]  # fmt: skip
-    lines += [f"# {model.status}: {' '.join(text.split())}" for text in model.advice]
+    lines += [f"# {a.severity}: {' '.join(a.split())}" for a in ranked(model.advice)]
     if plain is not model:
         how = "exact" if model.dt_s else f"as Pade approximations of order {PADE}"
         lines.append(f"# dead times in s, by output and input, {how} in the matrices: {model.delays_s.tolist()}")

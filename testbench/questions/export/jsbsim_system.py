@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from testbench.core.channels import channel
 from testbench.core.errors import RecordError
+from testbench.core.escape import xml_comment
 from testbench.questions.export.matrices import Matrices
 
 _WORST = 1e10  # condition of the eigenvectors: above it modes cannot be told apart
@@ -63,7 +64,8 @@ def jsbsim_text(model: Matrices) -> str:
     poles, outer, inner = modal(model)
     lines = [
         '<?xml version="1.0" encoding="utf-8"?>',
-        f"<!-- {_comment(model.name)}: identified by {_comment(model.method)}, status {_comment(model.status)}.",
+        f"<!-- {xml_comment(model.name)}: identified by {xml_comment(model.method)},",
+        f"     status {xml_comment(model.status)}.",
         "     Inputs and outputs are deviations from trim, SI units and radians. Set the input properties in each",
         "     frame, or replace them by properties of the flight model; include it there as a system file.",
         "     The filters run at the rate that the simulation has when it loads them; set it before. -->",
@@ -138,8 +140,3 @@ def _sum(name: str, terms: Terms) -> list[str]:
     inside = ["<sum>", *(f"  {p}" for p in products), "  <value> 0 </value>", "</sum>"]
     return [f'    <fcs_function name="{name}">', "      <function>", *(f"        {line}" for line in inside),
             "      </function>", "    </fcs_function>"]  # fmt: skip
-
-
-def _comment(text: str) -> str:
-    """Return text as it may stand in a comment: two hyphens would end it."""
-    return text.replace("--", "- -")

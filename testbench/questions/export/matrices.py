@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.advice import Advised, from_json
 from testbench.core.channels import channel
 from testbench.core.errors import ChannelError, RecordError
 from testbench.core.record import FloatArray
@@ -25,7 +26,7 @@ PADE = 4  # order of a dead time in continuous time: right to 1 deg up to w tau 
 
 
 @dataclass(frozen=True, eq=False)
-class Matrices:
+class Matrices(Advised):
     """A model in the form above.
 
     Attributes:
@@ -34,7 +35,7 @@ class Matrices:
         A, B, C, D: (n, n), (n, m), (p, n), (p, m).
         dt_s: sample time; 0 for continuous time.
         delays_s: (p, m) dead times, whole samples in discrete time.
-        status, advice: those of the estimator.
+        advice: that of the estimator; ``status`` follows from it.
     """
 
     name: str
@@ -47,7 +48,6 @@ class Matrices:
     D: FloatArray
     dt_s: float
     delays_s: FloatArray
-    status: str
     advice: tuple[str, ...]
 
 
@@ -148,8 +148,8 @@ def _matrices(
 ) -> Matrices:
     dt = float(content["dt_s"]) if content["time"] == "discrete" else 0.0
     inputs, outputs = tuple(content["inputs"]), tuple(content["outputs"])
-    advice = tuple(str(text) for text in content.get("advice", ()))
-    return Matrices(name, str(content["method"]), inputs, outputs, A, B, C, D, dt, tau, str(content["status"]), advice)
+    advice = from_json(content.get("advice", ()))
+    return Matrices(name, str(content["method"]), inputs, outputs, A, B, C, D, dt, tau, advice)
 
 
 def without_delays(model: Matrices) -> Matrices:

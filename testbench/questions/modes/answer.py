@@ -9,7 +9,7 @@ import numpy as np
 from testbench.core.words import with_error
 from testbench.estimators.operational.advice import ASSUMPTION
 from testbench.page.labels import number
-from testbench.page.words import Line, counted
+from testbench.page.words import Line, advice_lines, counted
 
 if TYPE_CHECKING:
     from testbench.estimators.operational import OperationalMode
@@ -36,8 +36,7 @@ def modes_answer(result: ModesResult) -> list[Line]:
     if result.corners_hz:
         corners = " and ".join(dict.fromkeys(number(f, 2) for f in result.corners_hz))
         text += f"; the spectra of this turbulence bend at {corners} Hz"
-    doubts = [Line("doubt", advice) for advice in found.advice]
-    return [Line("lead", lead), *(Line("finding", finding) for finding in (*out, text)), *doubts]
+    return [Line("lead", lead), *(Line("finding", finding) for finding in (*out, text)), *advice_lines(found.advice)]
 
 
 def _frequency(mode: OperationalMode, q: float) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from testbench.page.labels import number, symbol
+from testbench.page.words import Answer, advice_lines
 
 if TYPE_CHECKING:
     from testbench.estimators.frequency.response import FrequencyResponse
@@ -14,9 +15,9 @@ if TYPE_CHECKING:
 COHERENT = 0.6  # the usual bound of flight test below which a response is not believed (custom, from memory)
 
 
-def response_answer(response: FrequencyResponse) -> list[str]:
+def response_answer(response: FrequencyResponse) -> Answer:
     """Return where each output is coherent with the inputs, in sentences."""
-    out = []
+    out: list[str] = []
     w = response.omega_rad_s
     for i, output in enumerate(response.outputs):
         good = response.coherence[:, i] >= COHERENT
@@ -30,4 +31,4 @@ def response_answer(response: FrequencyResponse) -> list[str]:
             f"{symbol(output)}: coherence of at least {COHERENT:g} from {number(float(w[longest[0]]))} to "
             f"{number(float(w[longest[-1]]))} rad/s, with a random error of {number(error, 2)} % (median)"
         )
-    return [*out, *response.advice]
+    return [*out, *advice_lines(response.advice)]

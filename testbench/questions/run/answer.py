@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from testbench.page.words import Line, counted, sentence
+from testbench.core.advice import Advice, ranked
+from testbench.page.words import Line, advice_lines, counted, sentence
 from testbench.questions.run.labels import case_names
 from testbench.questions.run.pole_tables import reference_tables
 
@@ -13,27 +14,41 @@ if TYPE_CHECKING:
 
 
 def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
-    """Return found against printed values, then the findings of the run, doubts last; verdicts if there are none.
+    """Return found against printed values, then the findings of the run; verdicts if there are none.
 
-    After ``most_doubts`` doubts, only the number of the others is given.
+    What must not be used stands right after the first of them, doubts come after the last, and then notes. Values that
+    are hardly meant come first among the doubts, and all of them. After ``most_doubts`` of what is wrong or doubtful
+    with the models, only the number of the others is given.
     """
-    advice = tuple(a for case in result.cases for a in case.model.advice)
-    findings = [text for text in result.findings if not text.endswith(advice)] if advice else list(result.findings)
-    doubts = [text for text in result.findings if text.endswith(advice)] if advice else []
-    found = [*_against_printed(result), *findings]
+    told = result.findings[len(result.questions) :]
+    found = [*_against_printed(result), *(text for text in told if not isinstance(text, Advice))]
+    doubts = advice_lines(text for text in told if isinstance(text, Advice))
     if not found:
         found = [
             f"{name}: {verdict}"
             for name, case in zip(case_names(result.cases), result.cases, strict=True)
             for verdict in case.evaluation.verdicts[:2]
         ]
-    if len(doubts) > most_doubts:
-        doubts = [
-            *doubts[:most_doubts],
-            f"{counted(len(doubts) - most_doubts, 'more doubt')} in the report, with the models",
-        ]
-    lines = [Line("lead" if i == 0 else "finding", sentence(text)) for i, text in enumerate(found)]
-    return lines + [Line("doubt", sentence(text)) for text in doubts]
+    more = len(doubts) - most_doubts
+    if more > 0:
+        text = f"{counted(more, 'more doubt')} in the report, with the models"
+        doubts = [*doubts[:most_doubts], Line("doubt", text)]
+    lines = [Line("lead" if i == 0 else "finding", text) for i, text in enumerate(found)]
+    lines[1:1] = [line for line in doubts if line.kind == "wrong"]
+    lines += [Line("doubt", text) for text in result.questions]
+    lines += [line for line in doubts if line.kind != "wrong"]
+    return [Line(kind, sentence(text)) for kind, text in [*lines, *_notes(result)]]
+
+
+def _notes(result: RunResult) -> list[Line]:
+    """Return each note once, with the models that it holds for; all of them need no names."""
+    about: dict[str, list[str]] = {}
+    for case in result.cases:
+        for advice in dict.fromkeys(ranked(case.model.advice)):
+            if advice.severity == "note":
+                about.setdefault(advice, []).append(case.label)
+    everywhere = len(result.cases)
+    return [Line("note", text if len(of) == everywhere else f"{', '.join(of)}: {text}") for text, of in about.items()]
 
 
 def _against_printed(result: RunResult) -> list[str]:

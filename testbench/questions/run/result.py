@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+from testbench.core.advice import ranked
 from testbench.estimators.identification import estimator_name
 from testbench.evaluation.truth import Truth
 from testbench.line import Case, Flight
@@ -20,7 +21,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """Everything a run found. ``table`` and ``findings`` are made from it; nothing is stored twice."""
+    """Everything a run found. ``table`` and ``findings`` are made from it; nothing is stored twice.
+
+    ``questions`` are values of recorded flights that are hardly meant, in words.
+    """
 
     name: str
     title: str
@@ -32,6 +36,7 @@ class RunResult:
     truth: Truth | None = None
     suites: tuple[SensorSuite, ...] = ()
     reference: Mapping[str, Any] = field(default_factory=dict)
+    questions: tuple[str, ...] = ()
 
     @cached_property
     def table(self) -> Any:
@@ -58,12 +63,12 @@ class RunResult:
 
     @cached_property
     def findings(self) -> tuple[str, ...]:
-        """The answer in a few sentences."""
-        out = alpha_findings(self.cases)
+        """The answer in a few sentences; the last are what is wrong or doubtful with each model, as advice."""
+        out = [*self.questions, *alpha_findings(self.cases)]
         if self.truth is not None:
             identification = next(f for f in self.flights if f.use != "validation")
             out += sampling_findings(self.cases, self.truth.modes, identification, self.source.preparation.lowpass_hz)
             out += [e.sentence for e in self.truth.excitation]
         for case in self.cases:
-            out += [f"{case.label}: {advice}" for advice in case.model.advice]
+            out += [a.about(case.label) for a in ranked(case.model.advice) if a.severity != "note"]
         return tuple(out)

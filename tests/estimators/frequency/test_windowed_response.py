@@ -150,7 +150,7 @@ def test_records_of_different_lengths_and_gaps():
 def test_what_is_doubtful_is_said():
     rng = np.random.default_rng(7)
     noisy = estimate_frequency_response([flown(rng, 2000, 30.0)], ("de",), ("q",), window_s=10.0)
-    assert noisy.status == "warning"
+    assert noisy.status != "good"
     assert any("coherence lies below 0.6" in s for s in noisy.advice)
     few = estimate_frequency_response([flown(rng, 500)], ("de",), ("q",), window_s=10.0)
     assert any("independent averages" in s for s in few.advice)

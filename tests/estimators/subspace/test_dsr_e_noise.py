@@ -105,7 +105,7 @@ def test_one_output_is_right_or_warned(name, output, block):
         future_horizon=block,
         order=2,
     )
-    assert model.status == "warning" or pole_error(model, short_period()[0]) < 0.05
+    assert model.status != "good" or pole_error(model, short_period()[0]) < 0.05
 
 
 def _aircraft_record(seed, dt=0.01):
@@ -123,11 +123,11 @@ def test_short_future_horizon_at_a_high_rate_hides_the_short_period_without_alph
     flown = _aircraft_record(seed)
     short = estimate([flown], ("de",), ("V", "q", "theta"), past_horizon=200, future_horizon=4, order=4)
     assert pole_error(short, longitudinal()[0]) > 0.3
-    assert short.status == "warning"
+    assert short.status != "good"
     assert any("above the noise floor" in s for s in short.advice)
     automatic = estimate([flown], ("de",), ("V", "q", "theta"), past_horizon=200, future_horizon=4)
     assert automatic.order == 3
-    assert automatic.status == "warning"
+    assert automatic.status != "good"
     # the largest error of 10 seeds is 2.3 % without alpha and 2.7 % with it
     longer = estimate([flown], ("de",), ("V", "q", "theta"), past_horizon=80, future_horizon=50)
     assert longer.order == 4

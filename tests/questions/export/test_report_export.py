@@ -29,7 +29,7 @@ def state_space():
     D = np.array([[0.0, 0.3], [0.0, 0.0]])
     return StateSpaceModel(
         method="dsr_e", inputs=("de", "dr"), outputs=("q", "alpha"), dt_s=DT, A=A, B=B, C=C, D=D, K=np.zeros((3, 2)),
-        status="warning", advice=("a doubt\nin two lines",),
+        advice=("a doubt\nin two lines",),
     )  # fmt: skip
 
 

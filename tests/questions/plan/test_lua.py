@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -103,6 +104,16 @@ class Bench:
         self.run(0.1)
         self.stub.switch = 2
         self.run(seconds)
+
+
+def test_a_card_s_name_stays_a_comment(point, eolo):
+    for name in ("x\nos.execute('touch PWNED') --", "[[ x", "x ]] os.execute('x')", "x\u2028stub.hurt = true"):
+        card = card_of(point, "elevator")
+        card = replace(card, spec=card.spec.model_copy(update={"name": name}))
+        bench = Bench(lua_script(card, eolo, AUTOPILOT))
+        bench.fly()
+        assert len(bench.sent()) > 0
+        assert lua_script(card, eolo, AUTOPILOT).splitlines()[2] == "local CARD = 7"
 
 
 def test_every_script_is_lua(point, eolo):

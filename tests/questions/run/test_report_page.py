@@ -123,7 +123,7 @@ def test_the_answer_stands_before_everything_else(page: str) -> None:
     names = ("answer", "figure-answer", "flown", "figures", "tables", "models", "provenance")
     order = [page.index(f'id="{name}"') for name in names]
     assert order == sorted(order)
-    assert 'class="doubt">eolo_alpha, dsr_e: doubt this.' in page
+    assert 'class="doubt">Doubt: eolo_alpha, dsr_e: doubt this.' in page
 
 
 def test_an_answer_is_split_between_what_stands_above_and_below_its_figure() -> None:

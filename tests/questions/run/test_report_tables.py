@@ -10,12 +10,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from testbench.core.advice import doubt, note, wrong
 from testbench.page.labels import axis_label, file_stem, number, ratio_unit, shown_unit, symbol, unique
 from testbench.page.tables import Column, Table
+from testbench.page.terminal import print_answer
 from testbench.questions.run.answer import run_answer
 from testbench.questions.run.flown_tables import condition_table, flown_tables, manoeuvre_table, sensor_table
 from testbench.questions.run.labels import case_names
+from testbench.questions.run.page import run_page
 from testbench.questions.run.pole_tables import mode_table, pole_table, reference_tables
 from testbench.questions.run.tables import (
     bode_table,
@@ -240,6 +244,29 @@ def test_many_doubts_are_counted_instead_of_listed(make_case, result) -> None:
     doubts = [line.text for line in lines if line.kind == "doubt"]
     assert len(doubts) == 4
     assert doubts[-1] == "6 more doubts in the report, with the models."
+
+
+def test_what_must_not_be_used_stands_first_and_notes_leave_the_answer(make_case, result) -> None:
+    advice = (note("structure_not_judged", "give more."), doubt("delay", "it is late."), wrong("on_bound", "a bound."))
+    cases = tuple(
+        make_case(name, ("q",), result.flights, 0.1, advice=advice) for name in ("eolo_no_alpha", "eolo_alpha")
+    )
+    found = replace(result, cases=cases)
+    lines = run_answer(found)
+    kinds = [line.kind for line in lines]
+    assert kinds[:3] == ["lead", "wrong", "wrong"]
+    assert kinds[-3:] == ["doubt", "doubt", "note"]
+    assert lines[1].text == "Do not use: eolo_no_alpha, dsr_e: a bound."
+    assert lines[-1].text == "Give more."  # once: it holds for both models
+    assert all("give more" not in text for text in found.findings)
+    screen = Console(file=io.StringIO(), width=200)
+    print_answer(screen, lines)
+    assert "a bound" in screen.file.getvalue()
+    assert "Give more" not in screen.file.getvalue()
+    page = run_page(found).html([])
+    assert page.count("Give more.") == 1
+    assert page.index("Give more.") > page.index('<h3 id="notes">Notes</h3>') > page.index('id="models"')
+    assert '<span class="status-wrong">do not use</span>' in page
 
 
 def test_without_findings_the_verdicts_answer(make_result) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from testbench.core.advice import doubt, wrong
 from testbench.estimators.coverage import approximate
 
 _COLOURED = 1e-3  # false-alarm probability of the whiteness test
@@ -16,7 +17,7 @@ _NIS = 1.5  # innovations that are larger or smaller than their covariance by th
 
 
 def advise_filter(model: Any) -> Any:
-    """Return the ParametricModel of a Kalman filter with one sentence per doubt, and its status."""
+    """Return the ParametricModel of a Kalman filter with advice on what is doubtful."""
     found, out = model.diagnostics, []
     names = [p.name for p in model.structure.parameters if p.free]
     values, errors = model.params[model.structure.free], np.sqrt(np.diag(model.covariance))[model.structure.free]
@@ -26,7 +27,12 @@ def advise_filter(model: Any) -> Any:
         if e > _LITTLE * start and e > _VAGUE * abs(v)
     ]
     if vague:
-        out.append(f"these data say little about {', '.join(vague)}: fix them at a believed value, or excite them more")
+        out.append(
+            doubt(
+                "weakly_identifiable",
+                f"these data say little about {', '.join(vague)}: fix them at a believed value, or excite them more",
+            )
+        )
     outside = [
         p.name
         for p, v in zip(model.structure.parameters, model.params, strict=True)
@@ -34,22 +40,31 @@ def advise_filter(model: Any) -> Any:
     ]
     if outside:
         out.append(
-            f"{', '.join(outside)} ended outside the bounds, because a Kalman filter does not keep them; estimate by "
-            "output or filter error, or start nearer with a smaller initial deviation"
+            wrong(
+                "outside_bounds",
+                f"{', '.join(outside)} ended outside the bounds, because a Kalman filter does not keep them; estimate "
+                "by output or filter error, or start nearer with a smaller initial deviation",
+            )
         )
     sizes = np.sqrt(found["normalised_innovations"])
     off = [f"{o} ({s:.2g})" for o, s in zip(model.outputs, sizes, strict=True) if s > _NIS or s * _NIS < 1.0]
     if off:
         out.append(
-            "the innovations do not have the size that the filter expects (measured over expected deviation): "
-            f"{', '.join(off)}; its standard errors are off by about as much; correct measurement_noise or "
-            "process_noise"
+            doubt(
+                "innovation_size",
+                "the innovations do not have the size that the filter expects (measured over expected deviation): "
+                f"{', '.join(off)}; its standard errors are off by about as much; correct measurement_noise or "
+                "process_noise",
+            )
         )
     coloured = [o for o, p in zip(model.outputs, found["whiteness_p"], strict=True) if p < _COLOURED]
     if coloured:
         out.append(
-            f"the innovations of {', '.join(coloured)} are not white: process noise, filtered measurements or "
-            "something missing in the model; standard errors are too small"
+            doubt(
+                "coloured_residuals",
+                f"the innovations of {', '.join(coloured)} are not white: process noise, filtered measurements or "
+                "something missing in the model; standard errors are too small",
+            )
         )
     out.extend(approximate(model.method))
-    return replace(model, status="warning" if out else "good", advice=tuple(out))
+    return replace(model, advice=tuple(out))

@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from testbench.core.advice import ranked
 from testbench.core.errors import ChannelError, EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators import data_compatibility
@@ -65,7 +66,7 @@ class DataCheck:
         untold = [n for n in self.result.not_identifiable if n.rpartition("_")[2] in ("scale", "lag", "delay")]
         if untold:
             out.append(f"these manoeuvres do not determine {', '.join(untold)}")
-        return (*out, *(a for a in self.result.advice if "not steady" in a or "did not settle" in a))
+        return (*out, *(a for a in ranked(self.result.advice) if a.code in ("unsteady_air", "not_converged")))
 
     def says(self, channel: str) -> tuple[str, ...]:
         """Return what was found of one channel's sensor, in words."""

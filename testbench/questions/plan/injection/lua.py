@@ -13,6 +13,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import LimitError
+from testbench.core.escape import lua_comment
 from testbench.questions.plan.injection.signal_table import SURFACES, injected_signal
 from testbench.questions.plan.result import Card
 from testbench.questions.plan.scenario import Autopilot
@@ -48,7 +49,8 @@ def lua_script(card: Card, aircraft: Aircraft, autopilot: Autopilot) -> str:
     u = np.round(u, 5) + 0.0
     changes = np.flatnonzero(np.any(np.diff(u, axis=0, prepend=np.full((1, len(SURFACES)), np.nan)) != 0.0, axis=1))
     lines = [
-        f"-- Card {card.number}: {card.title}. Made by flight-testbench; play it in a simulator before it flies.",
+        f"-- Card {card.number}: {lua_comment(card.title)}.",
+        "-- Made by flight-testbench; play it in a simulator before it flies.",
         f"local CARD = {card.number}",
         f"local SWITCH_OPTION = {autopilot.switch_option}",
         f"local MODE = {autopilot.mode}",
