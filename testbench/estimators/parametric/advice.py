@@ -18,6 +18,7 @@ _TOGETHER = 0.98  # correlation beyond which two estimates stand for one another
 _VAGUE = 0.5  # standard error relative to the value
 _EXACT = 1e-9  # median standard error relative to the value below which the records are free of noise
 _COLOURED = 1e-3  # false-alarm probability of the whiteness test
+_BIASED = 5.0  # corrected over plain errors beyond which residuals are no noise but what the model misses (judged)
 _WHY = {"not_converged": "the search did not converge", "on_bound": "{} ended on a bound"}
 
 
@@ -94,11 +95,17 @@ def advice_in_words(model: Any) -> Any:
         factor = float(np.max(found["error_inflation"]))
         # a correction of errors that are not to be believed would lend them weight
         why = [_WHY[a.code].format(", ".join(found["at_bound"])) for a in out if a.code in _WHY]
-        errors_hold = (
-            f"the standard errors are not to be believed, because {' and '.join(why)}"
-            if why
-            else f"standard errors are corrected for it, by up to a factor {factor:.2g}"
-        )
+        if why:
+            errors_hold = f"the standard errors are not to be believed, because {' and '.join(why)}"
+        elif factor > _BIASED and model.method != "equation_error":  # whose own low pass colours its residuals
+            worst = names[int(np.argmax(found["error_inflation"]))]
+            errors_hold = (
+                f"so much so (a factor {factor:.2g} in the error of {worst}) as if the model missed something, which "
+                "biases the estimates beyond any standard error: do not believe the errors unless the sensors' noise "
+                "itself is that slow"
+            )
+        else:
+            errors_hold = f"standard errors are corrected for it, by up to a factor {factor:.2g}"
         out.append(
             doubt(
                 "coloured_residuals",

@@ -29,9 +29,8 @@ from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
 from testbench.estimators.parametric.gauss_newton import Minimum, minimise
-from testbench.estimators.parametric.likelihood import Layout, Likelihood, stretch
+from testbench.estimators.parametric.likelihood import Layout, Likelihood, held_inputs, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
-from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import discretise
 from testbench.estimators.parametric.structure import LinearStructure
 from testbench.estimators.trajectories import carried

@@ -67,6 +67,20 @@ class Layout(NamedTuple):
         return out
 
 
+def held_inputs(inputs: Sequence[str], held: Sequence[str] | None) -> NDArray[np.bool_]:
+    """Return which inputs are held from sample to sample: those named, or commands.
+
+    Raises:
+        EstimationError: a name is not one of the inputs.
+    """
+    if held is None:
+        return np.array([name.endswith("_cmd") for name in inputs], bool)
+    for name in held:
+        if name not in inputs:
+            raise EstimationError(f"held inputs must be among {', '.join(inputs)}, got '{name}'")
+    return np.array([name in held for name in inputs], bool)
+
+
 def stretch(
     record: FlightRecord,
     structure: ModelStructure,

@@ -1,4 +1,7 @@
-"""Where a method that fits a structure starts: the structure of its entry, with values from equation error."""
+"""Where a method that fits a structure starts: the structure of its entry, with values from equation error.
+
+Output and filter error look for start values by themselves, from Python too (see ``starts``).
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,8 @@ from testbench.estimators.parametric import equation_error
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.parametric.structures.build import build
 from testbench.estimators.structured import Structured
+
+_BY_THEMSELVES = ("equation_error", "output_error", "filter_error")
 
 
 def started(
@@ -29,7 +34,7 @@ def started(
         EstimationError: see :func:`.structures.build.build`.
     """
     structure: ModelStructure = build(entry, inputs, outputs, records)
-    if getattr(entry, "method", "") == "equation_error" or not all(s in r for s in structure.states for r in records):
+    if getattr(entry, "method", "") in _BY_THEMSELVES or not all(s in r for s in structure.states for r in records):
         return structure
     try:
         first = equation_error.estimate(records, structure, delays_s=dict(entry.delays_s), held=entry.held)

@@ -15,8 +15,8 @@ from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import correlations, whiteness
 from testbench.estimators.parametric.kalman.advice import advise_filter
 from testbench.estimators.parametric.kalman.augmented import Filter, Gaussian, Plant, Track, run
+from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.model import ParametricModel, named
-from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import delayed, respond
 from testbench.estimators.parametric.structure import Affine, LinearStructure, ModelStructure
 
