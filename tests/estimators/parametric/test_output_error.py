@@ -389,3 +389,14 @@ def test_flexible_structure_with_measured_mode_frees_its_shape():
     free = dict(zip(unmeasured.parameter_names, unmeasured.free, strict=True))
     assert not free["phi_1"]
     assert free["slope_1"]
+
+
+def test_errors_that_colour_widens_much_are_said_not_to_be_believed():
+    r = short_flight(800, noise=1e-3)
+    bent = r["alpha"] + 0.3 * np.abs(r["alpha"]) + 0.1 * np.sin(0.7 * r.t_s)  # what the structure does not have
+    model = output_error.estimate([r.with_columns({"alpha": bent})], SHORT)
+    assert np.max(model.diagnostics["error_inflation"]) > 5.0
+    said = [a for a in model.advice if a.code == "coloured_residuals"]
+    assert len(said) == 1
+    assert "do not believe" in said[0] or "not to be believed" in said[0]
+    assert "corrected" not in said[0]
