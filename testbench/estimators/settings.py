@@ -154,7 +154,8 @@ class EquationError(Settings, Structured):
 class _Simulated(Settings, Structured):
     """What methods share that compare simulated with measured outputs.
 
-    They start from equation error where all states are measured, but for the parameters that ``start`` names.
+    They start from the values of the structure (and of ``start``) or, where all states are measured, from those of
+    equation error, whichever follow the records better.
     """
 
     initial_states: Literal["free", "record", "zero"] = "free"
@@ -166,22 +167,31 @@ class _Simulated(Settings, Structured):
 
 
 class OutputError(_Simulated):
-    """Maximum likelihood for measurement noise only."""
+    """Maximum likelihood for measurement noise only.
+
+    ``starts``: how many start points; if not given one, and others where its fit looks bad.
+    """
 
     method: Literal["output_error"] = "output_error"
     noise: Literal["diagonal", "full"] = "diagonal"
-    starts: Count = 1
+    starts: Count | None = None
     seed: Annotated[int, Field(ge=0)] = 0
+
+
+ProcessNoiseModel = Literal["auto", "none", "diagonal", "full", "gust"]
 
 
 class FilterError(_Simulated):
     """Maximum likelihood for process noise (turbulence) and measurement noise.
 
-    ``process_noise`` names the states whose process noise is estimated; all if not given.
+    ``process_noise`` names the states whose process noise is estimated; all if not given. ``process_noise_model`` says
+    what form it has: "none", "diagonal" (each state by itself), "full" (the states together), "gust" (of first order,
+    in the flow angle), or "auto": the likelihood chooses.
     """
 
     method: Literal["filter_error"] = "filter_error"
     process_noise: Names | None = None
+    process_noise_model: ProcessNoiseModel = "auto"
     fixed_process_noise: dict[str, NonNegative] = {}
 
 

@@ -18,6 +18,7 @@ _TOGETHER = 0.98  # correlation beyond which two estimates stand for one another
 _VAGUE = 0.5  # standard error relative to the value
 _EXACT = 1e-9  # median standard error relative to the value below which the records are free of noise
 _COLOURED = 1e-3  # false-alarm probability of the whiteness test
+_BIASED = 5.0  # corrected over plain errors beyond which residuals are no noise but what the model misses (judged)
 _WHY = {"not_converged": "the search did not converge", "on_bound": "{} ended on a bound"}
 
 
@@ -91,14 +92,23 @@ def advice_in_words(model: Any) -> Any:
         )
     coloured = [o for o, p in zip(model.outputs, found["whiteness_p"], strict=True) if p < _COLOURED]
     if coloured:
-        factor = float(np.max(found["error_inflation"]))
+        inflation = np.asarray(found["error_inflation"])
+        factor = float(np.max(inflation))
+        # a constant takes up every drift, which need not touch the derivatives
+        slopes = np.array([0.0 if linear and n.endswith("_0") else 1.0 for n in names]) * inflation
         # a correction of errors that are not to be believed would lend them weight
         why = [_WHY[a.code].format(", ".join(found["at_bound"])) for a in out if a.code in _WHY]
-        errors_hold = (
-            f"the standard errors are not to be believed, because {' and '.join(why)}"
-            if why
-            else f"standard errors are corrected for it, by up to a factor {factor:.2g}"
-        )
+        if why:
+            errors_hold = f"the standard errors are not to be believed, because {' and '.join(why)}"
+        elif np.max(slopes) > _BIASED and model.method != "equation_error":  # whose own low pass colours its residuals
+            worst, most = names[int(np.argmax(slopes))], float(np.max(slopes))
+            errors_hold = (
+                f"so much so (a factor {most:.2g} in the error of {worst}) as if the model missed something, which "
+                "biases the estimates beyond any standard error: do not believe the errors unless the sensors' noise "
+                "itself is that slow"
+            )
+        else:
+            errors_hold = f"standard errors are corrected for it, by up to a factor {factor:.2g}"
         out.append(
             doubt(
                 "coloured_residuals",

@@ -4,13 +4,13 @@
 
 If f is linear in its parameters, as in all structures with dimensional derivatives, this is one linear least squares;
 otherwise it takes Gauss-Newton steps. It needs no start values and cannot diverge, so it gives output error its start.
-But noise of the measured states biases it, mostly towards zero, and its standard errors do not cover this:
-results/estimators and the advice say how far they fall short. Derivatives by Fourier smoothing (see
-``regression.smoothing``). The equation of a state passes, derivative, states and inputs, the low pass that suits this
-state: a linear equation holds for filtered signals if one filter has passed them all; states that show nothing but
-noise from a lower frequency on are cut off there. Inputs that are held take the mean of the values before and after a
-sample: a smooth derivative sees both, and the later one alone is half a sample early. V. Klein and E. A. Morelli,
-Aircraft System Identification, AIAA, 2006, chapter 5.
+But noise of the measured states biases it, mostly towards zero, and its standard errors do not cover this: the advice
+says by how much, parameter by parameter (see ``_noise_bias``), and results/estimators how far the errors fall short.
+Derivatives by Fourier smoothing (see ``regression.smoothing``). The equation of a state passes, derivative, states and
+inputs, the low pass that suits this state: a linear equation holds for filtered signals if one filter has passed them
+all; states that show nothing but noise from a lower frequency on are cut off there. Inputs that are held take the mean
+of the values before and after a sample: a smooth derivative sees both, and the later one alone is half a sample early.
+V. Klein and E. A. Morelli, Aircraft System Identification, AIAA, 2006, chapter 5.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.core.advice import doubt
+from testbench.core.advice import Advice, doubt, note
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
@@ -40,13 +40,8 @@ from testbench.estimators.regression.smoothing import SineSeries, bridge
 from testbench.estimators.settings import EquationError
 
 _STEPS = 20
-_QUIET = 1e-2  # noise of a state below this share of its motion does not bias anything worth mentioning
+_LITTLE = 0.1  # bias by noise, in standard errors, that is not worth a word
 _STILL = 1e-10  # relative change of the parameters, in standard errors, that ends the steps
-_BIASED = doubt(
-    "noisy_terms",
-    "noise of the measured states biases equation error, and the standard errors do not show that bias; refine the "
-    "estimate by output error",
-)
 
 
 @with_settings(EquationError)
@@ -135,13 +130,14 @@ def estimate(
 
 
 class _Data(NamedTuple):
-    """One record's x (n, N, n) and inputs (n, N, m) per equation, derivatives (N, n), samples taken (N,), noise."""
+    """One record's x (n, N, n) and inputs (n, N, m) per equation, derivatives (N, n), samples taken (N,), and the
+    variances of the noise that is left in x (n, n), by equation and state."""
 
     x: FloatArray
     u: FloatArray
     xdot: FloatArray
     taken: NDArray[np.bool_]
-    noisy: bool
+    noise: FloatArray
 
 
 def _smoothed(
@@ -160,18 +156,19 @@ def _smoothed(
 
     x_series, u_series = ([SineSeries.of(signal, record.dt_s) for signal in signals] for signals in (x, u.T))
     cutoffs = [s.best_cutoff_hz if cutoff_hz is None else cutoff_hz for s in x_series]
-    states, inputs, derivatives = [], [], []
+    states, inputs, derivatives, noise = [], [], [], []
     for i, cutoff in enumerate(cutoffs):
         found = [s.smoothed(min(own, cutoff)) for s, own in zip(x_series, cutoffs, strict=True)]
         states.append(np.stack([s.values for s in found], axis=1))
         inputs.append(np.stack([s.smoothed(cutoff).values for s in u_series], axis=1))
         derivatives.append(found[i].derivative)
+        noise.append([s.noise_left(min(own, cutoff)) for s, own in zip(x_series, cutoffs, strict=True)])
     return _Data(
         np.array(states),
         np.array(inputs),
         np.stack(derivatives, axis=1),
         np.asarray(part.valid.all(axis=1)),
-        any(s.noise_std > _QUIET * np.std(signal) for s, signal in zip(x_series, x, strict=True)),
+        np.array(noise),
     )
 
 
@@ -259,8 +256,79 @@ def _model(
             np.mean([d.u[0, 0] for d in data], axis=0),
         ),
     )
+    bias = np.zeros(k)
+    bias[free] = _noise_bias(structure, data, params, free, R, found.plain)
+    model = replace(model, diagnostics={**model.diagnostics, "noise_bias": bias[free]})
     # what advice says of outputs holds of states here
     said = replace(advice_in_words(replace(model, outputs=structure.states)), outputs=structure.outputs)
-    if not any(d.noisy for d in data):
-        return said
-    return replace(said, advice=(*said.advice, _BIASED, *approximate("equation_error")))
+    return replace(said, advice=(*said.advice, *_bias_in_words(said, bias)))
+
+
+def _noise_bias(
+    structure: ModelStructure,
+    data: Sequence[_Data],
+    params: FloatArray,
+    free: np.ndarray,
+    R: FloatArray,
+    plain: FloatArray,
+) -> FloatArray:
+    """Return the bias (f,) of the free parameters by noise of the measured states.
+
+    With errors in variables, least squares tend to theta - M^-1 N theta (W. A. Fuller, Measurement Error Models, 1987,
+    section 1.1), M the information and N that of the noise alone. Equation i answers noise n of state s by df_i/dx_s n,
+    and its sensitivity to theta_j by d2f_i/dtheta_j dx_s n, so that with the variances v of the noise that the low pass
+    leaves, the bias is - plain sum over samples, i and s of v_is d2f_i/dtheta_j dx_s df_i/dx_s / R_i. Noise of a state
+    and that of its derivative do not go together.
+
+    Args:
+        structure: the equations.
+        data: smoothed records.
+        params: (k,) estimates.
+        free: (f,) indices of those that are estimated.
+        R: (n,) variances of the equations' errors.
+        plain: (f, f) inverse of the information.
+    """
+    z = np.tile(params.astype(complex), (free.size, 1))
+    z[np.arange(free.size), free] += 1j * STEP
+    total = np.zeros(free.size)
+    for d in data:
+        for i, (x, u) in enumerate(zip(d.x, d.u, strict=True)):
+            for s in np.flatnonzero(d.noise[i] > 0.0):
+                nudge = max(float(np.std(x[:, s])), 1e-12)
+                moved = np.zeros(x.shape[1])
+                moved[s] = nudge
+                f, g = (
+                    structure.derivative((x + side * moved)[:, None, :].astype(complex), u[:, None, :], z[None])[
+                        :, :, i
+                    ]
+                    for side in (1.0, -1.0)
+                )
+                slope = (f - g)[d.taken] / (2.0 * nudge)  # by the state; its imaginary part by the parameters, too
+                total += d.noise[i, s] / R[i] * np.sum(slope.imag / STEP * slope.real, axis=0)
+    return np.asarray(-plain @ total)
+
+
+def _bias_in_words(model: ParametricModel, bias: FloatArray) -> tuple[Advice, ...]:
+    """Return by how much noise of the states biases the estimates: a doubt if by more than an error, else a note."""
+    error, names = np.sqrt(np.diag(model.covariance)), model.structure.parameter_names
+
+    def said(i: int) -> str:
+        share = f"{100.0 * abs(bias[i] / model.params[i]):.2g} % of it, " if model.params[i] else ""
+        return f"{names[i]} by {bias[i]:.2g} ({share}{abs(bias[i]) / error[i]:.2g} of its errors)"
+
+    worth = [int(i) for i in np.flatnonzero(error > 0.0) if abs(bias[i]) > _LITTLE * error[i]]
+    if not worth:
+        return ()
+    worth.sort(key=lambda i: -abs(bias[i]) / error[i])
+    beyond = [i for i in worth if abs(bias[i]) > error[i]]
+    if not beyond:
+        most = f"noise of the measured states biases these estimates by less than their errors, most {said(worth[0])}"
+        return (note("noisy_terms", most),)
+    return (
+        doubt(
+            "noisy_terms",
+            f"noise of the measured states biases {', '.join(said(i) for i in beyond)}, and the standard errors do not "
+            "hold that; refine the estimate by output error",
+        ),
+        *approximate("equation_error"),
+    )

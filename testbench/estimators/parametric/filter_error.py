@@ -25,7 +25,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -38,14 +38,16 @@ from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
-from testbench.estimators.parametric.gauss_newton import Minimum, minimise
+from testbench.estimators.parametric.kalman.forms import FALSE_ALARM, Choice, Form, chosen
+from testbench.estimators.parametric.kalman.gust import ANGLES, Sensor, flow_angle, with_gust
 from testbench.estimators.parametric.kalman.innovations import Rows, innovations
-from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood, Part
+from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
 from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, held_inputs, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.response import delayed
-from testbench.estimators.parametric.structure import ModelStructure
-from testbench.estimators.settings import FilterError
+from testbench.estimators.parametric.starts import first_points
+from testbench.estimators.parametric.structure import STEP, ModelStructure
+from testbench.estimators.settings import FilterError, ProcessNoiseModel
 from testbench.estimators.state_space import check_sample_time
 
 _SETTLED = 3e-3  # relative change of the innovations' variances between two rounds that ends them
@@ -59,16 +61,6 @@ _ROUNDING = 1e-6  # free-run error below this share of an output is rounding
 _NOTHING = 1e-10  # innovations below this share of every output's size are rounding
 
 
-class _Found(NamedTuple):
-    """Where the search ended."""
-
-    minimum: Minimum
-    parts: list[Part]
-    R: FloatArray
-    rounds: int
-    settled: bool
-
-
 @with_settings(FilterError)
 def estimate(
     records: Sequence[FlightRecord],
@@ -76,6 +68,7 @@ def estimate(
     *,
     process_noise: Sequence[str] | None,
     fixed_process_noise: Mapping[str, float] | None,
+    process_noise_model: ProcessNoiseModel,
     initial_states: Initial,
     output_biases: Sequence[str],
     output_trends: Sequence[str],
@@ -93,6 +86,9 @@ def estimate(
         process_noise: states whose process noise is estimated; None: all that ``fixed_process_noise`` does not name,
             but for those of servos.
         fixed_process_noise: state -> known process noise, unit of the state per square root of a second.
+        process_noise_model: "none", "diagonal" (every state by itself), "full" (of all states together), "gust" (of
+            first order, in the flow angle; see ``kalman.gust``), or "auto": the likelihood chooses among them, between
+            none and diagonal if states are named (see ``kalman.forms``).
         initial_states: "free" estimates one per record; "record" takes the first sample of the channels of that name,
             "zero" takes trim.
         output_biases: outputs with a constant of their own in every record.
@@ -107,8 +103,11 @@ def estimate(
     Returns:
         The model; its ``noise_covariance`` is that of the innovations. Diagnostics as of output error, and
         ``process_noise`` by state: value and its standard error, unit of the state per square root of a second;
-        ``process_noise_absent``: states whose process noise cannot be told from none;
-        ``measurement_noise`` by output, standard deviation; ``gain`` (n, p) per record;
+        ``process_noise_correlation`` (s, s) of those states; ``gust``: its ``bandwidth_rad_s``, ``rms`` and ``sensor``,
+        or None; ``process_noise_model`` that was taken and ``process_noise_criteria`` by form that was tried: Schwarz's
+        criterion less the least; ``process_noise_ratio``: 2 ln L of process noise against none and its probability if
+        there is none, or None; ``measurement_noise`` by output, standard deviation; ``gain`` (n, p) per record, of a
+        gust with its row first;
         ``kc_eigenvalue``: the largest of K C, at most 1; 1 says that some channel is taken as free of noise;
         ``free_run_error`` and ``free_run_error_start``: (p,) output error of the simulation without filter, relative to
         each output's motion, with the estimates and with the start values.
@@ -140,11 +139,29 @@ def estimate(
         len(constant) + len(sloped),
     )
     hold, recognised = held_inputs(structure.inputs, held, records)
-    base = Likelihood(structure, stretches, layout, records[0].dt_s, hold, substeps=substeps)
-    likelihood = FilterLikelihood(base, noisy, fixed)
-    found = _search(likelihood, max_iterations)
-    diagnostics, white, corrected = _diagnose(likelihood, found)
-    params = base.parameters(found.minimum.point, structure.values)
+    dt_s = records[0].dt_s
+
+    def make(form: Form) -> FilterLikelihood:
+        if form.name != "gust":
+            base = Likelihood(structure, stretches, layout, dt_s, hold, substeps=substeps)
+            still = form.name == "none"
+            return FilterLikelihood(base, [] if still else noisy, fixed, shared=form.name == "full")
+        assert form.sensor is not None
+        whole = with_gust(structure, form.sensor, np.pi / dt_s)
+        begun = [replace(s, x0=np.concatenate([[0.0], s.x0])) for s in stretches]
+        both = layout._replace(chosen=np.flatnonzero(whole.free), states=layout.states + 1)
+        base = Likelihood(whole, begun, both, dt_s, hold, substeps=substeps)
+        return FilterLikelihood(base, [0], np.zeros(len(whole.states)))
+
+    forms = _forms(structure, process_noise_model, process_noise, fixed_process_noise)
+    calm = Likelihood(structure, stretches, layout, dt_s, hold, substeps=substeps)
+    values = first_points(calm, records, delays_s, held)[0]
+    choice = chosen(forms, make, values, max_iterations)
+    likelihood, found = choice.fit.likelihood, choice.fit.found
+    diagnostics, white, corrected = _diagnose(choice, layout)
+    extra = len(likelihood.base.structure.states) - len(structure.states)  # the gust
+    params = structure.values
+    params[layout.chosen] = found.minimum.point[: layout.chosen.size]
     model = ParametricModel(
         method="filter_error",
         inputs=structure.inputs,
@@ -152,7 +169,8 @@ def estimate(
         dt_s=records[0].dt_s,
         settings={
             "structure": structure.name,
-            "process_noise": [structure.states[i] for i in noisy],
+            "process_noise": [structure.states[i] for i in noisy] if choice.fit.likelihood.noisy else [],
+            "process_noise_model": choice.fit.form.name,
             "fixed_process_noise": dict(fixed_process_noise or {}),
             "initial_states": initial_states,
             "output_biases": list(constant),
@@ -172,7 +190,7 @@ def estimate(
         trended=sloped,
         biased_inputs=tuple(input_biases),
         operating_point=(
-            np.mean([x for x, _ in likelihood.points], axis=0),
+            np.mean([x[extra:] for x, _ in likelihood.points], axis=0),
             np.mean([u for _, u in likelihood.points], axis=0),
         ),
         substeps=substeps,
@@ -263,11 +281,13 @@ def _with_filter_advice(model: ParametricModel) -> ParametricModel:
                 f"{found['kc_eigenvalue']:.4f}): that channel may be smoothed, or computed from others; try without it",
             )
         )
-    if found["process_noise"] and len(found["process_noise_absent"]) == len(found["process_noise"]):
+    if found["process_noise_ratio"] is not None and found["process_noise_ratio"][1] > FALSE_ALARM:
+        ratio, probability = found["process_noise_ratio"]
         out.append(
             note(
                 "no_process_noise",
-                "the process noise cannot be told from zero: output error gives the same with fewer unknowns",
+                f"no process noise can be told from none: 2 ln L is {ratio:.2g} against it, and at least as much in "
+                f"{100 * probability:.2g} % of flights in calm air; output error gives the same with fewer unknowns",
             )
         )
     out.extend(approximate("filter_error"))
@@ -292,14 +312,19 @@ def predict(model: ParametricModel, record: FlightRecord) -> tuple[FloatArray, F
     u = delayed(record.columns(model.inputs), record.dt_s, np.array(model.delays_s))
     states = model.structure.states
     x0 = np.array([record[s][0] if s in record else model.operating_point[0][i] for i, s in enumerate(states)])
-    rows = Rows(model.params[None], x0[None], np.zeros((1, u.shape[1])), model.diagnostics["gain"][0][None])
+    structure, params = model.structure, model.params
+    gust = model.diagnostics["gust"]
+    if gust is not None:
+        structure = with_gust(structure, gust["sensor"], np.pi / model.dt_s)
+        params, x0 = np.append(params, np.log(gust["bandwidth_rad_s"])), np.append(0.0, x0)
+    rows = Rows(params[None], x0[None], np.zeros((1, u.shape[1])), model.diagnostics["gain"][0][None])
     run = innovations(
-        model.structure, rows, u, part.data[:, None], part.valid, record.dt_s, np.array(model.held), model.substeps
+        structure, rows, u, part.data[:, None], part.valid, record.dt_s, np.array(model.held), model.substeps
     )
     v = run.v[:, 0].real
     if not np.all(np.isfinite(v)):
         raise EstimationError("the filter diverges over this record; it is outside the range that the model holds in")
-    outputs = model.structure.output(run.x[:, 0].real, u, np.tile(model.params, (len(u), 1)))
+    outputs = structure.output(run.x[:, 0].real, u, np.tile(params, (len(u), 1)))
     return outputs, v
 
 
@@ -324,87 +349,103 @@ def _process_noise(
     )
 
 
-def _search(likelihood: FilterLikelihood, max_iterations: int) -> _Found:
-    """Search by Gauss-Newton steps for a given R in turns with a new R, F and point of linearisation."""
-    base = likelihood.base
-    low, high = likelihood.bounds()
-    point = likelihood.start(base.structure.values)
-    R = (_START * base.size) ** 2
-    total = float(base.counts.sum())
-    settled, rounds, change = False, 0, np.zeros(R.size)
-    while True:
-        rounds += 1
-        # The rounds only have to follow R; the last one ends at 1/1000 of an error.
-        tolerance, most = (1e-6, max_iterations) if settled else (1e-2, _FOLLOWING)
-        minimum = minimise(likelihood.problem(R), point, low, high, tolerance=tolerance / total, max_iterations=most)
-        point = minimum.point
-        parts = likelihood.evaluate(point, R)
-        if settled or rounds == _ROUNDS:
-            return _Found(minimum, parts, R, rounds, settled)
-        new = np.diag(base.noise([part.v for part in parts]))
-        if np.all(new <= (_NOTHING * base.size) ** 2):  # data without noise: nothing left to weigh
-            return _Found(minimum._replace(converged=True), parts, new, rounds, True)
-        settled = bool(np.max(np.abs(new - R) / R) < _SETTLED)
-        change, previous = np.log(new / R), change
-        along = float(change @ previous) / max(float(previous @ previous), 1e-300)
-        if rounds % 3 == 0 and not settled and 0.0 < along < 0.9 and np.max(np.abs(change)) < 0.5:
-            new = new * np.exp(along / (1.0 - along) * change)  # the rounds converge linearly: go to where they lead
-            change = np.zeros(R.size)
-        likelihood.points = [
-            (part.x.mean(axis=0), s.u.mean(axis=0)) for part, s in zip(parts, base.stretches, strict=True)
-        ]
-        if not settled:
-            point = np.clip(_rescaled(likelihood, point, R, new), low, high)
-        R = new
+def _forms(
+    structure: ModelStructure,
+    model: ProcessNoiseModel,
+    named: Sequence[str] | None,
+    fixed: Mapping[str, float] | None,
+) -> tuple[Form, ...]:
+    """Return the forms of process noise to fit."""
+    gusts: tuple[Form, ...] = ()
+    angle = flow_angle(structure)
+    if angle is not None:
+        sensors: tuple[Sensor, ...] = ("inertial", "vane") if angle in structure.outputs else ("vane",)
+        gusts = tuple(Form("gust", sensor) for sensor in sensors)
+    if model == "auto":
+        if fixed:
+            return (Form("diagonal"),)
+        if named is not None:
+            return (Form("diagonal"), Form("none"))
+        return (Form("diagonal"), *gusts, Form("full"), Form("none"))
+    if model == "gust":
+        if not gusts:
+            raise EstimationError(
+                f"a gust turns a flow angle ({' or '.join(ANGLES)}), but the states of '{structure.name}' are "
+                f"{', '.join(structure.states)}; take process_noise_model = 'full'"
+            )
+        if named is not None or fixed:
+            raise EstimationError(
+                "process noise of named states does not go with process_noise_model = 'gust', which shakes all of them "
+                "through the flow angle; name none, or take 'diagonal'"
+            )
+        return gusts
+    return (Form(model),)
 
 
-def _rescaled(likelihood: FilterLikelihood, point: FloatArray, R: FloatArray, new: FloatArray) -> FloatArray:
-    """Return the search point with F F' changed as R is where the states show: Jategaonkar 2015, section 5.3."""
-    base, out = likelihood.base, point.copy()
-    params = base.parameters(point, base.structure.values)[None].astype(complex)
-    C = likelihood.linearised(params, 0)[1][0].real[:, likelihood.noisy]
-    before, after = (np.sum(C**2 / variance[:, None], axis=0) for variance in (R, new))
-    seen = before > 0.0
-    common = np.full(seen.size, np.exp(np.mean(np.log(new / R))))
-    out[base.unknowns :] += 0.5 * np.log(np.divide(before, after, out=common, where=seen))
-    return out
-
-
-def _diagnose(likelihood: FilterLikelihood, found: _Found) -> tuple[dict[str, Any], FloatArray, FloatArray]:
+def _diagnose(choice: Choice, layout: Layout) -> tuple[dict[str, Any], FloatArray, FloatArray]:
     """Return diagnostics, and the plain and the corrected covariance of the free parameters (f, f)."""
-    base, layout, parts, point = likelihood.base, likelihood.base.layout, found.parts, found.minimum.point
+    likelihood, found = choice.fit.likelihood, choice.fit.found
+    base, own, parts, point = likelihood.base, likelihood.base.layout, found.parts, found.minimum.point
     f, total, states = layout.chosen.size, int(base.counts.sum()), base.structure.states
     residuals = [part.v for part in parts]
     R = found.R * total / (total - likelihood.unknowns)  # unknowns take degrees of freedom from the innovations
     names, moving = likelihood.names(), ~found.minimum.at_bound
-    jacobians = [part.dv for part in parts]
-    a = accuracy(residuals, jacobians, np.diag(R), likelihood.prior_weight, moving, names)
+    a = accuracy(residuals, [part.dv for part in parts], np.diag(R), likelihood.prior_weight, moving, names)
     white, corrected = a.plain[:f, :f], a.corrected[:f, :f]
     deviation = np.sqrt(np.diag(white))
     share = np.mean([1.0 / np.mean(np.diag(part.gain.S) / found.R) for part in parts])
-    F, F_std = np.sqrt(share) * likelihood.process_noise(point), np.sqrt(np.diag(a.corrected))[base.unknowns :]
-    absent = (np.sqrt(np.diag(a.plain))[base.unknowns :] > 1.0) | ~moving[base.unknowns :]
+    Q, Q_std = _intensities(likelihood, point, a.corrected)
+    noisy = likelihood.noisy
     params = base.parameters(point, base.structure.values)[None].astype(complex)
     products = [part.gain.K @ likelihood.linearised(params, i)[1][0].real for i, part in enumerate(parts)]
-    nuisances = [layout.split(point, i) for i in range(len(parts))]
+    nuisances = [own.split(point, i) for i in range(len(parts))]
+    gust = len(states) > layout.states
+    least = min(fit.criterion for fit in choice.tried)
+    bandwidth = float(np.exp(point[f])) if gust else 0.0
     diagnostics = {
         "cost": base.negative_log(found.minimum.cost, np.diag(found.R)),
         "rounds": found.rounds,
         "iterations": found.minimum.iterations,
-        "converged": found.minimum.converged and found.settled,
+        "converged": found.converged,
         "at_bound": [n for n, b in zip(names[:f], found.minimum.at_bound[:f], strict=True) if b],
         "condition": a.condition,
         "residual_std": np.sqrt(R),
         "whiteness_p": whiteness(residuals, [s.valid for s in base.stretches], base.size, np.diag(R)),
         "correlation": correlations(white),
         "error_inflation": np.divide(np.sqrt(np.diag(corrected)), deviation, out=np.ones(f), where=deviation > 0.0),
-        "initial_states": [layout.begin(x, s.x0) for (x, _, _), s in zip(nuisances, base.stretches, strict=True)],
+        "initial_states": [
+            own.begin(x, s.x0)[int(gust) :] for (x, _, _), s in zip(nuisances, base.stretches, strict=True)
+        ],
         "offsets": [o for _, o, _ in nuisances],
         "input_biases": [b for _, _, b in nuisances],
-        "process_noise": {states[i]: (float(F[i]), float(F[i] * F_std[j])) for j, i in enumerate(likelihood.noisy)},
-        "process_noise_absent": [states[i] for i, no in zip(likelihood.noisy, absent, strict=True) if no],
+        "process_noise": {
+            states[i]: (float(np.sqrt(share) * Q[i, i] ** 0.5), float(np.sqrt(share) * Q_std[i])) for i in noisy
+        },
+        "process_noise_correlation": correlations(Q[np.ix_(noisy, noisy)]),
+        "process_noise_model": str(choice.fit.form),
+        "process_noise_criteria": {str(fit.form): fit.criterion - least for fit in choice.tried},
+        "process_noise_ratio": None if choice.probability is None else (choice.against_none, choice.probability),
+        "gust": {
+            "bandwidth_rad_s": bandwidth,
+            "rms": float(np.sqrt(share * Q[0, 0] / (2.0 * bandwidth))),
+            "sensor": choice.fit.form.sensor,
+        }
+        if gust
+        else None,
         "measurement_noise": dict(zip(base.structure.outputs, np.sqrt(share * R).tolist(), strict=True)),
         "gain": [part.gain.K for part in parts],
         "kc_eigenvalue": max(float(np.max(np.linalg.eigvals(product).real)) for product in products),
     }
     return diagnostics, white, corrected
+
+
+def _intensities(
+    likelihood: FilterLikelihood, point: FloatArray, covariance: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return F F' (n, n) and the standard error of the square root of each of its diagonal elements (n,)."""
+    rows = np.tile(point.astype(complex), (point.size, 1)) + 1j * STEP * np.eye(point.size)
+    F = likelihood.process_noise(rows)
+    size = np.sqrt(np.sum(F**2, axis=-1))
+    slope = np.nan_to_num(size.imag / STEP)
+    nominal = F[0].real
+    return nominal @ nominal.T, np.sqrt(np.maximum(np.einsum("ai,ab,bi->i", slope, covariance, slope), 0.0))

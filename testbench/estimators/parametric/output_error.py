@@ -12,12 +12,13 @@ V. Jategaonkar, Flight Vehicle System Identification, 2nd ed., 2015, chapter 4).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from testbench.core.advice import doubt, note, wrong
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
@@ -28,13 +29,18 @@ from testbench.estimators.parametric.advice import advice_in_words
 from testbench.estimators.parametric.gauss_newton import Minimum, minimise
 from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, held_inputs, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
+from testbench.estimators.parametric.starts import first_points, point_of_filter_error, scattered
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.settings import OutputError
 
 _SETTLED = 1e-3  # relative change of the noise covariance between two rounds that ends them
 _EXACT = 1e-11  # residuals below this share of every output's size are rounding
 _ROUNDS = 50
-_SPREAD = 0.5  # of the start values in a multi-start, relative
+_COLOURED = 1e-3  # probability of white residuals below which a fit is looked at again from other starts
+_POOR = 0.3  # residuals relative to an output's motion from which on a third start must agree (judged)
+_SCATTERED = 4  # start points besides the structure's, equation error's and filter error's
+_SAME = 2.0  # difference of ln L within which two ends are one minimum, or as good as one
+_APART = 4.0  # standard errors between ends of the same cost that are not one
 
 
 @with_settings(OutputError)
@@ -49,7 +55,7 @@ def estimate(
     delays_s: Mapping[str, float] | None,
     held: Sequence[str] | None,
     noise: Literal["diagonal", "full"],
-    starts: int,
+    starts: int | None,
     seed: int,
     max_iterations: int,
     substeps: int,
@@ -68,7 +74,10 @@ def estimate(
         held: inputs that are held between samples; None takes those called ``*_cmd``, and others that the records
             show to be held (see :mod:`testbench.estimators.hold`). The others run linearly.
         noise: "diagonal" or "full" covariance of the residuals.
-        starts: how many start points; the others scatter by half of the values, or over finite bounds. The best wins.
+        starts: how many start points; the best end wins. The structure's own values and, where all its states are
+            measured, those of equation error come first, the better of them at the head; others scatter by half of the
+            values, or over finite bounds. None: one, and if its fit looks bad others (filter error's too) until two
+            have ended at the least cost.
         seed: of the start points.
         max_iterations: Gauss-Newton steps per round.
         substeps: Runge-Kutta steps per sample of a nonlinear structure.
@@ -100,15 +109,12 @@ def estimate(
     likelihood = Likelihood(
         structure, stretches, layout, records[0].dt_s, holding, substeps=substeps, full=noise == "full"
     )
-    results, failures = [], []
-    for values in start_points(structure, starts, seed):
-        try:
-            results.append(_search(likelihood, values, max_iterations))
-        except EstimationError as error:
-            failures.append(error)
-    if not results:
-        raise failures[0]
-    best = min(results, key=lambda r: r.likelihood)
+    first = first_points(likelihood, records, delays_s, held)
+    ends, failure = _ends(likelihood, first, starts, np.random.default_rng(seed), max_iterations)
+    if not ends:
+        assert failure is not None
+        raise failure
+    best = min(ends, key=lambda end: end.likelihood)
     settings = {
         "structure": structure.name,
         "initial_states": initial_states,
@@ -121,7 +127,8 @@ def estimate(
         **said_of_hold(recognised),
     }
     model = _model(likelihood, best, settings, tuple(delays.tolist()))
-    return advice_in_words(replace(model, diagnostics={**model.diagnostics, "starts": [r.likelihood for r in results]}))
+    model = replace(model, diagnostics={**model.diagnostics, "starts": [end.likelihood for end in ends]})
+    return _with_advice_on_starts(advice_in_words(model), likelihood, ends)
 
 
 def _check(
@@ -130,12 +137,12 @@ def _check(
     output_biases: Sequence[str],
     output_trends: Sequence[str],
     input_biases: Sequence[str],
-    starts: int,
+    starts: int | None,
 ) -> None:
     check_records(records, structure.must_move, structure.outputs)
     if not structure.free.any():
         raise EstimationError(f"structure '{structure.name}' has no free parameter; free some, or simulate it instead")
-    if starts < 1:
+    if starts is not None and starts < 1:
         raise EstimationError(f"starts >= 1 must hold, got {starts}")
     for name in input_biases:
         if name not in structure.inputs:
@@ -147,20 +154,6 @@ def _check(
             )
 
 
-def start_points(structure: ModelStructure, starts: int, seed: int) -> list[FloatArray]:
-    """Return the structure's own start and ``starts - 1`` scattered ones, (k,) each."""
-    rng = np.random.default_rng(seed)
-    values, (low, high) = structure.values, structure.bounds
-    points = [values]
-    bounded = np.isfinite(low) & np.isfinite(high)
-    for _ in range(starts - 1):
-        scattered = values + _SPREAD * np.abs(values) * rng.standard_normal(values.size)
-        inside = rng.uniform(np.where(bounded, low, 0.0), np.where(bounded, high, 1.0))
-        point = np.where(bounded, inside, np.clip(scattered, low, high))
-        points.append(np.where(structure.free, point, values))
-    return points
-
-
 class _Found(NamedTuple):
     """Where one search ended."""
 
@@ -170,6 +163,97 @@ class _Found(NamedTuple):
     likelihood: float
     rounds: int
     settled: bool
+
+
+def _ends(
+    likelihood: Likelihood,
+    first: list[FloatArray],
+    starts: int | None,
+    rng: np.random.Generator,
+    max_iterations: int,
+) -> tuple[list[_Found], EstimationError | None]:
+    """Return where searches ended, and why the first failed that did: ``starts`` of them, or as many as it takes."""
+    ends: list[_Found] = []
+    failure: EstimationError | None = None
+    for point in _points(likelihood, first, starts, rng):
+        try:
+            ends.append(_search(likelihood, point, max_iterations))
+        except EstimationError as error:
+            failure = failure or error
+            continue
+        if starts is None and _settled(likelihood, ends):
+            break
+    return ends, failure
+
+
+def _points(
+    likelihood: Likelihood, first: list[FloatArray], starts: int | None, rng: np.random.Generator
+) -> Iterator[FloatArray]:
+    """Yield start points, made when they are wanted."""
+    structure = likelihood.structure
+    if starts is not None:
+        yield from [*first, *scattered(structure, structure.values, max(0, starts - len(first)), rng)][:starts]
+        return
+    yield from first
+    if (filtered := point_of_filter_error(likelihood, first[0])) is not None:
+        yield filtered
+    yield from scattered(structure, first[0], _SCATTERED, rng)
+
+
+def _settled(likelihood: Likelihood, ends: list[_Found]) -> bool:
+    """Whether the best end needs no other start: its residuals look like noise, or enough starts have ended there."""
+    best = min(ends, key=lambda end: end.likelihood)
+    if not _looks_bad(likelihood, best):
+        return True
+    return _reached(ends) >= (3 if _poor(likelihood, best) else 2)
+
+
+def _looks_bad(likelihood: Likelihood, end: _Found) -> bool:
+    if not (end.minimum.converged and end.settled) or np.any(end.minimum.at_bound):
+        return True
+    residuals = [v for v, _ in likelihood.evaluate(end.minimum.point, end.params)]
+    white = whiteness(residuals, [s.valid for s in likelihood.stretches], likelihood.size, end.R)
+    return bool(np.any(white < _COLOURED))
+
+
+def _poor(likelihood: Likelihood, end: _Found) -> bool:
+    return bool(np.any(np.sqrt(np.diag(end.R)) > _POOR * likelihood.size))
+
+
+def _reached(ends: list[_Found]) -> int:
+    """Return how many searches ended at the least cost."""
+    costs = np.array([end.likelihood for end in ends])
+    return int(np.sum(costs - costs.min() < _SAME))
+
+
+def _with_advice_on_starts(model: ParametricModel, likelihood: Likelihood, ends: list[_Found]) -> ParametricModel:
+    """Return the model with what its starts say of its minimum."""
+    best = min(ends, key=lambda end: end.likelihood)
+    above = np.array([end.likelihood - best.likelihood for end in ends])
+    worse, reached, out = above[above >= _SAME], _reached(ends), []
+    if worse.size:
+        others = f"{worse.min():.3g} to {worse.max():.3g}" if worse.size > 1 else f"{worse[0]:.3g}"
+        said = (
+            f"{reached} of {len(ends)} starts ended at this minimum, {worse.size} at others, {others} higher in -ln L"
+        )
+        if reached > 1 or not _looks_bad(likelihood, best):
+            out.append(note("starts_disagree", said))
+        else:
+            judge = wrong if _poor(likelihood, best) or not model.diagnostics["converged"] else doubt
+            fix = "there may be a better one; give start values or bounds, or more starts, or check the structure"
+            out.append(judge("starts_disagree", f"only {said}: {fix}"))
+    free, names = model.structure.free, model.structure.parameter_names
+    error = np.sqrt(np.diag(model.covariance))
+    apart = np.array([np.where(free, np.abs(end.params - best.params), 0.0) for end in ends])[above < _SAME].max(axis=0)
+    if far := [n for n, a, e in zip(names, apart, error, strict=True) if e > 0.0 and a > _APART * e]:
+        out.append(
+            doubt(
+                "equal_minima",
+                f"other values of {', '.join(far)} fit these records as well (beyond {_APART:g} standard errors); fix "
+                "some of them, or give bounds that leave one answer",
+            )
+        )
+    return replace(model, advice=(*model.advice, *out))
 
 
 def _search(likelihood: Likelihood, values: FloatArray, max_iterations: int) -> _Found:

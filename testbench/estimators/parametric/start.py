@@ -1,4 +1,7 @@
-"""Where a method that fits a structure starts: the structure of its entry, with values from equation error."""
+"""Where a method that fits a structure starts: the structure of its entry, with values from equation error.
+
+Output and filter error look for start values by themselves, from Python too (see ``starts``), but for lags of servos.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,8 @@ from testbench.estimators.parametric.servo import START_LAGS_S, SUBSTEPS, in_fro
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.parametric.structures.build import build
 from testbench.estimators.structured import Structured
+
+_BY_THEMSELVES = ("equation_error", "output_error", "filter_error")
 
 
 def of_servos(entry: Any) -> Any:
@@ -59,11 +64,13 @@ def started(
     """
     structure: ModelStructure = build(entry, inputs, outputs, records)
     measured = structure.states[: len(structure.states) - len(structure.followers)]
-    if getattr(entry, "method", "") == "equation_error" or not all(s in r for s in measured for r in records):
+    lags, method = _lags(structure, entry), getattr(entry, "method", "")
+    alone = method == "equation_error" or (method in _BY_THEMSELVES and not lags[0])
+    if alone or not all(s in r for s in measured for r in records):
         return structure
     delays = {name: delay for name, delay in entry.delays_s.items() if name in structure.inputs}
     first = None
-    for values in _lags(structure, entry):
+    for values in lags:
         try:
             tried = equation_error.estimate(
                 records, structure.with_parameters(values), delays_s=delays, held=entry.held

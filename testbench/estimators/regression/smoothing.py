@@ -97,6 +97,12 @@ class SineSeries:
         k = np.arange(1, self.b.size + 1)
         return _choose_corner(self.b, k, self.noise_std) / (2.0 * self.dt_s * (self.b.size + 1))
 
+    def noise_left(self, cutoff_hz: float) -> float:
+        """Return the variance of the noise that is left in the values smoothed with this cut-off."""
+        k = np.arange(1, self.b.size + 1)
+        phi = 1.0 / (1.0 + (k / (2.0 * cutoff_hz * self.dt_s * (self.b.size + 1))) ** 6)
+        return float(self.noise_std**2 * np.mean(phi**2))
+
     def smoothed(self, cutoff_hz: float | None = None) -> Smoothed:
         """Return the signal smoothed and its derivative; see :func:`fourier_smooth`."""
         from scipy.fft import dct, idst

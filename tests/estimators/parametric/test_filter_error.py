@@ -5,14 +5,20 @@ import pytest
 from parametric_cases import FILTER_ERROR_HFB, HFB
 from recorded import flight_data
 from scipy.linalg import expm, solve_discrete_are
+from studies.filter_error_study import TRUE as GUST_TRUE
+from studies.filter_error_study import flight as gust_flight
+from studies.filter_error_study import structure as gust_structure
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric import filter_error, output_error
+from testbench.estimators.parametric.kalman.forms import chi_bar_square
 from testbench.estimators.parametric.kalman.gain import sampled_noise, steady_gain
+from testbench.estimators.parametric.kalman.gust import _Gust, with_gust
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
 from testbench.estimators.parametric.likelihood import Layout, Likelihood, stretch
 from testbench.estimators.parametric.structure import STEP
+from testbench.estimators.parametric.structures import roll_yaw_rates
 from testbench.estimators.parametric.structures.aerodynamic import aerodynamic_longitudinal
 from testbench.estimators.parametric.structures.short_period import short_period
 
@@ -48,7 +54,7 @@ def flight(seed, N=500, turbulence=F, noise=G, missing=0.0):
     E = expm(M * DT)
     Phi, step, ramp = E[:2, :2], E[:2, 2], E[:2, 3]
     _, Q = sampled_noise(A, turbulence, DT)
-    root = np.linalg.cholesky(Q) if np.any(turbulence) else np.zeros((2, 2))
+    root = np.linalg.cholesky(Q + 1e-18 * np.eye(2)) if np.any(turbulence) else np.zeros((2, 2))
     x, X = np.zeros(2), np.zeros((N, 2))
     for k in range(N - 1):
         x = Phi @ x + step * u[k, 0] + ramp * (u[k + 1, 0] - u[k, 0]) / DT + root @ rng.standard_normal(2)
@@ -175,12 +181,95 @@ def test_standard_errors_are_those_of_the_scatter():
 
 def test_without_turbulence_it_is_output_error():
     record = flight(20, 500, turbulence=np.zeros(2))
-    both = [kind.estimate([record], structure()) for kind in (filter_error, output_error)]
+    by_output_error = output_error.estimate([record], structure())
+    free, chosen = (filter_error.estimate([record], structure(), process_noise_model=m) for m in ("diagonal", "auto"))
     for name in FREE:
         # process noise that is not there is estimated as a little: within a third of a standard error
-        assert abs(both[0].values[name] - both[1].values[name]) < 0.34 * both[1].standard_errors[name] + 1e-12
-    value = both[0].diagnostics["process_noise"]
-    assert all(v < 0.3 * f for (v, _), f in zip(value.values(), F, strict=True))
+        error = by_output_error.standard_errors[name]
+        assert abs(free.values[name] - by_output_error.values[name]) < 0.34 * error
+        assert abs(chosen.values[name] - by_output_error.values[name]) < 0.01 * error
+        assert chosen.standard_errors[name] == pytest.approx(error, rel=0.01)
+    assert all(v < 0.3 * f for (v, _), f in zip(free.diagnostics["process_noise"].values(), F, strict=True))
+    assert chosen.diagnostics["process_noise_model"] == "none"
+    assert chosen.diagnostics["process_noise"] == {}
+    assert [a.code for a in chosen.advice] == ["no_process_noise"]
+    assert chosen.status == "good"
+
+
+def test_the_likelihood_ratio_has_the_false_alarms_that_it_states_and_finds_weak_turbulence():
+    seen = {"calm": [], "turbulent": []}
+    for seed in range(40):
+        for name, turbulence in (("calm", 0.0 * F), ("turbulent", 0.3 * F)):
+            record = flight(500 + seed, 250, turbulence=turbulence)
+            model = filter_error.estimate([record], structure(), process_noise_model="diagonal")
+            seen[name].append(model.diagnostics["process_noise_ratio"][1])
+    calm, turbulent = np.array(seen["calm"]), np.array(seen["turbulent"])
+    # 1 % of 40: more than 4 with a probability of 7e-5; 10 % of 40: more than 12 with one of 1e-4
+    assert np.sum(calm < 0.01) <= 4
+    assert np.sum(calm < 0.1) <= 12
+    assert np.mean(turbulent < 0.01) > 0.9
+
+
+def test_chi_bar_square_of_one_variance_is_half_a_chi_square():
+    rng = np.random.default_rng(4)
+    drawn = np.maximum(rng.standard_normal((200_000, 2)), 0.0) ** 2  # what Self and Liang find for orthogonal scores
+    for x in (0.5, 2.0, 6.0):
+        for n in (1, 2):
+            share = np.mean(drawn[:, :n].sum(axis=1) > x)
+            assert chi_bar_square(x, n) == pytest.approx(share, abs=5e-3)  # four standard errors of the share
+    assert chi_bar_square(-0.1, 2) == 1.0
+
+
+@pytest.mark.parametrize("sensor", ["inertial", "vane"])
+def test_a_gust_in_both_equations_is_chosen_and_its_intervals_hold_the_truth(sensor):
+    held, taken, values = [], [], []
+    for seed in range(10):
+        model = filter_error.estimate([gust_flight(seed, sensor)], gust_structure(), held=())
+        taken.append(model.diagnostics["process_noise_model"])
+        held.append([abs(model.values[n] - v) < 1.96 * model.standard_errors[n] for n, v in GUST_TRUE.items()])
+        values.append([model.values[n] / v for n, v in GUST_TRUE.items()])
+    if sensor == "inertial":
+        assert taken.count("gust, inertial") >= 9
+        assert np.allclose(np.mean(values, axis=0)[[0, 2]], 1.0, atol=0.08)  # diagonal: 0.86 and 0.85
+    else:  # a vane's angle is shaken by itself, nearly: all of these say the same
+        assert set(taken) <= {"gust, vane", "diagonal", "full"}
+    # 50 intervals: of right ones fewer than 40 hold the truth in 1e-4 of the cases
+    assert np.sum(held) >= 40
+
+
+def test_gust_derivatives_agree_with_differences_and_a_linear_gust_with_a_general_one():
+    s = with_gust(gust_structure(), "inertial", np.pi / 0.04)
+    rng = np.random.default_rng(5)
+    x, u, params = rng.standard_normal((3, 3)), rng.standard_normal((3, 1)), np.tile(s.values, (3, 1))
+    np.testing.assert_allclose(_Gust.derivative(s, x, u, params), s.derivative(x, u, params), atol=1e-13)
+    np.testing.assert_allclose(_Gust.output(s, x, u, params), s.output(x, u, params), atol=1e-13)
+    assert s.output(np.array([1.0, 0.0, 0.0]), np.zeros(1), s.values)[0] == 0.0  # inertial alpha does not feel it
+    vane = with_gust(gust_structure(), "vane", np.pi / 0.04)
+    assert vane.output(np.array([1.0, 0.0, 0.0]), np.zeros(1), s.values)[0] == 1.0
+
+
+def test_a_gust_predicts_and_asks_for_a_flow_angle():
+    record = gust_flight(3, "inertial")
+    model = filter_error.estimate([record], gust_structure(), process_noise_model="gust")
+    assert model.diagnostics["gust"]["rms"] == pytest.approx(0.02, rel=0.6)  # three correlation times: hardly more
+    assert set(model.structure.states) == {"alpha", "q"}
+    predicted, _ = filter_error.predict(model, record)
+    left = np.std(record.columns(("alpha", "q")) - predicted, axis=0)
+    np.testing.assert_allclose(left, model.diagnostics["residual_std"], rtol=0.1)
+    other = np.random.default_rng(1).standard_normal((50, 5))
+    rates = FlightRecord(DT * np.arange(50), ("da", "dr", "beta", "p", "r"), other, "measured")
+    with pytest.raises(EstimationError, match="flow angle"):
+        filter_error.estimate([rates], roll_yaw_rates(("p", "r")), process_noise_model="gust")
+    with pytest.raises(EstimationError, match="named states"):
+        filter_error.estimate([record], gust_structure(), process_noise_model="gust", process_noise=["q"])
+
+
+def test_shared_process_noise_is_found_with_its_correlation():
+    together = np.array([[0.0, 0.02], [0.0, 0.08]])
+    model = filter_error.estimate([flight(60, 600, turbulence=together)], structure(), process_noise_model="full")
+    assert model.diagnostics["process_noise_correlation"][0, 1] > 0.8
+    for name in FREE:
+        assert abs(model.values[name] - TRUE[name]) < 4.0 * model.standard_errors[name]  # 6e-5 false alarms each
 
 
 def test_fixed_process_noise_is_kept_and_names_are_checked():

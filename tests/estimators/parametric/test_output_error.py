@@ -12,10 +12,13 @@ from scipy.signal import cont2discrete
 
 from testbench.core.errors import ChannelError, EstimationError
 from testbench.core.record import FlightRecord
+from testbench.estimators import estimate
 from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.structure import LinearStructure, Matrices, Parameter
 from testbench.estimators.parametric.structures import flexible, longitudinal, short_period
+from testbench.estimators.parametric.structures.short_period import ShortPeriod
+from testbench.estimators.settings import OutputError
 
 SHORT = short_period()
 DT = 0.04
@@ -207,14 +210,51 @@ def test_fixed_parameters_keep_their_values():
     assert model.standard_errors["Z_alpha"] < free.standard_errors["Z_alpha"]
 
 
-def test_a_search_that_ends_nowhere_is_said_and_several_starts_escape_it():
-    r = short_flight(400, noise=1e-3)
+def rate_alone() -> tuple[ShortPeriod, FlightRecord]:
+    """The pitch rate alone, so that equation error, which needs all states, cannot give a start."""
+    known = {"Z_0": 0.0, "Z_q": 0.0, "Z_de": 0.0}
+    s = short_period(("q",)).with_parameters(known, fixed=tuple(known))
+    p = np.array([{**ATTAS_SHORT_PERIOD, **known}[n] for n in s.parameter_names])
+    return s, fly(s, p, inputs(s, 400, 1), DT, np.zeros(2), noise=1e-3, seed=3)
+
+
+def test_a_search_that_ends_nowhere_is_said():
+    s, r = rate_alone()
     with pytest.raises(EstimationError, match="start from other values"):
-        output_error.estimate([r], SHORT.with_parameters({"M_alpha": 20.0}))
+        output_error.estimate([r], s.with_parameters({"M_alpha": 20.0}), starts=1)
+
+
+@pytest.mark.parametrize("M_alpha", [20.0, 5.0])
+def test_a_false_minimum_is_left_for_a_better_one_and_said(M_alpha):
+    s, r = rate_alone()
+    model = output_error.estimate([r], s.with_parameters({"M_alpha": M_alpha}))
+    assert model.values["M_alpha"] == pytest.approx(-4.9265, rel=0.05)
+    first, *others = model.diagnostics["starts"]
+    assert first > min(others) + 1000.0  # measured: 1330 and 4040
+    assert [(a.severity, a.code) for a in model.advice] == [("note", "starts_disagree")]
+
+
+def test_python_starts_from_equation_error_as_a_scenario_does():
+    r = short_flight(400, noise=1e-3)
+    far = SHORT.with_parameters({"M_alpha": 20.0})
+    model = output_error.estimate([r], far, starts=1)
+    entry = OutputError(structure="short_period", start={"M_alpha": 20.0})
+    assert model.values["M_alpha"] == pytest.approx(-4.9265, rel=0.05)
+    assert np.array_equal(estimate(entry, [r], ["de"], ["alpha", "q"]).params, output_error.estimate([r], far).params)
+
+
+def test_several_starts_are_kept_and_the_best_wins():
+    r = short_flight(400, noise=1e-3)
     bounded = SHORT.with_parameters({"M_alpha": 20.0}, bounds={"M_alpha": (-50.0, 20.0)})
     model = output_error.estimate([r], bounded, starts=4)
     assert model.values["M_alpha"] == pytest.approx(-4.9265, rel=0.05)
     assert model.diagnostics["cost"] == min(model.diagnostics["starts"])
+
+
+def test_a_fit_that_looks_good_takes_one_start():
+    model = output_error.estimate([short_flight(400, noise=1e-3)], SHORT)
+    assert len(model.diagnostics["starts"]) == 1
+    assert model.status == "good"
 
 
 def test_full_noise_covariance_uses_that_errors_go_together():
@@ -307,10 +347,9 @@ def test_what_cannot_be_estimated_is_refused():
 
 
 def test_a_start_that_diverges_is_said():
-    case = CASES["aerodynamic_longitudinal"]
-    wild = case.structure.with_parameters({"Cm_alpha": 400.0})
+    s, r = rate_alone()
     with pytest.raises(EstimationError, match="diverges"):
-        output_error.estimate(flights(case), wild)
+        output_error.estimate([r], s.with_parameters({"M_q": 1e4}), starts=1)
 
 
 def test_commands_are_held_and_deflections_are_not():
@@ -350,3 +389,14 @@ def test_flexible_structure_with_measured_mode_frees_its_shape():
     free = dict(zip(unmeasured.parameter_names, unmeasured.free, strict=True))
     assert not free["phi_1"]
     assert free["slope_1"]
+
+
+def test_errors_that_colour_widens_much_are_said_not_to_be_believed():
+    r = short_flight(800, noise=1e-3)
+    bent = r["alpha"] + 0.3 * np.abs(r["alpha"]) + 0.1 * np.sin(0.7 * r.t_s)  # what the structure does not have
+    model = output_error.estimate([r.with_columns({"alpha": bent})], SHORT)
+    assert np.max(model.diagnostics["error_inflation"]) > 5.0
+    said = [a for a in model.advice if a.code == "coloured_residuals"]
+    assert len(said) == 1
+    assert "do not believe" in said[0] or "not to be believed" in said[0]
+    assert "corrected" not in said[0]

@@ -93,7 +93,7 @@ def test_output_error_estimates_the_lag_within_its_error(lag, delay, limit):
 def test_filter_error_estimates_the_lag_and_shakes_no_servo():
     model = fitted("filter_error", flight(0.1), lag_s="estimate")
     assert max(errors(model, tau_de=0.1).values()) < 4.0
-    assert model.settings["process_noise"] == ["alpha", "q"]
+    assert set(model.settings["process_noise"]) <= {"alpha", "q"}
 
 
 def test_intervals_of_an_estimated_lag_cover_over_seeds():

@@ -156,3 +156,27 @@ def test_what_it_cannot_do_is_refused():
     still = data[0].with_columns({"alpha": np.zeros(900), "q": np.zeros(900)})
     with pytest.raises(EstimationError, match="not identifiable"):
         equation_error.estimate([still], short_period())
+
+
+def test_bias_by_noise_is_said_with_its_size():
+    """Hardly smoothed, noise of the states draws derivatives towards zero as errors in variables say."""
+    off, said, sentences = [], [], []
+    for seed in range(12):
+        clean = records([smooth_input(900, 1)])[0]
+        noise = np.random.default_rng(seed).standard_normal((900, 2)) * 0.3 * clean.columns(("alpha", "q")).std(axis=0)
+        noisy = clean.with_columns({"alpha": clean["alpha"] + noise[:, 0], "q": clean["q"] + noise[:, 1]})
+        model = equation_error.estimate([noisy], short_period(), cutoff_hz=12.0)
+        off.append(model.params - SHORT.values)
+        said.append(model.diagnostics["noise_bias"])
+        sentences.extend(a for a in model.advice if a.code == "noisy_terms")
+    error = np.std(off, axis=0) / np.sqrt(12)
+    bias, expected = np.mean(off, axis=0), np.mean(said, axis=0)
+    for name in ("M_alpha", "M_q", "M_de"):
+        i = SHORT.parameter_names.index(name)
+        # four standard errors of the mean, and a third for what is beyond first order in the noise
+        assert abs(expected[i] - bias[i]) < 4.0 * error[i] + 0.33 * abs(bias[i]), name
+    at = SHORT.parameter_names.index("M_alpha")
+    assert expected[at] > 0.02 * abs(SHORT.values[at])
+    assert len(sentences) == 12
+    assert {a.severity for a in sentences} <= {"doubt", "note"}
+    assert all("of its errors" in a for a in sentences)

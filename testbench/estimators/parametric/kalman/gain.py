@@ -36,13 +36,17 @@ def sampled_noise(A: AnyArray, F: AnyArray, dt_s: float) -> tuple[AnyArray, AnyA
 
     Args:
         A: (..., n, n) continuous state matrix.
-        F: (..., n) noise of every state, unit of the state per square root of a second.
+        F: (..., n) noise of every state, unit of the state per square root of a second, each of its own; or (..., n, n)
+            noise of every state, by rows, from sources that states share.
         dt_s: sample time, s.
     """
     n = A.shape[-1]
     M = np.zeros((*A.shape[:-2], 2 * n, 2 * n), np.result_type(A, F))
     M[..., :n, :n], M[..., n:, n:] = -A, np.swapaxes(A, -1, -2)
-    M[..., range(n), range(n, 2 * n)] = F**2
+    if F.ndim < A.ndim:
+        M[..., range(n), range(n, 2 * n)] = F**2
+    else:
+        M[..., :n, n:] = F @ np.swapaxes(F, -1, -2)
     E = expm(M * dt_s)
     Phi = np.swapaxes(E[..., n:, n:], -1, -2)
     return Phi, Phi @ E[..., :n, n:]
@@ -85,7 +89,7 @@ def steady_gain(A: AnyArray, C: AnyArray, F: AnyArray, G: FloatArray, dt_s: floa
     Args:
         A: (rows, n, n) continuous state matrix; complex.
         C: (rows, p, n) output matrix; complex.
-        F: (rows, n) process noise per square root of a second; complex.
+        F: (rows, n) or (rows, n, n) process noise per square root of a second, as of :func:`sampled_noise`; complex.
         G: (p,) standard deviation of the measurements.
         dt_s: sample time, s.
 

@@ -1,6 +1,7 @@
 """The filter-error cost of a set of records: innovations and their exact derivatives by all unknowns.
 
-Unknowns are those of output error, then ln F: the process noise of the states that are chosen to have some.
+Unknowns are those of output error, then ln F: the process noise of the states that are chosen to have some; then, if
+these states share it, what each takes of the noise of those before it: F is lower triangular.
 """
 
 from __future__ import annotations
@@ -42,12 +43,15 @@ class FilterLikelihood:
         base: the records, the structure and what is estimated of them besides noise.
         noisy: indices of the states whose process noise is estimated.
         fixed: (n,) process noise of the other states, unit of the state per square root of a second.
+        shared: the process noise of these states goes together.
     """
 
-    def __init__(self, base: Likelihood, noisy: Sequence[int], fixed: FloatArray) -> None:
+    def __init__(self, base: Likelihood, noisy: Sequence[int], fixed: FloatArray, *, shared: bool = False) -> None:
         self.base, self.noisy, self.fixed = base, list(noisy), fixed
         self.points = [(s.x0, s.u[0]) for s in base.stretches]  # where nonlinear structures are linearised
-        self.unknowns = base.unknowns + len(self.noisy)
+        self.pairs = [(i, j) for k, i in enumerate(self.noisy) for j in self.noisy[:k]] if shared else []
+        self.own = base.unknowns + len(self.noisy)  # where the logarithms end
+        self.unknowns = self.own + len(self.pairs)
         self.state_size = self._state_size()
 
     def _state_size(self) -> FloatArray:
@@ -64,29 +68,41 @@ class FilterLikelihood:
 
     def start(self, values: FloatArray) -> FloatArray:
         """Return the search point of parameter values (k,)."""
-        return np.concatenate([self.base.start(values), np.log(_START * self.state_size[self.noisy])])
+        own = np.log(_START * self.state_size[self.noisy])
+        return np.concatenate([self.base.start(values), own, np.zeros(len(self.pairs))])
 
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Return the bounds of the search point."""
         (low, high), size = self.base.bounds(), np.log(self.state_size[self.noisy])
-        return np.concatenate([low, size + np.log(_SMALLEST)]), np.concatenate([high, size + np.log(_LARGEST)])
+        largest = np.full(len(self.pairs), _LARGEST / _START)
+        return (
+            np.concatenate([low, size + np.log(_SMALLEST), -largest]),
+            np.concatenate([high, size + np.log(_LARGEST), largest]),
+        )
 
     @property
     def prior_weight(self) -> FloatArray:
         """(a,) one over the standard deviation of the prior; 0 without one."""
         out = np.zeros(self.unknowns)
         out[: self.base.prior_weight.size] = self.base.prior_weight
-        out[self.base.unknowns :] = 1.0 / _BELIEF
+        out[self.base.unknowns : self.own] = 1.0 / _BELIEF
+        out[self.own :] = _START / _LARGEST
         return out
 
     def names(self) -> list[str]:
         """Return a name for every unknown, for messages."""
-        return self.base.names() + [f"process noise of {self.base.structure.states[i]}" for i in self.noisy]
+        states = self.base.structure.states
+        own = [f"process noise of {states[i]}" for i in self.noisy]
+        return self.base.names() + own + [f"process noise of {states[i]} with {states[j]}" for i, j in self.pairs]
 
     def process_noise(self, point: AnyArray) -> AnyArray:
-        """Return F (..., n) of search points (..., a)."""
-        F = np.array(np.broadcast_to(self.fixed, (*point.shape[:-1], self.fixed.size)), point.dtype)
-        F[..., self.noisy] = np.exp(point[..., self.base.unknowns :])
+        """Return F (..., n, n), lower triangular, of search points (..., a)."""
+        n = self.fixed.size
+        F = np.zeros((*point.shape[:-1], n, n), point.dtype)
+        F[..., range(n), range(n)] = self.fixed
+        F[..., self.noisy, self.noisy] = np.exp(point[..., self.base.unknowns : self.own])
+        for k, (i, j) in enumerate(self.pairs, self.own):
+            F[..., i, j] = _START * self.state_size[i] * point[..., k]
         return F
 
     def linearised(self, params: AnyArray, record: int) -> tuple[AnyArray, AnyArray]:
@@ -125,7 +141,10 @@ class FilterLikelihood:
         A, C = self.linearised(params, i)
         if not (np.all(np.isfinite(A)) and np.all(np.isfinite(C))):
             return None
-        return steady_gain(A, C, self.process_noise(rows), G, base.dt_s)
+        try:
+            return steady_gain(A, C, self.process_noise(rows), G, base.dt_s)
+        except np.linalg.LinAlgError:
+            return None  # an output without any noise, or a state that nothing moves: no gain is the best one
 
     def _lost(self, i: int) -> Part:
         s, inf = self.base.stretches[i], np.inf
