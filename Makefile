@@ -35,6 +35,8 @@ benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/flight_overhead.py
 	$(BIN)/python tests/benchmarks/seam_cost.py
 	$(BIN)/python tests/benchmarks/batch_speed.py
+	$(BIN)/python tests/benchmarks/batch_cost.py
+	$(BIN)/python tests/benchmarks/batch_cost.py memory
 	$(BIN)/python tests/benchmarks/design_speed.py
 	$(BIN)/python tests/benchmarks/campaign_speed.py
 	$(BIN)/python tests/benchmarks/env_speed.py

@@ -22,8 +22,10 @@ if TYPE_CHECKING:
     from testbench.estimators import METHODS, estimate
     from testbench.evaluation import evaluate
     from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
-    from testbench.flight.batch.fly import fly_many
+    from testbench.flight.batch.fly import fly_many, fly_stream
+    from testbench.flight.batch.jobs import Job
     from testbench.flight.batch.trim import trim_many
+    from testbench.flight.tangents import FlightParameter, tangents
     from testbench.inputs import InputSignal
     from testbench.line import fly_and_measure
     from testbench.logs.read import read_records
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from testbench.questions.gap.ask import run_gap
     from testbench.questions.gap.workflow import find_gap
     from testbench.questions.identify.ask import identify, load_description
+    from testbench.questions.importing.ask import import_log
     from testbench.questions.modes.ask import fly_modes
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.run.ask import load_scenario, run
@@ -49,6 +52,10 @@ _HOME = {
     "make_plan": "testbench.questions.plan.ask",
     "fly_modes": "testbench.questions.modes.ask",
     "fly_many": "testbench.flight.batch.fly",
+    "fly_stream": "testbench.flight.batch.fly",
+    "Job": "testbench.flight.batch.jobs",
+    "FlightParameter": "testbench.flight.tangents",
+    "tangents": "testbench.flight.tangents",
     "trim_many": "testbench.flight.batch.trim",
     "InputSignal": "testbench.inputs",
     "METHODS": "testbench.estimators",
@@ -63,6 +70,7 @@ _HOME = {
     "fly_and_measure": "testbench.line",
     "fly_campaign": "testbench.questions.campaign.ask",
     "identify": "testbench.questions.identify.ask",
+    "import_log": "testbench.questions.importing.ask",
     "linearise": "testbench.flight",
     "load": "testbench.questions.files",
     "load_aircraft": "testbench.flight",
@@ -82,8 +90,10 @@ _HOME = {
 __all__ = [
     "METHODS",
     "FlightCondition",
+    "FlightParameter",
     "FlightRecord",
     "InputSignal",
+    "Job",
     "Manoeuvre",
     "compare",
     "estimate",
@@ -94,7 +104,9 @@ __all__ = [
     "fly_campaign",
     "fly_many",
     "fly_modes",
+    "fly_stream",
     "identify",
+    "import_log",
     "linearise",
     "load",
     "load_aircraft",
@@ -109,6 +121,7 @@ __all__ = [
     "run_design",
     "run_gap",
     "survey",
+    "tangents",
     "trim",
     "trim_many",
     "write_results",

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping
+from functools import lru_cache
 
 from testbench.aircraft.amend import Amendment, ScaleCoefficient
 from testbench.aircraft.model import Aircraft
@@ -32,7 +33,13 @@ def coefficient_names(aircraft: Aircraft) -> tuple[str, ...]:
     """
     if aircraft.adapter is not None:
         return tuple(n for n, v in aircraft.perturbed.items() if abs(v) > _NOTHING)
-    names = (str(f.get("name")) for f in ET.fromstring(aircraft.xml).iter("function"))
+    return _functions(aircraft.xml)
+
+
+@lru_cache(maxsize=32)
+def _functions(xml: str) -> tuple[str, ...]:
+    """Return the coefficients that a model in the testbench's own form has a function for; parsed once."""
+    names = (str(f.get("name")) for f in ET.fromstring(xml).iter("function"))
     return tuple(n.removeprefix(_PREFIX) for n in names if n.startswith(_PREFIX))
 
 

@@ -57,7 +57,8 @@ def find_manoeuvres(record: FlightRecord, controls: Sequence[str], lead_s: float
 
     A control moves where its range within 0.5 s exceeds 3 times the lowest decile of that range over the record
     (its noise), and at least 0.5 deg or 0.02. Movements belong together if less than 1 s passes between them, or if
-    the control is held away from where it was before, up to 10 s. Those below a tenth of another nearby are left out.
+    the control is held away from where it was before, up to 10 s. If the record ends within 1 s while it is held away,
+    the manoeuvre is not whole. Those below a tenth of another nearby are left out.
     Movements of several controls that overlap, or follow within 1 s, are one manoeuvre; 0.5 s of quiet controls must
     lie before and after it. The thresholds are choices, not results.
 
@@ -191,7 +192,10 @@ def _cut(
     amplitude = []
     for name in names:
         x = record[name]
-        amplitude.append(float(np.max(np.abs(x[a : b + 1] - np.median(x[max(0, a - quiet) : a + 1])))))
+        off = np.abs(x - np.median(x[max(0, a - quiet) : a + 1]))
+        amplitude.append(float(np.max(off[a : b + 1])))
+        if not reason and n - 1 - b < round(JOIN_S / dt) and off[-1] > HELD * amplitude[-1]:
+            reason = f"the record ends {(n - 1 - b) * dt:.3g} s after it, while {name} is still held away from rest"
     cut = None if reason else (float(t[first]), float(t[last]))
     return Manoeuvre(names, float(t[a]), float(t[b]), tuple(amplitude), cut, reason)
 

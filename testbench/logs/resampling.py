@@ -10,12 +10,15 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.logs.signals import GAP, Mapped
+from testbench.logs.clocks import shortest_step
+from testbench.logs.signals import Mapped
 
 DEFAULT_RATE_HZ = 50.0
 STOP_DB = 60.0  # what the filter leaves of what would fold down
 _PASS, _STOP = 0.4, 0.6  # of the new rate: what lies between folds down to above 0.4 of it only
 _SLOW = 0.8  # a channel below this part of the new rate is sampled where it was sampled
+_SMOOTH = 4.0  # longest over shortest step: beyond it a cubic through noise overshoots between the samples
+_EVEN = 0.01  # of a step: the steps of an even clock differ by less; a straight line does between its samples
 _MOST = 20_000_000  # samples of a record; above it the times are wrong rather than the flight long
 
 
@@ -30,7 +33,7 @@ def common_rate(channels: Sequence[Mapped]) -> float:
     first = channels[0].t_s
     steps = np.diff(first)
     usual = float(np.median(steps))
-    even = np.abs(steps[steps <= GAP * usual] - usual) <= 0.01 * usual
+    even = np.abs(np.delete(steps, channels[0].lost) - usual) <= 0.01 * usual
     if all(np.array_equal(c.t_s, first) for c in channels) and even.all():
         return 1.0 / usual if abs(round(1.0 / usual) * usual - 1.0) > 1e-3 else float(round(1.0 / usual))
     fastest = max(c.rate_hz for c in channels)
@@ -44,9 +47,12 @@ def resample(
 
     A channel that was logged faster first passes a zero-phase low pass (Kaiser window, passband to 0.4, 60 dB from
     0.6 of the new rate; Oppenheim and Schafer, Discrete-Time Signal Processing, sec. 7.6) at its own rate. Between
-    samples a cubic interpolates; for the channels in ``stepped``, a straight line. A slower channel (below 0.8 of the
-    new rate) is sampled at the time of the grid nearest to each of its samples. Everywhere else, in gaps (a step above
-    1.75 times the usual one) and before the first and after the last sample, the last value is held and marked.
+    samples a cubic interpolates; a straight line does for the channels in ``stepped`` and where steps differ by more
+    than a factor of 4. A slower channel (below 0.8 of the
+    new rate) is sampled at the time of the grid nearest to each of its samples. Everywhere else, in gaps
+    (:mod:`testbench.logs.clocks`; a step that is no longer than one of the record is none) and before the first and
+    after the last sample, the last value is held and marked. A channel without a stretch that is long enough is left
+    out; :mod:`testbench.questions.importing.balance` says so.
 
     Args:
         channels: channels in SI units, each with its own times on one clock.
@@ -72,7 +78,7 @@ def resample(
     grid = np.arange(count) / rate_hz
     kept, data, valid = [], [], []
     for c in channels:
-        values, taken = _on_grid(c.t_s - zero, c.values, c.step_s, grid, 1.0 / rate_hz, c.name in stepped)
+        values, taken = _on_grid(c, zero, grid, 1.0 / rate_hz, c.name in stepped)
         if not taken.any():
             continue
         last = np.maximum.accumulate(np.where(taken, np.arange(count), -1))
@@ -92,11 +98,13 @@ def resample(
 
 
 def _on_grid(
-    t: FloatArray, x: FloatArray, step: float, grid: FloatArray, dt: float, stepped: bool
+    channel: Mapped, zero: float, grid: FloatArray, dt: float, stepped: bool
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return the values on the grid, 0 where none was taken, and where one was."""
     values, taken = np.zeros(grid.size), np.zeros(grid.size, bool)
-    cuts = np.flatnonzero(np.diff(t) > GAP * step) + 1
+    t, x, step = channel.t_s - zero, channel.values, channel.step_s
+    cuts = channel.lost[np.diff(t)[channel.lost] > dt] + 1
+    finest = shortest_step(t) if step < _SLOW * dt else step
     slack = 1e-3 * min(step, dt)  # times are rounded to microseconds
     for part in np.split(np.arange(t.size), cuts):
         tp, xp = t[part], x[part]
@@ -104,7 +112,7 @@ def _on_grid(
         if step > dt / _SLOW:
             inside = np.unique(np.clip(np.rint(tp / dt), 0, grid.size - 1).astype(int))
         elif step < _SLOW * dt:
-            low = _lowpass(tp, xp, step, dt)
+            low = _lowpass(tp, xp, finest, dt, stepped)
             if low is None:
                 continue  # too short to be filtered, and unfiltered it would fold
             tp, xp = low
@@ -115,14 +123,17 @@ def _on_grid(
 
 
 def _between(t: FloatArray, x: FloatArray, at: FloatArray, stepped: bool) -> FloatArray:
-    if t.size < 4 or stepped:
+    steps = np.diff(t)
+    if t.size < 4 or stepped or steps.max() > _SMOOTH * steps.min():
         return np.interp(at, t, x)
     from scipy.interpolate import CubicSpline
 
     return np.asarray(CubicSpline(t, x)(np.clip(at, t[0], t[-1])))
 
 
-def _lowpass(t: FloatArray, x: FloatArray, step: float, dt: float) -> tuple[FloatArray, FloatArray] | None:
+def _lowpass(
+    t: FloatArray, x: FloatArray, step: float, dt: float, stepped: bool
+) -> tuple[FloatArray, FloatArray] | None:
     """Return a stretch without gaps on an even grid of its own rate, low-passed for ``dt``; None if it is too short."""
     from scipy.signal import firwin, kaiserord
 
@@ -134,6 +145,7 @@ def _lowpass(t: FloatArray, x: FloatArray, step: float, dt: float) -> tuple[Floa
     if even.size <= half:
         return None
     kernel = firwin(taps, (_PASS + _STOP) * ratio, window=("kaiser", beta))
-    y = np.interp(even, t, x)
+    steps = np.diff(t)
+    y = _between(t, x, even, stepped or float(np.ptp(steps)) < _EVEN * step)
     left, right = 2.0 * y[0] - y[half:0:-1], 2.0 * y[-1] - y[-2 : -half - 2 : -1]  # odd about the ends: keeps trends
     return even, np.convolve(np.concatenate([left, y, right]), kernel, mode="valid")

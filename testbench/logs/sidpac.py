@@ -9,7 +9,9 @@ from __future__ import annotations
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +21,8 @@ from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
 from testbench.logs.layout import SUFFIXES, TIME_UNITS
 from testbench.logs.mat import mat_variables
-from testbench.logs.signals import Log, Rule, make_topic, scaled
+from testbench.logs.plausible import clock_unit
+from testbench.logs.signals import Log, Rule, Topic, make_topic, scaled
 from testbench.logs.tables import Table, read_table
 
 COLUMNS = 90
@@ -136,27 +139,74 @@ def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Ru
             f"a column of '{path}' must be called {' or '.join(CLOCKS[:2])}, got "
             f"{_listed(table.names) or 'columns without names'}; {_to_describe(path)}"
         )
-    unit = table.units[clock].strip().lower() or "s"
+    times = table.numbers(clock + 1)
+    unit = table.units[clock].strip().lower() or clock_unit(times)
+    guessed = "" if table.units[clock].strip() or unit == "s" else (
+        f"times are in {unit}: their usual step is {np.median(np.diff(times)):g}, and '{table.names[clock]}' states no "
+        "unit"
+    )  # fmt: skip
     if unit not in TIME_UNITS:
         raise RecordError(f"the unit of time in '{path}' must be one of {', '.join(TIME_UNITS)}, got '{unit}'")
     rules, columns = [], {}
-    for i in range(len(table.names)):
-        name = channel_called(table.names[i])
-        if i == clock or name is None or table.names[i] in columns:
+    for i, column in enumerate(table.names):
+        name = channel_called(column)
+        if i == clock or name is None:
             continue
-        columns[table.names[i]] = table.numbers(i + 1)
-        rules.append(_rule(path, name, table.names[i], table.units[i]))
+        key = column if column not in columns else f"{column} (column {i + 1})"
+        columns[key] = table.numbers(i + 1)
+        rules.append(_rule(path, name, key, table.units[i]))
+    own = _own_clocks(path, table, TIME_UNITS.get(unit, 1.0), warnings)
     if not rules:
         raise RecordError(
             f"columns of '{path}' must carry names of channels ({', '.join(list(CHANNELS)[:12])}, ...), got "
             f"{_listed(table.names)}; {_to_describe(path)}"
         )
-    topic, lost = make_topic("", TIME_UNITS[unit] * table.numbers(clock + 1), columns)
+    topic, lost = make_topic("", TIME_UNITS[unit] * times, columns)
     unread = {name: len(table) for i, name in enumerate(table.names) if name and name not in columns and i != clock}
+    unread |= {name: values.size for name, values in table.others.items() if name not in own.read}
     said = (*warnings, lost) if lost else tuple(warnings)
-    return Log(path, f"table ({SUFFIXES[path.suffix.lower()]})", {"": topic}, warnings=said, unread=unread), tuple(
-        rules
+    kind = f"table ({SUFFIXES[path.suffix.lower()]})"
+    topics = {"": topic, **own.topics}
+    assumed = (guessed,) if guessed else ()
+    return Log(path, kind, topics, warnings=said, unread=unread, reasons=own.reasons, assumed=assumed), (
+        *rules,
+        *own.rules,
     )
+
+
+class _Own(NamedTuple):
+    """Vectors of another length than the columns: topics with clocks of their own, or why they cannot be used."""
+
+    topics: dict[str, Topic]
+    rules: list[Rule]
+    reasons: dict[str, str]
+    read: set[str]
+
+
+def _own_clocks(path: Path, table: Table, factor: float, warnings: list[str]) -> _Own:
+    """Return the channels among the vectors of other lengths; ``alpha`` has its times in ``t_alpha`` or alike."""
+    own = _Own({}, [], {}, set())
+    labels = {label.lower(): label for label in table.others}
+    for label, values in table.others.items():
+        name = channel_called(label)
+        if name is None:
+            continue
+        names = [f"{a}_{b}" for t in CLOCKS for a, b in ((t, label.lower()), (label.lower(), t))]
+        clock = next((labels[key] for key in names if key in labels), None)
+        times = table.others[clock] if clock else None
+        if clock is None or times is None or times.size != values.size:
+            got = "none" if times is None else f"{times.size} samples there"
+            own.reasons[label] = (
+                f"it has {values.size} samples and the times {len(table)}; its own times must be called t_{label}, "
+                f"got {got}"
+            )
+            continue
+        own.topics[label], lost = make_topic(label, factor * times, {label: values})
+        own.read.update((label, clock))
+        own.rules.append(replace(_rule(path, name, label, ""), topic=label))
+        if lost:
+            warnings.append(lost)
+    return own
 
 
 def channel_called(column: str) -> str | None:

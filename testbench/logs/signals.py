@@ -10,15 +10,17 @@ import struct
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray
+from testbench.logs.clocks import gaps, usual_step
+from testbench.logs.instances import Choice, choose_instances, instances_of
 
 NEEDS_LOGS = "need {package}, which is not installed; pip install 'flight-testbench[logs]'"
 BROKEN = (
@@ -33,10 +35,12 @@ BROKEN = (
     RecursionError,
 )
 """What the readers of logs raise on damaged files, beside their own exceptions (seen on files damaged at random)."""
-GAP = 1.75  # a step this many times the usual one means that samples were lost; loggers jitter by up to half a step
 MIN_SAMPLES = 4
+ZERO = "zero throughout"
+ONE_TURN = 2.02 * np.pi  # rad; beyond it an angle was not cut at half or whole turns, or is no angle in rad
 FAR = 2.0  # times the span of all but 2 % of the times, from its middle: what lies beyond is no time of the flight
 _SURFACES = ("de_cmd", "da_cmd", "dr_cmd")
+_TURNING = ("phi", "psi")  # angles that jump by a turn where they pass half of one
 DEFAULT_THROW_RAD = 25.0 * DEG_RAD
 """Deflection at full command where a log holds commands without a unit: a usual value for models, nothing known."""
 
@@ -69,7 +73,9 @@ class Log:
         facts: what the log says of itself (vehicle, software).
         parameters: settings of the autopilot, by name.
         warnings: sentences on what is damaged, what was left out and what was saved.
-        unread: name -> number of messages of the types that no rule uses.
+        unread: name -> number of messages or samples of what no rule uses.
+        reasons: name of ``unread`` -> why it was left out, where a rule would know it.
+        assumed: sentences on what the file does not say and was assumed of all its channels.
     """
 
     file: Path
@@ -79,6 +85,8 @@ class Log:
     parameters: Mapping[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     unread: Mapping[str, int] = field(default_factory=dict)
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    assumed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -116,10 +124,15 @@ class Mapped:
     said: str
     assumed: str = ""
 
-    @property
+    @cached_property
+    def lost(self) -> NDArray[np.intp]:
+        """Indices of the samples after which samples were lost."""
+        return gaps(self.t_s)
+
+    @cached_property
     def step_s(self) -> float:
-        """The usual step: the median."""
-        return float(np.median(np.diff(self.t_s)))
+        """The usual step: the mean outside gaps."""
+        return usual_step(self.t_s, self.lost)
 
     @property
     def rate_hz(self) -> float:
@@ -129,8 +142,26 @@ class Mapped:
     @property
     def gaps(self) -> list[tuple[float, float]]:
         """Last time before and first time after each stretch without samples."""
-        cuts = np.flatnonzero(np.diff(self.t_s) > GAP * self.step_s)
-        return [(float(self.t_s[i]), float(self.t_s[i + 1])) for i in cuts]
+        return [(float(self.t_s[i]), float(self.t_s[i + 1])) for i in self.lost]
+
+
+@dataclass(frozen=True, eq=False)
+class Passed:
+    """A signal that could be channel ``name`` and was not taken: its times as logged, (n,), where from, and why."""
+
+    name: str
+    t_s: FloatArray
+    source: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What the rules found: channels, signals that were passed over, and which of several sensors was taken."""
+
+    channels: tuple[Mapped, ...]
+    passed: tuple[Passed, ...]
+    choices: tuple[Choice, ...]
 
 
 def scaled(factor: float) -> Callable[[FloatArray], FloatArray]:
@@ -139,41 +170,102 @@ def scaled(factor: float) -> Callable[[FloatArray], FloatArray]:
 
 
 def map_channels(log: Log, rules: Iterable[Rule], throw_rad: Mapping[str, float] | None = None) -> list[Mapped]:
-    """Return every channel that the rules find in ``log``, in the order of the rules.
+    """Return the channels that :func:`find_channels` finds."""
+    return list(find_channels(log, rules, throw_rad).channels)
+
+
+def find_channels(
+    log: Log,
+    rules: Iterable[Rule],
+    throw_rad: Mapping[str, float] | None = None,
+    sensors: Mapping[str, int] | None = None,
+) -> Found:
+    """Return every channel that the rules find in ``log``, in the order of the rules, and what they passed over.
 
     Args:
         log: the log.
         rules: by preference; a rule whose columns are absent, hold fewer than 4 numbers or never leave zero is passed
-            over.
+            over. Of several instances of a topic ("IMU", "IMU#1") one is taken for all its channels.
         throw_rad: surface ("de", "da", "dr") -> its deflection at full command, rad; 25 deg where not given.
+        sensors: kind of sensor ("imu", "airspeed", "gps", "baro", "ekf") -> the instance to take; the best if not
+            given, see :func:`testbench.logs.instances.choose_instances`.
+
+    Raises:
+        RecordError: an instance asked for is not in the log.
     """
-    throws = throw_rad or {}
-    found: dict[str, Mapped] = {}
+    rules = list(rules)
+    used: dict[str, dict[str, None]] = {}
     for rule in rules:
-        topic = log.topics.get(rule.topic)
-        if rule.channel in found or topic is None or not set(rule.fields) <= set(topic.columns):
-            continue
-        with np.errstate(invalid="ignore"):  # a damaged number may be a signalling NaN, which complains as it is cast
-            raw = [np.asarray(topic.columns[name], dtype=np.float64) for name in rule.fields]
-        ok = np.all(np.isfinite(raw), axis=0)
-        if np.count_nonzero(ok) < MIN_SAMPLES or not any(np.any(column[ok]) for column in raw):
-            continue
-        values = rule.convert(*(column[ok] for column in raw)) + 0.0  # no minus zero
-        assumed = rule.assumed
-        if rule.channel in _SURFACES and not rule.in_si:
-            surface = rule.channel.removesuffix("_cmd")
-            throw = throws.get(surface, DEFAULT_THROW_RAD)
-            values = values * throw
-            known = "as given" if surface in throws else "assumed, the log does not hold it"
-            assumed = "; ".join(filter(None, [assumed, f"full command is {throw / DEG_RAD:g} deg ({known})"]))
-        if channel(rule.channel).unit == "rad" and rule.channel not in _SURFACES:
-            values = np.unwrap(values)
-        finite = np.isfinite(values)
-        if np.count_nonzero(finite) < MIN_SAMPLES:
-            continue
-        source = f"{rule.topic}.{'/'.join(rule.fields)}" if rule.topic else "/".join(rule.fields)
-        found[rule.channel] = Mapped(rule.channel, topic.t_s[ok][finite], values[finite], source, rule.said, assumed)
-    return list(found.values())
+        used.setdefault(rule.topic, {}).update(dict.fromkeys(rule.fields))
+    choices = choose_instances(log.topics, used, sensors or {})
+    turned_down = {name: why for choice in choices for name, why in choice.others}
+    found: dict[str, Mapped] = {}
+    passed: list[Passed] = []
+    for rule in rules:
+        for name in instances_of(rule.topic, log.topics):
+            topic = log.topics[name]
+            if not set(rule.fields) <= set(topic.columns):
+                continue
+            fields = "/".join(rule.fields)
+            source = fields if name in ("", fields) else f"{name}.{fields}"
+            if name in turned_down:
+                reason = _unless_zero(_raw(rule, topic), turned_down[name])
+            elif rule.channel in found:
+                reason = _second(found[rule.channel], rule, topic)
+            else:
+                result = _mapped(rule, topic, source, throw_rad or {})
+                if isinstance(result, Mapped):
+                    found[rule.channel] = result
+                    continue
+                reason = result
+            passed.append(Passed(rule.channel, topic.t_s, source, reason))
+    return Found(tuple(found.values()), tuple(passed), choices)
+
+
+def _raw(rule: Rule, topic: Topic) -> list[FloatArray]:
+    with np.errstate(invalid="ignore"):  # a damaged number may be a signalling NaN, which complains as it is cast
+        return [np.asarray(topic.columns[name], dtype=np.float64) for name in rule.fields]
+
+
+def _second(first: Mapped, rule: Rule, topic: Topic) -> str:
+    """Say that the channel was taken from elsewhere, and whether this signal says the same."""
+    said = f"{rule.channel} is taken from {first.source}"
+    columns = _raw(rule, topic)
+    if rule.in_si and np.array_equal(first.t_s, topic.t_s):
+        same = np.array_equal(rule.convert(*columns) + 0.0, first.values)
+        said += ", which holds the same numbers" if same else ", which holds other numbers"
+    return _unless_zero(columns, said)
+
+
+def _unless_zero(columns: list[FloatArray], reason: str) -> str:
+    """Return the reason for which a signal was passed over: that it holds nothing, if it does not, comes first."""
+    held = any(np.any(column[np.isfinite(column)]) for column in columns)
+    return reason if held or reason.startswith(ZERO) else f"{ZERO}; {reason}"
+
+
+def _mapped(rule: Rule, topic: Topic, source: str, throws: Mapping[str, float]) -> Mapped | str:
+    """Return the channel that a rule makes of a topic, or why it makes none."""
+    raw = _raw(rule, topic)
+    ok = np.all(np.isfinite(raw), axis=0)
+    if np.count_nonzero(ok) < MIN_SAMPLES:
+        return f"{np.count_nonzero(ok)} of {ok.size} samples are numbers, at least {MIN_SAMPLES} are needed"
+    if not any(np.any(column[ok]) for column in raw):
+        return ZERO
+    values = rule.convert(*(column[ok] for column in raw)) + 0.0  # no minus zero
+    assumed = rule.assumed
+    if rule.channel in _SURFACES and not rule.in_si:
+        surface = rule.channel.removesuffix("_cmd")
+        throw = throws.get(surface, DEFAULT_THROW_RAD)
+        values = values * throw
+        known = "as given" if surface in throws else "assumed, the log does not hold it"
+        assumed = "; ".join(filter(None, [assumed, f"full command is {throw / DEG_RAD:g} deg ({known})"]))
+    finite = np.isfinite(values)
+    values = values[finite]
+    if values.size < MIN_SAMPLES:
+        return f"{values.size} of {ok.size} samples can be converted, at least {MIN_SAMPLES} are needed"
+    if rule.channel in _TURNING and np.max(np.abs(values)) <= ONE_TURN:
+        values = np.unwrap(values)
+    return Mapped(rule.channel, topic.t_s[ok][finite], values, source, rule.said, assumed)
 
 
 def increasing(t: FloatArray) -> NDArray[np.intp]:

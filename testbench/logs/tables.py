@@ -40,6 +40,7 @@ class Table:
         cells: (m,) columns of n cells each, numbers or, from text files, text.
         lines: (n,) line of the file that each row stands in; empty for files that have no lines.
         stated: what a file of the testbench says of the record in it (kind, outcome, reason, provenance).
+        others: name -> (k,) numbers of vectors whose length is not that of the columns.
     """
 
     file: Path
@@ -48,6 +49,7 @@ class Table:
     cells: tuple[Sequence[str] | NDArray[Any], ...]
     lines: Sequence[int] = ()
     stated: Mapping[str, Any] = field(default_factory=dict)
+    others: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.cells[0]) if self.cells else 0
@@ -250,6 +252,7 @@ def _read_mat(path: Path, variable: str | None) -> Table:
         raise RecordError(f"'{path}' must be a complete MAT file, but it is damaged: {_one_line(error)}") from error
     stated = _stated(content["testbench"]) if isinstance(content.get("testbench"), str) else {}
     units = content["units"] if stated and isinstance(content.get("units"), dict) else {}
+    units = {name: unit for name, unit in units.items() if isinstance(unit, str)}  # a damaged file holds others
     if variable is not None:
         if variable not in content:
             raise RecordError(f"'{path}' must hold the variable '{variable}', got none{nearest(variable, content)}")
@@ -266,7 +269,9 @@ def _read_mat(path: Path, variable: str | None) -> Table:
         names = ", ".join(sorted(content))
         raise RecordError(f"which variable of '{path}' holds the samples must be said; give variable = one of {names}")
     columns = {k: v for k, v in vectors.items() if v.size == longest}
-    return Table(path, tuple(columns), tuple(units.get(k, "") for k in columns), tuple(columns.values()), stated=stated)
+    others = {k: v for k, v in vectors.items() if 1 < v.size < longest}
+    cells, stated_units = tuple(columns.values()), tuple(units.get(k, "") for k in columns)
+    return Table(path, tuple(columns), stated_units, cells, stated=stated, others=others)
 
 
 def _stated(text: str) -> dict[str, Any]:

@@ -93,7 +93,8 @@ def find_scenario_of(command, scenario):
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.stem)
-def test_toml_and_python_of_the_pages_are_right(page, tmp_path):
+def test_toml_and_python_of_the_pages_are_right(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # what a page writes lies there
     namespace = {}
     for language, body in BLOCK.findall(page.read_text("utf-8")):
         if language == "toml":

@@ -279,18 +279,22 @@ def _doublet(t: FloatArray, start: float, width: float) -> FloatArray:
     return ((t >= start) & (t < start + width)).astype(float) - ((t >= start + width) & (t < start + 2.0 * width))
 
 
+def least_range(name: str) -> float:
+    """Return the least range that a difference in a channel is taken of, SI."""
+    return _AGREED.get(channel(name).unit, _SMALL)
+
+
 def difference(record: FlightRecord, truth: FlightRecord) -> tuple[float, str]:
     """Return the greatest difference of two records of one flight, of a channel's range, and the channel."""
     n = min(len(record), len(truth))
     worst, where = 0.0, ""
     for name in truth.channels:
         a, b = record[name][:n], truth[name][:n]
-        unit = channel(name).unit
         gap = np.abs(a - b)
-        if unit == "rad":
+        if channel(name).unit == "rad":
             gap = np.minimum(gap, np.abs(gap - 360.0 * DEG_RAD))
         spread = np.ptp(b) if name != "psi" else np.ptp(np.unwrap(b))
-        size = float(np.max(gap)) / max(float(spread), _AGREED.get(unit, _SMALL))
+        size = float(np.max(gap)) / max(float(spread), least_range(name))
         if not size <= worst:
             worst, where = size, name
         if math.isnan(size):

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 import threading
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import TypeVar, get_args
 
 import numpy as np
@@ -31,6 +32,8 @@ from testbench.flight.trim import horizon_rates, steady_wind, velocity_at
 FEWEST = 8
 """Flights from which a batch is worth the judgement of a model that has not been judged: 50 ms, where one flight of
 JSBSim takes 7 and one in a batch 3."""
+AT_ONCE = 8 * LANES
+"""Flights of a block whose records are held together."""
 BOTH = 200
 """One flight in so many is flown by JSBSim as well."""
 _TRUSTED = 1e-6  # of a channel's range: more than a flight far from trim makes of what is agreed about trim
@@ -120,7 +123,7 @@ def fly_jobs(
     for i, job in enumerate(jobs):
         reason, model = "it is wanted", None
         if simulator == "auto" and len(jobs) < fewest:
-            reason = "one flight is not worth a batch"
+            reason = f"{'one flight is' if len(jobs) == 1 else f'{len(jobs)} flights are'} not worth a batch"
         elif simulator != "jsbsim":
             found = judged(job.aircraft, job.trimmed)
             reason, model = found.reason, found.model
@@ -153,6 +156,43 @@ def fly_jobs(
                         out[k] = _by_jsbsim(each.job, flown, reason)
                     break
     return [x for x in out if x is not None]
+
+
+def fly_stream(
+    jobs: Iterable[Job], simulator: Simulator = "auto", flown: Flown | None = None, at_once: int = AT_ONCE
+) -> Iterator[FlightRecord | TestbenchError]:
+    """Fly jobs one block after the other and yield what came of each, in their order.
+
+    Jobs are taken as they are flown and records given away as they are made: memory does not grow with the number of
+    flights. Records are those of :func:`fly_many`, bit for bit; where a later block shows that a model departs from
+    JSBSim, those given away before stay as they are, and ``flown`` tells.
+
+    Args:
+        jobs: flights, of any aircraft; a generator makes them as they are wanted.
+        simulator: see :func:`fly_many`.
+        flown: is told how many were flown by what.
+        at_once: flights of a block.
+
+    Yields:
+        For each job its record, short and "aborted" if it left its limits, or the error of a law that it breaks.
+
+    Example:
+        >>> import numpy as np
+        >>> import testbench as tb
+        >>> taurus = tb.load_aircraft("taurus")
+        >>> trimmed = tb.trim(taurus, tb.FlightCondition(12.0, 100.0))
+        >>> t = np.arange(round(2.0 * trimmed.rate_hz)) / trimmed.rate_hz
+        >>> pulses = (tb.InputSignal(t, a * (t < 1.0)[:, None], ("de",)) for a in np.linspace(0.0, 0.02, 100))
+        >>> jobs = (tb.Job(taurus, trimmed, tb.Manoeuvre("pulse", u), 60.0, ("q",)) for u in pulses)
+        >>> round(max(float(np.ptp(record["q"])) for record in tb.fly_stream(jobs)), 3)
+        0.129
+    """
+    if at_once < 1:
+        raise LimitError(f"at_once >= 1 must hold, got {at_once}")
+    fewest, some = min(FEWEST, at_once), iter(jobs)
+    while block := list(islice(some, at_once)):
+        yield from fly_jobs(block, simulator, flown, fewest)
+        fewest = 1  # of the last block: how many flights there are decides once
 
 
 def _by_batch(record: FlightRecord | TestbenchError | None) -> bool:

@@ -20,7 +20,16 @@ BATCH = "batch, judged by JSBSim"
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One flight that is wanted: what :func:`testbench.flight.fly` takes."""
+    """One flight that is wanted: what :func:`testbench.flight.fly` takes.
+
+    Example:
+        >>> import testbench as tb
+        >>> taurus = tb.load_aircraft("taurus")
+        >>> trimmed = tb.trim(taurus, tb.FlightCondition(12.0, 100.0))
+        >>> still = tb.InputSignal([0.0, 1.0 / trimmed.rate_hz], [[0.0], [0.0]], ("de",))
+        >>> tb.Job(taurus, trimmed, tb.Manoeuvre("still", still), log_rate_hz=60.0).log_rate_hz
+        60.0
+    """
 
     aircraft: Aircraft
     trimmed: TrimmedFlight

@@ -26,18 +26,13 @@ from dataclasses import fields, replace
 from typing import Any
 
 from testbench.aircraft import Aircraft
-from testbench.aircraft.amend import Amendment, Change, ScaleCoefficient
-from testbench.aircraft.believed import coefficient_names
-from testbench.aircraft.seams import INERTIAS, moved_centre, scaled_mass, with_setting
+from testbench.aircraft.vary import varied
 from testbench.core.channels import channel, unit_factor
-from testbench.core.constants import PERCENT
 from testbench.core.errors import ChannelError, ModelError, ScenarioError, nearest
 from testbench.sensors import Sensor, SensorSuite
 from testbench.sensors.sensor import ACCELEROMETERS
 
 ROOMS = ("aircraft", "coefficient", "property", "sensor")
-_CENTRE = {"cg_x_m": (0, -1.0), "cg_y_m": (1, 1.0), "cg_z_m": (2, -1.0)}
-AIRCRAFT_KEYS = ("mass_percent", "inertia_percent", *(f"{i}_percent" for i in INERTIAS), "cg_x_m", "cg_y_m", "cg_z_m")
 SENSOR_FIELDS = ("noise_std", "bias", "scale", "lag_s", "delay_s", "quantum", "dropout")
 _IN_UNIT = ("noise_std", "bias", "quantum")
 _UNITS = {"deg": "deg", "deg_s": "deg/s", "deg_s2": "deg/s2", "m": "m", "m_s": "m/s", "m_s2": "m/s2", "percent": "%"}
@@ -107,49 +102,7 @@ def change_aircraft(aircraft: Aircraft, inputs: Mapping[str, Any]) -> Aircraft:
     Raises:
         ModelError: the aircraft has no such coefficient or property, or a change that it cannot take.
     """
-    changes: list[Change] = []
-    shift = [0.0, 0.0, 0.0]  # aft, right, up, as JSBSim's structural axes run
-    as_loaded = aircraft
-    for key, value in inputs.items():
-        head, _, name = key.partition(".")
-        if head == "coefficient" and name:
-            _check_coefficient(as_loaded, name)
-            changes.append(ScaleCoefficient(name, float(value)))
-        elif head == "property" and name:
-            aircraft, edits = with_setting(aircraft, name, float(value))
-            changes += edits
-        elif head == "aircraft" and name:
-            if name in _CENTRE:
-                axis, sign = _CENTRE[name]
-                shift[axis] = sign * float(value)
-                continue
-            if name not in AIRCRAFT_KEYS:
-                raise ModelError(f"unknown key 'aircraft.{name}'{nearest(name, AIRCRAFT_KEYS)}")
-            factor = 1.0 + float(value) * PERCENT
-            if factor <= 0.0 and name != "Ixz_percent":
-                raise ModelError(f"aircraft.{name} > -100 must hold, got {value:g}")
-            kinds = {"mass_percent": ("mass_kg",), "inertia_percent": INERTIAS}.get(name, (name.split("_")[0],))
-            edits, mass = scaled_mass(aircraft, dict.fromkeys(kinds, factor))
-            aircraft = replace(aircraft, mass=mass)
-            changes += edits
-    if any(shift):
-        changes += moved_centre(aircraft, shift)  # of the mass that it has by now
-    if not changes:
-        return aircraft
-    return aircraft.amended(Amendment("campaign", "values of one run of a campaign", tuple(changes)))
-
-
-def _check_coefficient(aircraft: Aircraft, name: str) -> None:
-    """Refuse a coefficient that an aircraft does not have.
-
-    Raises:
-        ModelError: the model in the testbench's own form has no function for it; that of a foreign one is zero.
-    """
-    known = coefficient_names(aircraft)
-    if name not in known:
-        raise ModelError(
-            f"{aircraft.name} must have the coefficient that is varied, got '{name}'{nearest(name, known)}"
-        )
+    return varied(aircraft, inputs, "campaign", "values of one run of a campaign")
 
 
 def change_suites(suites: tuple[SensorSuite, ...], inputs: Mapping[str, Any]) -> tuple[SensorSuite, ...]:

@@ -9,7 +9,7 @@ import typer
 
 from testbench.core.constants import G0_M_S2
 from testbench.page.terminal import console, stages
-from testbench.questions.options import DataOption, OutOption
+from testbench.questions.options import DataOption, OutOption, StrictOption
 
 
 def command(
@@ -17,6 +17,7 @@ def command(
     out: OutOption = Path("results"),
     data: DataOption = None,
     gravity: Annotated[float, typer.Option(help="Local gravity, m/s2.")] = G0_M_S2,
+    strict: StrictOption = False,
 ) -> None:
     """Test whether the instruments of recorded flights agree with each other, and by how much each of them errs.
 
@@ -25,6 +26,7 @@ def command(
     `testbench compatibility records/attas_full`.
     """
     from testbench.estimators import data_compatibility
+    from testbench.logs.plausible import questions_of
     from testbench.logs.read import read_records
     from testbench.questions.compatibility.page import compatibility_page
     from testbench.questions.files import find
@@ -35,9 +37,10 @@ def command(
     with stages() as say:
         say("read records")
         records = {name: record for name, _, record in read_records(described, data)}
+        questions = questions_of(records.items(), described.file, strict)
         say("estimate the errors of the instruments")
         result = data_compatibility.estimate(list(records.values()), gravity_m_s2=gravity)
         say("write report")
-        page = compatibility_page(result, records, described)
+        page = compatibility_page(result, records, described, questions)
         page.write(folder)
     page.show(console(), folder)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from testbench.page.labels import file_stem
@@ -15,15 +16,20 @@ if TYPE_CHECKING:
     from testbench.questions.identify.scenario import RecordDescription
 
 
-def compatibility_page(result: DataCompatibility, records: Records, description: RecordDescription) -> Page:
-    """Return the page of a check of the instruments, with records/NAME_corrected.nc."""
+def compatibility_page(
+    result: DataCompatibility, records: Records, description: RecordDescription, questions: Sequence[str] = ()
+) -> Page:
+    """Return the page of a check of the instruments, with records/NAME_corrected.nc.
+
+    ``questions`` are values of the records that are hardly meant, in words.
+    """
     from testbench.estimators.data_compatibility import correct
 
     tables = compatibility_tables(result)
     return Page(
         kicker=f"Data compatibility: {description.name}",
         title=description.title,
-        answer=compatibility_answer(result),
+        answer=[*compatibility_answer(result), *(("doubt", text) for text in questions)],
         tables=tables,
         plates=compatibility_plates(result, records),
         files={f"records/{file_stem(n)}_corrected.nc": correct(r, result).save for n, r in records.items()},

@@ -11,6 +11,7 @@ from testbench.page.tables import Column, Table
 from testbench.questions.gap.criteria import FALSE_ALARM
 from testbench.questions.gap.evidence.forces import follows
 from testbench.questions.gap.plan import ALIKE, NEEDED
+from testbench.questions.gap.search.hypothesis import FLOWN_STEP, LINEAR_STEP
 
 if TYPE_CHECKING:
     from testbench.questions.gap.ask import GapResult
@@ -78,7 +79,8 @@ def gap_tables(result: GapResult) -> list[Table]:
             Table(
                 "tuning",
                 "Coefficients re-tuned" + (" together with the effect" if best else ""),
-                "Factors on the believed coefficients."
+                "Factors on the believed coefficients. Differences by them: of linear predictions with steps "
+                f"of {100.0 * LINEAR_STEP:g} %, of flights with steps of {100.0 * FLOWN_STEP:g} %."
                 + (" A factor far from 1 means that the effect is not the whole story." if best else ""),
                 (Column("coefficient", "coefficient"), Column("factor", "factor", decimals=3)),
                 tuple((best.nuisances if best else naming.nuisances).items()),

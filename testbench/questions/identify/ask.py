@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from testbench.line import Flight, Keep, Report, identify_and_judge
+from testbench.logs.plausible import questions_of
 from testbench.logs.read import read_records
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.run.result import RunResult
@@ -15,6 +16,7 @@ def identify(
     data_folder: Path | None = None,
     keep: Keep | None = None,
     progress: Report | None = None,
+    strict: bool = False,
 ) -> RunResult:
     """Run the same estimators and evaluation on recorded flights.
 
@@ -23,6 +25,7 @@ def identify(
         data_folder: where the files lie, instead of the folder that the description names.
         keep: called with a name and each record as soon as it has been read.
         progress: called with a few words as each stage begins.
+        strict: refuse records with values that are hardly meant (``questions`` of the result).
 
     Raises:
         TestbenchError: with the file and key of the description that it comes from.
@@ -39,6 +42,8 @@ def identify(
     ]
     for flight in flights:
         keep(f"{flight.name}_recorded", flight.measured["recorded"])
+    records = [(flight.name, flight.measured["recorded"]) for flight in flights]
+    questions = questions_of(records, description.file, strict)
     cases = identify_and_judge(
         flights, ["recorded"], description.preparation, description.identification, description.file, say
     )
@@ -51,6 +56,7 @@ def identify(
         tuple(flights),
         cases,
         reference=description.reference_values,
+        questions=questions,
     )
 
 

@@ -8,13 +8,14 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import DataOption, OutOption
+from testbench.questions.options import DataOption, OutOption, StrictOption
 
 
 def command(
     description: Annotated[Path, typer.Argument(help="Description of recorded flights (TOML).", show_default=False)],
     out: OutOption = Path("results"),
     data: DataOption = None,
+    strict: StrictOption = False,
 ) -> None:
     """Identify models from recorded flights, with the same estimators, evaluation and report as a run.
 
@@ -30,7 +31,7 @@ def command(
     loaded = RecordDescription.load(find(description, "identify"))
     folder = out / loaded.name
     with stages() as say:
-        result = identify(loaded, data, record_keeper(folder), say)
+        result = identify(loaded, data, record_keeper(folder), say, strict)
         say("write report")
         page = run_page(result)
         page.write(folder)

@@ -21,13 +21,15 @@ from testbench.logs.dataflash import HEAD, read_dataflash, servo_rules
 from testbench.logs.dataflash import RULES as DATAFLASH_RULES
 from testbench.logs.layout import SUFFIXES, find_data_folder
 from testbench.logs.manoeuvres import QUIET_S, Manoeuvre, Search, find_manoeuvres
+from testbench.logs.plausible import Question, implausible, refusal, to_set
 from testbench.logs.read import read_records
 from testbench.logs.resampling import common_rate, resample
 from testbench.logs.sidpac import read_columns
-from testbench.logs.signals import Log, Mapped, Rule, Topic, map_channels, scaled
+from testbench.logs.signals import Log, Mapped, Rule, Topic, find_channels, scaled
 from testbench.logs.ulog import MAGIC, read_ulog
 from testbench.logs.ulog import RULES as ULOG_RULES
 from testbench.questions.identify.scenario import RecordDescription
+from testbench.questions.importing.balance import Balance, balance_of, balance_rows
 
 _AXES = {"longitudinal": ("de", "thr"), "lateral": ("da", "dr")}
 _OUTPUTS = {"longitudinal": ("alpha", "q", "theta", "az"), "lateral": ("beta", "p", "r", "phi")}
@@ -36,13 +38,39 @@ _MOST_OUTPUTS = 3
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """A log that was read: its channels as logged, one record of them all on one clock, and the manoeuvres in it."""
+    """A log that was read: its channels as logged, one record of them on one clock, and the manoeuvres in it.
+
+    ``channels`` are those of ``record``, in its order; ``balance`` says what became of every other signal;
+    ``questions`` are values that are hardly meant.
+    """
 
     log: Log
     channels: tuple[Mapped, ...]
     record: FlightRecord
     rate_hz: float
     search: Search
+    balance: Balance
+    questions: tuple[Question, ...]
+    description: Path | None = None
+
+    @property
+    def asked(self) -> tuple[str, ...]:
+        """The questions in words, with what to set."""
+        return tuple(question.asked(self._to_set) for question in self.questions)
+
+    def _to_set(self, name: str, unit: str) -> str:
+        """Say how a channel of this log is read in another unit."""
+        if self.description is not None:
+            return to_set(self.description)(name, unit)
+        if not unit:
+            return ""
+        if not self.log.kind.startswith("table"):
+            return f"The format itself fixes the unit: this log, or the sensor, is not as {self.log.kind} has it"
+        column = next((c.source for c in self.channels if c.name == name), "time")
+        return (
+            f"write the unit in the header, '{column} [{unit}]', or describe the file (--describe) with "
+            f'unit = "{unit}"'
+        )
 
 
 def read_log(path: Path | str, part: str | None = None) -> tuple[Log, tuple[Rule, ...]]:
@@ -109,6 +137,8 @@ def import_log(
     lead_s: float = 2.0,
     tail_s: float = 5.0,
     part: str | None = None,
+    sensors: Mapping[str, int] | None = None,
+    strict: bool = False,
 ) -> Imported:
     """Read a log, map it to the channel table, put it on one clock and find its manoeuvres.
 
@@ -119,12 +149,22 @@ def import_log(
         lead_s: quiet flight before each manoeuvre, s.
         tail_s: response after it, s.
         part: which record of a description, if it has several.
+        sensors: kind of sensor ("imu", "airspeed", "gps", "baro", "ekf") -> the instance to read, counted from 0; the
+            best if not given.
+        strict: refuse values that are hardly meant (``questions``).
 
     Raises:
-        RecordError: the log cannot be read, holds no channel of the table, or a number given is out of its range.
+        RecordError: the log cannot be read, holds no channel of the table or not the sensor asked for, a number given
+            is out of its range, or ``strict`` and a value is hardly meant.
+
+    Example:
+        >>> import testbench as tb
+        >>> found = tb.import_log("flight.bin", sensors={"imu": 1})  # doctest: +SKIP
+        >>> print([s.channel for s in found.balance.kept], found.asked)  # doctest: +SKIP
     """
     log, rules = read_log(path, part)
-    channels = map_channels(log, rules, throw_rad)
+    found = find_channels(log, rules, throw_rad, sensors)
+    channels = found.channels
     if not channels:
         raise RecordError(
             f"'{path}' must hold signals of the channel table, but none of its topics is known as one, or they hold "
@@ -139,13 +179,25 @@ def import_log(
         "format": log.kind,
         "log": dict(log.facts),
         "warnings": list(log.warnings),
-        "channels": {c.name: {"source": c.source, "conversion": c.said, "assumed": c.assumed} for c in channels},
     }
     stepped = [name for base in CONTROLS for name in (base, f"{base}_cmd")]
     record = resample(channels, rate, provenance, stepped)
+    balance = balance_of(log, found, record)
+    channels = tuple(c for c in channels if c.name in record)
+    said = {
+        "channels": {c.name: {"source": c.source, "conversion": c.said, "assumed": c.assumed} for c in channels},
+        "left_out": [{"source": s.source, "channel": s.channel, "reason": s.reason} for s in balance.left_out],
+        "sensors": list(balance.sensors),
+    }
+    record = replace(record, provenance={**record.provenance, **said})
     controls = controls_of(record)
     search = find_manoeuvres(record, controls, lead_s, tail_s) if controls else Search((), ("no control was found",))
-    return Imported(log, tuple(channels), record, rate, search)
+    questions = implausible({c.name: (c.t_s, c.values) for c in channels})
+    described = Path(path) if Path(path).suffix.lower() == ".toml" else None
+    imported = Imported(log, channels, record, rate, search, balance, questions, described)
+    if strict and imported.asked:
+        raise RecordError(refusal(path, imported.asked))
+    return imported
 
 
 def parse_throws(given: Sequence[str]) -> dict[str, float]:
@@ -247,6 +299,9 @@ def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvr
     head = [
         "# Written by testbench import. Edit it: uses, inputs, outputs and estimators are proposals.",
         *(f"# Log: {_line(text)}" for text in log.warnings),
+        *(f"# Assumed: {_line(text)}" for text in log.assumed),
+        *(f"# Question: {_line(text)}" for text in imported.asked),
+        *_balance_lines(imported, held),
         f"title = {q(f'{log.file.name}: {axis} manoeuvres' if cut_out else f'{log.file.name}: the whole record')}",
         f"source = {q(f'{log.file.name}, {log.kind}')}",
         'rights = "say here whose data these are and who may use them"',
@@ -274,6 +329,21 @@ def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvr
     head += [f"inputs = {q(inputs)}", f"outputs = {q(outputs)}", "", "[[identification.estimators]]"]
     head += ['method = "dsr_e"', f"order = {max(2, len(outputs))}", f"past_horizon = {horizon}"]
     return "\n".join([*head, f"future_horizon = {horizon}", ""])
+
+
+def _balance_lines(imported: Imported, held: Sequence[str]) -> list[str]:
+    """Return the balance as remarks: what was kept, chosen and left out, and what this file does not name."""
+    balance = imported.balance
+    out = ["# Balance (channel, source, samples, rate, share of the record's samples that were taken):"]
+    out += [f"#   {_line('  '.join(filter(None, row)))}" for row in balance_rows(balance.kept)]
+    out += [f"# Sensor: {_line(text)}" for text in balance.sensors]
+    if balance.left_out:
+        out.append("# Left out:")
+        out += [f"#   {_line(f'{s.channel} from {s.source}: {s.reason}')}" for s in balance.left_out]
+    absent = [s.channel for s in balance.kept if s.channel not in held]
+    if absent:
+        out.append(f"# In whole.nc and not named below, because a record here holds no sample: {', '.join(absent)}")
+    return out
 
 
 def _uses(members: Mapping[str, tuple[Manoeuvre | None, FlightRecord]]) -> list[str]:

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import refuse
+from testbench.questions.options import StrictOption, refuse
+
+_NOT_TO_DESCRIBE = (
+    "out", "rate", "throw", "lead", "tail", "record", "imu", "airspeed", "gps", "baro", "ekf", "strict"
+)  # fmt: skip
+
+
+def _sensor(words: str) -> Any:
+    return typer.Option(min=0, help=f"Which {words} to read of several, from 0. Default: the best.", show_default=False)
 
 
 def command(
@@ -37,16 +45,23 @@ def command(
     record: Annotated[
         str | None, typer.Option(help="Which record to read of a description that has several.", show_default=False)
     ] = None,
+    imu: Annotated[int | None, _sensor("inertial unit")] = None,
+    airspeed: Annotated[int | None, _sensor("pitot tube")] = None,
+    gps: Annotated[int | None, _sensor("receiver")] = None,
+    baro: Annotated[int | None, _sensor("barometer")] = None,
+    ekf: Annotated[int | None, _sensor("lane of the filter")] = None,
+    strict: StrictOption = False,
 ) -> None:
     """Show what a flight log holds, and with -o cut its manoeuvres into records ready for `testbench identify`.
 
-    The command lists channels, rates, gaps and manoeuvres, and says what each conversion assumes. Example:
+    The command lists channels, rates, gaps and manoeuvres, says what each conversion assumes and what was left out and
+    why, and questions values that no flight has. Example:
     `testbench import flight.ulg -o records --throw de=20`. A table whose columns have no names, or no times, needs a
     description: write one with `testbench import flight.mat --describe flight.toml`, fill it in, then run
     `testbench import flight.toml`.
     """
     if describe is not None:
-        refuse(context, "with --describe, which cuts no records", "out", "rate", "throw", "lead", "tail", "record")
+        refuse(context, "with --describe, which cuts no records", *_NOT_TO_DESCRIBE)
         from testbench.questions.importing.template import write_template
 
         path = write_template(log, describe)
@@ -57,6 +72,8 @@ def command(
 
     with stages() as say:
         say("read the log")
-        found = import_log(log, rate, parse_throws(throw or []), lead, tail, record)
+        given = {"imu": imu, "airspeed": airspeed, "gps": gps, "baro": baro, "ekf": ekf}
+        sensors = {kind: number for kind, number in given.items() if number is not None}
+        found = import_log(log, rate, parse_throws(throw or []), lead, tail, record, sensors, strict)
         paths = write_import(found, out) if out is not None else []
     print_import(found, console(), paths)

@@ -11,6 +11,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.page.labels import number
 from testbench.page.terminal import print_answer, print_rows
 from testbench.page.words import counted, some
+from testbench.questions.importing.balance import balance_rows
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,34 +23,40 @@ if TYPE_CHECKING:
 _MOST_UNREAD = 12
 
 
-def import_answer(imported: Imported) -> list[str]:
+def import_answer(imported: Imported) -> list[tuple[str, str]]:
     """Return what the log is and what was found in it, in sentences."""
     log, record = imported.log, imported.record
     facts = ", ".join(f"{key} {value}" for key, value in log.facts.items())
     usable = sum(m.cut_s is not None for m in imported.search.manoeuvres)
+    channels = f"{counted(len(imported.balance.kept), 'channel')} of the log"
+    left = counted(len(imported.balance.left_out), "signal that could be one is", "signals that could be one are")
     out = [
         f"{log.file.name} is {log.kind}" + (f" ({facts})" if facts else ""),
-        f"it holds {len(imported.channels)} channels over {number(record.duration_s, 4)} s, now on one clock at "
-        f"{number(imported.rate_hz)} Hz; {number(100.0 * float(record.valid.mean()))} % of the samples were taken",
+        f"the record holds {channels} over {number(record.duration_s, 4)} s on one clock at "
+        f"{number(imported.rate_hz)} Hz; {number(100.0 * float(record.valid.mean()))} % of its samples were taken; "
+        f"{left} left out",
         f"{counted(len(imported.search.manoeuvres), 'manoeuvre')} found; {usable} can be cut out, with quiet flight "
         "before and after",
     ]
-    return [*out, *(f"damage or loss: {text}" for text in log.warnings)]
+    lost = [f"lost: {s.channel} from {s.source}: {s.reason}" for s in imported.balance.lost]
+    doubts = [*(f"damage or loss: {text}" for text in log.warnings), *lost, *imported.asked]
+    return [("lead", out[0]), *(("finding", text) for text in (*out[1:], *imported.balance.sensors)),
+            *(("doubt", text) for text in doubts)]  # fmt: skip
 
 
 def channel_rows(imported: Imported) -> list[tuple[str, ...]]:
-    """Return a row per channel: name, range with unit, rate, gaps and the longest, source, conversion, assumption."""
-    return [_channel_row(c) for c in imported.channels]
+    """Return a row per channel: name, range with unit, rate, gaps, share taken, source, conversion, assumption."""
+    return [_channel_row(c, s.valid) for c, s in zip(imported.channels, imported.balance.kept, strict=True)]
 
 
-def _channel_row(c: Mapped) -> tuple[str, ...]:
+def _channel_row(c: Mapped, valid: float) -> tuple[str, ...]:
     unit = channel(c.name).unit
     factor, shown = (1.0 / DEG_RAD, unit.replace("rad", "deg")) if unit.startswith("rad") else (1.0, unit)
     low, high = float(c.values.min()) * factor, float(c.values.max()) * factor
     gaps = c.gaps
     lost = f"{len(gaps)}, longest {number(max(b - a for a, b in gaps), 2)} s" if gaps else "none"
     extent = f"{number(low)} to {number(high)}{'' if shown == '1' else ' ' + shown}"
-    return c.name, extent, f"{number(c.rate_hz)} Hz", lost, c.source, c.said, c.assumed
+    return c.name, extent, f"{number(c.rate_hz)} Hz", lost, f"{number(100.0 * valid)} %", c.source, c.said, c.assumed
 
 
 def manoeuvre_rows(imported: Imported) -> list[tuple[str, ...]]:
@@ -74,18 +81,21 @@ def print_import(imported: Imported, console: Console, paths: Sequence[Path] = (
     rows = channel_rows(imported)
     assumed: dict[str, list[str]] = {}
     for row in rows:
-        if row[6]:
-            assumed.setdefault(row[6], []).append(row[0])
+        if row[7]:
+            assumed.setdefault(row[7], []).append(row[0])
+    assumed |= {text: ["t"] for text in imported.log.assumed}
+    left = [(row[0], row[1], row[2], row[3], row[5]) for row in balance_rows(imported.balance.left_out)]
     for heads, texts in (
-        (("channel", "range", "rate", "gaps", "from", "conversion"), [row[:6] for row in rows]),
+        (("channel", "range", "rate", "gaps", "taken", "from", "conversion"), [row[:7] for row in rows]),
+        (("left out", "from", "samples", "rate", "why"), left),
         (("channels", "assumed, because the log does not say it"), [(", ".join(n), t) for t, n in assumed.items()]),
         (("controls move", "from, to", "cut"), manoeuvre_rows(imported)),
     ):
         if texts:
             console.print()
             print_rows(console, heads, texts)
-    unread = [f"{name} ({count})" for name, count in sorted(imported.log.unread.items(), key=lambda item: -item[1])]
-    also = [f"the log also holds topics that are not used: {some(unread, _MOST_UNREAD, ', ')}"] if unread else []
+    unread = [f"{s.source} ({s.samples})" for s in sorted(imported.balance.unknown, key=lambda s: -s.samples)]
+    also = [f"no rule knows: {some(unread, _MOST_UNREAD, ', ')}"] if unread else []
     console.print()
     print_answer(console, [("finding", text) for text in (*imported.search.said, *also)])
     for path in paths:

@@ -16,11 +16,13 @@ if TYPE_CHECKING:
 def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
     """Return found against printed values, then the findings of the run; verdicts if there are none.
 
-    What must not be used stands right after the first of them, doubts come after the last, and then notes. After
-    ``most_doubts`` of what is wrong or doubtful, only the number of the others is given.
+    What must not be used stands right after the first of them, doubts come after the last, and then notes. Values that
+    are hardly meant come first among the doubts, and all of them. After ``most_doubts`` of what is wrong or doubtful
+    with the models, only the number of the others is given.
     """
-    found = [*_against_printed(result), *(text for text in result.findings if not isinstance(text, Advice))]
-    doubts = advice_lines(text for text in result.findings if isinstance(text, Advice))
+    told = result.findings[len(result.questions) :]
+    found = [*_against_printed(result), *(text for text in told if not isinstance(text, Advice))]
+    doubts = advice_lines(text for text in told if isinstance(text, Advice))
     if not found:
         found = [
             f"{name}: {verdict}"
@@ -33,6 +35,7 @@ def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
         doubts = [*doubts[:most_doubts], Line("doubt", text)]
     lines = [Line("lead" if i == 0 else "finding", text) for i, text in enumerate(found)]
     lines[1:1] = [line for line in doubts if line.kind == "wrong"]
+    lines += [Line("doubt", text) for text in result.questions]
     lines += [line for line in doubts if line.kind != "wrong"]
     return [Line(kind, sentence(text)) for kind, text in [*lines, *_notes(result)]]
 

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class RunResult:
-    """Everything a run found. ``table`` and ``findings`` are made from it; nothing is stored twice."""
+    """Everything a run found. ``table`` and ``findings`` are made from it; nothing is stored twice.
+
+    ``questions`` are values of recorded flights that are hardly meant, in words.
+    """
 
     name: str
     title: str
@@ -33,6 +36,7 @@ class RunResult:
     truth: Truth | None = None
     suites: tuple[SensorSuite, ...] = ()
     reference: Mapping[str, Any] = field(default_factory=dict)
+    questions: tuple[str, ...] = ()
 
     @cached_property
     def table(self) -> Any:
@@ -60,7 +64,7 @@ class RunResult:
     @cached_property
     def findings(self) -> tuple[str, ...]:
         """The answer in a few sentences; the last are what is wrong or doubtful with each model, as advice."""
-        out = alpha_findings(self.cases)
+        out = [*self.questions, *alpha_findings(self.cases)]
         if self.truth is not None:
             identification = next(f for f in self.flights if f.use != "validation")
             out += sampling_findings(self.cases, self.truth.modes, identification, self.source.preparation.lowpass_hz)

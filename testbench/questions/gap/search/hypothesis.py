@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
+from testbench.core.differences import ends, slope
 from testbench.core.errors import LimitError, ModelError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.estimators.residuals import coloured_information
@@ -17,8 +18,8 @@ from testbench.questions.gap.believed import LATERAL_PRIORS, Believed
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.flights import Wanted, flights, linear_models
 
-_LINEAR_STEP = 0.02
-_FLOWN_STEP = 0.01
+LINEAR_STEP = 0.02  # of central differences of linear predictions by the nuisances, which are factors
+FLOWN_STEP = 0.01  # of forward differences of flights by them
 _MAX_STEP = 0.15  # largest change of a nuisance per round, so that thrust and trim stay within reach
 _MAX_LATERAL_STEP = 0.5  # the same for lateral nuisances, on which neither depends
 _NOT_FLOWN = (FlightAborted, LimitError, ModelError, TrimError)
@@ -129,26 +130,24 @@ class Hypothesis:
         """
         if self.slopes is not None:
             return self.slopes
-        columns, steps = [], _LINEAR_STEP * np.eye(self.nuisances.size)
-        both = [self.nuisances + sign * step for step in steps for sign in (1.0, -1.0)]
-        ends = linear_all([self.model.with_nuisances(self.named(x)) for x in both], self.records)
-        for up, down in zip(ends[::2], ends[1::2], strict=True):
-            if up is None and down is None:
-                columns.append(np.zeros_like(self.exact))
-                continue
-            width = _LINEAR_STEP * (2.0 if up is not None and down is not None else 1.0)
-            columns.append(((self.linear if down is None else down) - (self.linear if up is None else up)) / width)
-        return np.column_stack(columns)
+        steps = np.full(self.nuisances.size, LINEAR_STEP)
+        found = ends(lambda some: linear_all(self._beside(some), self.records), self.nuisances, steps, both=True)
+        columns = [slope(end, LINEAR_STEP, lambda: self.linear) for end in found]
+        # residuals are measured minus predicted
+        return np.column_stack([np.zeros_like(self.exact) if c is None else -c for c in columns])
 
     def afresh(self, flown: bool) -> Hypothesis:
         """Return the point with tangents of its own, from linear predictions or, at several times the cost, flown."""
         if not flown:
             return replace(self, slopes=None)
-        steps = _FLOWN_STEP * np.eye(self.nuisances.size)
-        beside = [self.model.with_nuisances(self.named(self.nuisances + step)) for step in steps]
-        ends = flown_all(beside, self.records)
-        columns = [(end - self.exact) / _FLOWN_STEP for end in ends if end is not None]
-        return replace(self, slopes=np.column_stack(columns) if len(columns) == len(ends) else None)
+        steps = np.full(self.nuisances.size, FLOWN_STEP)
+        found = ends(lambda some: flown_all(self._beside(some), self.records), self.nuisances, steps)
+        columns = [c for end in found if (c := slope(end, FLOWN_STEP, lambda: self.exact)) is not None]
+        return replace(self, slopes=np.column_stack(columns) if len(columns) == len(found) else None)
+
+    def _beside(self, points: Sequence[FloatArray]) -> list[Believed]:
+        """Return the model with its nuisances at each of several values (k,)."""
+        return [self.model.with_nuisances(self.named(x)) for x in points]
 
     @cached_property
     def _normal(self) -> tuple[FloatArray, tuple[FloatArray, bool]]:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.optimize import lsq_linear
 
+from testbench.core.differences import ends, slope
 from testbench.core.record import FloatArray
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import score
@@ -53,13 +54,14 @@ def slopes(signature: Signature, there: Hypothesis, x: FloatArray, errors: Float
     low, high = signature.effect.bounds
     width = np.clip(_STEP * errors, _NARROWEST * (high - low), _WIDEST * (high - low))
     steps = np.where(x + width < high, width, -width)
-    models = [signature.model(x + step) for step in np.diag(steps)]
-    ends = there.moved_all(models, [there.nuisances] * len(x))
-    columns = [
-        np.zeros_like(there.exact) if end is None else (end.exact - there.exact) / h
-        for end, h in zip(ends, steps, strict=True)
-    ]
-    return np.column_stack(columns)
+
+    def flown(points: list[FloatArray]) -> list[FloatArray | None]:
+        moved = there.moved_all([signature.model(y) for y in points], [there.nuisances] * len(points))
+        return [None if end is None else end.exact for end in moved]
+
+    found = zip(ends(flown, x, steps), steps, strict=True)
+    columns = [slope(end, h, lambda: there.exact) for end, h in found]
+    return np.column_stack([np.zeros_like(there.exact) if c is None else c for c in columns])
 
 
 def _at_rest(base: Hypothesis, fit: EffectFit, chi2_tuned: float) -> EffectFit:

@@ -1,0 +1,104 @@
+"""Clocks of loggers: uneven steps that recur are no gaps, samples that were lost are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from testbench.logs.clocks import gaps, usual_step
+from testbench.logs.resampling import common_rate, resample
+from testbench.logs.signals import Mapped
+
+DURATION_S = 40.0
+
+
+def clock(name: str) -> np.ndarray:
+    """Times of a logger without losses, some 4000 to 16000 samples; fixed seeds."""
+    rng = np.random.default_rng(3)
+    n = 50_000
+    steps = {
+        "even": np.full(n, 0.0025),
+        "two step": np.tile([0.0025, 0.0025, 0.005], n // 3),
+        "jitter of 0.3 steps": 0.0025 + 0.0025 * np.diff(rng.uniform(-0.3, 0.3, n + 1)),
+        "alternating": np.tile([0.002, 0.006], n // 2),
+        "every twentieth doubled": np.tile([*np.full(19, 0.0025), 0.005], n // 20),
+        "every hundredth doubled": np.tile([*np.full(99, 0.0025), 0.005], n // 100),
+        "bursts of five": np.tile([0.001, 0.001, 0.001, 0.001, 0.016], n // 5),
+        "bursts of forty": np.tile([*np.full(39, 0.0005), 0.0205], n // 40),
+        "rate drifts from 400 to 130 Hz": np.linspace(0.0025, 0.0075, 8000),
+        "rate changes from 400 to 100 Hz": np.r_[np.full(8000, 0.0025), np.full(2000, 0.01)],
+        "thinned from 820 Hz, uneven": 0.00122 * np.diff(np.ceil(np.arange(n) * 2.87)),
+    }[name]
+    t = 3.0 + np.r_[0.0, np.cumsum(steps)]
+    return t[t < 3.0 + DURATION_S]
+
+
+LOSSLESS = (
+    "even", "two step", "jitter of 0.3 steps", "alternating", "every twentieth doubled", "every hundredth doubled",
+    "bursts of five", "bursts of forty", "rate drifts from 400 to 130 Hz", "rate changes from 400 to 100 Hz",
+    "thinned from 820 Hz, uneven",
+)  # fmt: skip
+
+
+def logged(t: np.ndarray, name: str = "q") -> Mapped:
+    return Mapped(name, t, 0.1 * np.sin(2.0 * np.pi * 0.7 * (t - 3.0)), "", "")
+
+
+@pytest.mark.parametrize("name", LOSSLESS)
+def test_a_clock_without_losses_gives_a_record_without_gaps(name):
+    t = clock(name)
+    rate = common_rate([logged(t)])
+    record = resample([logged(t)], min(rate, 50.0), {})
+    assert record.valid.mean() > 0.99
+    error = np.abs(record["q"] - 0.1 * np.sin(2.0 * np.pi * 0.7 * record.t_s))[record.valid[:, 0]]
+    assert error.max() < 2e-4  # 0.2 % of the amplitude; bursts leave 16 to 20 ms to be bridged
+
+
+@pytest.mark.parametrize("name", [n for n in LOSSLESS if "hundredth" not in n])
+def test_a_clock_without_losses_has_no_gaps(name):
+    assert gaps(clock(name)).size == 0
+
+
+@pytest.mark.parametrize("name", LOSSLESS)
+def test_a_true_gap_stays_a_gap(name):
+    t = clock(name)
+    kept = t[(t < 20.0) | (t > 20.4)]
+    c = logged(kept)
+    found = [(a, b) for a, b in c.gaps if a < 20.1 < b]
+    assert len(found) == 1
+    record = resample([c], 50.0, {})
+    inside = (record.t_s > 17.03) & (record.t_s < 17.37)
+    assert not record.valid[inside].any()
+    assert np.ptp(record["q"][inside]) == 0.0  # held, not bridged
+    assert record.valid[~((record.t_s > 16.9) & (record.t_s < 17.5))].mean() > 0.99
+
+
+def test_outages_that_recur_stay_gaps():
+    t = clock("even")
+    c = logged(t[(t % 2.0) > 0.3])  # a card that is flushed every two seconds loses 0.3 s each time
+    assert len(c.gaps) == 20
+    assert resample([c], 50.0, {}).valid.mean() == pytest.approx(0.85, abs=0.02)
+
+
+def test_samples_dropped_at_random_are_bridged_where_the_record_is_slower_and_marked_where_it_is_not():
+    t = clock("even")
+    keep = np.random.default_rng(5).random(t.size) > 0.05
+    c = logged(t[keep])
+    assert resample([c], 50.0, {}).valid.mean() > 0.99  # a step of 5 to 10 ms is none of the record's 20 ms
+    own = resample([c], 400.0, {}).valid.mean()
+    assert 0.93 < own < 0.97  # 5 % were lost
+    assert c.rate_hz == pytest.approx(400.0, rel=0.01)
+
+
+def test_the_rate_is_the_mean_outside_gaps():
+    t = clock("two step")
+    assert usual_step(t) == pytest.approx(1.0 / 300.0, rel=1e-3)
+    assert usual_step(t[(t < 20.0) | (t > 25.0)]) == pytest.approx(1.0 / 300.0, rel=1e-3)
+
+
+def test_what_would_fold_down_is_filtered_at_the_finest_step_of_the_clock():
+    t = clock("two step")
+    for frequency, left in ((55.0, 1e-3), (70.0, 1e-3), (80.0, 0.05)):  # at 50 Hz they would look like 5 to 20 Hz
+        fast = Mapped("q", t, np.sin(2.0 * np.pi * frequency * t), "", "")
+        record = resample([fast], 50.0, {})
+        assert np.abs(record["q"][50:-50]).max() < left  # 80 Hz has 2.5 samples of the thin part of the clock
