@@ -211,6 +211,8 @@ def estimate(
         >>> tb.estimate("dsr_e", [record], ["de_cmd"], ["q"], past_horizon=20, future_horizon=20)  # doctest: +SKIP
         >>> tb.estimate("my_method.py:estimate", [record], ["de_cmd"], ["q"])  # doctest: +SKIP
     """
+    from testbench.estimators.causes import with_causes
+
     entry = settings_of(method, settings)
     if not outputs:
         raise EstimationError("an estimate needs at least one output channel, got none; name outputs or add sensors")
@@ -223,9 +225,9 @@ def estimate(
         structure = started(entry, records, inputs, outputs)
         model = row.load()(records, structure, settings=entry)
         whose = {"structure": whose_code(*place(entry.structure))} if is_brought(entry.structure) else {}
-        return replace(model, provenance=whose) if whose else model
+        return with_causes(replace(model, provenance=whose) if whose else model, records)
     judged = {"validation": validation} if "validation" in row.needs else {}
-    return row.load()(records, inputs, outputs, settings=entry, **judged)
+    return with_causes(row.load()(records, inputs, outputs, settings=entry, **judged), records)
 
 
 def settings_of(method: str | Settings, given: dict[str, Any]) -> Settings:
