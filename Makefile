@@ -43,6 +43,7 @@ benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/subspace_speed.py
 	$(BIN)/python tests/benchmarks/output_error_speed.py
 	$(BIN)/python tests/benchmarks/gap_speed.py
+	$(BIN)/python tests/benchmarks/log_speed.py
 
 # Every model that comes with JSBSim, into results/aircraft/stock.csv: some two minutes on two cores.
 stock: $(VENV)/installed-dev
@@ -81,7 +82,7 @@ $(VENV)/installed: pyproject.toml constraints.txt
 	touch $@
 
 $(VENV)/installed-dev: $(VENV)/installed
-	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,envs,geometry,logs,parquet,teaching]" hatchling lupa mypy playwright pytest pytest-xdist ruff
+	$(BIN)/python -m pip install -q -c constraints.txt -e ".[campaign,envs,geometry,parquet,teaching]" hatchling lupa mypy playwright pymavlink pytest pytest-xdist pyulog ruff
 	touch $@
 
 $(VENV)/installed-rl: $(VENV)/installed-dev

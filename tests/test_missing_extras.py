@@ -16,8 +16,6 @@ from testbench.core.record import FlightRecord
 from testbench.envs import register
 
 ROOT = Path(__file__).resolve().parents[1]
-ULOG = b"ULog\x01\x12\x35\x01" + bytes(8)
-DATAFLASH = b"\xa3\x95\x80\x80\x59"
 
 
 @pytest.fixture
@@ -36,9 +34,6 @@ def absent(monkeypatch):
 @pytest.mark.parametrize(
     ("package", "extra", "name", "content"),
     [
-        ("pyulog", "logs", "flight.ulg", ULOG),
-        ("pymavlink", "logs", "flight.bin", DATAFLASH),
-        ("pymavlink", "logs", "flight.log", b"FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns\n"),
         ("pyarrow", "parquet", "flight.parquet", b"PAR1"),
     ],
 )

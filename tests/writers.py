@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 
 import numpy as np
@@ -85,21 +85,42 @@ ULOG_TOPICS = (
     ("airspeed_validated", "uint64_t timestamp;float true_airspeed_m_s;", 10.0),
     ("vehicle_torque_setpoint", "uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;", 100.0),
 )
+Samples = tuple[str, str, np.ndarray, np.ndarray]
+"""A topic ("#1" behind it for the second instance), its fields, times in s and (n, columns) values as 32-bit floats."""
 
 
-def ulog(duration_s: float = 35.0, gap: tuple[float, float] | None = None, motion: Motion = calm) -> bytes:
-    """A PX4 log: header, flag bits, formats, subscriptions, then data in the order of time.
+def ulog_of(topics: Sequence[Samples], settings: Mapping[str, float] | None = None) -> bytes:
+    """A PX4 log of any topics: header, flag bits, formats, settings, subscriptions, then data in the order of time.
 
-    Sensors are read 3 ms before they are published; nothing is logged in ``gap``.
+    Sensors are read 3 ms before they are published.
     """
     out = [b"ULog\x01\x12\x35\x01" + struct.pack("<Q", int(START_S * 1e6))]
     out.append(_ulog_message(b"B", bytes(40)))
     key = b"char[3] sys_name"
     out.append(_ulog_message(b"I", bytes([len(key)]) + key + b"PX4"))
-    out += [_ulog_message(b"F", f"{name}:{fields}".encode()) for name, fields, _ in ULOG_TOPICS]
-    out += [_ulog_message(b"A", struct.pack("<BH", 0, i) + name.encode()) for i, (name, _, _) in enumerate(ULOG_TOPICS)]
+    formats = {name.partition("#")[0]: fields for name, fields, _, _ in topics}
+    out += [_ulog_message(b"F", f"{name}:{fields}".encode()) for name, fields in formats.items()]
+    for name, value in (settings or {}).items():
+        key = f"{'int32_t' if isinstance(value, int) else 'float'} {name}".encode()
+        body = struct.pack("<i" if isinstance(value, int) else "<f", value)
+        out.append(_ulog_message(b"P", bytes([len(key)]) + key + body))
     samples = []
-    for i, (name, fields, rate) in enumerate(ULOG_TOPICS):
+    for i, (name, fields, times, values) in enumerate(topics):
+        topic, _, instance = name.partition("#")
+        out.append(_ulog_message(b"A", struct.pack("<BH", int(instance or 0), i) + topic.encode()))
+        sampled = "timestamp_sample" in fields
+        for at, row in zip(times, values, strict=True):
+            clock = round((START_S + at) * 1e6)
+            head = struct.pack("<QQ", clock + 3000, clock) if sampled else struct.pack("<Q", clock)
+            body = struct.pack("<H", i) + head + row.astype("<f4").tobytes()
+            samples.append((clock + 3000 * sampled, i, _ulog_message(b"D", body)))
+    return b"".join([*out, *(message for _, _, message in sorted(samples))])
+
+
+def ulog(duration_s: float = 35.0, gap: tuple[float, float] | None = None, motion: Motion = calm) -> bytes:
+    """A PX4 log of a flight; nothing is logged in ``gap``."""
+    topics = []
+    for name, fields, rate in ULOG_TOPICS:
         t = np.arange(int(duration_s * rate)) / rate
         if gap is not None:
             t = t[(t < gap[0]) | (t >= gap[1])]
@@ -111,14 +132,8 @@ def ulog(duration_s: float = 35.0, gap: tuple[float, float] | None = None, motio
             "airspeed_validated": (18.0 + 0.1 * t)[:, None],
             "vehicle_torque_setpoint": np.column_stack([0 * t, elevator(t), 0 * t]),
         }[name]
-        sampled = "timestamp_sample" in fields
-        for at, row in zip(t, values, strict=True):
-            clock = round((START_S + at) * 1e6)
-            head = struct.pack("<QQ", clock + 3000, clock) if sampled else struct.pack("<Q", clock)
-            body = struct.pack("<H", i) + head + row.astype("<f4").tobytes()
-            samples.append((clock + 3000 * sampled, i, _ulog_message(b"D", body)))
-    out += [message for _, _, message in sorted(samples)]
-    return b"".join(out)
+        topics.append((name, fields, t, values))
+    return ulog_of(topics)
 
 
 DATAFLASH = (
@@ -130,7 +145,8 @@ DATAFLASH = (
     (135, "MSG", "QZ", "TimeUS,Message"),
     (136, "POWR", "Qf", "TimeUS,Vcc"),
 )
-_CODES = {"Q": "Q", "f": "f", "B": "B", "H": "H", "c": "h", "C": "H", "N": "16s", "Z": "64s"}
+_CODES = {"Q": "Q", "f": "f", "B": "B", "b": "b", "h": "h", "H": "H", "c": "h", "C": "H", "e": "i", "L": "i", "d": "d",
+          "N": "16s", "Z": "64s"}  # fmt: skip
 SERVO = {"SERVO2_FUNCTION": 19, "SERVO2_MIN": 1100, "SERVO2_TRIM": 1500, "SERVO2_MAX": 1900, "SERVO2_REVERSED": 1}
 
 
@@ -155,10 +171,14 @@ def _dataflash_messages(duration_s: float, motion: Motion) -> list[tuple[str, Se
     return [(name, row) for _, name, row in sorted(out, key=lambda item: item[0])]
 
 
-def dataflash_bin(duration_s: float = 35.0, motion: Motion = calm) -> bytes:
-    """A binary ArduPilot log: FMT messages, then data."""
+Format = tuple[int, str, str, str]
+"""Number, name, codes and columns of a type of message."""
+
+
+def dataflash_of(formats: Sequence[Format], messages: Iterable[tuple[str, Sequence[object]]]) -> bytes:
+    """A binary ArduPilot log of any messages: FMT messages, then data."""
     head, out = b"\xa3\x95", []
-    kinds = {name: (kind, "<" + "".join(_CODES[c] for c in layout)) for kind, name, layout, _ in DATAFLASH}
+    kinds = {name: (kind, "<" + "".join(_CODES[c] for c in layout)) for kind, name, layout, _ in formats}
 
     def fmt(kind: int, length: int, name: str, layout: str, columns: str) -> bytes:
         body = struct.pack("<BB4s16s64s", kind, length, name.encode(), layout.encode(), columns.encode())
@@ -166,13 +186,17 @@ def dataflash_bin(duration_s: float = 35.0, motion: Motion = calm) -> bytes:
 
     out.append(fmt(128, 89, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns"))
     out += [
-        fmt(kind, 3 + struct.calcsize(kinds[name][1]), name, layout, columns)
-        for kind, name, layout, columns in DATAFLASH
+        fmt(kind, 3 + struct.calcsize(kinds[name][1]), name, layout, columns) for kind, name, layout, columns in formats
     ]
-    for name, row in _dataflash_messages(duration_s, motion):
+    for name, row in messages:
         kind, codes = kinds[name]
         out.append(head + bytes([kind]) + struct.pack(codes, *row))
     return b"".join(out)
+
+
+def dataflash_bin(duration_s: float = 35.0, motion: Motion = calm) -> bytes:
+    """A binary ArduPilot log of a flight."""
+    return dataflash_of(DATAFLASH, _dataflash_messages(duration_s, motion))
 
 
 def dataflash_log(duration_s: float = 35.0, motion: Motion = calm) -> str:

@@ -365,22 +365,29 @@ def load_record(path: Path | str) -> FlightRecord:
     try:
         names = tuple(attributes["channels"].split())
         t = values["t"]
-        data = [values[name] for name in names]
-        valid = [values.get(name + _MASK, np.ones(t.shape)) for name in names]
+        masks = [values.get(name + _MASK) for name in names]
+        columns = [values.pop(name) for name in names]
         provenance = json.loads(attributes["provenance"])
         kind, outcome, reason = (attributes[key] for key in ("kind", "outcome", "reason"))
     except (KeyError, AttributeError, ValueError) as error:
         raise RecordError(f"'{path}' must be a complete record, but it is damaged: {error}") from error
     with located(path, "record"):
         shape = (t.size, len(names))
-        if any(np.shape(column) != t.shape for column in (*data, *valid)):
+        if any(np.shape(column) != t.shape for column in (*columns, *(m for m in masks if m is not None))):
             raise RecordError(f"every channel must hold {t.size} samples, as t does")
+        if any(column.dtype.kind not in "fiub" for column in columns):
+            raise RecordError("every channel must hold real numbers")
+        data, valid = np.empty(shape), np.ones(shape, bool)
+        for i, mask in enumerate(masks):
+            data[:, i], columns[i] = columns[i], None  # an hour at a high rate is not held twice
+            if mask is not None:
+                valid[:, i] = mask
         return FlightRecord(
             t_s=t,
             channels=names,
-            data=np.column_stack(data) if names else np.empty(shape),
+            data=data,
             kind=kind,
-            valid=np.column_stack(valid) if names else np.empty(shape, bool),
+            valid=valid,
             provenance=provenance,
             outcome=outcome,
             reason=reason,

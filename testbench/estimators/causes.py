@@ -479,15 +479,15 @@ def _in_words(model: IdentifiedModel, c: Found) -> Advice:
     }[c.code]
     part = "of what is new in it" if c.code == "closed_loop" else "of the residuals"
     verb = "the residuals explain" if c.code == "closed_loop" else "this explains"
-    return Advice(
-        f"{said}: {verb} {100.0 * c.share:.0f} % {part}{_shifted(c)}; {_remedy(model, c)}", _severity(c), c.code
-    )
+    # estimates far from the best of their kind may fit better by another step than by the cause: no share is said then
+    explained = f": {verb} {100.0 * c.share:.0f} % {part}" if c.share > 0.005 else ""
+    return Advice(f"{said}{explained}{_shifted(c)}; {_remedy(model, c)}", _severity(c), c.code)
 
 
 def _shifted(c: Found) -> str:
     if np.isfinite(c.errors) and c.moved:
-        return f" and shifts {c.moved} by some {c.errors:.2g} of its standard errors ({100.0 * c.relative:.0f} %)"
-    return f" and shifts a pole by some {100.0 * c.relative:.0f} %" if np.isfinite(c.relative) else ""
+        return f", and it shifts {c.moved} by some {c.errors:.2g} of its standard errors ({100.0 * c.relative:.0f} %)"
+    return f", and it shifts a pole by some {100.0 * c.relative:.0f} %" if np.isfinite(c.relative) else ""
 
 
 def _severity(c: Found) -> Severity:

@@ -2,7 +2,8 @@
 
 A topic's second instance carries "#1" behind its name. One instance is taken for all channels of a topic, because rates
 and accelerations of two units do not sit on one clock. The first is taken unless another is better in this order:
-numbers that move, flags that say healthy, agreement with the others (of three or more), the length of the log.
+numbers that move, flags that say healthy, agreement with the others (of three or more), the length of the log, that the
+autopilot used it.
 """
 
 from __future__ import annotations
@@ -62,7 +63,10 @@ def _kind(topic: str) -> str:
 
 
 def choose_instances(
-    topics: Mapping[str, Topic], used: Mapping[str, Iterable[str]], asked: Mapping[str, int]
+    topics: Mapping[str, Topic],
+    used: Mapping[str, Iterable[str]],
+    asked: Mapping[str, int],
+    preferred: Mapping[str, tuple[str, str]],
 ) -> tuple[Choice, ...]:
     """Return a choice for each topic that has several instances.
 
@@ -70,6 +74,7 @@ def choose_instances(
         topics: name -> topic, of one log.
         used: topic -> the columns that become channels.
         asked: kind of sensor -> the instance that the user chose.
+        preferred: topic -> the instance that the autopilot used, and how the log says so.
 
     Raises:
         RecordError: a kind is not one of :data:`KINDS`, or the log does not hold the instance asked for.
@@ -87,14 +92,19 @@ def choose_instances(
         if len(names) < 2:
             continue
         faults = _faults({name: topics[name] for name in names}, list(columns))
-        best = min(names, key=lambda name: ([bool(f) for f in faults[name]], _number(name)))
+        used_one, how = preferred.get(topic, ("", ""))
+        best = min(names, key=lambda name: ([bool(f) for f in faults[name]], name != used_one, _number(name)))
         kind = _kind(topic)
         wanted = next((name for name in names if _number(name) == asked.get(kind)), None)
-        choices.append(_choice(kind, wanted or best, names, faults, wanted is not None))
+        choices.append(
+            _choice(kind, wanted or best, names, faults, wanted is not None, how if best == used_one else "")
+        )
     return tuple(choices)
 
 
-def _choice(kind: str, taken: str, names: list[str], faults: Mapping[str, tuple[str, ...]], asked: bool) -> Choice:
+def _choice(
+    kind: str, taken: str, names: list[str], faults: Mapping[str, tuple[str, ...]], asked: bool, how: str
+) -> Choice:
     said = {name: ", ".join(filter(None, faults[name])) for name in names}
     option = f" (--{kind} {{}} reads this one)" if kind in KINDS else ""
     fine = "not asked for" if asked else "as good as the one read"
@@ -104,7 +114,7 @@ def _choice(kind: str, taken: str, names: list[str], faults: Mapping[str, tuple[
         if name != taken
     )
     better = len({bool(said[name]) for name in names}) > 1
-    why = "as asked," if asked else "the best" if better else "the first"
+    why = "as asked," if asked else "the best" if better else f"because {how}," if how else "the first"
     rest = "; ".join(f"{name}: {said[name]}" for name in names if said[name])
     return Choice(
         kind, taken, others, f"{kind}: {taken} is read, {why} of {', '.join(names)}" + (f" ({rest})" if rest else "")

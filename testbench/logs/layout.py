@@ -21,6 +21,7 @@ Format = Literal["csv", "text", "mat", "parquet", "netcdf"]
 
 SUFFIXES: dict[str, Format] = {
     ".csv": "csv",
+    ".tsv": "csv",
     ".txt": "text",
     ".asc": "text",
     ".dat": "text",
@@ -31,14 +32,12 @@ SUFFIXES: dict[str, Format] = {
 """The format that a file has if its description does not say it."""
 
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
-
-
 _OPTIONS: dict[str, tuple[Format, ...]] = {
     "variable": ("mat",),
     "header": ("csv", "text"),
     "skip_rows": ("csv", "text"),
-    "delimiter": ("csv",),
+    "delimiter": ("csv", "text"),
+    "decimal": ("csv", "text"),
 }
 
 
@@ -70,11 +69,12 @@ Segment = Annotated[tuple[float, float], Field(strict=False)]
 class TimeColumn(Strict):
     """When the samples were taken: a column of the file in ``unit``, or a constant rate from 0 on.
 
+    A column of dates or times of the day needs no unit and is counted from its first sample.
     ``zero_s`` is the time of the file, in s, that is called 0 in the record and in the segments.
     """
 
     column: ColumnKey | None = None
-    unit: Literal["s", "ms", "us", "ns", "min", "h"] = "s"
+    unit: Literal["s", "ms", "us", "ns", "min", "h", "d"] = "s"
     rate_hz: Positive | None = None
     zero_s: float = 0.0
 
@@ -99,6 +99,7 @@ class RecordFile(Strict):
     header: Literal["auto", "none"] = "auto"
     skip_rows: Annotated[int, Field(ge=0)] = 0
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
+    decimal: Literal[".", ","] | None = None
     segments: Annotated[tuple[Segment, ...], Field(strict=False)] = ()
 
     @model_validator(mode="after")

@@ -1,6 +1,6 @@
-"""MAT files of version 5: bytes in, variables out. After MathWorks, "MAT-File Format", chapter 1.
+"""MAT files: variables out of version 5 (MathWorks, "MAT-File Format", chapter 1) and of version 7.3, which is HDF5.
 
-scipy's compiled reader is not used, because some damaged files make it end the process.
+scipy's compiled reader of version 5 is not used, because some damaged files make it end the process.
 """
 
 from __future__ import annotations
@@ -9,13 +9,120 @@ import math
 import struct
 import zlib
 from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+_DEEP = 32  # structures in structures; a file of references may go round in circles
+
+
+@dataclass(frozen=True)
+class StructArray:
+    """A structure array: its shape and its structures, columns first."""
+
+    shape: tuple[int, ...]
+    items: tuple[dict[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class CellArray:
+    """A cell array: its shape and what its cells hold, columns first."""
+
+    shape: tuple[int, ...]
+    items: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Opaque:
+    """An object of a class of MATLAB (table, timeseries, ...), whose content MATLAB alone can read."""
+
+    kind: str
+
+
+def read_mat(path: Path) -> dict[str, Any]:
+    """Return the variables of a MAT file of version 5 or 7.3, as :func:`mat_variables` describes them.
+
+    Raises:
+        ValueError: the file is of another format, damaged or cut short.
+    """
+    with path.open("rb") as file:
+        head = file.read(8)
+    if head.startswith((b"MATLAB 7", b"\x89HDF")):
+        return _variables_of_hdf5(path)
+    if not head.startswith(b"MATLAB 5"):
+        raise ValueError("it does not begin as a MAT file of version 5 or 7.3")
+    return mat_variables(path.read_bytes())
+
+
+def _variables_of_hdf5(path: Path) -> dict[str, Any]:
+    import h5py  # type: ignore[import-untyped]
+
+    try:
+        with h5py.File(path, "r") as file:
+            if not any("MATLAB_class" in item.attrs for item in file.values()):
+                raise ValueError("it is HDF5 that MATLAB did not write; if it is NetCDF, name it .nc")
+            return {name: _hdf5_value(file, item, 0) for name, item in file.items() if not name.startswith("#")}
+    except (OSError, RuntimeError, KeyError, TypeError, LookupError, MemoryError, AttributeError) as error:
+        raise ValueError(str(error)) from error
+
+
+def _hdf5_value(file: Any, item: Any, depth: int) -> Any:
+    """Return what an object of a file of version 7.3 holds; arrays are stored transposed there."""
+    import h5py
+
+    kind = item.attrs.get("MATLAB_class", b"")
+    kind = kind.decode() if isinstance(kind, bytes) else str(kind)
+    if depth > _DEEP:
+        raise ValueError(f"structures must be at most {_DEEP} deep")
+    if item.attrs.get("MATLAB_object_decode", 0) == 3 or kind == "FileWrapper__":
+        return Opaque(kind)
+    if isinstance(item, h5py.Group):
+        if "MATLAB_sparse" in item.attrs:
+            return None
+        fields = {name: (part, _hdf5_value(file, part, depth + 1)) for name, part in item.items()}
+        return _structures({name: (_is_array_of_structures(part), value) for name, (part, value) in fields.items()})
+    if item.attrs.get("MATLAB_empty", 0):
+        return "" if kind == "char" else np.zeros((0, 0))
+    if h5py.check_ref_dtype(item.dtype) is not None:
+        cells = tuple(_hdf5_value(file, file[reference], depth + 1) for reference in item[()].ravel())
+        return CellArray(item.shape[::-1], cells)
+    if kind == "char":
+        codes = item[()].T
+        return "".join(map(chr, codes.ravel())) if codes.ndim < 2 or codes.shape[0] == 1 else None
+    if item.dtype.kind not in "fiub":
+        return None
+    values = np.atleast_2d(np.asarray(item[()], dtype=np.float64))
+    return values.T
+
+
+def _is_array_of_structures(part: Any) -> bool:
+    """Say whether a field holds one reference per structure: that of a cell array carries its class, this does not."""
+    import h5py
+
+    return (
+        isinstance(part, h5py.Dataset) and h5py.check_ref_dtype(part.dtype) is not None
+        and "MATLAB_class" not in part.attrs
+    )  # fmt: skip
+
+
+def _structures(fields: dict[str, tuple[bool, Any]]) -> Any:
+    """Return one structure, or the structure array whose fields hold one value per structure."""
+    arrays = [value for is_array, value in fields.values() if is_array]
+    if not arrays or len(arrays) != len(fields) or len({len(a.items) for a in arrays}) != 1:
+        return {name: value for name, (_, value) in fields.items()}
+    count = len(arrays[0].items)
+    items = tuple({name: value.items[i] for name, (_, value) in fields.items()} for i in range(count))
+    return StructArray(arrays[0].shape, items)
+
 
 def mat_variables(whole: bytes) -> dict[str, Any]:
-    """Return the variables of a MAT file: numbers as arrays, text, 1 x 1 structures as dicts, None for anything else.
+    """Return the variables of a MAT file of version 5, by name.
+
+    Numbers are arrays, text is text, a 1 x 1 structure is a dict of its fields; structure arrays, cell arrays and
+    objects are :class:`StructArray`, :class:`CellArray` and :class:`Opaque`; anything else is None. Objects of old
+    classes, which keep their fields in the file, are structures.
 
     Raises:
         ValueError: the file is damaged or cut short.
@@ -57,7 +164,9 @@ def _matrix(data: bytes, order: str) -> tuple[str, Any]:
     parts = list(_elements(data, order))
     flags = struct.unpack_from(order + "I", parts[0][1])[0] if parts else 0
     group, is_complex = flags & 0xFF, flags & 0x800
-    if group not in range(1, 16):  # empty, a function or an opaque object
+    if group == 17 and len(parts) > 3:  # of a class: name, system of classes, class, number in that system
+        return parts[1][1].decode("latin-1"), Opaque(parts[3][1].decode("latin-1"))
+    if group not in range(1, 16):  # empty or a function
         return "", None
     shape = np.frombuffer(parts[1][1], order + "i4").tolist()
     name, rest = parts[2][1].decode("latin-1"), parts[3:]
@@ -71,9 +180,17 @@ def _matrix(data: bytes, order: str) -> tuple[str, Any]:
         kind, content = rest[0]
         endian = {"<": "-le", ">": "-be"}[order] if kind in (4, 17, 18) else ""
         return name, content.decode(_TEXT[kind] + endian)
-    if group == 2 and math.prod(shape) == 1:
+    if group == 1:
+        return name, CellArray(tuple(shape), tuple(_matrix(part, order)[1] for _, part in rest))
+    if group in (2, 3):
+        rest = rest[group - 2 :]  # an object begins with the name of its class
         width = struct.unpack_from(order + "I", rest[0][1])[0]
         text = rest[1][1]
         keys = [text[i : i + width].split(b"\0")[0].decode("latin-1") for i in range(0, len(text), width)]
-        return name, {key: _matrix(part, order)[1] for key, (_, part) in zip(keys, rest[2:], strict=True)}
+        count = math.prod(shape)
+        if len(rest) - 2 != count * len(keys) or min(shape) < 0:
+            raise ValueError(f"structure '{name}' of shape {shape} must hold {len(keys)} fields each")
+        held = [_matrix(part, order)[1] for _, part in rest[2:]]
+        items = [dict(zip(keys, held[i * len(keys) :], strict=False)) for i in range(count)]
+        return name, items[0] if count == 1 else StructArray(tuple(shape), tuple(items))
     return name, None

@@ -148,18 +148,6 @@ def questions_of(
     return tuple(out)
 
 
-def clock_unit(times: FloatArray) -> str:
-    """Return the unit that makes sense of times of unknown unit: "s", or "ms", "us", "ns" if as s they were too slow.
-
-    Times in s are kept if they give at least 0.2 Hz. Beyond that a step of 5 to 1000 is in ms, up to 10^6 in us, above
-    in ns: each gives 1 Hz or more.
-    """
-    steps = np.diff(times[np.isfinite(times)])
-    step = float(np.median(steps)) if steps.size else 0.0
-    limits = (("s", 1.0 / CRITERIA.slowest_hz), ("ms", 1e3), ("us", 1e6))
-    return next((unit for unit, most in limits if step <= most), "ns")
-
-
 def _clock(signals: Signals, c: Criteria) -> list[Question]:
     rates = {name: (t.size - 1) / float(t[-1] - t[0]) for name, (t, _) in signals.items() if t[-1] > t[0]}
     if not rates:

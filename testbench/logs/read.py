@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.core.channels import UNITS, channel, unit_factor
+from testbench.core.channels import unit_factor
 from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.logs.layout import TIME_UNITS, ChannelColumn, Recorded, RecordFile, TimeColumn, find_data_folder
-from testbench.logs.tables import MISSING, Table, read_table
+from testbench.logs.layout import ChannelColumn, Recorded, RecordFile, TimeColumn, find_data_folder
+from testbench.logs.names import MISSING, clock_called, stated_unit, time_unit
+from testbench.logs.tables import Table, read_table
+from testbench.logs.times import holds_stamps, read_times
 
 _SLACK_S = 1e-6  # times printed with few digits still meet the end of a segment
 _GAP = 1.5  # a step this many times the usual one means that samples were lost
@@ -54,7 +56,9 @@ def read_records(description: Recorded, data_folder: Path | str | None = None) -
 
 
 def _read_file(description: Recorded, spec: RecordFile, path: Path) -> list[tuple[str, str, FlightRecord]]:
-    table = read_table(path, spec.kind_of_file, spec.variable, spec.header, spec.skip_rows, spec.delimiter)
+    table = read_table(
+        path, spec.kind_of_file, spec.variable, spec.header, spec.skip_rows, spec.delimiter, spec.decimal
+    )
     if table.stated.get("kind") == "truth":
         raise RecordError(
             f"a recorded flight must be measured, but '{path}' says of itself that it is a simulated truth"
@@ -94,8 +98,11 @@ def _times(table: Table, clock: TimeColumn) -> FloatArray:
     if clock.column is None:
         assert clock.rate_hz is not None  # the schema asks for one of the two
         return np.arange(len(table)) / clock.rate_hz - clock.zero_s
-    _check_unit(table, clock.column, clock.unit, TIME_UNITS, "time")
-    t = table.numbers(clock.column) * TIME_UNITS[clock.unit] - clock.zero_s
+    i = table.index(clock.column)
+    if not holds_stamps(table.cells[i]):
+        stated = time_unit(table.units[i]) or clock_called(table.names[i])[1]
+        _check_unit(table, clock.column, clock.unit, stated, "time")
+    t = read_times(table, clock.column, clock.unit) - clock.zero_s
     if not np.isfinite(t).all():
         row = int(np.argmin(np.isfinite(t)))
         raise RecordError(
@@ -149,9 +156,9 @@ def _channel(table: Table, spec: ChannelColumn, rows: slice, t: FloatArray) -> t
     """Return the SI samples of one channel in ``rows`` and whether each was really taken."""
     keys = [spec.column] if spec.minus_column is None else [spec.column, spec.minus_column]
     parts = []
-    units = UNITS.get(channel(spec.name).unit, {})
     for key in keys:
-        _check_unit(table, key, spec.unit, units, f"channel '{spec.name}'")
+        stated = stated_unit(spec.name, table.units[table.index(key)])
+        _check_unit(table, key, spec.unit, stated, f"channel '{spec.name}'")
         parts.append(_samples(table, spec, key, rows, t))
     raw = parts[0] if len(parts) == 1 else parts[0] - parts[1]
     valid = np.isfinite(raw)
@@ -185,13 +192,12 @@ def _samples(table: Table, spec: ChannelColumn, key: int | str, rows: slice, t: 
     return raw
 
 
-def _check_unit(table: Table, key: int | str, unit: str, known: dict[str, float], what: str) -> None:
+def _check_unit(table: Table, key: int | str, unit: str, stated: str, what: str) -> None:
     """Check that the file, where it states the unit of a column, states the one that the description gives."""
-    stated = table.units[table.index(key)]
-    plain = stated.strip().lower().replace("^", "").replace("sec", "s")
-    units = {name.lower(): name for name in known}
-    if plain in units and units[plain] != unit:
+    if stated and stated != unit:
+        i = table.index(key)
         raise RecordError(
-            f"the unit of {what} must be the one that '{table.file}' states for column {key!r}, '{stated}', "
-            f"got '{unit}'; correct unit, or, if the file is wrong, keep its unit and correct the values with scale"
+            f"the unit of {what} must be the one that '{table.file}' states for column {key!r}, "
+            f"'{table.units[i] or table.names[i]}', got '{unit}'; correct unit, or, if the file is wrong, keep its "
+            "unit and correct the values with scale"
         )

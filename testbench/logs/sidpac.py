@@ -6,8 +6,6 @@ SIDPAC (V. Klein, E. A. Morelli, Aircraft System Identification, AIAA 2006, soft
 
 from __future__ import annotations
 
-import tempfile
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -19,11 +17,12 @@ from testbench.core.channels import CHANNELS, UNITS, channel, unit_factor
 from testbench.core.constants import DEG_RAD, LBF_N
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
-from testbench.logs.layout import SUFFIXES, TIME_UNITS
-from testbench.logs.mat import mat_variables
-from testbench.logs.plausible import clock_unit
+from testbench.logs.layout import SUFFIXES
+from testbench.logs.mat import read_mat
+from testbench.logs.names import TIME_UNITS, Meaning, meaning
 from testbench.logs.signals import Log, Rule, Topic, make_topic, scaled
 from testbench.logs.tables import Table, read_table
+from testbench.logs.times import clock_unit, find_clock, read_times
 
 COLUMNS = 90
 _CG = "columns 11 to 13 are reduced to the centre of gravity, as SIDPAC has it"
@@ -48,19 +47,6 @@ RULES = (
     Rule("thrust", "fdata", tuple(map(str, range(38, 42))), _sum, "sum of columns 38 to 41, lbf"),
 )  # fmt: skip
 
-_NAMES = {
-    "airspeed": "V", "tas": "V", "aoa": "alpha", "angle_of_attack": "alpha", "aos": "beta", "sideslip": "beta",
-    "roll_rate": "p", "pitch_rate": "q", "yaw_rate": "r", "roll": "phi", "bank": "phi", "pitch": "theta", "yaw": "psi",
-    "heading": "psi", "altitude": "h", "elevator": "de", "aileron": "da", "rudder": "dr", "throttle": "thr",
-    "dynamic_pressure": "qbar",
-    # as DLR's records and the book of R. V. Jategaonkar name them
-    "tascg": "V", "alfcg": "alpha", "betcg": "beta", "the": "theta", "delv": "de", "dail": "da", "drud": "dr",
-    "pdyn": "qbar", "axcg": "ax", "aycg": "ay", "azcg": "az",
-}  # fmt: skip
-_ANY_CASE = {name.lower(): name for name in CHANNELS if name.lower() not in ("u", "v", "h")}  # V and v are two channels
-CLOCKS = ("t", "time", "t_s", "time_s", "timestamp", "times")
-"""Names of a column of times, in lower case."""
-
 
 def read_columns(path: Path | str) -> tuple[Log, tuple[Rule, ...]]:
     """Read a table of any format that descriptions know; return it as a log, and the rules for its columns.
@@ -83,13 +69,14 @@ def read_columns(path: Path | str) -> tuple[Log, tuple[Rule, ...]]:
     except RecordError as error:
         if kind not in ("csv", "text"):
             raise
-        table = _salvage(path, kind, error, warnings)
+        table = _salvage(path, kind, error)
+        warnings.append(f"{table.damaged} lines are damaged and were left out ({error.message})")
     return _plain(path, table, warnings)
 
 
 def _sidpac(path: Path) -> Log | None:
     try:
-        content = mat_variables(path.read_bytes())
+        content = read_mat(path)
     except ValueError:
         return None  # the common reader says what is wrong
     shapes = {k: v.shape for k, v in content.items() if isinstance(v, np.ndarray) and v.ndim == 2}
@@ -105,26 +92,13 @@ def _sidpac(path: Path) -> Log | None:
     return Log(path, f"SIDPAC, variable {name}", {"fdata": topic}, warnings=(lost,) if lost else ())
 
 
-def _salvage(path: Path, kind: str, error: RecordError, warnings: list[str]) -> Table:
-    """Read a text table again without the lines that have another number of cells than most."""
-    text = path.read_bytes().decode("utf-8", "replace")
-    delimiter = "," if kind == "csv" else None
-    lines = [line for line in text.splitlines() if line.strip()]
-    widths = [len(line.rstrip(", ").split(delimiter)) for line in lines]
-    usual = Counter(widths).most_common(1)
-    good = [
-        line for line, n in zip(lines, widths, strict=True) if usual and n == usual[0][0] and "\ufffd" not in line
-        and "\x00" not in line
-    ]  # fmt: skip
-    if usual and usual[0][0] > 1 and 2 < len(good) < len(lines):
-        with tempfile.TemporaryDirectory() as folder:
-            part = Path(folder) / path.name
-            part.write_text("\n".join(good) + "\n", encoding="utf-8")
-            try:
-                table = read_table(part, kind)
-            except RecordError:
-                raise error from None
-        warnings.append(f"{len(lines) - len(good)} lines are damaged and were left out ({error.message})")
+def _salvage(path: Path, kind: str, error: RecordError) -> Table:
+    """Read a text table again without its damaged lines; raise ``error`` if there are none, or nothing else."""
+    try:
+        table = read_table(path, kind, lenient=True)
+    except RecordError:
+        raise error from None
+    if table.damaged and len(table) > 1 and len(table.names) > 1:
         return table
     raise error
 
@@ -132,45 +106,48 @@ def _salvage(path: Path, kind: str, error: RecordError, warnings: list[str]) -> 
 def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Rule, ...]]:
     if table.stated.get("kind") == "truth":
         raise RecordError(f"a log must be measured, but '{path}' says of itself that it is a simulated truth")
-    labels = [name.strip().lower().replace(" ", "_") for name in table.names]
-    clock = next((i for i, label in enumerate(labels) if label in CLOCKS), None)
+    if len(table.names) == 1:
+        named = f", '{table.names[0]}'" if table.names[0] else ""
+        raise RecordError(
+            f"'{path}' must hold times and at least one channel, but it has one column only{named}; if it has "
+            f"more, their separator was not recognised: give delimiter in a description; {_to_describe(path)}"
+        )
+    clock = find_clock(table)
     if clock is None:
         raise RecordError(
-            f"a column of '{path}' must be called {' or '.join(CLOCKS[:2])}, got "
-            f"{_listed(table.names) or 'columns without names'}; {_to_describe(path)}"
+            f"a column of '{path}' must be called t or time, or hold dates, got "
+            f"{_listed(table.names) or ', '.join(('columns without names', *table.said))}; {_to_describe(path)}"
         )
-    times = table.numbers(clock + 1)
-    unit = table.units[clock].strip().lower() or clock_unit(times)
-    guessed = "" if table.units[clock].strip() or unit == "s" else (
-        f"times are in {unit}: their usual step is {np.median(np.diff(times)):g}, and '{table.names[clock]}' states no "
-        "unit"
-    )  # fmt: skip
-    if unit not in TIME_UNITS:
-        raise RecordError(f"the unit of time in '{path}' must be one of {', '.join(TIME_UNITS)}, got '{unit}'")
+    unit, assumed = clock_unit(table, clock)
+    inputs = _inputs(table)
     rules, columns = [], {}
-    for i, column in enumerate(table.names):
-        name = channel_called(column)
-        if i == clock or name is None:
+    for i, called in enumerate(table.names):
+        found = None if i == clock or i in inputs else meaning(called, table.units[i])
+        if found is None:
             continue
-        key = column if column not in columns else f"{column} (column {i + 1})"
+        key = called if called not in columns else f"{called} (column {i + 1})"
         columns[key] = table.numbers(i + 1)
-        rules.append(_rule(path, name, key, table.units[i]))
-    own = _own_clocks(path, table, TIME_UNITS.get(unit, 1.0), warnings)
+        rules.append(_rule(path, found, key, table.units[i]))
+    own = _own_clocks(path, table, TIME_UNITS[unit], warnings)
     if not rules:
         raise RecordError(
             f"columns of '{path}' must carry names of channels ({', '.join(list(CHANNELS)[:12])}, ...), got "
             f"{_listed(table.names)}; {_to_describe(path)}"
         )
-    topic, lost = make_topic("", TIME_UNITS[unit] * times, columns)
+    topic, lost = make_topic("", read_times(table, clock + 1, unit), columns)
     unread = {name: len(table) for i, name in enumerate(table.names) if name and name not in columns and i != clock}
     unread |= {name: values.size for name, values in table.others.items() if name not in own.read}
-    said = (*warnings, lost) if lost else tuple(warnings)
-    kind = f"table ({SUFFIXES[path.suffix.lower()]})"
-    topics = {"": topic, **own.topics}
-    assumed = (guessed,) if guessed else ()
-    return Log(path, kind, topics, warnings=said, unread=unread, reasons=own.reasons, assumed=assumed), (
-        *rules,
-        *own.rules,
+    return (
+        Log(
+            path,
+            ", ".join([f"table ({SUFFIXES[path.suffix.lower()]})", *table.said]),
+            {"": topic, **own.topics},
+            warnings=(*warnings, lost) if lost else tuple(warnings),
+            unread=unread,
+            reasons=own.reasons,
+            assumed=(assumed,) if assumed else (),
+        ),
+        (*rules, *own.rules),
     )
 
 
@@ -188,10 +165,10 @@ def _own_clocks(path: Path, table: Table, factor: float, warnings: list[str]) ->
     own = _Own({}, [], {}, set())
     labels = {label.lower(): label for label in table.others}
     for label, values in table.others.items():
-        name = channel_called(label)
-        if name is None:
+        found = meaning(label)
+        if found is None:
             continue
-        names = [f"{a}_{b}" for t in CLOCKS for a, b in ((t, label.lower()), (label.lower(), t))]
+        names = [f"{a}_{b}" for t in ("t", "time") for a, b in ((t, label.lower()), (label.lower(), t))]
         clock = next((labels[key] for key in names if key in labels), None)
         times = table.others[clock] if clock else None
         if clock is None or times is None or times.size != values.size:
@@ -203,37 +180,31 @@ def _own_clocks(path: Path, table: Table, factor: float, warnings: list[str]) ->
             continue
         own.topics[label], lost = make_topic(label, factor * times, {label: values})
         own.read.update((label, clock))
-        own.rules.append(replace(_rule(path, name, label, ""), topic=label))
+        own.rules.append(replace(_rule(path, found, label, ""), topic=label))
         if lost:
             warnings.append(lost)
     return own
 
 
-def channel_called(column: str) -> str | None:
-    """Return the channel that a column is called by, its own name or a common word for it, or None."""
-    label = column.strip().lower().replace(" ", "_")
-    return column if column in CHANNELS else _NAMES.get(label, _ANY_CASE.get(label))
+def _inputs(table: Table) -> list[int]:
+    """Return the columns, from 0, that hold inputs u beside outputs y, which are no velocities along body axes."""
+    plain = [name.rpartition(".")[2] for name in table.names]
+    if not any(name.split("[")[0].rstrip("0123456789_") == "y" for name in plain):
+        return []
+    return [i for i, name in enumerate(plain) if name == "u" and not table.units[i].strip()]
 
 
-def stated_unit(name: str, stated: str) -> str:
-    """Return the unit of channel ``name`` that a file states, as the channel table writes it; "" if it is none."""
-    plain = stated.strip().lower().replace("^", "").replace("sec", "s").replace("²", "2").replace("°", "deg")
-    si = channel(name).unit
-    return {unit.lower(): unit for unit in UNITS.get(si, {si: 1.0})}.get(plain, "")
-
-
-def _rule(path: Path, name: str, column: str, stated: str) -> Rule:
-    si = channel(name).unit
-    if not stated.strip() or stated.strip() == "-":
-        said, assumed = f"{si}, as in the file", f"the file states no unit: {si}"
-        return Rule(name, "", (column,), scaled(1.0), said, assumed, in_si=True)
-    unit = stated_unit(name, stated)
-    if not unit:
+def _rule(path: Path, found: Meaning, column: str, stated: str) -> Rule:
+    si = channel(found.channel).unit
+    if found.unit:
+        return Rule(found.channel, "", (column,), scaled(unit_factor(*found)), found.unit, in_si=True)
+    if stated.strip() and stated.strip() != "-":
         raise RecordError(
             f"the unit of column '{column}' in '{path}' must be one of {', '.join(UNITS.get(si, {si: 1.0}))}, "
             f"got '{stated}'"
         )
-    return Rule(name, "", (column,), scaled(unit_factor(name, unit)), unit, in_si=True)
+    assumed = f"the file states no unit: {si}"
+    return Rule(found.channel, "", (column,), scaled(1.0), f"{si}, as in the file", assumed, in_si=True)
 
 
 def _listed(names: Sequence[str], most: int = 12) -> str:

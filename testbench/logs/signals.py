@@ -6,7 +6,6 @@ Nothing is resampled here; a mapped channel keeps the times at which it was logg
 
 from __future__ import annotations
 
-import struct
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -22,19 +21,6 @@ from testbench.core.record import FloatArray
 from testbench.logs.clocks import gaps, usual_step
 from testbench.logs.instances import Choice, choose_instances, instances_of
 
-NEEDS_LOGS = "need {package}, which is not installed; pip install 'flight-testbench[logs]'"
-BROKEN = (
-    struct.error,
-    ValueError,
-    IndexError,
-    KeyError,
-    TypeError,
-    AttributeError,
-    OverflowError,
-    MemoryError,
-    RecursionError,
-)
-"""What the readers of logs raise on damaged files, beside their own exceptions (seen on files damaged at random)."""
 MIN_SAMPLES = 4
 ZERO = "zero throughout"
 ONE_TURN = 2.02 * np.pi  # rad; beyond it an angle was not cut at half or whole turns, or is no angle in rad
@@ -76,6 +62,8 @@ class Log:
         unread: name -> number of messages or samples of what no rule uses.
         reasons: name of ``unread`` -> why it was left out, where a rule would know it.
         assumed: sentences on what the file does not say and was assumed of all its channels.
+        notes: sentences on what was set or changed while the log ran and matters to what is read.
+        preferred: topic with several instances -> the one that the autopilot used ("ARSP#1"), and how the log says so.
     """
 
     file: Path
@@ -87,6 +75,8 @@ class Log:
     unread: Mapping[str, int] = field(default_factory=dict)
     reasons: Mapping[str, str] = field(default_factory=dict)
     assumed: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    preferred: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -102,6 +92,7 @@ class Rule:
         said: the conversion in words.
         assumed: what the log does not say and was assumed.
         in_si: True where commands of surfaces come out in rad and no throw is to be multiplied.
+        takes: the unit of the columns, where the log may state another one.
     """
 
     channel: str
@@ -111,6 +102,7 @@ class Rule:
     said: str
     assumed: str = ""
     in_si: bool = False
+    takes: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +189,7 @@ def find_channels(
     used: dict[str, dict[str, None]] = {}
     for rule in rules:
         used.setdefault(rule.topic, {}).update(dict.fromkeys(rule.fields))
-    choices = choose_instances(log.topics, used, sensors or {})
+    choices = choose_instances(log.topics, used, sensors or {}, log.preferred)
     turned_down = {name: why for choice in choices for name, why in choice.others}
     found: dict[str, Mapped] = {}
     passed: list[Passed] = []

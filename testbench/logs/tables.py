@@ -6,12 +6,9 @@ manuals of recorded data number them. What a file says of itself (units, kind, p
 
 from __future__ import annotations
 
-import csv
 import json
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +18,10 @@ from numpy.typing import NDArray
 from testbench.core.channels import channel
 from testbench.core.errors import RecordError, nearest
 from testbench.core.record import FORMAT, NEEDS_PYARROW, FloatArray, load_record
-from testbench.logs.mat import mat_variables
-
-MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
-"""Cells of a text file, in lower case, that say that a sample was not taken."""
-_NAME_AND_UNIT = re.compile(r"(.*?)\s*[\[(]([^\])]*)[\])]\s*")
-_PART = 200  # lines of a text file that are looked through for the first row of numbers
+from testbench.logs.foreign import HEAD, refuse_foreign
+from testbench.logs.mat import StructArray, read_mat
+from testbench.logs.structures import follow, series
+from testbench.logs.text import Cells, numbers, read_text
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +35,10 @@ class Table:
         cells: (m,) columns of n cells each, numbers or, from text files, text.
         lines: (n,) line of the file that each row stands in; empty for files that have no lines.
         stated: what a file of the testbench says of the record in it (kind, outcome, reason, provenance).
+        decimal: the decimal sign of text.
+        said: how the file was read where that is not the usual way (separator, encoding), in words.
+        damaged: number of damaged lines that were left out.
+        root: path of the structure whose fields the columns are; a column may be called by its whole path.
         others: name -> (k,) numbers of vectors whose length is not that of the columns.
     """
 
@@ -49,6 +48,10 @@ class Table:
     cells: tuple[Sequence[str] | NDArray[Any], ...]
     lines: Sequence[int] = ()
     stated: Mapping[str, Any] = field(default_factory=dict)
+    decimal: str = "."
+    said: tuple[str, ...] = ()
+    damaged: int = 0
+    root: str = ""
     others: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -64,7 +67,7 @@ class Table:
             if key > len(self.names):
                 raise RecordError(f"column {key} must exist in '{self.file}', which has {len(self.names)} columns")
             return key - 1
-        found = [i for i, name in enumerate(self.names) if name == key]
+        found = [i for i, name in enumerate(self.names) if key in (name, f"{self.root}.{name}")]
         if len(found) != 1:
             named = [name for name in self.names if name]
             hint = "" if found else (nearest(key, named) or "; its columns have no names: give numbers, counted from 1")
@@ -72,14 +75,15 @@ class Table:
         return found[0]
 
     def numbers(self, key: int | str) -> FloatArray:
-        """Return a column as numbers (n,), NaN where the file holds none; ``cell`` gives what it holds there."""
+        """Return a column as numbers (n,), NaN where the file holds none; ``cell`` gives what it holds there.
+
+        Raises:
+            RecordError: there is no such column, or its numbers have separators of thousands.
+        """
         column = self.cells[self.index(key)]
         if isinstance(column, np.ndarray):
             return column.astype(np.float64)
-        try:
-            return np.array(column, dtype=np.float64)
-        except ValueError:
-            return np.array([_number(cell) for cell in column])
+        return numbers(column, self.decimal, f"column {key!r} of '{self.file}'")
 
     def cell(self, key: int | str, row: int) -> str:
         """Return what the file holds in ``row``, counted from 0, as text."""
@@ -90,13 +94,6 @@ class Table:
         return f"'{self.file}', " + (f"line {self.lines[row]}" if len(self.lines) else f"row {row + 1}")
 
 
-def _number(cell: str) -> float:
-    try:
-        return float(cell)
-    except ValueError:
-        return float("nan")
-
-
 def read_table(
     path: Path | str,
     kind: str,
@@ -104,17 +101,22 @@ def read_table(
     header: str = "auto",
     skip_rows: int = 0,
     delimiter: str | None = None,
+    decimal: str | None = None,
+    lenient: bool = False,
 ) -> Table:
     """Read a file of format ``kind``: "csv", "text", "mat", "parquet" or "netcdf".
 
     Args:
         path: the file.
         kind: its format.
-        variable: MAT only: the matrix or structure to read; needed if the file holds several.
+        variable: MAT only: the matrix or structure to read, or the path of one inside a structure
+            (``data.flight``, ``data(2)``); needed if the file holds several.
         header: CSV and text: "auto" takes names (and units, if a second row of them follows) from the last rows before
             the numbers that have as many entries as these; "none" takes every row as numbers.
         skip_rows: CSV and text: lines to leave out at the beginning.
-        delimiter: CSV: the character between cells; a comma if not given.
+        delimiter: CSV and text: the character between cells; recognised if not given.
+        decimal: CSV and text: the decimal sign, "." or ","; recognised if not given.
+        lenient: CSV and text: leave damaged lines out, and count them in ``damaged``.
 
     Raises:
         RecordError: the file is missing, empty, cut short, of another format, or holds no samples.
@@ -125,153 +127,58 @@ def read_table(
     if path.stat().st_size == 0:
         raise RecordError(f"a record file must hold samples, got an empty file at '{path}'")
     readers: dict[str, Callable[[], Table]] = {
-        "csv": lambda: _read_rows(path, header, skip_rows, delimiter or ","),
-        "text": lambda: _read_rows(path, header, skip_rows, None),
+        "csv": lambda: _of_text(path, read_text(path, False, header, skip_rows, delimiter, decimal, lenient)),
+        "text": lambda: _of_text(path, read_text(path, True, header, skip_rows, delimiter, decimal, lenient)),
         "mat": lambda: _read_mat(path, variable),
         "parquet": lambda: _read_parquet(path),
         "netcdf": lambda: _read_netcdf(path),
     }
+    with path.open("rb") as file:
+        refuse_foreign(path, file.read(HEAD), kind)
     table = readers[kind]()
     if len(table) == 0:
         raise RecordError(f"a record file must hold samples, got none in '{path}'")
     return table
 
 
-def _read_rows(path: Path, header: str, skip_rows: int, delimiter: str | None) -> Table:
-    """Read CSV, or, with ``delimiter`` None, text between blanks. Lines that begin with # or % are never numbers."""
-    content = path.read_bytes()
-    if re.search(rb"[\x00-\x08\x0e-\x1f]", content):
-        raise RecordError(f"'{path}' must be text (UTF-8), got binary data; check file and format")
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = content.decode("latin-1")  # old files, for the degree sign in their header
-    remarks, rows, lines = _split(path, text, skip_rows, delimiter)
-    first = 0 if header == "none" else next((i for i, row in enumerate(rows[:_PART]) if _is_data(row)), len(rows))
-    if first >= len(rows):
-        raise RecordError(
-            f"'{path}' must hold rows of numbers with decimal points, got none in its first {min(len(rows), _PART)} "
-            "rows; check format and delimiter"
-        )
-    width, names, units = _header(
-        [] if header == "none" else [row for row in remarks if not _is_data(row)] + rows[:first], rows[first]
+def _of_text(path: Path, found: Cells) -> Table:
+    return Table(
+        path,
+        found.names,
+        found.units,
+        found.columns,
+        found.lines,
+        decimal=found.decimal,
+        said=found.said,
+        damaged=found.damaged,
     )
-    for row, line in zip(rows[first:], lines[first:], strict=True):
-        if len(row) < width or any(row[width:]):
-            raise RecordError(
-                f"every row must have {width} cells, got {len(row)} in line {line} of '{path}'; is the file cut short?"
-            )
-    columns = tuple(zip(*(row[:width] for row in rows[first:]), strict=True))
-    return Table(path, names, units, columns, lines[first:])
-
-
-def _split(
-    path: Path, text: str, skip_rows: int, delimiter: str | None
-) -> tuple[list[list[str]], list[list[str]], list[int]]:
-    """Return the cells of the remarks before the first other line, those of all other lines, and their numbers from 1.
-
-    A heading written as a remark still names the columns.
-    """
-    remarks: list[list[str]] = []
-    rows: list[list[str]] = []
-    lines: list[int] = []
-    for n, line in islice(enumerate(text.splitlines(), start=1), skip_rows, None):
-        plain = line.lstrip()
-        is_remark = plain.startswith(("#", "%"))
-        if not plain or (is_remark and rows):
-            continue
-        if is_remark:
-            line = plain.lstrip(" \t#%")
-        if delimiter is None:
-            cells = line.split()
-        else:
-            try:
-                cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
-            except csv.Error as error:
-                raise RecordError(f"line {n} of '{path}' must be CSV, got: {error}") from error
-        if is_remark:
-            remarks.append(cells)
-        else:
-            rows.append(cells)
-            lines.append(n)
-    while rows and not any(rows[-1]):  # spreadsheets leave lines of delimiters at the end
-        rows.pop()
-        lines.pop()
-    return remarks, rows, lines
-
-
-def _is_data(row: Sequence[str]) -> bool:
-    """Say whether at least half of the cells that are not empty are numbers or missing; others may be text."""
-    filled = [cell.lower() for cell in row if cell]
-    numbers = sum(cell == "nan" or not np.isnan(_number(cell)) for cell in filled)
-    return numbers > 0 and 2 * (numbers + sum(cell in MISSING and cell != "nan" for cell in filled)) >= len(filled)
-
-
-def _header(rows: Sequence[Sequence[str]], data: Sequence[str]) -> tuple[int, tuple[str, ...], tuple[str, ...]]:
-    """Return the number of columns, their names and their units, from the rows before the first row of numbers."""
-    fitting: list[list[str]] = []
-    for row in reversed(rows):
-        if all(set(cell) <= set("-=_*") for cell in row):
-            continue  # a line drawn under the names
-        if len(_stripped(data)) <= len(_stripped(row)) <= len(data):
-            fitting.append(_stripped(row))
-        elif fitting:
-            break
-    if not fitting:
-        return len(data), ("",) * len(data), ("",) * len(data)
-    names = fitting[min(1, len(fitting) - 1)]
-    units = fitting[0] if len(fitting) > 1 else []
-    return _named(names, (units + [""] * len(names))[: len(names)])
-
-
-def _stripped(row: Sequence[str]) -> list[str]:
-    """Leave out empty cells at the end: a delimiter that ends each line makes no column."""
-    last = max((i for i, cell in enumerate(row, start=1) if cell), default=0)
-    return list(row[:last])
-
-
-def _named(names: Sequence[str], units: Sequence[str]) -> tuple[int, tuple[str, ...], tuple[str, ...]]:
-    """Take units out of names such as ``q [rad/s]``."""
-    pairs = [
-        (match[1], unit or match[2]) if (match := _NAME_AND_UNIT.fullmatch(name)) and match[1] else (name, unit)
-        for name, unit in zip(names, units, strict=True)
-    ]
-    return len(pairs), tuple(name for name, _ in pairs), tuple(unit for _, unit in pairs)
 
 
 def _read_mat(path: Path, variable: str | None) -> Table:
-    """Read a matrix, the fields of a structure, or all vectors of a MAT file (version 5, MATLAB's ``save -v7``)."""
-    whole = path.read_bytes()
-    if whole.startswith((b"MATLAB 7.3", b"\x89HDF")):
-        raise RecordError(f"'{path}' must be a MAT file of version 5, got version 7.3; in MATLAB: save(..., '-v7')")
-    if not whole.startswith(b"MATLAB 5.0"):
-        raise RecordError(f"'{path}' must be a MAT file of version 5, got a file that does not begin as one")
+    """Read a matrix, the fields of a structure, or all vectors of a MAT file."""
     try:
-        content = mat_variables(whole)
+        content = read_mat(path)
     except ValueError as error:
-        raise RecordError(f"'{path}' must be a complete MAT file, but it is damaged: {_one_line(error)}") from error
+        raise RecordError(f"'{path}' must be a complete MAT file, but it is not: {_one_line(error)}") from error
     stated = _stated(content["testbench"]) if isinstance(content.get("testbench"), str) else {}
-    units = content["units"] if stated and isinstance(content.get("units"), dict) else {}
-    units = {name: unit for name, unit in units.items() if isinstance(unit, str)}  # a damaged file holds others
-    if variable is not None:
-        if variable not in content:
-            raise RecordError(f"'{path}' must hold the variable '{variable}', got none{nearest(variable, content)}")
-        content = content[variable] if isinstance(content[variable], dict) else {variable: content[variable]}
-    arrays = {k: v for k, v in content.items() if isinstance(v, np.ndarray) and v.ndim == 2}
+    value = content if variable is None else follow(content, variable, path)
+    arrays = {k: v for k, v in content.items() if isinstance(v, np.ndarray) and v.ndim == 2 and v.size}
     matrices = {k: v for k, v in arrays.items() if min(v.shape) > 1}
-    if len(matrices) == 1 and (variable or all(v.size == 1 for k, v in arrays.items() if k not in matrices)):
-        matrix = next(iter(matrices.values()))
-        blank = ("",) * matrix.shape[1]
-        return Table(path, blank, blank, tuple(matrix.T), stated=stated)
-    vectors = {k: v.ravel() for k, v in arrays.items() if min(v.shape) == 1}
-    longest = max((v.size for v in vectors.values()), default=0)
-    if matrices or (longest < 2 and "t" not in vectors):
-        names = ", ".join(sorted(content))
-        raise RecordError(f"which variable of '{path}' holds the samples must be said; give variable = one of {names}")
-    columns = {k: v for k, v in vectors.items() if v.size == longest}
-    others = {k: v for k, v in vectors.items() if 1 < v.size < longest}
-    cells, stated_units = tuple(columns.values()), tuple(units.get(k, "") for k in columns)
-    return Table(path, tuple(columns), stated_units, cells, stated=stated, others=others)
+    if variable is None and len(matrices) == 1 and not any(
+        isinstance(v, Mapping | StructArray) or (k in arrays and k not in matrices and arrays[k].size > 1)
+        for k, v in content.items()
+    ):  # fmt: skip
+        value = next(iter(matrices.values()))
+    if isinstance(value, np.ndarray) and value.ndim == 2 and min(value.shape, default=0) > 1:
+        blank = ("",) * value.shape[1]
+        return Table(path, blank, blank, tuple(value.T), stated=stated)
+    if isinstance(value, np.ndarray):
+        value, variable = {str(variable).rpartition(".")[2]: value}, None
+    found = series(value, variable or "", path)
+    names = tuple(found.columns)
+    units = tuple(found.units[name] for name in names)
+    columns = tuple(found.columns.values())
+    return Table(path, names, units, columns, stated=stated, root=found.root, others=found.others)
 
 
 def _stated(text: str) -> dict[str, Any]:
@@ -286,6 +193,7 @@ def _stated(text: str) -> dict[str, Any]:
 def _read_parquet(path: Path) -> Table:
     try:
         import pyarrow as pa
+        import pyarrow.compute as pc
         import pyarrow.parquet as pq
     except ImportError as error:
         raise RecordError(f"'{path}' cannot be read: {NEEDS_PYARROW}") from error
@@ -294,8 +202,13 @@ def _read_parquet(path: Path) -> Table:
         columns, units = [], []
         for i, column in enumerate(content.schema):
             values, unit = content.column(i), (column.metadata or {}).get(b"unit", b"").decode()
-            if pa.types.is_timestamp(column.type) or pa.types.is_duration(column.type):
+            if pa.types.is_duration(column.type):
                 values, unit = values.cast(pa.int64()), column.type.unit
+            if pa.types.is_timestamp(column.type):  # from the first on: as numbers of 1970 they would lose digits
+                first = next((value for value in values.to_pylist() if value is not None), None)
+                zero = pa.scalar(first, column.type)
+                values, unit = values.cast(pa.int64()), f"{column.type.unit} since {first}"
+                values = pc.subtract(values, zero.cast(pa.int64()))
             if pa.types.is_integer(values.type) or pa.types.is_floating(values.type):
                 columns.append(values.cast(pa.float64(), safe=False).to_numpy())
             else:

@@ -109,7 +109,7 @@ def test_microseconds_and_a_second_rate_of_the_files_that_failed():
     assert found.rate_hz == 50.0
     assert found.record.duration_s == pytest.approx(16.0, abs=0.03)
     assert sum(m.cut_s is not None for m in found.search.manoeuvres) == 1
-    assert "times are in us" in found.log.assumed[0]
+    assert "taken as us, which makes 50 Hz" in found.log.assumed[0]
     found = import_log(failed_once("mat_second_rate/rates.mat"))
     assert found.record.channels == ("de", "q", "alpha")
     assert [s.rate_hz for s in found.balance.kept] == pytest.approx([50.0, 50.0, 10.0])

@@ -11,7 +11,7 @@ from testbench.core.constants import DEG_RAD, G0_M_S2, PSF_PA
 from testbench.core.errors import RecordError
 from testbench.core.paths import SCENARIOS
 from testbench.core.record import FlightRecord
-from testbench.logs.plausible import clock_unit, implausible, questions_of, signals_of
+from testbench.logs.plausible import implausible, questions_of, signals_of
 from testbench.logs.read import read_records
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.ask import import_log
@@ -123,12 +123,6 @@ def test_a_page_of_zeros_and_a_sensor_that_sticks_are_found_and_rest_is_not():
 @pytest.mark.parametrize(("scale", "unit"), [(1e6, "us"), (1e3, "ms"), (1e9, "ns")])
 def test_times_in_another_unit(scale, unit):
     assert asked({"q": flight()["q"]}, scale * T)["t"][1] == unit
-    assert clock_unit(scale * T) == unit
-
-
-@pytest.mark.parametrize(("step", "unit"), [(0.001, "s"), (1.0, "s"), (5.0, "s"), (10.0, "ms"), (2500.0, "us")])
-def test_the_unit_of_times_that_state_none(step, unit):
-    assert clock_unit(step * np.arange(100)) == unit
 
 
 def test_acceleration_that_counts_upwards():

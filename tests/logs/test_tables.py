@@ -150,7 +150,8 @@ def test_parquet_with_timestamps_and_whole_numbers(tmp_path):
     parquet.write_table(content, tmp_path / "p.parquet")
     channels = ['name = "de"\ncolumn = "de"\nunit = "deg"\nmissing = "mask"', 'name = "q"\ncolumn = 2\nunit = "deg/s"']
     with pytest.raises(
-        RecordError, match=r"unit of time must be the one that .* states for column 'time', 'us', got 's'"
+        RecordError,
+        match=r"unit of time must be the one that .* states for column 'time', 'us since 1970-01-01 .*', got 's'",
     ):
         read(tmp_path, "p.parquet", time='column = "time"', channels=channels)
     channels[1] += '\nmissing = "mask"'

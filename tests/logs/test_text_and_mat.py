@@ -57,12 +57,11 @@ def test_text_columns_that_are_not_used_do_no_harm(tmp_path):
     [
         ("a,b\n1,2\n3\n", r"every row must have 2 cells, got 1 in line 3 of .*f\.csv"),
         ("a,b\n1,2\n3,4,5\n", r"every row must have 2 cells, got 3 in line 3"),
-        ("a,b\n", "rows of numbers with decimal points, got none"),
-        ("\n\n", "rows of numbers with decimal points, got none"),
-        ("only words\nand more words\n", "rows of numbers with decimal points, got none"),
-        ("a;b\n1.5;2.5\n", "check format and delimiter"),
+        ("a,b\n", "rows of numbers, got none in its first 1 rows, of which the last reads 'a,b'"),
+        ("\n\n", "holds nothing but blank lines"),
+        ("t,q\n", "has a header only, 't,q'"),
+        ("only words\nand more words\n", "got none .* the last reads 'and more words'; check format and delimiter"),
         (b"a,b\n1,2\n\x00\x01", "must be text"),
-        ("a,b\n1,2\n".encode("utf-16"), "must be text"),
     ],
 )
 def test_text_files_that_cannot_be_tables(tmp_path, text, message):
@@ -159,7 +158,7 @@ def test_a_mat_file_damaged_anywhere_never_ends_the_process(tmp_path):
     assert all("bad.mat" in message and "\n" not in message for message in messages)
 
 
-def test_mat_of_version_7_3_says_how_to_convert_it(tmp_path):
+def test_a_broken_mat_file_of_version_7_3_is_said_to_be_incomplete(tmp_path):
     (tmp_path / "m.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
-    with pytest.raises(RecordError, match=r"version 5, got version 7\.3; in MATLAB: save\(\.\.\., '-v7'\)"):
+    with pytest.raises(RecordError, match=r"must be a complete MAT file, but it is not"):
         read_table(tmp_path / "m.mat", "mat")

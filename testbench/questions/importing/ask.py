@@ -17,17 +17,19 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError
 from testbench.core.files import write_file
 from testbench.core.record import FlightRecord
-from testbench.logs.dataflash import HEAD, read_dataflash, servo_rules
-from testbench.logs.dataflash import RULES as DATAFLASH_RULES
+from testbench.logs.ardupilot import ardupilot_rules
+from testbench.logs.dataflash import HEAD, read_dataflash
+from testbench.logs.foreign import looks_like_text, refuse_foreign
 from testbench.logs.layout import SUFFIXES, find_data_folder
 from testbench.logs.manoeuvres import QUIET_S, Manoeuvre, Search, find_manoeuvres
+from testbench.logs.paparazzi import is_paparazzi, read_paparazzi
 from testbench.logs.plausible import Question, implausible, refusal, to_set
+from testbench.logs.px4 import px4_rules
 from testbench.logs.read import read_records
 from testbench.logs.resampling import common_rate, resample
 from testbench.logs.sidpac import read_columns
 from testbench.logs.signals import Log, Mapped, Rule, Topic, find_channels, scaled
 from testbench.logs.ulog import MAGIC, read_ulog
-from testbench.logs.ulog import RULES as ULOG_RULES
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.balance import Balance, balance_of, balance_rows
 
@@ -93,16 +95,20 @@ def read_log(path: Path | str, part: str | None = None) -> tuple[Log, tuple[Rule
         return read_described(path, part)
     if part is not None:
         raise RecordError(f"--record chooses among those of a description (.toml), but '{path}' is none")
+    if not head.startswith((MAGIC, HEAD)):
+        refuse_foreign(path, head, SUFFIXES.get(suffix, ""))
     if head.startswith(MAGIC) or suffix == ".ulg":
-        return read_ulog(path), ULOG_RULES
+        return px4_rules(read_ulog(path))
     if head.startswith(HEAD) or suffix == ".bin" or (suffix in (".log", ".txt") and b"FMT," in head):
-        log = read_dataflash(path)
-        return log, (*DATAFLASH_RULES, *servo_rules(log.parameters))
+        return ardupilot_rules(read_dataflash(path))
+    if is_paparazzi(head) and (suffix not in SUFFIXES or suffix == ".txt"):
+        return read_paparazzi(path)
     if suffix in SUFFIXES:
         return read_columns(path)
     raise RecordError(
-        f"a log must be PX4's ULog (.ulg), ArduPilot's DataFlash (.bin, .log), a table ({', '.join(SUFFIXES)}) or the "
-        f"description of one (.toml), got '{path}', which begins as none of them"
+        f"a log must be PX4's ULog (.ulg), ArduPilot's DataFlash (.bin, .log), Paparazzi's messages (.data), a table "
+        f"({', '.join(SUFFIXES)}) or the description of one (.toml), got '{path}', which begins as none of them"
+        + ("; if it is a table, name it .csv or .txt" if looks_like_text(head) else "")
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.logs.clocks import usual_step
-from testbench.logs.sidpac import channel_called
+from testbench.logs.names import meaning
 from testbench.logs.signals import ZERO, Found, Log
 
 UNKNOWN = "no rule knows it as a channel"
@@ -101,7 +101,9 @@ def balance_of(log: Log, found: Found, record: FlightRecord) -> Balance:
         lost_here = p.name not in record and not p.reason.startswith(ZERO)
         out.append(Signal(p.source, p.t_s.size, _rate(p.t_s), p.name, reason=p.reason, lost=lost_here))
     for name, reason in log.reasons.items():
-        out.append(Signal(name, log.unread.get(name, 0), np.nan, channel_called(name) or "", reason=reason, lost=True))
+        known = meaning(name)
+        channel = known.channel if known else ""
+        out.append(Signal(name, log.unread.get(name, 0), np.nan, channel, reason=reason, lost=True))
     used = {s.source.partition(".")[0] for s in out}
     for name, topic in log.topics.items():
         if name and name not in used:

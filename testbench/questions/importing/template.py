@@ -18,22 +18,27 @@ from testbench.core.channels import CHANNELS, UNITS, channel
 from testbench.core.errors import RecordError
 from testbench.core.files import write_file
 from testbench.core.record import FloatArray
-from testbench.logs.layout import SUFFIXES, TIME_UNITS
-from testbench.logs.mat import mat_variables
-from testbench.logs.sidpac import CLOCKS, channel_called, stated_unit
+from testbench.logs.foreign import HEAD, refuse_foreign
+from testbench.logs.layout import SUFFIXES
+from testbench.logs.mat import read_mat
+from testbench.logs.names import clock_called, meaning, time_unit
+from testbench.logs.structures import candidates
 from testbench.logs.tables import Table, read_table
+from testbench.logs.times import clock_unit, find_clock, holds_stamps, read_times
 
 _EVEN = 0.5  # steps of a column that counts time differ from the usual one by less than this share, but for gaps
 _MOST_GAPS = 6
+_MOST_PATHS = 40  # of a MAT file, tried for samples
 _RATES = ("fs", "rate", "rate_hz", "fs_hz", "sampling_rate", "sample_rate", "sampling_frequency")
 
 
 class _Clock(NamedTuple):
-    """The column, counted from 1, that may count time, its unit, and pieces without gaps as (first, last) times."""
+    """The column, counted from 1, that may count time, its unit, pieces without gaps, first to last s, and all s."""
 
     number: int
     unit: str
     pieces: tuple[tuple[float, float], ...]
+    t_s: FloatArray
 
 
 def write_template(path: Path | str, out: Path | str) -> Path:
@@ -61,6 +66,8 @@ def description_template(path: Path | str, folder: str = ".") -> str:
     if not path.is_file():
         raise RecordError(f"a table must be a file that exists, got '{path}'")
     kind = SUFFIXES.get(path.suffix.lower())
+    with path.open("rb") as file:
+        refuse_foreign(path, file.read(HEAD), kind or "")
     if kind is None:
         raise RecordError(
             f"a description is for a table ({', '.join(SUFFIXES)}), got '{path}'; logs of autopilots need none"
@@ -93,6 +100,7 @@ def description_template(path: Path | str, folder: str = ".") -> str:
     ]
     if variable:
         lines.append(f"variable = {q(variable)}" + (f"  # or {_plain(', '.join(others))}" if others else ""))
+    lines += _text_keys(table)
     if clock and len(clock.pieces) > 1:
         lines.append("# times jump here; each piece becomes a record of its own")
         lines.append(f"segments = [{', '.join(f'[{a:.9g}, {b:.9g}]' for a, b in clock.pieces)}]")
@@ -119,27 +127,42 @@ future_horizon = 10
 
 
 def _variable(path: Path) -> tuple[str, list[str]]:
-    """Return the matrix to read of a MAT file that holds several, the one with most samples, and the others."""
+    """Return the path to read of a MAT file that holds several, that with most samples, and the others."""
     try:
-        read_table(path, "mat")
+        return read_table(path, "mat").root, []
     except RecordError:
         try:
-            content = mat_variables(path.read_bytes())
+            paths = candidates(read_mat(path))
         except (ValueError, OSError):
             return "", []  # the common reader says what is wrong
-        sizes = {k: v.shape[0] for k, v in content.items() if isinstance(v, np.ndarray) and v.ndim == 2}
+        sizes = {}
+        for name in paths[:_MOST_PATHS]:
+            try:
+                sizes[name] = len(read_table(path, "mat", name))
+            except RecordError:
+                continue
         names = sorted(sizes, key=lambda k: -sizes[k])
         return (names[0], names[1:]) if names and sizes[names[0]] > 1 else ("", [])
-    return "", []
+
+
+def _text_keys(table: Table) -> list[str]:
+    """Return how the numbers of a text file are written, as it was recognised, as keys of the record."""
+    return [f"decimal = {json.dumps(table.decimal)}"] if table.decimal != "." else []
 
 
 def _clock(table: Table, columns: Sequence[FloatArray]) -> _Clock | None:
     """Return the column that is called time, or, if none is, the first one that runs on evenly; None if none does."""
-    labels = [name.strip().lower() for name in table.names]
-    ordered = sorted(range(len(columns)), key=lambda i: (labels[i] not in CLOCKS, i))
+    called = find_clock(table)
+    ordered = sorted(range(len(columns)), key=lambda i: (i != called, not clock_called(table.names[i])[0], i))
     for i in ordered:
-        t, unit = columns[i], table.units[i].strip().lower() or "s"
-        if t.size < 3 or not np.all(np.isfinite(t)) or unit not in TIME_UNITS:
+        if not clock_called(table.names[i])[0] and i != called and time_unit(table.units[i]) == "" != table.units[i]:
+            continue
+        try:
+            unit = clock_unit(table, i)[0]
+            t = read_times(table, i + 1, unit)
+        except RecordError:
+            continue
+        if t.size < 3 or not np.all(np.isfinite(t)):
             continue
         steps = np.diff(t)
         usual = float(np.median(steps))
@@ -149,20 +172,20 @@ def _clock(table: Table, columns: Sequence[FloatArray]) -> _Clock | None:
         if cuts.size >= _MOST_GAPS:
             continue
         starts, ends = np.r_[0, cuts + 1], np.r_[cuts, t.size - 1]
-        factor = TIME_UNITS[unit]
-        pieces = tuple((factor * float(t[a]), factor * float(t[b])) for a, b in zip(starts, ends, strict=True) if b > a)
-        return _Clock(i + 1, unit, pieces)
+        pieces = tuple((float(t[a]), float(t[b])) for a, b in zip(starts, ends, strict=True) if b > a)
+        return _Clock(i + 1, unit, pieces, t)
     return None
 
 
 def _time_lines(table: Table, columns: Sequence[FloatArray], clock: _Clock | None) -> list[str]:
     if clock is not None:
-        t = columns[clock.number - 1]
+        i = clock.number - 1
+        dates = holds_stamps(table.cells[i])
+        t = clock.t_s if dates else columns[i]
         step = float(np.median(np.diff(t)))
-        return [
-            f"column = {_key(table, clock.number - 1)}  # runs from {t[0]:.6g} to {t[-1]:.6g} in steps of {step:.6g}",
-            f'unit = "{clock.unit}"',
-        ]
+        from_first = f"dates, {_plain(table.cell(i + 1, 0))} is 0 s; " if dates else ""
+        runs = f"runs from {t[0]:.6g} to {t[-1]:.6g} in steps of {step:.6g}"
+        return [f"column = {_key(table, i)}  # {from_first}{runs}", *([] if dates else [f'unit = "{clock.unit}"'])]
     for name, values in zip(table.names, columns, strict=True):
         given = values[np.isfinite(values)]
         if name.strip().lower() in _RATES and given.size and np.all(given == given[0]) and given[0] > 0.0:
@@ -179,8 +202,8 @@ def _column_lines(table: Table, i: int, values: FloatArray) -> list[str]:
         return ["", f"{head}: no numbers"]
     extent = f"{taken.min():.5g} to {taken.max():.5g}" if taken.min() < taken.max() else f"{taken[0]:.5g} throughout"
     head += f": {extent}" + (f", {values.size - taken.size} missing" if taken.size < values.size else "")
-    found = channel_called(name)
-    unit = stated_unit(found, stated) if found else ""
+    called = meaning(name, stated)
+    found, unit = called or ("", "")
     known = bool(found and unit and taken.size == values.size)
     entry = [
         "[[channel]]",

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.evaluation.metrics import mrse_mean
 from testbench.page.labels import axis_label, number, shown_unit
 from testbench.page.plot import (
     COLOURS,
@@ -44,11 +45,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from testbench.line import Case
     from testbench.questions.run.result import RunResult
 
 __all__ = ["bode_plates", "history_plates", "input_plates", "plates", "pole_plates", "singular_value_plates", "style"]
 
 _PER_PLATE = 3  # records side by side in one figure of time histories
+_MOST_DRAWN = 9  # records of one use; a second for each would keep the reader of an hour's flight waiting
 _REACH = 0.6  # a diverging prediction may widen the axis by this much of the measured range, on either side
 
 
@@ -70,13 +73,28 @@ def history_plates(result: RunResult) -> list[Plate]:
     if not result.cases:
         return []
     first = result.cases[0]
-    parts = [("identification", i) for i in range(len(first.identification))]
-    parts += [("validation", i) for i in range(len(first.validation))]
+    kept = {use: _worst(first, use) for use in ("identification", "validation")}
+    parts = [(use, i) for use, chosen in kept.items() for i in chosen]
+    total = len(first.identification) + len(first.validation)
     chunks = rows_of(parts, _PER_PLATE)
-    return [_history_plate(result, chunk, k if len(chunks) > 1 else 0) for k, chunk in enumerate(chunks, 1)]
+    return [
+        _history_plate(result, chunk, k if len(chunks) > 1 else 0, len(parts), total)
+        for k, chunk in enumerate(chunks, 1)
+    ]
 
 
-def _history_plate(result: RunResult, parts: Sequence[tuple[str, int]], part: int) -> Plate:
+def _worst(case: Case, use: str) -> list[int]:
+    """Return which records of one use to draw, in their order: all, or of many those that are predicted worst."""
+    records = getattr(case, use)
+    if len(records) <= _MOST_DRAWN:
+        return list(range(len(records)))
+    names = list(case.model.outputs)
+    predictions = getattr(case.evaluation, use).predictions
+    errors = [mrse_mean(np.column_stack([r[n] for n in names]), y) for r, y in zip(records, predictions, strict=True)]
+    return sorted(np.argsort(np.nan_to_num(errors, nan=np.inf))[-_MOST_DRAWN:].tolist())
+
+
+def _history_plate(result: RunResult, parts: Sequence[tuple[str, int]], part: int, drawn: int, total: int) -> Plate:
     channels = [*result.cases[0].model.inputs, *outputs_of(result.cases)]
     records = [getattr(result.cases[0], use)[i] for use, i in parts]
     caption = (
@@ -85,6 +103,10 @@ def _history_plate(result: RunResult, parts: Sequence[tuple[str, int]], part: in
         "legend: 0 % is perfect, 100 % is no better than predicting zero. The validation records took no part in the "
         "identification."
     )
+    if drawn < total:
+        caption += (
+            f" Of {total} records {drawn} are drawn: of each use the {_MOST_DRAWN} that the first model predicts worst."
+        )
 
     def make(wide: bool) -> Figure:
         """Draw one row of panels per channel, one column per record."""

@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from testbench.line import Flight
     from testbench.questions.run.result import RunResult
 
+_MOST_DRAWN = 9  # records whose input is drawn over time
 _DECADES = 5  # of energy density that are shown
 _RIGID, _ELASTIC = "#00664a", "#8a4f74"
 _Moved = Sequence[tuple["Flight", FlightRecord, FloatArray]]
@@ -71,10 +72,13 @@ def _input_plate(result: RunResult, name: str) -> Plate:
         f"{bands} Dashed: 95 % of the energy of the identification input lies below this frequency. Dotted: half the "
         "sample rate of the record."
     )
+    drawn = moved[:_MOST_DRAWN]
+    if len(drawn) < len(moved):
+        caption += f" Of {len(moved)} records the first {len(drawn)} are drawn above; the spectra are those of all."
 
     def make(wide: bool) -> Figure:
         """Draw the time histories of the flights above their spectra."""
-        rows = rows_of(moved, 3 if wide else 1)
+        rows = rows_of(drawn, 3 if wide else 1)
         top = 0.26 + len(rows) * 1.0 + (len(rows) - 1) * 0.6 + 0.55
         names = (1.55 if wide else 1.35) if simulated else 1.4
         figure = new_figure(wide, top + names + 2.4 + 0.9)

@@ -118,7 +118,7 @@ def test_all_faults_are_reported_at_once_with_file_and_key(tmp_path):
         (('column = "t"', "rate_hz = 0.0"), "time.rate_hz: must be greater than 0"),
         (
             ('file = "one.csv"', 'file = "one.dat.gz"'),
-            "record[0]: the suffix of 'one.dat.gz' must be one of .csv, .txt",
+            "record[0]: the suffix of 'one.dat.gz' must be one of .csv, .tsv, .txt",
         ),
         (('file = "one.csv"', 'file = "one.csv"\nvariable = "x"'), "record[0]: the key variable is for format mat"),
         (('file = "one.csv"', 'file = "one.mat"\nskip_rows = 2'), "the key skip_rows is for format csv or text"),

@@ -195,7 +195,9 @@ def test_times_in_microseconds_that_state_no_unit_are_taken_as_such_and_said(tmp
     found = import_log(path)
     assert found.rate_hz == 50.0
     assert found.record.duration_s == pytest.approx(T[-1])
-    assert found.log.assumed == ("times are in us: their usual step is 20000, and 'timestamp' states no unit",)
+    assert [text.partition(", which")[0] for text in found.log.assumed] == [
+        "the file states no unit for column 'timestamp', whose whole numbers are 20000 apart: taken as us"
+    ]
     text = path.read_text(encoding="utf-8").replace("timestamp", "timestamp [s]")
     path.write_text(text, encoding="utf-8")  # the file insists on seconds
     assert "are the times in us" in import_log(path).asked[0]
@@ -210,7 +212,7 @@ def test_the_command_prints_the_balance_questions_and_refuses_when_strict(tmp_pa
     done = command("import", path)
     out = done.stdout
     assert done.returncode == 0
-    assert "1 signal that could be one is left out" in out
+    assert "1 signal that could be a channel is left out" in out
     assert "Q (column 6)" in out
     said = " ".join(out.split())
     assert "read as -4 rad)? write the unit in the header, 'elevator [deg]'" in said

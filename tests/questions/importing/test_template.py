@@ -177,7 +177,7 @@ def test_bad_requests_are_one_line_each(tmp_path):
     for source, out, law in (
         (file, tmp_path / "there.toml", "must be a new file"),
         (file, tmp_path / "there.txt", r"must be a \.toml file"),
-        (tmp_path / "log.ulg", tmp_path / "x.toml", "logs of autopilots need none"),
+        (tmp_path / "log.ulg", tmp_path / "x.toml", "which needs no description"),
         (tmp_path / "none.csv", tmp_path / "x.toml", "must be a file that exists"),
         (tmp_path, tmp_path / "x.toml", "must be a file that exists"),
         (tmp_path / "empty.csv", tmp_path / "x.toml", "empty file"),

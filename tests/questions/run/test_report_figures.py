@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,7 +13,7 @@ import pytest
 
 from testbench.inputs.signal import energy_spectrum
 from testbench.page.plot import Drawing, Plate, envelope, grid, label, new_figure, notes, rows_of, spread, style
-from testbench.questions.run.figures import history_plates, input_plates, plates, singular_value_plates
+from testbench.questions.run.figures import _worst, history_plates, input_plates, plates, singular_value_plates
 from testbench.questions.run.frequency_figures import bode_plates
 
 DEG = 180.0 / np.pi
@@ -108,6 +109,26 @@ def test_many_records_are_spread_over_several_plates(make_result) -> None:
     found = history_plates(replace(base, cases=(many,)))
     assert [p.name for p in found] == ["time_histories_1", "time_histories_2"]
     assert all("</svg>" in p.draw(wide, png=False).svg for p in found for wide in (True, False))
+
+
+def test_of_many_records_the_worst_predicted_are_drawn(make_result) -> None:
+    base = make_result()
+    first = base.cases[0]
+    scores = first.evaluation.identification
+    good, bad = scores.predictions[0], scores.predictions[0] + 1.0
+    count, drawn = 40, {3, 8, 11, 12, 20, 27, 30, 38, 39}
+    predictions = tuple(bad if i in drawn else good for i in range(count))
+    many = replace(
+        first,
+        identification=first.identification[:1] * count,
+        evaluation=replace(first.evaluation, identification=replace(scores, predictions=predictions)),
+    )
+    assert _worst(many, "identification") == sorted(drawn)
+    found = history_plates(replace(base, cases=(many,)))
+    total = count + len(first.validation)
+    assert all(f"Of {total} records" in plate.caption and "predicts worst" in plate.caption for plate in found)
+    assert len(found) == math.ceil((len(drawn) + len(first.validation)) / 3)
+    assert not any("predicts worst" in plate.caption for plate in history_plates(base))
 
 
 def test_the_spectrum_is_that_of_the_input_in_degrees(result) -> None:

@@ -1,0 +1,240 @@
+"""How PX4's topics become channels: which estimate, which airspeed, and what the servos mean.
+
+Facts: PX4 guide (messages, control allocation, logging) and PX4's lists of logged topics and of parameters. Frames:
+body forward-right-down, attitude quaternion (w, x, y, z) from it to north-east-down; torque commands turn right-handed
+about those axes. A servo's command of 1 is its surface fully up (a rudder: fully right); CA_SV_CSi_TRQ_R, _P and _Y say
+how much torque about roll, pitch and yaw it then gives, of the most that all give.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from testbench.core.record import FloatArray
+from testbench.logs.rates import too_slow
+from testbench.logs.signals import Log, Rule, scaled
+
+_AT_IMU = "the inertial unit sits at the centre of gravity"
+_COMMAND = "PX4 normalises commands to -1..1; positive turns right-handed about the body axis"
+_AXES = ("roll", "pitch", "yaw")
+_SURFACES = (("da_cmd", "R", 1.0), ("de_cmd", "P", -1.0), ("dr_cmd", "Y", -1.0))
+"""Command of each axis, the letter of its torque setting, sign from a right-handed torque to the channel table."""
+
+
+def _roll(w: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+    return np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+
+
+def _pitch(w: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+    return np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))
+
+
+def _yaw(w: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray) -> FloatArray:
+    return np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def _vector(names: str, topic: str, field: str, said: str, assumed: str = "") -> list[Rule]:
+    return [Rule(n, topic, (f"{field}[{i}]",), scaled(1.0), said, assumed) for i, n in enumerate(names.split())]
+
+
+def _rules() -> tuple[Rule, ...]:
+    q = tuple(f"q[{i}]" for i in range(4))
+    rules = _vector("p q r", "vehicle_angular_velocity", "xyz", "rad/s, as logged")
+    rules += [
+        Rule(n, "vehicle_attitude", (f,), scaled(1.0), "rad/s, as logged")
+        for n, f in (("p", "rollspeed"), ("q", "pitchspeed"), ("r", "yawspeed"))
+    ]
+    rules += _vector("p q r", "sensor_combined", "gyro_rad", "rad/s, as logged")
+    rules += _vector("pdot qdot rdot", "vehicle_angular_acceleration", "xyz", "rad/s2, as logged, filtered by PX4")
+    rules += _vector("pdot qdot rdot", "vehicle_angular_velocity", "xyz_derivative", "rad/s2, filtered by PX4")
+    for name, angle in (("phi", _roll), ("theta", _pitch), ("psi", _yaw)):
+        rules.append(Rule(name, "vehicle_attitude", q, angle, "Euler angle (3-2-1) of the quaternion"))
+    rules += _vector("ax ay az", "vehicle_acceleration", "xyz", "m/s2, as logged", _AT_IMU)
+    rules += _vector("ax ay az", "sensor_combined", "accelerometer_m_s2", "m/s2, as logged", _AT_IMU)
+    one = scaled(1.0)
+    minus = scaled(-1.0)
+    rules += [
+        Rule("V", "airspeed_validated", ("true_airspeed_m_s",), one, "true airspeed, m/s"),
+        Rule("V", "airspeed", ("true_airspeed_m_s",), one, "true airspeed, m/s"),
+        Rule("qbar", "differential_pressure", ("differential_pressure_pa",), one, "Pa", "incompressible: qbar is it"),
+        Rule("qbar", "differential_pressure", ("differential_pressure_filtered_pa",), one, "Pa, filtered by PX4",
+             "incompressible: qbar is it"),
+        Rule("h", "vehicle_air_data", ("baro_alt_meter",), one, "m, barometric"),
+        Rule("h", "vehicle_global_position", ("alt",), one, "m above sea level"),
+        Rule("hdot", "vehicle_local_position", ("vz",), minus, "m/s, minus the velocity downwards"),
+        Rule("Vg", "vehicle_local_position", ("vx", "vy"), np.hypot, "m/s, length of the horizontal velocity"),
+        Rule("north", "vehicle_local_position", ("x",), one, "m, from the local origin"),
+        Rule("east", "vehicle_local_position", ("y",), one, "m, from the local origin"),
+    ]  # fmt: skip
+    for topic in ("wind", "wind_estimate"):
+        for name, column in (("wind_north", "windspeed_north"), ("wind_east", "windspeed_east")):
+            rules.append(Rule(name, topic, (column,), one, "m/s, estimated by PX4"))
+    return tuple(rules)
+
+
+RULES = _rules()
+"""What needs no setting of the autopilot, by preference."""
+SERVOS = 8
+_CHOICE = {"airspeed_validated": ("selected_airspeed_index", "airspeed_source")}
+"""What says which of several sensors was flown by."""
+_TORQUE, _THRUST, _OLD = "vehicle_torque_setpoint", "vehicle_thrust_setpoint", "actuator_controls_0"
+_OLD_VTOL = "actuator_controls_1"  # of VTOL aircraft before control allocation: the fixed wing's commands
+
+COLUMNS: Mapping[str, tuple[str, ...]] = {
+    **{topic: tuple({f for rule in RULES if rule.topic == topic for f in rule.fields} | set(_CHOICE.get(topic, ())))
+       for topic in dict.fromkeys(rule.topic for rule in RULES)},
+    _TORQUE: tuple(f"xyz[{i}]" for i in range(3)),
+    _THRUST: ("xyz[0]",),
+    "actuator_servos": tuple(f"control[{i}]" for i in range(SERVOS)),
+    **{topic: tuple(f"control[{i}]" for i in range(4)) for topic in (_OLD, _OLD_VTOL)},
+    "estimator_selector_status": ("primary_instance",),
+}  # fmt: skip
+COLUMNS = {
+    **COLUMNS,
+    "airspeed_validated": (*COLUMNS["airspeed_validated"], "airspeed_source", "selected_airspeed_index"),
+}
+"""Topic -> the columns of it that are read, beside its times."""
+_TORQUES = {
+    1: (-0.5, 0.0, 0.0), 2: (0.5, 0.0, 0.0), 3: (0.0, 1.0, 0.0), 4: (0.0, 0.0, 1.0), 5: (-0.5, 0.5, 0.0),
+    6: (0.5, 0.5, 0.0), 7: (0.0, 0.5, 0.5), 8: (0.0, 0.5, -0.5), 13: (0.0, 0.5, 0.5), 14: (0.0, 0.5, -0.5),
+    15: (1.0, 0.0, 0.0),
+}  # fmt: skip
+"""CA_SV_CSi_TYPE -> torque about roll, pitch and yaw where CA_SV_CSi_TRQ_x is not in the log: PX4's own defaults."""
+_NAMES = {
+    1: "left aileron", 2: "right aileron", 3: "elevator", 4: "rudder", 5: "left elevon", 6: "right elevon",
+    7: "left V-tail", 8: "right V-tail", 12: "custom", 13: "left A-tail", 14: "right A-tail", 15: "aileron",
+}  # fmt: skip
+_NO_TORQUE = (9, 10, 11, 16, 17, 18)  # flaps, airbrakes, steering wheel, spoilers
+_TAILSITTER, _VTOLS = 4, (2, 3, 4)  # CA_AIRFRAME
+_KEPT = 0.8  # of the rate of torque set-points that the servos must have been logged at, to be taken in their place
+_BETTER = (
+    "SDLOG_PROFILE: bit 4 (high rate: angular velocity, attitude, torque set-points and servos) and bit 3 (system "
+    "identification: acceleration), 25 with the default topics"
+)
+
+
+def px4_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
+    """Return the log with what was chosen and what would serve better, and the rules for it by its own settings.
+
+    Servo outputs count where the settings say which surface each drives and they were logged as fast as the torque
+    set-points, because they hold limits, flaps and trim; else torque set-points; else the commands of actuator_controls
+    (PX4 before control allocation).
+    """
+    notes: list[str] = []
+    servos = list(_servo_rules(log))
+    held = [rule for rule in servos if rule.topic in log.topics]
+    torques = list(_torque_rules(log))
+    rates = [_rate(log, rules[0].topic) for rules in (held, torques) if rules]
+    if held and len(rates) == 2 and rates[0] < _KEPT * rates[1]:
+        notes.append(
+            f"commands of surfaces are torque set-points ({rates[1]:.3g} Hz): actuator_servos, which would hold limits "
+            f"and flaps, too, was logged at {rates[0]:.3g} Hz only"
+        )
+        servos = []
+    elif held and rates[-1] > 0.0:
+        notes.append("commands of surfaces are servo outputs, mixed by the log's own CA_SV_CS settings")
+    elif "actuator_servos" in log.topics:
+        notes.append(
+            "actuator_servos is not read: no CA_SV_CSi_TYPE or _TRQ_R, _P, _Y says which surface each servo drives"
+            if log.parameters.get("CA_AIRFRAME") != _TAILSITTER
+            else "actuator_servos is not read: a tailsitter's surfaces act about other axes in hover and in flight"
+        )
+    if _selected(log, "airspeed_validated", "true_airspeed_m_s") and "airspeed" in log.topics:
+        notes.append("V is airspeed_validated, which PX4 flew by; airspeed, the sensor alone, is not read")
+    notes += _changes(log)
+    rules = (*RULES, *servos, *torques, *_thrust_rules(log), *_old_rules(log))
+    return replace(log, notes=(*log.notes, *notes, *too_slow(log, rules, _BETTER))), rules
+
+
+def _rate(log: Log, topic: str) -> float:
+    held = log.topics.get(topic)
+    return 0.0 if held is None or held.t_s.size < 2 else (held.t_s.size - 1) / float(held.t_s[-1] - held.t_s[0])
+
+
+def _selected(log: Log, topic: str, column: str) -> bool:
+    held = log.topics.get(topic)
+    return held is not None and column in held.columns and bool(np.any(np.isfinite(held.columns[column])))
+
+
+def _changes(log: Log) -> Iterator[str]:
+    """Say if PX4 changed the estimator or the airspeed that it flew by: the topics read follow it, with a step."""
+    for topic, columns, what in (
+        ("estimator_selector_status", ("primary_instance",), "attitude, position and wind come from the estimator"),
+        ("airspeed_validated", ("selected_airspeed_index", "airspeed_source"), "V comes from the airspeed sensor"),
+    ):
+        held = log.topics.get(topic)
+        column = next((c for c in columns if held is not None and c in held.columns), None)
+        if held is None or column is None:
+            continue
+        used, counts = np.unique(held.columns[column], return_counts=True)
+        if used.size > 1 or (topic.startswith("estimator") and used[0] != 0):
+            parts = ", ".join(
+                f"{int(u)} for {100.0 * n / counts.sum():.3g} %" for u, n in zip(used, counts, strict=True)
+            )
+            yield f"{what} that PX4 flew by: instance {parts} of the time"
+
+
+def _servo_rules(log: Log) -> Iterator[Rule]:
+    """Return the rules for servo outputs: for each axis the mean of the servos, weighted by their torque settings."""
+    settings = log.parameters
+    if settings.get("CA_AIRFRAME") == _TAILSITTER:
+        return
+    surfaces = []
+    for i in range(int(min(settings.get("CA_SV_CS_COUNT", SERVOS), SERVOS))):
+        kind = int(settings.get(f"CA_SV_CS{i}_TYPE", 0))
+        usual = _TORQUES.get(kind, (0.0, 0.0, 0.0))
+        torque = [settings.get(f"CA_SV_CS{i}_TRQ_{axis}", t) for axis, t in zip("RPY", usual, strict=True)]
+        if kind and kind not in _NO_TORQUE:
+            surfaces.append((i, _NAMES.get(kind, f"type {kind}"), torque))
+    for axis, (name, letter, sign) in enumerate(_SURFACES):
+        used = [(i, label, torque[axis]) for i, label, torque in surfaces if torque[axis]]
+        if not used:
+            continue
+        total = sum(abs(weight) for _, _, weight in used)
+        told = ", ".join(f"{weight / total:+.3g} of servo {i} ({label})" for i, label, weight in used)
+        yield Rule(
+            name,
+            "actuator_servos",
+            tuple(f"control[{i}]" for i, _, _ in used),
+            partial(_weighted, tuple(sign * weight / total for _, _, weight in used)),
+            f"{'minus ' if sign < 0.0 else ''}the sum of {told}, by CA_SV_CS_TRQ_{letter}",
+        )
+
+
+def _weighted(weights: tuple[float, ...], *commands: FloatArray) -> FloatArray:
+    return np.asarray(np.tensordot(weights, np.asarray(commands), axes=1))
+
+
+def _wing(log: Log, topic: str) -> str:
+    """Return the topic of the fixed wing's commands: the second instance of VTOL aircraft."""
+    second = f"{topic}#1"
+    return second if log.parameters.get("CA_AIRFRAME") in _VTOLS and second in log.topics else topic
+
+
+def _commanded(axis: int, sign: float) -> str:
+    return f"{'minus ' if sign < 0.0 else ''}the normalised {_AXES[axis]} command times full throw"
+
+
+def _torque_rules(log: Log) -> Iterator[Rule]:
+    topic = _wing(log, _TORQUE)
+    if topic in log.topics:
+        for axis, (name, _, sign) in enumerate(_SURFACES):
+            yield Rule(name, topic, (f"xyz[{axis}]",), scaled(sign), _commanded(axis, sign), _COMMAND)
+
+
+def _thrust_rules(log: Log) -> Iterator[Rule]:
+    said = "normalised thrust command along body x"
+    yield Rule("thr_cmd", _wing(log, _THRUST), ("xyz[0]",), scaled(1.0), said, "throttle is the thrust command")
+
+
+def _old_rules(log: Log) -> Iterator[Rule]:
+    topic = _OLD_VTOL if "VT_TYPE" in log.parameters and _OLD_VTOL in log.topics else _OLD
+    mixed = f"{_COMMAND}; the mixer after it, which is not in the log, gives each axis full throw"
+    for axis, (name, _, sign) in enumerate(_SURFACES):
+        yield Rule(name, topic, (f"control[{axis}]",), scaled(sign), _commanded(axis, sign), mixed)
+    said = "normalised thrust command"
+    yield Rule("thr_cmd", topic, ("control[3]",), scaled(1.0), said, "throttle is the thrust command")

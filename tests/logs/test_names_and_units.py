@@ -1,0 +1,88 @@
+"""Headings of tables of many writers: which channel, which unit, which column of times; nothing guessed beyond them."""
+
+from __future__ import annotations
+
+import pytest
+
+from testbench.core.channels import CHANNELS, UNITS
+from testbench.logs.names import clock_called, meaning, plain_unit, split_unit, time_unit
+
+
+@pytest.mark.parametrize(
+    ("heading", "stated", "channel", "unit"),
+    [
+        # JSBSim's own CSV
+        ("Elevator Position", "deg", "de", "deg"), ("Q dot", "deg/s^2", "qdot", "deg/s2"),
+        ("V_{Total}", "ft/s", "V", "ft/s"), ("q bar", "psf", "qbar", "psf"), ("Alpha", "deg", "alpha", "deg"),
+        ("Aero V_{X Body}", "ft/s", "u", "ft/s"), ("Wind V_{North}", "ft/s", "wind_north", "ft/s"),
+        ("Altitude ASL", "ft", "h", "ft"), ("Left Aileron Position", "deg", "da", "deg"),
+        # properties of JSBSim and FlightGear
+        ("/fdm/jsbsim/velocities/q-rad_sec", "", "q", "rad/s"), ("fcs/elevator-pos-rad", "", "de", "rad"),
+        ("fcs/elevator-pos-deg", "", "de", "deg"), ("velocities/vt-fps", "", "V", "ft/s"),
+        ("aero/qbar-psf", "", "qbar", "psf"), ("accelerations/qdot-rad_sec2", "", "qdot", "rad/s2"),
+        ("attitude/theta-deg", "", "theta", "deg"), ("position/h-sl-ft", "", "h", "ft"),
+        ("/orientation/pitch-rate-degps", "", "q", "deg/s"), ("/orientation/side-slip-deg", "", "beta", "deg"),
+        # X-Plane's data output
+        ("__Q,rad/s", "", "q", "rad/s"), ("alpha,__deg", "", "alpha", "deg"), ("Vtrue,_ktas", "", "V", "kt"),
+        # units as suffixes and after slashes
+        ("alpha_deg", "", "alpha", "deg"), ("alpha/deg", "", "alpha", "deg"), ("q_rad_s", "", "q", "rad/s"),
+        ("q/(deg/s)", "", "q", "deg/s"), ("q [deg/s]", "", "q", "deg/s"), ("q / deg/s", "", "q", "deg/s"),
+        ("de_cmd_deg", "", "de_cmd", "deg"), ("u_ft_s", "", "u", "ft/s"), ("V_kts", "", "V", "kt"),
+        ("pitch_rate_dps", "", "q", "deg/s"), ("pitch-rate (deg/sec)", "", "q", "deg/s"),
+        # paths in structures, and spellings of units
+        ("flight.imu.q", "°/s", "q", "deg/s"), ("az", "m s-2", "az", "m/s2"), ("az", "m/s/s", "az", "m/s2"),
+        ("V", "knots", "V", "kt"), ("qbar", "lb/ft^2", "qbar", "psf"), ("q", "degrees per second", "q", "deg/s"),
+        ("thr [1]", "", "thr", "1"), ("q", "", "q", ""), ("q", "furlongs", "q", ""), ("thrust", "lbs", "thrust", "lbf"),
+    ],
+)  # fmt: skip
+def test_headings_of_many_writers(heading, stated, channel, unit):
+    assert meaning(heading, stated) == (channel, unit)
+
+
+@pytest.mark.parametrize(
+    "heading",
+    ["Q(1)_{LOCAL}", "Q_{inertial}", "V_{Inertial}", "q_s", "V_s", "hding,_true", "UBody", "y[1]", "q[2]", "Vind,_kias",
+     "Elevator Command", "velocities/vc-kts", "fcs/right-aileron-pos-rad", "fcs/elevator-cmd-norm", "", "flight.y"],
+)  # fmt: skip
+def test_what_is_no_channel_stays_none(heading):
+    assert meaning(heading) is None
+
+
+def test_every_channel_is_found_under_its_own_name_in_each_of_its_units():
+    for name, channel in CHANNELS.items():
+        for unit in UNITS.get(channel.unit, {channel.unit: 1.0}):
+            assert meaning(f"{name} [{unit}]") == (name, unit)
+            assert meaning(name, unit) == (name, unit)
+
+
+@pytest.mark.parametrize(
+    ("heading", "unit"),
+    [("Time", ""), ("TimeUS", "us"), ("time_us", "us"), ("t_ms", "ms"), ("timestamp (ms)", "ms"), ("t / s", "s"),
+     ("Timestamp_ns", "ns"), ("time_boot_ms", "ms"), ("/fdm/jsbsim/simulation/sim-time-sec", "s"), ("flight.t", ""),
+     ("_real,_time", ""), ("/sim/time/elapsed-sec", "s"), ("Zeit [s]", "s"), ("times", "")],
+)  # fmt: skip
+def test_columns_of_times_and_the_unit_in_their_name(heading, unit):
+    assert clock_called(heading) == (True, unit)
+
+
+@pytest.mark.parametrize("heading", ["t_alpha", "timestamp_sample", "clock", "", "theta", "t_5", "flight_time_left"])
+def test_what_is_no_column_of_times(heading):
+    assert clock_called(heading) == (False, "")
+
+
+@pytest.mark.parametrize(
+    ("stated", "unit"),
+    [("seconds", "s"), ("nanoseconds since 2024-05-01 12:00:00", "ns"), ("days since 1970-01-01", "d"), ("µs", "us"),
+     ("[ms]", "ms"), ("fortnights", ""), ("", "")],
+)  # fmt: skip
+def test_units_of_time(stated, unit):
+    assert time_unit(stated) == unit
+
+
+def test_units_and_their_brackets():
+    assert split_unit("V_{Total} (ft/s)") == ("V_{Total}", "ft/s")
+    assert split_unit("Q(1)") == ("Q(1)", "")
+    assert split_unit("q") == ("q", "")
+    assert plain_unit("rad s^-1") == "rad/s"
+    assert plain_unit("lb") == "lbf"
+    assert plain_unit("stone") == ""
