@@ -60,6 +60,7 @@ estimator-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/subspace_inputs.py
 	$(BIN)/python tests/studies/f16_prediction.py
 	$(BIN)/python tests/studies/estimator_study.py
+	$(BIN)/python tests/studies/advice_study.py
 
 env-study: $(VENV)/installed-rl
 	for task in eolo:6 taurus:2; do name=$${task%:*}; \

@@ -1,0 +1,107 @@
+"""Is the cause named? Flights with one thing wrong with each, every method, many seeds: results/estimators/advice.csv.
+
+Run ``python tests/studies/advice_study.py [--seeds N] [--jobs N]``; rows that are in the file already are kept, so that
+it goes on where it stopped. Thresholds were set on seeds 1 and 2; the study measures on seeds from 101 on.
+
+An estimate is wrong if a derivative is more than four of its errors off, or, for methods without derivatives, if the
+pole nearest to the truth is more than ``TOLERANCE`` off in frequency, relative, or in damping ratio.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from studies.advice_cases import CASES, INPUTS, OUTPUTS, TRUTH, WN, ZETA, fly
+
+from testbench.core.errors import EstimationError
+from testbench.estimators import estimate
+
+TABLE = Path(__file__).resolve().parents[2] / "results" / "estimators" / "advice.csv"
+FIRST_SEED = 101
+ERRORS, TOLERANCE = 4.0, 0.05
+COLUMNS = ("case", "method", "seeds", "refused", "wrong", "wrong_flagged", "wrong_named", "flagged", "named")
+SUBSPACE = ("dsr_e", "moesp", "n4sid", "cva", "dsr", "ssarx", "pbsid_opt")
+STRUCTURED = ("equation_error", "output_error", "filter_error", "ekf", "ukf")
+
+
+def methods(case: str) -> dict[str, dict[str, Any]]:
+    """Return the settings of every method for a case; a structure has the order that it has."""
+    n, short = CASES[case].order, case == "short"
+    horizons = {"past_horizon": 3, "future_horizon": 3} if short else {"past_horizon": 12, "future_horizon": 15}
+    zeros = min(1, n - 1)
+    out: dict[str, dict[str, Any]] = {m: {"order": n, **horizons} for m in (*SUBSPACE, "prediction_error")}
+    out["transfer_function"] = {"poles": n, "zeros": [zeros]}
+    out["srivc"] = {"poles": [n], "zeros": [zeros], "hold": "zoh"}
+    out["equivalent"] = {"poles": n, "zeros": zeros, "hold": "zoh", "window_s": [0.3 if short else 6.0]}
+    if n == 2:
+        out |= {m: {"structure": "short_period", "held": ["de"]} for m in STRUCTURED}
+    return out
+
+
+def is_wrong(model: Any) -> bool:
+    """Return whether the estimates of a model are wrong."""
+    if hasattr(model, "values"):
+        errors = model.standard_errors
+        return any(abs(model.values[k] - v) > ERRORS * errors[k] for k, v in TRUTH.items() if errors.get(k, 0.0) > 0.0)
+    poles = np.concatenate([np.ravel(s) for s in model.poles().values()])
+    if not poles.size:
+        return True
+    truth = WN * complex(-ZETA, np.sqrt(1.0 - ZETA**2))
+    s = complex(poles[np.argmin(np.abs(poles - truth))])
+    return abs(abs(s) / WN - 1.0) > TOLERANCE or abs(-s.real / abs(s) - ZETA) > TOLERANCE
+
+
+def judge(case: str, method: str, seed: int) -> tuple[bool, bool, bool] | None:
+    """Return whether an estimate is wrong, flagged, and flagged with its cause among the first two; None if refused."""
+    try:
+        settings = methods(case)[method]
+        model = estimate(method, [fly(case, seed)], INPUTS, OUTPUTS, [fly(case, seed + 50_000)], **settings)
+    except EstimationError:
+        return None
+    serious = [a.code for a in model.advice if a.severity != "note"]
+    return is_wrong(model), bool(serious), bool(set(serious[:2]) & set(CASES[case].names))
+
+
+def row(case: str, method: str, seeds: int) -> dict[str, Any]:
+    """Return counts over the seeds of one method on one case."""
+    got = [judge(case, method, FIRST_SEED + i) for i in range(seeds)]
+    kept = [g for g in got if g is not None]
+    wrong = [g for g in kept if g[0]]
+    counts = (len(wrong), sum(g[1] for g in wrong), sum(g[2] for g in wrong), sum(g[1] for g in kept))
+    values = (case, method, seeds, len(got) - len(kept), *counts, sum(g[2] for g in kept))
+    return dict(zip(COLUMNS, values, strict=True))
+
+
+def main() -> None:
+    """Write the table, one row after the other."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=50)
+    parser.add_argument("--jobs", type=int, default=2)
+    given = parser.parse_args()
+    done: dict[tuple[str, str], dict[str, Any]] = {}
+    if TABLE.exists():
+        with TABLE.open(encoding="utf-8", newline="") as file:
+            done = {(r["case"], r["method"]): r for r in csv.DictReader(file) if int(r["seeds"]) >= given.seeds}
+    order = [(c, m) for c in CASES for m in methods(c)]
+    todo = [key for key in order if key not in done]
+    with ProcessPoolExecutor(given.jobs) as pool:
+        jobs = [pool.submit(row, *key, given.seeds) for key in todo]
+        for key, job in zip(todo, jobs, strict=True):
+            done[key] = job.result()
+            with TABLE.open("w", encoding="utf-8", newline="") as file:
+                table = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+                table.writeheader()
+                table.writerows(done[k] for k in order if k in done)
+
+
+if __name__ == "__main__":
+    main()
