@@ -10,9 +10,11 @@ from itertools import pairwise
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.channels import CONTROLS
 from testbench.core.errors import LimitError, ScenarioError, located
 from testbench.evaluation.envelope import Envelope, Onset, fly_envelope
 from testbench.flight import load_aircraft
+from testbench.questions.plan.bounds import GIVEN, bounds_at
 from testbench.questions.plan.repeats import plane_modes, reach
 from testbench.questions.plan.resources import level_power_W, schedule
 from testbench.questions.plan.response import bands_of, expected_band, fly_within, limits_of, scaled
@@ -175,7 +177,8 @@ def _card(
 ) -> Card:
     """Return the card of one manoeuvre at one point, flown in the simulator."""
     onset = point.onset.V_m_s if point.onset is not None and not scenario.allow_above_onset else None
-    limits = limits_of(scenario.limits, aircraft, onset)
+    bounds = bounds_at(scenario.limits, aircraft, point, scenario.timing.field_m)
+    limits = limits_of(bounds.limits, aircraft, onset)
     factor, flown, met = fly_within(aircraft, point, spec, limits, scenario.scale)
     status: Status = "refused" if factor == 0.0 else "fly" if factor == 1.0 else "scaled"
     modes = plane_modes(aircraft, spec.plane)
@@ -187,7 +190,9 @@ def _card(
     elif spec.accuracy_percent:
         repeats, reached = reach(point, spec, scaled(spec.input, factor), suite, modes)
     try:
-        shown = tuple(Limit(n, low, high) for n, (low, high) in bands_of(limits, point, spec.controls).items())
+        bands = bands_of(limits, point, spec.controls)
+        stops = {c: GIVEN if c in scenario.limits.deflection_deg else f"stops of {aircraft.name}" for c in CONTROLS}
+        shown = tuple(Limit(n, low, high, {**stops, **bounds.sources}[n]) for n, (low, high) in bands.items())
     except LimitError:  # trim lies outside: the card is refused, and says so
         shown = ()
     record = dataclasses.replace(flown.record, provenance={})

@@ -232,13 +232,13 @@ class _Page:
         """Write limits and what to do when one is met; return where they end."""
         self.head(left, right, y, "Limits, and what to do when one is met")
         y += 0.06
-        for name, span, what in text.limits:
-            for k, line in enumerate(_wrapped(what, right - left - 1.72, 6.6)):
-                y += _LINE_IN
-                if k == 0:
-                    self.write(left, y, name, 7.4, INK, weight="bold")
-                    self.write(left + 0.72, y, span, 7.0, INK)
-                self.write(left + 1.72, y, line, 6.6, INK)
+        for name, span, what, who in text.limits:
+            self.write(left, y + _LINE_IN, name, 7.4, INK, weight="bold")
+            self.write(left + 0.72, y + _LINE_IN, span, 7.0, INK)
+            for part, size, colour, step in ((what, 6.6, INK, _LINE_IN), (who, 5.6, QUIET, 0.82 * _LINE_IN)):
+                for line in _wrapped(part, right - left - 1.72, size):
+                    y += step
+                    self.write(left + 1.72, y, line, size, colour)
         return y
 
     def lines(

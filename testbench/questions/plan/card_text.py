@@ -12,6 +12,7 @@ import numpy as np
 from testbench.core.constants import G0_M_S2
 from testbench.flight.condition import air_density
 from testbench.page.labels import file_stem, number, shown_unit, symbol
+from testbench.questions.plan.injection.lua import WATCHED, injectable
 
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
@@ -42,7 +43,7 @@ class CardText:
         status: how it went in the simulator, in one sentence.
         setup: (what, value).
         sequence: lines on the control sequence.
-        limits: (limit, range, what to do when it is met).
+        limits: (limit, range, what to do when it is met, who watches it and where it comes from).
         modes: (mode, frequency, damping here, predicted at the next point, least measured for a go).
         go: the rule for a go, in one sentence.
         log: what to log.
@@ -52,7 +53,7 @@ class CardText:
     status: str
     setup: tuple[tuple[str, str], ...]
     sequence: tuple[str, ...]
-    limits: tuple[tuple[str, str, str], ...]
+    limits: tuple[tuple[str, str, str, str], ...]
     modes: tuple[tuple[str, str, str, str, str], ...]
     go: str
     log: tuple[str, ...]
@@ -173,13 +174,32 @@ def _setup(card: Card, plan: Plan) -> list[tuple[str, str]]:
         ("power", f"{number(point.power_W)} W level"),
         ("flown by", scenario.flown_by),
     ]
-    if scenario.flown_by == "autopilot" and "thr" in card.spec.controls:
-        out.append(("script", "none: scripts move surfaces only; command the throttle by hand or from the CSV"))
-    elif scenario.flown_by == "autopilot" and card.status != "refused":
-        pilot = scenario.autopilot
-        out.append(("script", f"{card_stem(card)}.lua; SCR_USER1 = {card.number}, mode {pilot.mode}"))
-        out.append(("switch", f"RCn_OPTION = {pilot.switch_option}: low, then high; low at once ends it"))
+    out += _script_rows(card, plan)
     return out
+
+
+def _script_rows(card: Card, plan: Plan) -> list[tuple[str, str]]:
+    """Return the script of a card, its settings and its switch, or why there is none."""
+    pilot = plan.scenario.autopilot
+    if plan.scenario.flown_by != "autopilot" or card.status == "refused":
+        return []
+    if "thr" in card.spec.controls:
+        return [("script", "none: scripts move surfaces only; command the throttle by hand or from the CSV")]
+    if pilot.system == "own":
+        return [("player", f"your own, at {1e3 / pilot.period_ms:.3g} Hz, from {card_stem(card)}.csv")]
+    if pilot.system == "px4":
+        need = {
+            "manual_control": "PX4 1.17 or later, mode MANUAL, COM_RC_IN_MODE 6",
+            "actuator_control": "PX4 1.13 with mixers, from MANUAL",
+        }[pilot.interface]
+        return [
+            ("script", f"{card_stem(card)}.py on a companion computer; {need}"),
+            ("switch", f"radio channel {pilot.switch_channel}: low, then high; low at once ends it"),
+        ]
+    return [
+        ("script", f"{card_stem(card)}.lua; SCR_USER1 = {card.number}, mode {pilot.mode}"),
+        ("switch", f"RCn_OPTION = {pilot.switch_option}: low, then high; low at once ends it"),
+    ]
 
 
 def _range(first: int, last: int) -> str:
@@ -194,7 +214,7 @@ def onset_words(card: Card) -> str:
     return f"{100.0 * point.margin:.0f} % below {point.onset.V_m_s:.3g} m/s ({point.onset.name})"
 
 
-def _limits(card: Card, plan: Plan) -> list[tuple[str, str, str]]:
+def _limits(card: Card, plan: Plan) -> list[tuple[str, str, str, str]]:
     out = []
     for limit in card.limits:
         factor, unit = shown_unit(limit.channel)
@@ -207,11 +227,22 @@ def _limits(card: Card, plan: Plan) -> list[tuple[str, str, str]]:
             span = f"≤ {_plain(high)} {unit}"
         else:
             span = f"{_plain(low)} to {_plain(high)} {unit}"
-        out.append((name, span, _WHAT_TO_DO.get(limit.channel, _STOPS)))
+        who = watcher(limit.channel, card, plan)
+        out.append((name, span, _WHAT_TO_DO.get(limit.channel, _STOPS), f"{who} watches; from: {limit.source}"))
     slower = "start switch low, " if plan.scenario.flown_by == "autopilot" else "release, "
     if any(m.elastic for m in card.point.modes):
-        out.append(("vibration", "dies away", f"{slower}throttle idle, slow down by 2 m/s; the flight is over"))
+        what = f"{slower}throttle idle, slow down by 2 m/s; the flight is over"
+        out.append(("vibration", "dies away", what, "PILOT watches"))
     return out
+
+
+def watcher(channel: str, card: Card, plan: Plan) -> str:
+    """Return who watches a limit: the script where one flies the card and measures it, else the pilot.
+
+    A surface's deflection needs no watching where a script commands it: it does not start without room for it.
+    """
+    scripted = plan.scenario.flown_by == "autopilot" and plan.scenario.autopilot.scripted and injectable(card)
+    return "script" if scripted and (channel in WATCHED or channel in CONTROL_NAMES) else "PILOT"
 
 
 def _plain(value: float) -> str:
@@ -261,8 +292,10 @@ def _log(card: Card, plan: Plan) -> list[str]:
     out = [f"{suite.title} (suite {suite.name}): {', '.join(suite.channels)} at {suite.rate_hz:g} Hz"]
     commands = ", ".join(f"{c}_cmd" for c in card.spec.controls)
     out.append(f"the commands {commands} at no less than {suite.rate_hz:g} Hz, in the same file and clock")
-    if plan.scenario.flown_by == "autopilot":
-        out.append("the TBSQ messages of the script, with the autopilot's own log")
+    if plan.scenario.flown_by == "autopilot" and plan.scenario.autopilot.system == "ardupilot":
+        out.append("the autopilot's own log, with the TBSQ messages of the script: LOG_BITMASK bits 0 or 20, 13, 19")
+    elif plan.scenario.flown_by == "autopilot" and plan.scenario.autopilot.system == "px4":
+        out.append("the autopilot's own log: SDLOG_PROFILE 25")
     out.append("run number, time of day, wind, battery before and after, remarks of the crew")
     return out
 

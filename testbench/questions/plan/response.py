@@ -68,6 +68,7 @@ def limits_of(limits: PlanLimits, aircraft: Aircraft, onset_m_s: float | None) -
         pitch_change=degrees(limits.pitch_change_deg),
         bank=degrees(limits.bank_deg),
         V_max_m_s=min(fastest) if fastest else None,
+        V_min_m_s=limits.V_min_m_s,
         throw={n: (c.low, c.full) for n, c in aircraft.controls.items()},
     )
 

@@ -101,11 +101,12 @@ class Reached:
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit as it stands on a card: channel, lowest and highest value (SI, absolute)."""
+    """A limit as it stands on a card: channel, lowest and highest value (SI, absolute), and where it comes from."""
 
     channel: str
     low: float
     high: float
+    source: str = "the plan"
 
 
 @dataclass(frozen=True, eq=False)
