@@ -14,6 +14,7 @@ from testbench.core.channels import CONTROLS
 from testbench.core.errors import LimitError, ScenarioError, located
 from testbench.evaluation.envelope import Envelope, Onset, fly_envelope
 from testbench.flight import load_aircraft
+from testbench.questions.plan.airspace import fits
 from testbench.questions.plan.bounds import GIVEN, bounds_at
 from testbench.questions.plan.repeats import plane_modes, reach
 from testbench.questions.plan.resources import level_power_W, schedule
@@ -67,6 +68,7 @@ def make_plan(
                 say(f"fly {spec.name} at {point.label}")
                 with located(scenario.file, f"manoeuvre[{i}]"):
                     cards.append(_card(scenario, aircraft, suite, point, spec, len(cards) + 1))
+    fits(scenario, cards)
     runs, flights = schedule(scenario, cards, aircraft.mass.mass_kg)
     return Plan(scenario, aircraft, suite, tuple(envelopes), points, tuple(cards), runs, flights)
 

@@ -166,7 +166,8 @@ def card_pdf_page(card: Card, plan: Plan) -> Figure:
 def _tail_in(text: CardText) -> float:
     """Return the height of what stands below the plots, in."""
     notes = sum(len(_wrapped(line, _RIGHT - _MIDDLE, 7.0)) for line in (*text.log, *text.notes))
-    modes = len(text.modes) + 1 + len(_wrapped(text.go, 0.92 * (_MIDDLE - 0.2 - _LEFT), 7.0))
+    rules = (*text.before, text.go)
+    modes = len(text.modes) + 1 + sum(len(_wrapped(r, 0.92 * (_MIDDLE - 0.2 - _LEFT), 7.0)) for r in rules)
     return 0.42 + _LINE_IN * max(notes + 2, modes + 1)
 
 
@@ -184,9 +185,10 @@ def _tail(page: _Page, text: CardText, y: float) -> None:
         for x, value in zip(xs[1:], (f.removesuffix(" Hz"), zeta, later, go.removeprefix("≥ ")), strict=True):
             page.write(x, here, value, 6.5, INK, ha="right")
     here += 0.03
-    for line in _wrapped(text.go, 0.92 * width, 7.0):
-        here += _LINE_IN
-        page.write(_LEFT, here, line, 7.0, INK, weight="bold")
+    for rule, weight in (*((line, "normal") for line in text.before), (text.go, "bold")):
+        for line in _wrapped(rule, 0.92 * width, 7.0):
+            here += _LINE_IN
+            page.write(_LEFT, here, line, 7.0, INK, weight=weight)
     end = page.lines(_MIDDLE, _RIGHT, y, "Log", text.log, bullet=True)
     page.lines(_MIDDLE, _RIGHT, end + 0.04, "Notes", text.notes, bullet=True)
 

@@ -12,7 +12,9 @@ import numpy as np
 from testbench.core.constants import G0_M_S2
 from testbench.flight.condition import air_density
 from testbench.page.labels import file_stem, number, shown_unit, symbol
+from testbench.questions.plan.airspace import leg_of
 from testbench.questions.plan.injection.lua import WATCHED, injectable
+from testbench.questions.plan.scenario import Tow
 
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
@@ -45,7 +47,8 @@ class CardText:
         sequence: lines on the control sequence.
         limits: (limit, range, what to do when it is met, who watches it and where it comes from).
         modes: (mode, frequency, damping here, predicted at the next point, least measured for a go).
-        go: the rule for a go, in one sentence.
+        before: go or no-go before the run, one line each.
+        go: the rule for a go to the next speed, in one sentence.
         log: what to log.
         notes: accuracy, band, limits met at full amplitude.
     """
@@ -55,6 +58,7 @@ class CardText:
     sequence: tuple[str, ...]
     limits: tuple[tuple[str, str, str, str], ...]
     modes: tuple[tuple[str, str, str, str, str], ...]
+    before: tuple[str, ...]
     go: str
     log: tuple[str, ...]
     notes: tuple[str, ...]
@@ -130,6 +134,7 @@ def card_text(card: Card, plan: Plan) -> CardText:
         tuple(sequence_lines(card)),
         tuple(_limits(card, plan)),
         tuple(_modes(card)),
+        tuple(before_lines(card, plan)),
         go_rule(card),
         tuple(_log(card, plan)),
         tuple(_notes(card, plan)),
@@ -272,6 +277,39 @@ def _damping(zeta: float) -> str:
 
 def _in_plane(name: str, plane: str) -> bool:
     return (name in {"phugoid", "short period"}) == (plane == "longitudinal")
+
+
+def before_lines(card: Card, plan: Plan) -> list[str]:
+    """Return what decides before a run whether it is flown, one line each: wind, box, energy."""
+    if card.status == "refused" or not card.repeats:
+        return ["NO-GO: the card is refused"]
+    scenario, space = plan.scenario, plan.scenario.airspace
+    out = []
+    if space is not None:
+        gusts = "" if space.gust_m_s is None else f" and gusts at most {space.gust_m_s:g} m/s"
+        out.append(f"wind: GO if its mean is at most {space.wind_m_s:g} m/s{gusts}")
+        leg = leg_of(card, space)
+        turn = f"turn back after {leg.runs} {'run' if leg.runs == 1 else 'runs'}" if leg.turns else "no turn between"
+        out.append(
+            f"box: GO if {leg.run_m:.0f} m lie ahead per run; {turn}, {leg.radius_m:.0f} m radius, {leg.turn_s:.0f} s"
+        )
+    need = _energy_of_a_run_J(card, plan)
+    if isinstance(scenario.energy, Tow):
+        kept = scenario.energy.lowest_m
+        out.append(
+            f"height: GO if the run ends above {kept:g} m; it takes {need / plan.weight_N:.0f} m and the landing"
+        )
+    else:
+        out.append(
+            f"{scenario.energy.kind}: GO if {need / 3600.0:.3g} Wh of what is usable are left: this run and landing"
+        )
+    return out
+
+
+def _energy_of_a_run_J(card: Card, plan: Plan) -> float:
+    """Return the energy of one run with its turn, and of half the time beside the runs, which is the way home."""
+    timing = plan.scenario.timing
+    return card.point.power_W * (card.length_s + timing.turn_s + 0.5 * timing.overhead_s)
 
 
 def go_rule(card: Card) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from testbench.aircraft import Aircraft
+from testbench.core.constants import G0_M_S2
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import LinearModel, TrimmedFlight
 from testbench.inputs import InputSignal
@@ -197,6 +198,11 @@ class Plan:
     cards: tuple[Card, ...]
     runs: tuple[Run, ...]
     flights: tuple[FlightLeg, ...]
+
+    @property
+    def weight_N(self) -> float:
+        """Weight of the aircraft."""
+        return self.aircraft.mass.mass_kg * G0_M_S2
 
     @property
     def name(self) -> str:

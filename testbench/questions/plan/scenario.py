@@ -20,7 +20,8 @@ class PlannedManoeuvre(Strict):
 
     Give either ``repeats`` or ``accuracy_percent``: the wanted standard errors of named parameters, in percent of their
     values, from which the repeats follow. ``estimated`` are the parameters that are estimated with them; if it is
-    empty, those of the rigid motion that the moved controls enter.
+    empty, those of the rigid motion that the moved controls enter. ``design`` is the file of the design that it was
+    taken from (`testbench plan --from`): after the flight it is identified as that file says.
     """
 
     name: Name
@@ -32,6 +33,7 @@ class PlannedManoeuvre(Strict):
     most_repeats: Annotated[int, Field(ge=1, le=1000)] = 20
     speeds_m_s: Annotated[tuple[Positive, ...], Field(strict=False)] = ()
     heights_m: Annotated[tuple[float, ...], Field(strict=False)] = ()
+    design: Name | None = None
     input: Annotated[tuple[Input, ...], Field(min_length=1, strict=False)]
 
     @model_validator(mode="after")
@@ -98,6 +100,30 @@ class Timing(Strict):
     turn_s: NonNegative
     overhead_s: NonNegative
     field_m: float = 0.0
+
+
+class Airspace(Strict):
+    """Where the campaign stays: a box along whose length the runs are flown, heights above sea level, and the wind.
+
+    ``wind_m_s`` is the strongest mean wind and ``gust_m_s`` the strongest gust in which anybody flies; runs are
+    reckoned with that wind from behind. ``bank_deg`` is the bank of the turns back.
+    """
+
+    length_m: Positive
+    width_m: Positive
+    lowest_m: float
+    highest_m: float
+    wind_m_s: NonNegative
+    gust_m_s: NonNegative | None = None
+    bank_deg: Annotated[float, Field(gt=0.0, le=60.0)] = 30.0
+
+    @model_validator(mode="after")
+    def _upwards(self) -> Airspace:
+        if not self.highest_m > self.lowest_m:
+            raise ValueError(f"highest_m > lowest_m must hold, got {self.highest_m:g} and {self.lowest_m:g}")
+        if self.gust_m_s is not None and self.gust_m_s < self.wind_m_s:
+            raise ValueError(f"gust_m_s >= wind_m_s must hold, got {self.gust_m_s:g} and {self.wind_m_s:g}")
+        return self
 
 
 class Battery(Strict):
@@ -211,6 +237,7 @@ class PlanScenario(Flown):
     uncertainty_percent: NonNegative = 15.0
     limits: PlanLimits
     timing: Timing
+    airspace: Airspace | None = None
     energy: Annotated[Battery | Fuel | Tow, Field(discriminator="kind")]
     autopilot: Autopilot = Autopilot()
     manoeuvre: Annotated[tuple[PlannedManoeuvre, ...], Field(min_length=1, strict=False)]
