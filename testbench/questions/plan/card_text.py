@@ -361,6 +361,30 @@ def _notes(card: Card, plan: Plan) -> list[str]:
     if beyond and card.status != "refused":
         out.append(f"the band reaches beyond the limit on {', '.join(beyond)}: watch it, and be ready to end the run")
     out += [f"accuracy, {r.sentence}" for r in card.reached]
+    out += _system_id(card, plan)
     if card.status != "fly":
         out += [f"at full amplitude: {text}" for text in card.met[1:3]]
     return out
+
+
+_SID_AXIS = {"de": 23, "da": 22}  # SID_AXIS of ArduPilot Plane: FW Mixer Pitch, FW Mixer Roll
+
+
+def _system_id(card: Card, plan: Plan) -> list[str]:
+    """Return the settings of ArduPilot's own system identification where it can fly the like of a card.
+
+    Plane 4.7 and later, in fixed-wing flight: a chirp of exponentially rising frequency on pitch or roll.
+    """
+    pilot, entries = plan.scenario.autopilot, card.spec.input
+    if plan.scenario.flown_by != "autopilot" or pilot.system != "ardupilot" or card.status == "refused":
+        return []
+    sweep = entries[0]
+    if len(entries) != 1 or sweep.signal != "sweep" or sweep.control not in _SID_AXIS:
+        return []
+    control = plan.aircraft.controls[sweep.control]
+    part = card.factor * abs(sweep.amplitude) / min(control.full, -control.low)
+    return [
+        f"Plane 4.7 and later flies a like sweep at the rate of its loop: SID_AXIS {_SID_AXIS[sweep.control]}, "
+        f"SID_MAGNITUDE {part:.3g}, SID_F_START_HZ {sweep.f_start_hz:g}, SID_F_STOP_HZ {sweep.f_end_hz:g}, SID_T_REC "
+        f"{sweep.sweep_s:g}, RCn_OPTION 184; its stabilisation stays on, and it watches none of these limits"
+    ]
