@@ -302,11 +302,13 @@ class Executive:
         return dict(zip(self.channels, values, strict=True))
 
 
-def body_from_earth(theta: float, phi: float) -> FloatArray:
-    """Return the matrix (3, 3) that takes north, east, down to body axes, heading north (Etkin 1972, section 4.4)."""
-    s, c = np.sin(theta), np.cos(theta)
-    sp, cp = np.sin(phi), np.cos(phi)
-    return np.array([[c, 0.0, -s], [sp * s, cp, sp * c], [cp * s, -sp, cp * c]])
+def body_from_earth(theta: float | FloatArray, phi: float | FloatArray) -> FloatArray:
+    """Return the matrix that takes north, east, down to body axes, heading north (Etkin 1972, section 4.4).
+
+    It has the shape (3, 3), or (3, 3, n) of angles (n,).
+    """
+    s, c, sp, cp = np.sin(theta), np.cos(theta), np.sin(phi), np.cos(phi)
+    return np.array([[c, np.zeros_like(c), -s], [sp * s, cp, sp * c], [cp * s, -sp, cp * c]])
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,7 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.air import Air
 from testbench.flight.batch.check import least_range
 from testbench.flight.batch.fly import fly_jobs
-from testbench.flight.batch.jobs import Flown, Job, Simulator
+from testbench.flight.batch.jobs import Job, Simulator, Tally
 from testbench.flight.batch.trim import trim_many
 from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.simulate import Manoeuvre, aborted
@@ -273,17 +273,17 @@ class _Points:
         Where one of them is left to JSBSim, it flies all: what it and a batch differ by, 1e-10 of a range, is as large
         as what a small step makes.
         """
-        told = Flown()
+        told = Tally()
         flown = self._fly(asked, self.simulator, told)
         if not told.jsbsim:
             return flown, "batch", ""
         reason = max(told.reasons, key=lambda r: told.reasons[r])
         if told.batch:
-            flown = self._fly(asked, "jsbsim", Flown())
+            flown = self._fly(asked, "jsbsim", Tally())
         return flown, "jsbsim", reason
 
     def _fly(
-        self, asked: Sequence[tuple[Manoeuvre, FloatArray]], simulator: Simulator, told: Flown
+        self, asked: Sequence[tuple[Manoeuvre, FloatArray]], simulator: Simulator, told: Tally
     ) -> list[FlightRecord | TestbenchError]:
         starts = self.started([x for _, x in asked], simulator)
         out: list[FlightRecord | TestbenchError | None] = [None] * len(asked)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from testbench.core.files import write_file
+from testbench.page.flown import flown_table, flown_words
 from testbench.page.terminal import print_answer, print_table
 from testbench.page.words import Answer, sentence
 from testbench.page.write import PAGE, write_plates, write_tables
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from testbench.core.scenario.base import Asked
+    from testbench.flight.batch.jobs import Tally
     from testbench.page.html import Picture
     from testbench.page.plot import Plate
     from testbench.page.tables import Table
@@ -46,6 +48,8 @@ class Page:
         asked: (what, value) of the section "What was asked".
         packages: those whose versions decide the figures; see COMPUTED and FLOWN.
         provenance: (what, value) of all else that decides them, such as the seed.
+        flown: by what flights of many were flown; None if there were none. The page and the terminal say it, and
+            tables/flown.csv and .json.
         source: name and text of the scenario file; None if there was none.
         terminal: tables that a terminal shows.
         notes: sentences that a terminal shows below the tables.
@@ -67,6 +71,7 @@ class Page:
     asked: Sequence[tuple[str, str]] = ()
     packages: Sequence[str] = FLOWN
     provenance: Sequence[tuple[str, str]] = ()
+    flown: Tally | None = None
     source: tuple[str, str] | None = None
     terminal: Sequence[Table] = ()
     notes: Sequence[str] = ()
@@ -81,7 +86,8 @@ class Page:
             RecordError: the folder cannot be written to.
         """
         folder = Path(folder)
-        out = write_tables([*self.more_tables, *self.tables], folder)
+        by = [] if self.flown is None else [flown_table(self.flown)]
+        out = write_tables([*self.more_tables, *self.tables, *by], folder)
         for name, content in self.files.items():
             if callable(content):
                 content(folder / name)
@@ -97,6 +103,8 @@ class Page:
         from testbench.page.html import render
 
         made_by = [*versions(self.packages), *self.provenance]
+        if self.flown is not None:
+            made_by.append(("flights", flown_words(self.flown)))
         return render(self.template, page=self, pictures=pictures, made_by=made_by, **self.context)
 
     def show(self, console: Console, folder: Path | str | None = None) -> None:
@@ -108,9 +116,10 @@ class Page:
         for table in self.terminal:
             console.print()
             print_table(console, table)
-        if self.notes:
+        notes = [*self.notes, *([] if self.flown is None else [flown_words(self.flown)])]
+        if notes:
             console.print()
-        for note in self.notes:
+        for note in notes:
             console.print(Text(sentence(note), style="dim"))
         if folder is not None:
             console.print()

@@ -83,7 +83,7 @@ def test_what_was_recognised_is_said(tmp_path):
     said = import_answer(is_the_flight(tmp_path / "f.csv"))[0][1]
     assert "UTF-16, cells separated by ';', decimal comma" in said
     (tmp_path / "g.csv").write_text(text(HEAD))
-    assert import_answer(is_the_flight(tmp_path / "g.csv"))[0][1] == "g.csv is table (csv)"
+    assert import_answer(is_the_flight(tmp_path / "g.csv"))[0][1] == "the log g.csv is read as table (csv)"
 
 
 @pytest.mark.parametrize("key", ["", 'delimiter = ";"', 'decimal = ","', 'delimiter = ";"\ndecimal = ","'])

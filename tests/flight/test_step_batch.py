@@ -9,8 +9,9 @@ import pytest
 from testbench.core.errors import ChannelError, LimitError
 from testbench.flight import FlightCondition, trim
 from testbench.flight.batch import registers as r
+from testbench.flight.batch.air import atan2
 from testbench.flight.batch.compiled import LANES
-from testbench.flight.batch.integrate import _atan2, _turn_earth
+from testbench.flight.batch.motion import turn_earth
 from testbench.flight.batch.step import SteppedBatch
 from testbench.flight.step import SteppedFlight
 
@@ -131,10 +132,10 @@ def test_the_earth_s_angle_and_the_angles_of_the_flow_are_the_library_s():
     R = np.zeros((r.COUNT, LANES))
     for angles in (np.linspace(0.0, 0.02, LANES), rng.uniform(0.0, 30.0, LANES), np.pi / 4 * np.arange(LANES)):
         R[r.EARTH_ANGLE] = angles
-        _turn_earth(R)
+        turn_earth(R)
         # beyond half a quarter turn, two hours and a half, its reduction rounds by the last bit of the angle
         np.testing.assert_allclose(R[r.COS_EARTH], np.cos(angles), rtol=0.0, atol=2e-16 * (1.0 + angles.max()))
         np.testing.assert_allclose(R[r.SIN_EARTH], np.sin(angles), rtol=0.0, atol=2e-16 * (1.0 + angles.max()))
     corners = [(1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (-1.0, 0.0), (1.0, 1.0), (0.0, 0.0)]
     for x, y in [*rng.standard_normal((500, 2)), *corners]:
-        assert _atan2(y, x) == pytest.approx(math.atan2(y, x), rel=5e-16, abs=0.0)
+        assert atan2(y, x) == pytest.approx(math.atan2(y, x), rel=5e-16, abs=0.0)

@@ -135,7 +135,7 @@ def test_flights_that_batch_and_jsbsim_share_are_all_flown_by_jsbsim() -> None:
     condition = tb.FlightCondition(13.0, 22.5, gamma_rad=-0.05)
     (found,) = tb.tangents(aircraft, condition, [doublet(aircraft.rate_hz, 20.0, 0.1)], ["condition.h_m"], 60.0)
     assert found.flown_by == "jsbsim"
-    assert "simulator" not in found.truth.provenance
+    assert found.truth.provenance["simulator"] == "JSBSim, as it is wanted"
     assert "ground" in found.notes[0]
     assert found.of("h", "condition.h_m")[0] == pytest.approx(1.0, abs=1e-6)
 

@@ -29,7 +29,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.flight.batch.compiled import SOURCES
-from testbench.flight.batch.jobs import BATCH, Flown, Job
+from testbench.flight.batch.jobs import BATCH, Job, Tally
 from testbench.flight.batch.model import BatchModel, attributes, batch_model, variant
 from testbench.flight.batch.program import Untranslated
 from testbench.flight.condition import FlightCondition, TrimmedFlight
@@ -246,7 +246,7 @@ def compared(model: BatchModel, trimmed: TrimmedFlight) -> tuple[float, str]:
             truth = error.record
         except TestbenchError as error:
             return math.nan, str(error)
-        record = fly_block([job], [model], Flown())[0]
+        record = fly_block([job], [model], Tally())[0]
         if isinstance(record, TestbenchError):
             return math.nan, str(record)
         if record.provenance.get("simulator") != BATCH:

@@ -6,7 +6,7 @@ import math
 import threading
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import TypeVar, get_args
 
@@ -21,7 +21,7 @@ from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import difference, distrust, judged
 from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.interpret import run
-from testbench.flight.batch.jobs import BATCH, Flown, Job, Simulator
+from testbench.flight.batch.jobs import BATCH, BOTH, JSBSIM, Job, Simulator, Tally
 from testbench.flight.batch.model import TOP_FT, BatchModel, filled, put, read, registers, states_at_trim
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import body_from_earth
@@ -34,8 +34,6 @@ FEWEST = 8
 JSBSim takes 7 and one in a batch 3."""
 AT_ONCE = 8 * LANES
 """Flights of a block whose records are held together."""
-BOTH = 200
-"""One flight in so many is flown by JSBSim as well."""
 _TRUSTED = 1e-6  # of a channel's range: more than a flight far from trim makes of what is agreed about trim
 _GUSTS = [r.GUST, r.GUST + 1, r.GUST + 2]
 T = TypeVar("T")
@@ -102,7 +100,7 @@ def _each(x: T | Sequence[T], n: int) -> Sequence[T]:
 
 
 def fly_jobs(
-    jobs: Sequence[Job], simulator: Simulator = "auto", flown: Flown | None = None, fewest: int = FEWEST
+    jobs: Sequence[Job], simulator: Simulator = "auto", flown: Tally | None = None, fewest: int = FEWEST
 ) -> list[FlightRecord | TestbenchError]:
     """Fly every job; one that breaks a law is its error.
 
@@ -117,13 +115,13 @@ def fly_jobs(
             f"a simulator must be one of {', '.join(get_args(Simulator))}, got '{simulator}'"
             f"{nearest(simulator, get_args(Simulator))}"
         )
-    flown = flown or Flown()
+    flown = flown or Tally()
     out: list[FlightRecord | TestbenchError | None] = [None] * len(jobs)
     groups: dict[object, list[tuple[int, _Ready]]] = {}
     for i, job in enumerate(jobs):
         reason, model = "it is wanted", None
         if simulator == "auto" and len(jobs) < fewest:
-            reason = f"{'one flight is' if len(jobs) == 1 else f'{len(jobs)} flights are'} not worth a batch"
+            reason = f"fewer than {fewest} flights at once are not worth a batch"
         elif simulator != "jsbsim":
             found = judged(job.aircraft, job.trimmed)
             reason, model = found.reason, found.model
@@ -159,7 +157,7 @@ def fly_jobs(
 
 
 def fly_stream(
-    jobs: Iterable[Job], simulator: Simulator = "auto", flown: Flown | None = None, at_once: int = AT_ONCE
+    jobs: Iterable[Job], simulator: Simulator = "auto", flown: Tally | None = None, at_once: int = AT_ONCE
 ) -> Iterator[FlightRecord | TestbenchError]:
     """Fly jobs one block after the other and yield what came of each, in their order.
 
@@ -199,15 +197,17 @@ def _by_batch(record: FlightRecord | TestbenchError | None) -> bool:
     return isinstance(record, FlightRecord) and record.provenance.get("simulator") == BATCH
 
 
-def _by_jsbsim(job: Job, flown: Flown, reason: str) -> FlightRecord | TestbenchError:
-    flown.jsbsim += 1
-    flown.reasons[reason] = flown.reasons.get(reason, 0) + 1
+def _by_jsbsim(job: Job, flown: Tally, reason: str) -> FlightRecord | TestbenchError:
+    flown.by_jsbsim(reason)
     try:
-        return fly(*job.asked)
+        record = fly(*job.asked)
     except FlightAborted as error:
-        return error.record if error.record is not None else error
+        if error.record is None:
+            return error
+        record = error.record
     except TestbenchError as error:
         return error
+    return replace(record, provenance={**record.provenance, "simulator": f"{JSBSIM}{reason}"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,12 +250,12 @@ class _Ready:
         return id(self.model.program), self.step, self.logged, self.job.log_rate_hz
 
 
-def fly_block(jobs: Sequence[Job], models: Sequence[BatchModel], flown: Flown) -> list[FlightRecord | TestbenchError]:
+def fly_block(jobs: Sequence[Job], models: Sequence[BatchModel], flown: Tally) -> list[FlightRecord | TestbenchError]:
     """Fly up to LANES flights of one program, each by the model given for it, whether judged or not."""
     return _fly_block([_Ready.of(job, model) for job, model in zip(jobs, models, strict=True)], flown)
 
 
-def _fly_block(lanes: Sequence[_Ready], flown: Flown) -> list[FlightRecord | TestbenchError]:
+def _fly_block(lanes: Sequence[_Ready], flown: Tally) -> list[FlightRecord | TestbenchError]:
     model, step, names = lanes[0].model, lanes[0].step, lanes[0].logged
     R = placed([x.model for x in lanes], [x.job.trimmed for x in lanes])
     controls = tuple(dict.fromkeys(n for x in lanes for n in x.job.manoeuvre.signal.channels))
@@ -392,9 +392,9 @@ def _is_looked_at(ready: _Ready) -> bool:
     return zlib.crc32(ready.u.tobytes() + repr(ready.job.trimmed.alpha).encode()) % BOTH == 0
 
 
-def _look_at(record: FlightRecord, ready: _Ready, flown: Flown) -> str:
+def _look_at(record: FlightRecord, ready: _Ready, flown: Tally) -> str:
     """Fly a flight by JSBSim as well, and remember how far apart they are; return why it is not trusted, or ""."""
-    other = _by_jsbsim(ready.job, Flown(), "")
+    other = _by_jsbsim(ready.job, Tally(), "")
     flown.both += 1
     apart, name = math.inf, "length"
     if not isinstance(other, FlightRecord):

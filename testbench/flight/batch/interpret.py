@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from testbench.core.record import FloatArray
-from testbench.flight.batch import integrate as stages
+from testbench.flight.batch import air, forces, motion
 from testbench.flight.batch.compiled import LANES, compiled, lanes
 from testbench.flight.batch.program import MOST_DETENTS
 
@@ -305,31 +305,31 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
         elif op < 60:
             _rare(op, t, a, b, R)
         elif op == 60:
-            stages.propagate(R)
+            motion.propagate(R)
         elif op == 61:
-            stages.auxiliary(R)
+            air.auxiliary(R)
         elif op == 62:
-            stages.air_data(R)
+            air.air_data(R)
         elif op == 63:
-            stages.motion_numbers(R)
+            forces.motion_numbers(R)
         elif op == 64:
-            stages.aerodynamics(R, e % 16, e // 16)
+            forces.aerodynamics(R, e % 16, e // 16)
         elif op == 65:
-            stages.clear(R, t)
+            forces.clear(R, t)
         elif op == 66:
-            stages.reaction(R, t, e % 16, e // 16)
+            forces.reaction(R, t, e % 16, e // 16)
         elif op == 67:
-            stages.thruster(R, t)
+            forces.thruster(R, t)
         elif op == 68:
-            stages.accelerate(R)
+            forces.accelerate(R)
         elif op == 70:
-            stages.euler(R)
+            motion.euler(R)
         elif op == 71:
-            stages.geography(R)
+            motion.geography(R)
         elif op == 72:
-            stages.euler_rates(R)
+            motion.euler_rates(R)
         elif op == 73:
-            stages.altitudes(R)
+            air.altitudes(R)
 
 
 @compiled

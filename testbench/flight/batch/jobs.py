@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Literal, Self
 
 from testbench.aircraft import Aircraft
+from testbench.core.record import FlightRecord
 from testbench.flight.air import Air
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.simulate import Manoeuvre
@@ -14,8 +16,10 @@ Simulator = Literal["auto", "batch", "jsbsim"]
 """What flies: "jsbsim" one flight after the other; "batch" many at once, and refuses what it cannot fly; "auto" the
 batch where a model has been found equal to JSBSim, else JSBSim.
 """
-BATCH = "batch, judged by JSBSim"
-"""What the provenance of a record that a batch has flown says of its simulator."""
+BATCH, JSBSIM = "batch, judged by JSBSim", "JSBSim, as "
+"""What the provenance of a flight of many says of its simulator; behind the second stands why."""
+BOTH = 200
+"""One flight of a batch in so many is flown by JSBSim as well."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +49,8 @@ class Job:
 
 
 @dataclass
-class Flown:
-    """How flights were flown.
+class Tally:
+    """By what flights were flown.
 
     Attributes:
         batch: number flown by the program.
@@ -61,3 +65,20 @@ class Flown:
     both: int = 0
     worst: float = 0.0
     reasons: dict[str, int] = field(default_factory=dict)
+
+    def by_jsbsim(self, reason: str, count: int = 1) -> None:
+        """Count flights by JSBSim, and why."""
+        self.jsbsim += count
+        self.reasons[reason] = self.reasons.get(reason, 0) + count
+
+    @classmethod
+    def of(cls, records: Iterable[FlightRecord]) -> Self:
+        """Count flights of many by what their records say."""
+        out = cls()
+        for record in records:
+            by = str(record.provenance.get("simulator", ""))
+            if by == BATCH:
+                out.batch += 1
+            else:
+                out.by_jsbsim(by.removeprefix(JSBSIM))
+        return out

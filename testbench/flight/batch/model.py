@@ -16,8 +16,9 @@ from testbench.core.constants import FT_M
 from testbench.core.record import FloatArray
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.compiled import LANES
-from testbench.flight.batch.integrate import begin, place, weigh
+from testbench.flight.batch.forces import weigh
 from testbench.flight.batch.interpret import execute
+from testbench.flight.batch.motion import begin, place
 from testbench.flight.batch.program import Program, Untranslated
 from testbench.flight.batch.properties import CORE, ON_GROUND, plain
 from testbench.flight.batch.scope import MEMORY

@@ -238,7 +238,7 @@ class Properties:
             register, over = _SEA_LEVEL[name]
             return b.emit(Op.DIV, b.core(register), b.number(over))
         if name == "atmosphere/sigma":
-            from testbench.flight.batch.integrate import SEA_LEVEL_RHO
+            from testbench.flight.batch.air import SEA_LEVEL_RHO
 
             return b.emit(Op.DIV, b.core(r.DENSITY), b.number(SEA_LEVEL_RHO))
         if name in CORE or name in ON_DEMAND:

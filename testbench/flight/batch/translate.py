@@ -14,10 +14,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from testbench.flight.batch import integrate as stages
 from testbench.flight.batch import registers as r
 from testbench.flight.batch.components import Components
 from testbench.flight.batch.engines import Engines
+from testbench.flight.batch.forces import AXIAL_NORMAL, BODY, INERTIAL, LOCAL, STABILITY, WIND_AXES
 from testbench.flight.batch.functions import Functions
 from testbench.flight.batch.program import Builder, Op, Program, Untranslated
 from testbench.flight.batch.properties import AIR_DATA, ALTITUDES, EULER, EULER_RATES, GEOGRAPHY, Properties, plain
@@ -27,7 +27,7 @@ _FORCE_AXES = {
     "LIFT": 2, "DRAG": 0, "SIDE": 1, "X": 0, "Y": 1, "Z": 2, "AXIAL": 0, "NORMAL": 2,
 }  # fmt: skip
 _MOMENT_AXES = {"ROLL": 0, "PITCH": 1, "YAW": 2}
-_FRAMES = {"BODY": stages.BODY, "WIND": stages.WIND_AXES, "LOCAL": stages.LOCAL, "INERTIAL": stages.INERTIAL}
+_FRAMES = {"BODY": BODY, "WIND": WIND_AXES, "LOCAL": LOCAL, "INERTIAL": INERTIAL}
 _COPIED = ("throttle", "mixture", "advance", "feather")
 
 
@@ -171,19 +171,19 @@ class _Model:
         self._functions(sections)
         b.stage(Op.MOTION_NUMBERS)
         self._stall(self._tree.find("aerodynamics/hysteresis_limits"))
-        forces, moments = stages.BODY, stages.BODY
+        forces, moments = BODY, BODY
         sums: dict[int, list[ET.Element]] = {}
         for axis in (a for s in sections for a in s.findall("axis")):
             name, frame = (axis.get("name") or "").strip(), (axis.get("frame") or "").strip()
             if name in _MOMENT_AXES:
                 if frame in {"STABILITY", "WIND"}:
-                    moments = stages.STABILITY if frame == "STABILITY" else stages.WIND_AXES
+                    moments = STABILITY if frame == "STABILITY" else WIND_AXES
             elif name in {"LIFT", "DRAG"}:
-                forces = stages.WIND_AXES
+                forces = WIND_AXES
             elif name in {"AXIAL", "NORMAL"}:
-                forces = stages.AXIAL_NORMAL
+                forces = AXIAL_NORMAL
             elif name in {"X", "Y", "Z"} and frame in {"STABILITY", "WIND"}:
-                forces = stages.STABILITY if frame == "STABILITY" else stages.WIND_AXES
+                forces = STABILITY if frame == "STABILITY" else WIND_AXES
             for e in axis.findall("function"):
                 at_cg = (e.get("apply_at_cg") or "") == "true"
                 if name in _MOMENT_AXES:

@@ -18,6 +18,7 @@ from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.jobs import Simulator
 from testbench.flight.batch.model import BatchModel, filled, put, read, registers
 from testbench.flight.condition import FlightCondition, TrimmedFlight
+from testbench.flight.executive import body_from_earth
 from testbench.flight.trim import (
     RADIUS_EAST_M,
     RADIUS_NORTH_M,
@@ -185,7 +186,7 @@ class _Problem:
         alpha, phi, beta = at["alpha"], at["phi"], at.get("beta", zero)
         theta = alpha + at.get("gamma", self._gamma[flights])
         uvw = V * np.stack([np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)])
-        C = _body_from_earth(theta, phi)
+        C = body_from_earth(theta, phi)
         uvw = uvw + np.einsum("ijf,jf->if", C, wind)
         north, east, _ = np.einsum("ijf,if->jf", C, uvw)
         turn = np.stack([east / (RADIUS_EAST_M + h), -north / (RADIUS_NORTH_M + h), zero])
@@ -202,9 +203,3 @@ class _Problem:
             residual.append(R[r.U_DOT : r.U_DOT + 6, : flights.size] * _SI[:, None])
             state.append(read(self._models[0], R)[:, : flights.size])
         return np.concatenate(residual, axis=1), np.concatenate(state, axis=1)
-
-
-def _body_from_earth(theta: FloatArray, phi: FloatArray) -> FloatArray:
-    """Return the matrices (3, 3, flights) that take north, east, down to body axes, heading north."""
-    s, c, sp, cp, zero = np.sin(theta), np.cos(theta), np.sin(phi), np.cos(phi), np.zeros_like(phi)
-    return np.array([[c, zero, -s], [sp * s, cp, sp * c], [cp * s, -sp, cp * c]])

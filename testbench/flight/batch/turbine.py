@@ -10,7 +10,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Mapping
 
 from testbench.flight.batch import registers as r
-from testbench.flight.batch.integrate import SEA_LEVEL_RHO
+from testbench.flight.batch.air import SEA_LEVEL_RHO
 from testbench.flight.batch.mount import Mount
 from testbench.flight.batch.program import Untranslated
 from testbench.flight.batch.terms import Term

@@ -6,9 +6,10 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from testbench.page.flown import flown_words
 from testbench.page.labels import number
 from testbench.page.words import counted
-from testbench.questions.campaign.summary import ALONE, TOGETHER
+from testbench.questions.campaign.tables import tally_of
 
 if TYPE_CHECKING:
     from testbench.questions.campaign.result import CampaignResult
@@ -138,13 +139,8 @@ def _progress(result: CampaignResult) -> str:
 
 def _simulators(summary: Summary) -> str:
     """Return what flew, and why where JSBSim had to fly run by run."""
-    parts = [
-        f"{counted(n, 'run')} flown in batches, by a translation of the model that JSBSim has judged equal"
-        if what == TOGETHER
-        else f"{counted(n, 'run')} flown by JSBSim one by one{what.removeprefix(ALONE)}"
-        for what, n in sorted(summary.simulators.items())
-    ]
-    return f"; {', '.join(parts)}" if parts else ""
+    words = flown_words(tally_of(summary), "run")
+    return f"; {words}" if words else ""
 
 
 def most_biased(summary: Summary) -> list[Accuracy]:

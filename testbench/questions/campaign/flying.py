@@ -26,7 +26,7 @@ from testbench.core.scratch import Scratch
 from testbench.evaluation.truth import Truth, true_model
 from testbench.flight import load_aircraft
 from testbench.flight.air import air_of
-from testbench.flight.batch.jobs import BATCH, Flown, Simulator
+from testbench.flight.batch.jobs import BATCH, Simulator, Tally
 from testbench.flight.batch.jobs import Job as FlightJob
 from testbench.line import Case, condition_of
 from testbench.questions.campaign.draws import run_inputs, run_seed
@@ -292,10 +292,10 @@ def _prepare(
 def _fly_together(job: Job, runs: Sequence[_Run]) -> str:
     """Fly what all runs want, and give each its own; return why JSBSim flew some, as the end of a sentence."""
     if job.simulator == "jsbsim":
-        return ""
+        return ", as it is wanted"
     from testbench.flight.batch.fly import fly_jobs
 
-    told = Flown()
+    told = Tally()
     flown = fly_jobs([f for r in runs for f in r.flights], job.simulator, told, fewest=1)
     at = 0
     for run_ in runs:

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 
 from testbench.aircraft.believed import KEY
 from testbench.core.constants import PERCENT
+from testbench.page.flown import flown_table
 from testbench.page.labels import number
 from testbench.page.page import Page
 from testbench.questions.campaign.answer import campaign_answer, cost_sentence
 from testbench.questions.campaign.figures import campaign_plates
 from testbench.questions.campaign.scenario import Normal
-from testbench.questions.campaign.tables import campaign_tables, runs_csv
+from testbench.questions.campaign.tables import campaign_tables, runs_csv, tally_of
 
 if TYPE_CHECKING:
     from testbench.questions.campaign.result import CampaignResult
@@ -26,6 +27,7 @@ def campaign_page(result: CampaignResult) -> Page:
         question=spec.question,
         answer=campaign_answer(result),
         tables=campaign_tables(result),
+        more_tables=[flown_table(tally_of(result.summary), "run")],
         plates=campaign_plates(result.summary),
         files={"tables/runs.csv": runs_csv(result.summary)},
         template="questions/campaign/page.html.j2",

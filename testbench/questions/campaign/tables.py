@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from testbench.core.escape import csv_cell
+from testbench.flight.batch.jobs import Tally
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.campaign.result import errors
-from testbench.questions.campaign.summary import QUANTILES
+from testbench.questions.campaign.summary import ALONE, QUANTILES, TOGETHER
 
 if TYPE_CHECKING:
     from testbench.questions.campaign.result import CampaignResult
@@ -117,6 +118,15 @@ def cause_table(summary: Summary) -> Table:
     rows = tuple((c.count, c.first, c.example) for c in summary.causes)
     caption = "Reasons that differ in numbers only are counted together."
     return Table("failures", "Why runs failed", caption, columns, rows, wide=True)
+
+
+def tally_of(summary: Summary) -> Tally:
+    """Return how many finished runs were flown by what; stores of earlier versions do not say."""
+    tally = Tally(batch=summary.simulators.get(TOGETHER, 0))
+    for what, n in summary.simulators.items():
+        if what != TOGETHER:
+            tally.by_jsbsim(what.removeprefix(ALONE).removeprefix(", as "), n)
+    return tally
 
 
 def runs_csv(summary: Summary) -> str:

@@ -15,7 +15,7 @@ from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
 from testbench.flight import linearise, load_aircraft
 from testbench.flight.air import air_of
-from testbench.flight.batch.jobs import Job, Simulator
+from testbench.flight.batch.jobs import Job, Simulator, Tally
 from testbench.information.modes import modes_of
 from testbench.information.targets import needed_parameters
 from testbench.line import Report, flown_already, log_rate, manoeuvre_of, trim_for
@@ -56,8 +56,8 @@ def compare(
         seed: of the first repetition, instead of the scenario's.
         simulate: False to compare by information alone.
         progress: called with a few words as each stage begins.
-        simulator: "jsbsim" flies one repetition after the other; "auto" flies many in turbulence at once, where the
-            model has been found equal to JSBSim.
+        simulator: "jsbsim" flies one flight after the other; "auto" flies many at once, where the model has been found
+            equal to JSBSim.
 
     Raises:
         TestbenchError: with the file and key that it comes from.
@@ -89,9 +89,9 @@ def compare(
             placed = _place(scenario, scenario.placement, known, suites[0])
     errors: dict[CaseKey, dict[Quantity, FloatArray]] = {}
     failures: list[Failure] = []
-    flights, of_flight = 0, {}
+    flights, of_flight, tally = 0, {}, Tally()
     if simulate and scenario.identification.labels:
-        air = _flights(scenario, known, suites, seed, say, simulator)
+        air = _flights(scenario, known, suites, seed, say, simulator, tally)
         for k, (truths, flown) in enumerate(air):
             flights += flown
             if k == 0 and identification.best_case and not scenario.air.turbulence_rms_m_s:
@@ -101,7 +101,7 @@ def compare(
             for suite in suites:
                 _repeat(scenario, known, suite, truths, k, seed, errors, failures)
     return CompareResult(
-        scenario, known, suites, seed, errors, tuple(failures), predictions, of_flight, placed, flights
+        scenario, known, suites, seed, errors, tuple(failures), predictions, of_flight, placed, flights, tally
     )
 
 
@@ -124,6 +124,7 @@ def _flights(
     seed: int,
     say: Report,
     simulator: Simulator,
+    tally: Tally,
 ) -> Iterator[tuple[Mapping[str, FlightRecord], int]]:
     """Yield the true records of every repetition by manoeuvre, and how many of them were flown for it.
 
@@ -133,14 +134,14 @@ def _flights(
     if not scenario.air.turbulence_rms_m_s > 0.0:
         for spec in scenario.manoeuvre:
             say(f"fly {spec.name}")
-        (once,) = _fly(scenario, known, suites, seed, range(1), "jsbsim")
+        (once,) = _fly(scenario, known, suites, seed, range(1), simulator, tally)
         for k in range(scenario.seeds):
             yield once, 0 if k else len(names)
         return
     for first in range(0, scenario.seeds, _AT_ONCE):
         some = range(first, min(first + _AT_ONCE, scenario.seeds))
         say(f"fly repetitions {some[0] + 1} to {some[-1] + 1} of {scenario.seeds}")
-        for truths in _fly(scenario, known, suites, seed, some, simulator):
+        for truths in _fly(scenario, known, suites, seed, some, simulator, tally):
             yield truths, len(names)
 
 
@@ -151,6 +152,7 @@ def _fly(
     seed: int,
     repetitions: range,
     simulator: Simulator,
+    tally: Tally,
 ) -> list[dict[str, FlightRecord]]:
     """Return the true records by manoeuvre of each repetition."""
     from testbench.flight.batch.fly import fly_jobs
@@ -166,7 +168,7 @@ def _fly(
                 air = air_of(scenario.air, scenario.condition.h_m, derived_seed(seed, k, i))
                 jobs.append(Job(known.aircraft, known.trimmed, manoeuvre, rate, needed, air))
     out: list[dict[str, FlightRecord]] = []
-    for n, flown in enumerate(fly_jobs(jobs, simulator)):
+    for n, flown in enumerate(fly_jobs(jobs, simulator, tally)):
         i = n % len(scenario.manoeuvre)
         with located(scenario.file, f"manoeuvre[{i}]"):
             out += [{}] if i == 0 else []

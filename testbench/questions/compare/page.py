@@ -25,6 +25,7 @@ def compare_page(result: CompareResult) -> Page:
         template="questions/compare/page.html.j2",
         context={"result": result},
         provenance=[("seed", str(result.seed))],
+        flown=result.tally if result.flights else None,
         source=source_of(result.scenario),
         terminal=[information_table(result)],
     )

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from testbench.core.record import FloatArray
+from testbench.flight.batch.jobs import Tally
 from testbench.questions.compare.placement import Placed
 from testbench.questions.compare.prediction import Prediction
 from testbench.questions.compare.scenario import BEST_CASE, CompareScenario
@@ -146,6 +147,7 @@ class CompareResult:
             empty in turbulence.
         placed: best stations, if they were asked for.
         flights: how many flights were simulated.
+        tally: by what.
     """
 
     scenario: CompareScenario
@@ -158,6 +160,7 @@ class CompareResult:
     of_flight: Mapping[tuple[str, str], Mapping[Quantity, float]]
     placed: Placed | None
     flights: int
+    tally: Tally
 
     @property
     def name(self) -> str:

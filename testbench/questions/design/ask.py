@@ -16,11 +16,12 @@ from testbench.aircraft import Aircraft
 from testbench.core.errors import EstimationError, LimitError, located
 from testbench.core.record import FloatArray
 from testbench.flight import LinearModel, TrimmedFlight, linearise, load_aircraft
+from testbench.flight.batch.jobs import Simulator, Tally
 from testbench.information.modes import modes_of
 from testbench.line import Report, trim_for
 from testbench.questions.design.build import limits_of, onsets_of, problem_of
 from testbench.questions.design.draws import Draws, OverDraws, draw_aircraft, flown_in, kept_in_all, told
-from testbench.questions.design.flown import Envelope, Flown, fly_design
+from testbench.questions.design.flown import Envelope, Flown, fly_designs
 from testbench.questions.design.limits import Limits
 from testbench.questions.design.obstacles import obstacles
 from testbench.questions.design.problem import Design, Problem, seen_in
@@ -34,13 +35,20 @@ _FLOWN = 7  # designs that are flown,
 _CLASSICS = ("doublet", "3211")  # and these for comparison
 
 
-def run_design(scenario: DesignScenario, seed: int | None = None, progress: Report | None = None) -> DesignResult:
+def run_design(
+    scenario: DesignScenario,
+    seed: int | None = None,
+    progress: Report | None = None,
+    simulator: Simulator = "auto",
+) -> DesignResult:
     """Design the input that a scenario asks for.
 
     Args:
         scenario: of :meth:`DesignScenario.load`.
         seed: of the random starts, instead of the scenario's.
         progress: called with a few words as each stage begins.
+        simulator: "jsbsim" flies one flight after the other; "auto" flies designs, and drawn aircraft, at once
+            where their model has been found equal to JSBSim.
 
     Raises:
         TestbenchError: with the file and key that it comes from; above the onset of vibration, or where no signal
@@ -52,7 +60,7 @@ def run_design(scenario: DesignScenario, seed: int | None = None, progress: Repo
         >>> result.best.design.family  # doctest: +SKIP
     """
     say = progress or (lambda text: None)
-    where = scenario.file
+    where, tally = scenario.file, Tally()
     if seed is not None:
         scenario = scenario.changed(seed=seed)
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)
@@ -75,20 +83,20 @@ def run_design(scenario: DesignScenario, seed: int | None = None, progress: Repo
         designs = search(problem, say, ranked)
     say("fly the designs")
     taken = [d for k, d in enumerate(designs) if k < _FLOWN or d.family in _CLASSICS]
-    flown = [fly_design(aircraft, trimmed, problem, design, envelope) for design in taken]
+    flown = fly_designs(aircraft, trimmed, problem, taken, envelope, simulator, tally)
     admissible = sorted((f for f in flown if f.admissible), key=lambda f: f.design.cost)
     if not admissible:
         raise LimitError(f"no design keeps the limits when it is flown: {flown[0].breach}; widen them")
     with located(where, "draws"):
-        draws = draw_aircraft(scenario, aircraft, problem, suites[0], onsets, admissible[0].design)
+        draws = draw_aircraft(scenario, aircraft, problem, suites[0], onsets, admissible[0].design, simulator, tally)
     over: list[OverDraws | None] = [None] * len(admissible)
     if draws is not None:
         say(f"judge the designs over {draws.asked} drawn aircraft")
-        admissible, over = _over(scenario, aircraft, trimmed, problem, admissible, envelope, draws)
+        admissible, over = _over(scenario, aircraft, trimmed, problem, admissible, envelope, draws, simulator, tally)
     shortest = None
     if not scenario.robust:  # what the believed aircraft takes least time for is not known to be enough for the others
         say("find the shortest input that reaches the wanted accuracy")
-        shortest = _shortest(problem, ranked, admissible, aircraft, trimmed, envelope)
+        shortest = _shortest(problem, ranked, admissible, aircraft, trimmed, envelope, simulator, tally)
     best = admissible[0].design
     others = {
         suite.name: _through(scenario, aircraft, trimmed, linear, modes, suite, limits, best) for suite in suites[1:]
@@ -121,6 +129,7 @@ def run_design(scenario: DesignScenario, seed: int | None = None, progress: Repo
         obstacles(problem, best),
         tuple(o for o in onsets if o.V_m_s is not None),
         draws,
+        tally,
     )
 
 
@@ -132,6 +141,8 @@ def _over(
     flown: list[Flown],
     envelope: Envelope,
     draws: Draws,
+    simulator: Simulator,
+    tally: Tally,
 ) -> tuple[list[Flown], list[OverDraws | None]]:
     """Return the flown designs, best first, and each of them over the drawn aircraft.
 
@@ -149,12 +160,12 @@ def _over(
             )
         return flown, [None] * len(flown)
     if scenario.robust:
-        kept = [kept_in_all(aircraft, trimmed, problem, f, envelope, draws) for f in flown]
+        kept = [kept_in_all(aircraft, trimmed, problem, f, envelope, draws, simulator, tally) for f in flown]
         kept.sort(key=lambda pair: (float(pair[1].told.costs.max()), float(np.median(pair[1].told.costs))))
         return [f for f, _ in kept], [o for _, o in kept]
     out: list[OverDraws | None] = [OverDraws(told(f.design, draws, problem.targets.names)) for f in flown]
     best = flown[0].design
-    out[0] = OverDraws(told(best, draws, problem.targets.names), flown_in(best, draws))
+    out[0] = OverDraws(told(best, draws, problem.targets.names), flown_in(best, draws, simulator, tally))
     return flown, out
 
 
@@ -165,6 +176,8 @@ def _shortest(
     aircraft: Aircraft,
     trimmed: TrimmedFlight,
     envelope: Envelope,
+    simulator: Simulator,
+    tally: Tally,
 ) -> Flown | None:
     """Return the shortest input that reaches the wanted accuracy in flight, or None.
 
@@ -175,7 +188,7 @@ def _shortest(
         design = minimum_time(problem, ranked, aim)
         if design is None:
             return None
-        out = fly_design(aircraft, trimmed, problem, design, envelope)
+        (out,) = fly_designs(aircraft, trimmed, problem, [design], envelope, simulator, tally)
         if not out.admissible:
             return None
         if out.design.cost <= 1.0:

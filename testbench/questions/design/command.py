@@ -5,10 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import OutOption, ScenarioArgument, SeedOption
+from testbench.questions.options import FlownBy, OutOption, ScenarioArgument, SeedOption, SimulatorOption
 
 
-def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: SeedOption = None) -> None:
+def command(
+    scenario: ScenarioArgument,
+    out: OutOption = Path("results"),
+    seed: SeedOption = None,
+    simulator: SimulatorOption = FlownBy.auto,
+) -> None:
     """Design the input that tells wanted parameters or modes through given sensors, inside given limits.
 
     The command screens every signal family, refines the best ones by information, flies them, ranks them and says what
@@ -22,7 +27,7 @@ def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: 
     loaded = DesignScenario.load(find(scenario, "design"))
     folder = out / f"design_{loaded.name}"
     with stages() as say:
-        result = run_design(loaded, seed, say)
+        result = run_design(loaded, seed, say, simulator.value)
         say("write report")
         page = design_page(result)
         page.write(folder)

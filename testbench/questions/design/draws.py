@@ -15,16 +15,17 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.believed import drawn, stated_deviations
-from testbench.core.errors import LimitError, TestbenchError
+from testbench.core.errors import TestbenchError
 from testbench.core.record import FloatArray
 from testbench.evaluation.envelope import Onset
 from testbench.flight import TrimmedFlight, linearise
+from testbench.flight.batch.jobs import Simulator, Tally
 from testbench.information.modes import modes_of
 from testbench.information.targets import Targets
 from testbench.line import trim_for
 from testbench.questions.design.build import limits_of, problem_of
 from testbench.questions.design.candidates import Candidate
-from testbench.questions.design.flown import Envelope, Flown, Tightest, fly_each, fly_once
+from testbench.questions.design.flown import Envelope, Flown, Tightest, fly_all, fly_each
 from testbench.questions.design.problem import Design, Problem, rescaled, seen_in
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import SensorSuite
@@ -137,6 +138,8 @@ def draw_aircraft(
     suite: SensorSuite,
     onsets: Sequence[Onset],
     design: Design,
+    simulator: Simulator,
+    tally: Tally,
 ) -> Draws | None:
     """Return the drawn aircraft of a design as design problems; None if none are asked for.
 
@@ -148,6 +151,8 @@ def draw_aircraft(
         suite: the sensors.
         onsets: of vibration of the believed aircraft; the draws keep its highest speed.
         design: any one. An aircraft that breaks a limit while its controls rest for as long is lost.
+        simulator: see :mod:`testbench.flight.batch.jobs`.
+        tally: is told of every flight.
 
     Raises:
         ModelError: the aircraft does not state its uncertainty.
@@ -157,14 +162,23 @@ def draw_aircraft(
         return None
     stated_deviations(aircraft)
     still = replace(design, specs=Candidate(design.family, design.words, design.specs, design.u).scaled(0.0))
-    judged, lost = [], []
+    made, judged, lost = [], [], []
     for index in range(count):
         one = drawn(aircraft, scenario.seed, index)
         try:
-            judged.append(_draw(scenario, index, one, suite, onsets, problem.targets, still))
+            made.append(_draw(scenario, index, one, suite, onsets, problem.targets))
         except TestbenchError as error:
             lost.append(Lost(index, error.message))
-    return Draws(tuple(judged), tuple(lost))
+    models, trims, limits = [d.aircraft for d in made], [d.trimmed for d in made], [d.envelope for d in made]
+    flights = fly_each(models, trims, [still] * len(made), limits, simulator, tally)
+    for draw, flight in zip(made, flights, strict=True):
+        if isinstance(flight, TestbenchError):
+            lost.append(Lost(draw.index, flight.message))
+        elif flight.broken:
+            lost.append(Lost(draw.index, f"without any input {flight.broken[0]}"))
+        else:
+            judged.append(draw)
+    return Draws(tuple(judged), tuple(sorted(lost, key=lambda x: x.index)))
 
 
 def _draw(
@@ -174,7 +188,6 @@ def _draw(
     suite: SensorSuite,
     onsets: Sequence[Onset],
     believed: Targets,
-    still: Design,
 ) -> Draw:
     whole = [m for m in scenario.targets.modes if f"wn of {m}" in believed.names]
     trimmed = trim_for(scenario, aircraft)
@@ -186,10 +199,7 @@ def _draw(
     own = problem.targets
     same = np.array([wanted.get(name, w) for name, w in zip(own.names, own.wanted, strict=True)])
     problem = replace(problem, targets=replace(own, wanted=same))
-    envelope = Envelope.of(limits, problem)
-    if broken := fly_once(aircraft, trimmed, still, envelope)[1]:
-        raise LimitError(f"without any input {broken[0]}")
-    return Draw(index, aircraft, trimmed, problem, envelope)
+    return Draw(index, aircraft, trimmed, problem, Envelope.of(limits, problem))
 
 
 def told(design: Design, draws: Draws, names: Sequence[str]) -> Told:
@@ -210,10 +220,11 @@ def told(design: Design, draws: Draws, names: Sequence[str]) -> Told:
     return Told(np.array(costs), np.array(ratios), reached)
 
 
-def flown_in(design: Design, draws: Draws) -> tuple[InDraw, ...]:
+def flown_in(design: Design, draws: Draws, simulator: Simulator, tally: Tally) -> tuple[InDraw, ...]:
     """Fly a design in the nonlinear simulator with each drawn aircraft, from its own trim."""
     of = draws.judged
-    flights = fly_each([d.aircraft for d in of], [d.trimmed for d in of], design, [d.envelope for d in of])
+    models, trims, limits = [d.aircraft for d in of], [d.trimmed for d in of], [d.envelope for d in of]
+    flights = fly_all(models, trims, [design] * len(of), limits, simulator, tally)
     return tuple(InDraw(tight, broken[0] if broken else "") for _, broken, tight in flights)
 
 
@@ -224,6 +235,8 @@ def kept_in_all(
     flown: Flown,
     envelope: Envelope,
     draws: Draws,
+    simulator: Simulator,
+    tally: Tally,
 ) -> tuple[Flown, OverDraws]:
     """Return a flown design at the largest amplitude that breaks no limit in any draw, and the design over the draws.
 
@@ -235,7 +248,7 @@ def kept_in_all(
     tried = []
     for _ in range(_ROUNDS):
         design = flown.design if factor == 1.0 else rescaled(problem, flown.design, factor, flown.design.limit)
-        flights = flown_in(design, draws)
+        flights = flown_in(design, draws, simulator, tally)
         broken, share = any(f.breach for f in flights), max(f.tightest.share for f in flights)
         tried.append((not broken, factor, design, flights))
         low, high = (low, factor) if broken else (factor, high)
@@ -247,7 +260,7 @@ def kept_in_all(
     good = [t for t in tried if t[0]]
     _, factor, design, flights = max(good, key=lambda t: t[1]) if good else min(tried, key=lambda t: t[1])
     if factor < 1.0:
-        record, _, tight = fly_once(aircraft, trimmed, design, envelope)
+        ((record, _, tight),) = fly_all([aircraft], [trimmed], [design], [envelope], simulator, tally)
         limit = max((f.tightest for f in flights), key=lambda t: t.share).name
         flown = replace(flown, design=replace(design, limit=limit), record=record, tightest=tight)
     return flown, OverDraws(told(design, draws, problem.targets.names), flights, factor)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -12,9 +12,9 @@ from testbench.aircraft import Aircraft
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import TestbenchError
-from testbench.core.record import FlightAborted, FlightRecord, FloatArray
-from testbench.flight import TrimmedFlight, fly
-from testbench.flight.batch.jobs import Job, Simulator
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.flight import TrimmedFlight
+from testbench.flight.batch.jobs import Job, Simulator, Tally
 from testbench.line import manoeuvre_of
 from testbench.questions.design.limits import Breach, Limits, breaches
 from testbench.questions.design.problem import Design, Problem, rescaled
@@ -33,6 +33,14 @@ class Tightest(NamedTuple):
     name: str
     share: float
     t_s: float
+
+
+class Flight(NamedTuple):
+    """A flight of a design: its record, the limits that it breaks in words, and the one that it uses up most."""
+
+    record: FlightRecord
+    broken: list[str]
+    tightest: Tightest
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,25 +146,56 @@ def limit_words(name: str) -> str:
     return "the load factor" if name == "az" else f"the {channel(name).description.split(',')[0]}"
 
 
-def fly_design(aircraft: Aircraft, trimmed: TrimmedFlight, problem: Problem, design: Design, limits: Envelope) -> Flown:
-    """Fly a design and scale it to the largest amplitude that keeps the limits.
-
-    The response is taken as proportional to the amplitude from one flight to the next. For deflections, commands and
-    rates this is exact, because servos are linear; the amplitude never grows beyond what they allow.
+def fly_designs(
+    aircraft: Aircraft,
+    trimmed: TrimmedFlight,
+    problem: Problem,
+    designs: Sequence[Design],
+    limits: Envelope,
+    simulator: Simulator,
+    tally: Tally,
+) -> list[Flown]:
+    """Fly designs and scale each to the largest amplitude that keeps the limits; those of a round are flown together.
 
     Args:
         aircraft: what is flown.
-        trimmed: where the flight starts.
+        trimmed: where the flights start.
         problem: the design problem.
-        design: at the amplitude that the linearised aircraft allows.
+        designs: at the amplitudes that the linearised aircraft allows.
         limits: the limits of the scenario.
+        simulator: see :mod:`testbench.flight.batch.jobs`.
+        tally: is told of every flight.
+
+    Raises:
+        TestbenchError: of the first that cannot be flown at all.
+    """
+    searches = [_scaled(problem, design) for design in designs]
+    wanted = {i: next(search) for i, search in enumerate(searches)}
+    out: dict[int, Flown] = {}
+    while wanted:
+        n, now = len(wanted), list(wanted.values())
+        flights = fly_all([aircraft] * n, [trimmed] * n, now, [limits] * n, simulator, tally)
+        for i, flight in zip(list(wanted), flights, strict=True):
+            try:
+                wanted[i] = searches[i].send(flight)
+            except StopIteration as found:
+                out[i] = found.value
+                del wanted[i]
+    return [out[i] for i in range(len(designs))]
+
+
+def _scaled(problem: Problem, design: Design) -> Generator[Design, Flight, Flown]:
+    """Ask for flights of a design, one after the other, until an amplitude uses up the limits; return the best.
+
+    The response is taken as proportional to the amplitude from one flight to the next. For deflections, commands and
+    rates this is exact, because servos are linear; the amplitude never grows beyond what they allow.
     """
     top = _linear_room(problem, design)
     factor, low, high, said = min(1.0, top), 0.0, np.inf, ""
     tried = []
     for attempt in range(_FLIGHTS):
         now = rescaled(problem, design, factor, design.limit)
-        record, broken, tight = fly_once(aircraft, trimmed, now, limits)
+        record, broken, tight = yield now
         if attempt == 0 and broken:
             said = broken[0]
         tried.append((not broken, factor, now, record, tight))
@@ -172,46 +211,47 @@ def fly_design(aircraft: Aircraft, trimmed: TrimmedFlight, problem: Problem, des
     return Flown(replace(final, limit=tight.name or final.limit), record, design, tight, said, bool(good))
 
 
-def fly_once(
-    aircraft: Aircraft, trimmed: TrimmedFlight, design: Design, limits: Envelope
-) -> tuple[FlightRecord, list[str], Tightest]:
-    """Fly a design once; return the record, the limits that it breaks in words, and the one that is used up most.
-
-    A flight that ends before its time uses up more than all of a limit without a name.
-
-    Raises:
-        FlightAborted: it ended before anything was logged.
-    """
-    job = _flight(aircraft, trimmed, design, limits)
-    try:
-        record = fly(*job.asked)
-    except FlightAborted as error:
-        if error.record is None:
-            raise
-        record = error.record
-    return _judged(record, job, limits)
-
-
 def fly_each(
     aircraft: Sequence[Aircraft],
     trimmed: Sequence[TrimmedFlight],
-    design: Design,
+    designs: Sequence[Design],
     limits: Sequence[Envelope],
-    simulator: Simulator = "auto",
-) -> list[tuple[FlightRecord, list[str], Tightest]]:
-    """Fly a design once with each aircraft, all at once where they can be; return as :func:`fly_once` does for each.
+    simulator: Simulator,
+    tally: Tally,
+) -> list[Flight | TestbenchError]:
+    """Fly designs once, each with its aircraft, all at once where they can be; one that cannot be flown is its error.
+
+    A flight that ends before its time uses up more than all of a limit without a name.
+    """
+    from testbench.flight.batch.fly import FEWEST, fly_jobs
+
+    jobs = [_flight(a, t, d, e) for a, t, d, e in zip(aircraft, trimmed, designs, limits, strict=True)]
+    fewest = 1 if tally.batch else FEWEST  # a model that has been judged is worth it for few flights, too
+    found = fly_jobs(jobs, simulator, tally, fewest)
+    return [
+        record if isinstance(record, TestbenchError) else _judged(record, job, envelope)
+        for record, job, envelope in zip(found, jobs, limits, strict=True)
+    ]
+
+
+def fly_all(
+    aircraft: Sequence[Aircraft],
+    trimmed: Sequence[TrimmedFlight],
+    designs: Sequence[Design],
+    limits: Sequence[Envelope],
+    simulator: Simulator,
+    tally: Tally,
+) -> list[Flight]:
+    """Fly designs as :func:`fly_each` does.
 
     Raises:
         TestbenchError: of the first that cannot be flown at all.
     """
-    from testbench.flight.batch.fly import fly_jobs
-
-    jobs = [_flight(a, t, design, e) for a, t, e in zip(aircraft, trimmed, limits, strict=True)]
     out = []
-    for record, job, envelope in zip(fly_jobs(jobs, simulator), jobs, limits, strict=True):
-        if isinstance(record, TestbenchError):
-            raise record
-        out.append(_judged(record, job, envelope))
+    for flight in fly_each(aircraft, trimmed, designs, limits, simulator, tally):
+        if isinstance(flight, TestbenchError):
+            raise flight
+        out.append(flight)
     return out
 
 
@@ -223,12 +263,12 @@ def _flight(aircraft: Aircraft, trimmed: TrimmedFlight, design: Design, limits: 
     return Job(aircraft, trimmed, manoeuvre, rate / max(1, int(rate // _LOG_HZ)), names)
 
 
-def _judged(record: FlightRecord, job: Job, limits: Envelope) -> tuple[FlightRecord, list[str], Tightest]:
+def _judged(record: FlightRecord, job: Job, limits: Envelope) -> Flight:
     if record.outcome == "aborted":
         end_s = len(record) / job.log_rate_hz
         text = f"the flight leaves the aircraft's limits at t = {end_s:.2f} s: {record.reason}"
-        return record, [text], Tightest("", 1.0 / _ABORTED, end_s)
-    return record, limits.broken(record), limits.tightest(record)
+        return Flight(record, [text], Tightest("", 1.0 / _ABORTED, end_s))
+    return Flight(record, limits.broken(record), limits.tightest(record))
 
 
 def _linear_room(problem: Problem, design: Design) -> float:

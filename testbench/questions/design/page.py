@@ -41,6 +41,7 @@ def design_page(result: DesignResult) -> Page:
             ("limits", "; ".join(limit_rows(result))),
             ("estimated", f"{estimated}; everything else is taken as known"),
         ],
+        flown=result.tally,
         provenance=[("seed", str(scenario.seed))],
         source=source_of(scenario),
         terminal=[short_ranking(result)],

@@ -11,6 +11,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.record import FloatArray
 from testbench.evaluation.envelope import Onset
 from testbench.flight import LinearModel, TrimmedFlight
+from testbench.flight.batch.jobs import Tally
 from testbench.inputs.signal import energy_spectrum
 from testbench.questions.design.draws import Draws, OverDraws
 from testbench.questions.design.flown import Envelope, Flown
@@ -54,6 +55,7 @@ class DesignResult:
         obstacles: what prevents more accuracy.
         onsets: elastic modes that become unstable at some speed.
         draws: the aircraft drawn by the stated uncertainty; None if none are asked for.
+        tally: by what all flights were flown.
     """
 
     scenario: DesignScenario
@@ -74,6 +76,7 @@ class DesignResult:
     obstacles: Obstacles
     onsets: tuple[Onset, ...]
     draws: Draws | None = None
+    tally: Tally | None = None
 
     @property
     def name(self) -> str:

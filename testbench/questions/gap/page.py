@@ -37,6 +37,7 @@ def gap_page(result: GapResult) -> Page:
             "amended": list(amended),
             "diff": "\n".join(text for path, text in amended.items() if path.endswith(".diff")),
         },
+        flown=finding.tally,
         provenance=[] if result.seed is None else [("seed", str(result.seed))],
         source=(result.file.name, result.file.read_text(encoding="utf-8")) if result.file else None,
         terminal=[tables[0].only("effect", "gain", "threshold", "share")],

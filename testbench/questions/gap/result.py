@@ -9,6 +9,7 @@ import numpy as np
 
 from testbench.core.constants import DEG_RAD, G0_M_S2, KT_M_S
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.flight.batch.jobs import Tally
 from testbench.questions.gap.believed import Believed, deviations_of
 from testbench.questions.gap.controls import Controls
 from testbench.questions.gap.criteria import CRITERIA
@@ -95,6 +96,7 @@ class GapFinding:
             noise.
         rest: what another effect would explain of what is left, if that is more than noise and form account for.
         controls: control flights without any effect, if any were asked for.
+        tally: by what the believed and the amended model were flown through every record.
     """
 
     believed: Believed
@@ -112,6 +114,7 @@ class GapFinding:
     left: Structure | None = None
     rest: Rest | None = None
     controls: Controls | None = None
+    tally: Tally | None = None
 
     @property
     def changed(self) -> bool:

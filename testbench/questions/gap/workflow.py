@@ -11,6 +11,7 @@ import numpy as np
 
 from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord
+from testbench.flight.batch.jobs import Tally
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.controls import fly_controls, without_false_alarms
 from testbench.questions.gap.criteria import CRITERIA
@@ -35,6 +36,7 @@ from testbench.questions.gap.evidence.locate import (
     locate_regions,
     structure,
 )
+from testbench.questions.gap.flights import flights
 from testbench.questions.gap.parameters import wrong_parameters
 from testbench.questions.gap.plan import separate
 from testbench.questions.gap.result import GapFinding, Shrink
@@ -152,7 +154,16 @@ def find_gap(
         left=uneven,
         rest=None if naming.best is None else unexplained,
         controls=beside,
+        tally=_tally(
+            [believed, amended] if amended is not believed else [believed], [*records.values(), *held_out.values()]
+        ),
     )
+
+
+def _tally(models: Sequence[Believed], records: Sequence[FlightRecord]) -> Tally:
+    """Count by what models are flown through records; flights that are kept are not flown again."""
+    found = flights([model.wanted(record, model.needed) for model in models for record in records])
+    return Tally.of(x for x in found if isinstance(x, FlightRecord))
 
 
 def search(

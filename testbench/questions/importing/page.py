@@ -29,12 +29,13 @@ def import_answer(imported: Imported) -> list[tuple[str, str]]:
     facts = ", ".join(f"{key} {value}" for key, value in log.facts.items())
     usable = sum(m.cut_s is not None for m in imported.search.manoeuvres)
     channels = f"{counted(len(imported.balance.kept), 'channel')} of the log"
-    left = counted(len(imported.balance.left_out), "signal that could be one is", "signals that could be one are")
+    count = len(imported.balance.left_out)
+    left = f"; {counted(count, 'signal that could be a channel is', 'signals that could be channels are')} left out"
     out = [
-        f"{log.file.name} is {log.kind}" + (f" ({facts})" if facts else ""),
+        f"the log {log.file.name} is read as {log.kind}" + (f" ({facts})" if facts else ""),
         f"the record holds {channels} over {number(record.duration_s, 4)} s on one clock at "
-        f"{number(imported.rate_hz)} Hz; {number(100.0 * float(record.valid.mean()))} % of its samples were taken; "
-        f"{left} left out",
+        f"{number(imported.rate_hz)} Hz; {number(100.0 * float(record.valid.mean()))} % of its samples were taken"
+        f"{left if count else ''}",
         f"{counted(len(imported.search.manoeuvres), 'manoeuvre')} found; {usable} can be cut out, with quiet flight "
         "before and after",
     ]

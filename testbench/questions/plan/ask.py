@@ -4,21 +4,33 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
 
 import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
-from testbench.core.errors import LimitError, ScenarioError, located
+from testbench.core.errors import LimitError, ScenarioError, TestbenchError, located
 from testbench.evaluation.envelope import Envelope, Onset, fly_envelope
 from testbench.flight import load_aircraft
+from testbench.flight.batch.jobs import Simulator
+from testbench.page.words import counted
 from testbench.questions.plan.airspace import fits
 from testbench.questions.plan.bounds import GIVEN, bounds_at
 from testbench.questions.plan.repeats import plane_modes, reach
 from testbench.questions.plan.resources import level_power_W, schedule
-from testbench.questions.plan.response import bands_of, expected_band, fly_within, limits_of, scaled
+from testbench.questions.plan.response import (
+    Task,
+    Together,
+    Within,
+    bands_of,
+    expected_band,
+    fly_within,
+    limits_of,
+    roughness,
+    scaled,
+)
 from testbench.questions.plan.result import Card, Limit, ModeAt, Plan, Point, Reached, Status
 from testbench.questions.plan.scenario import PlannedManoeuvre, PlanScenario
 from testbench.sensors import SensorSuite, load_suite
@@ -31,7 +43,10 @@ _BEYOND_SPEEDS = 12
 
 
 def make_plan(
-    scenario: PlanScenario, survey: Survey = fly_envelope, progress: Callable[[str], None] | None = None
+    scenario: PlanScenario,
+    survey: Survey = fly_envelope,
+    progress: Callable[[str], None] | None = None,
+    simulator: Simulator = "auto",
 ) -> Plan:
     """Return the plan of a scenario: the build-up, every card flown in the simulator, runs, times and flights.
 
@@ -39,6 +54,8 @@ def make_plan(
         scenario: of :meth:`PlanScenario.load`.
         survey: finds trims, linear models and modes over speed at one height.
         progress: called with a few words as each stage begins.
+        simulator: "jsbsim" flies one card after the other; "auto" flies many at once, where the model has been found
+            equal to JSBSim.
 
     Raises:
         ScenarioError: every point that cannot be trimmed or lies above the onset less the margin, and what else can
@@ -61,16 +78,30 @@ def make_plan(
     if faults:
         raise ScenarioError(faults)
     points = _points(scenario, envelopes)
-    cards: list[Card] = []
+    tasks, keys = [], []
     for point in points:
         for i, spec in enumerate(scenario.manoeuvre):
             if _wanted(spec, point):
-                say(f"fly {spec.name} at {point.label}")
-                with located(scenario.file, f"manoeuvre[{i}]"):
-                    cards.append(_card(scenario, aircraft, suite, point, spec, len(cards) + 1))
+                onset = point.onset.V_m_s if point.onset is not None and not scenario.allow_above_onset else None
+                bounds = bounds_at(scenario.limits, aircraft, point, scenario.timing.field_m)
+                tasks.append(Task(point, spec, limits_of(bounds.limits, aircraft, onset), bounds.sources))
+                keys.append(f"manoeuvre[{i}]")
+    together = Together(aircraft, simulator, period_ms=scenario.held_ms)
+    say(f"fly {counted(len(tasks), 'card')}")
+    within = fly_within(together, tasks, scenario.scale)
+    rough = roughness(together, scenario, tasks)
+    cards: list[Card] = []
+    for task, key, flown, air in zip(tasks, keys, within, rough, strict=True):
+        say(f"expect the response to {task.spec.name} at {task.point.label}")
+        with located(scenario.file, key):
+            if isinstance(flown, TestbenchError):
+                raise flown
+            if isinstance(air, TestbenchError):
+                raise air
+            cards.append(_card(scenario, aircraft, suite, task, flown, air, len(cards) + 1))
     fits(scenario, cards)
     runs, flights = schedule(scenario, cards, aircraft.mass.mass_kg)
-    return Plan(scenario, aircraft, suite, tuple(envelopes), points, tuple(cards), runs, flights)
+    return Plan(scenario, aircraft, suite, tuple(envelopes), points, tuple(cards), runs, flights, together.tally)
 
 
 def _wanted(spec: PlannedManoeuvre, point: Point) -> bool:
@@ -173,18 +204,17 @@ def _card(
     scenario: PlanScenario,
     aircraft: Aircraft,
     suite: SensorSuite,
-    point: Point,
-    spec: PlannedManoeuvre,
+    task: Task,
+    within: Within,
+    rough: Mapping[str, float],
     number: int,
 ) -> Card:
-    """Return the card of one manoeuvre at one point, flown in the simulator."""
-    onset = point.onset.V_m_s if point.onset is not None and not scenario.allow_above_onset else None
-    bounds = bounds_at(scenario.limits, aircraft, point, scenario.timing.field_m)
-    limits = limits_of(bounds.limits, aircraft, onset)
-    factor, flown, met = fly_within(aircraft, point, spec, limits, scenario.scale)
+    """Return the card of one manoeuvre at one point that was flown in the simulator."""
+    point, spec = task.point, task.spec
+    factor, flown, met = within
     status: Status = "refused" if factor == 0.0 else "fly" if factor == 1.0 else "scaled"
     modes = plane_modes(aircraft, spec.plane)
-    band = expected_band(scenario, aircraft, suite, point, spec, flown, modes)
+    band = expected_band(scenario, aircraft, suite, point, spec, flown, modes, rough)
     reached: tuple[Reached, ...] = ()
     repeats = spec.repeats or 1
     if status == "refused":
@@ -192,9 +222,9 @@ def _card(
     elif spec.accuracy_percent:
         repeats, reached = reach(point, spec, scaled(spec.input, factor), suite, modes)
     try:
-        bands = bands_of(limits, point, spec.controls)
+        bands = bands_of(task.limits, point, spec.controls)
         stops = {c: GIVEN if c in scenario.limits.deflection_deg else f"stops of {aircraft.name}" for c in CONTROLS}
-        shown = tuple(Limit(n, low, high, {**stops, **bounds.sources}[n]) for n, (low, high) in bands.items())
+        shown = tuple(Limit(n, low, high, {**stops, **task.sources}[n]) for n, (low, high) in bands.items())
     except LimitError:  # trim lies outside: the card is refused, and says so
         shown = ()
     record = dataclasses.replace(flown.record, provenance={})

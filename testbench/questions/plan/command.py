@@ -10,7 +10,7 @@ import typer
 
 from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
-from testbench.questions.options import OutOption, SeedOption, ShowByDefault, UsageError
+from testbench.questions.options import FlownBy, OutOption, SeedOption, ShowByDefault, SimulatorOption, UsageError
 
 command = typer.Typer(
     cls=ShowByDefault,
@@ -50,6 +50,7 @@ def show(
     designs: FromOption = None,
     out: OutOption = Path("results"),
     seed: SeedOption = None,
+    simulator: SimulatorOption = FlownBy.auto,
 ) -> None:
     """Turn test points and manoeuvres into a campaign: build-up, flight cards, repeats, times, energy, scripts.
 
@@ -68,7 +69,7 @@ def show(
     loaded = loaded if seed is None else loaded.model_copy(update={"seed": seed})
     folder = out / f"plan_{loaded.name}"
     with stages() as say:
-        result = make_plan(loaded, progress=say)
+        result = make_plan(loaded, progress=say, simulator=simulator.value)
         say("write cards and report")
         page = plan_page(result)
         page.write(folder)

@@ -32,6 +32,7 @@ def plan_page(plan: Plan) -> Page:
         more_files=partial(write_cards, plan),
         template="questions/plan/page.html.j2",
         context={"cards": [(card, stem, script_of(card, plan)) for card, stem in stems]},
+        flown=plan.tally,
         source=source_of(plan.scenario),
         terminal=[short_cards(plan)],
         closing=[("Cards", "{}/cards.pdf")],

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import EstimationError, LimitError
-from testbench.core.record import FlightAborted, FlightRecord, FloatArray
+from testbench.core.errors import EstimationError, LimitError, TestbenchError
+from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Input
 from testbench.estimators.parametric.response import respond
 from testbench.flight.air import Air, turbulence_rms
+from testbench.flight.batch.jobs import Job, Simulator, Tally
+from testbench.flight.simulate import aborted
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
-from testbench.inputs import InputSignal, build
-from testbench.line import fly_and_measure
+from testbench.inputs import InputSignal
+from testbench.line import manoeuvre_of
 from testbench.questions.design.limits import Limits, breaches
+from testbench.questions.plan.commanded import commanded
 from testbench.questions.plan.repeats import command_names
 from testbench.questions.plan.result import Point
 from testbench.questions.plan.scenario import PlanLimits, PlannedManoeuvre, PlanScenario
@@ -33,6 +37,8 @@ _LOG_HZ = 100.0
 _HALVINGS = 6
 _LEAST_FACTOR = 0.05
 _SIGMAS = 1.96  # 95 % of a normal deviate
+Bands = dict[str, tuple[float, float]]
+"""Channel -> (lowest, highest) absolute value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +79,7 @@ def limits_of(limits: PlanLimits, aircraft: Aircraft, onset_m_s: float | None) -
     )
 
 
-def bands_of(limits: Limits, point: Point, controls: Sequence[str]) -> dict[str, tuple[float, float]]:
+def bands_of(limits: Limits, point: Point, controls: Sequence[str]) -> Bands:
     """Return channel -> (lowest, highest) absolute value at a point, the deflections of the moved controls included.
 
     Raises:
@@ -99,46 +105,82 @@ def log_rate_of(rate_hz: float) -> float:
     return rate_hz / max(1, int(np.ceil(rate_hz / _LOG_HZ)))
 
 
-def fly_once(aircraft: Aircraft, point: Point, spec: PlannedManoeuvre, limits: Limits, factor: float) -> Flown:
-    """Fly a manoeuvre at ``factor`` times its amplitude in still air; times of limits count from the input's start.
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A manoeuvre at a point, inside limits; ``sources`` says of each limited channel where its limit comes from."""
 
-    Raises:
-        LimitError: trim lies outside the limits, or no part of the manoeuvre can be flown.
+    point: Point
+    spec: PlannedManoeuvre
+    limits: Limits
+    sources: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """What flies the cards of a plan: those of a round are flown at once where they are many.
+
+    Attributes:
+        aircraft: what flies.
+        simulator: "jsbsim" flies one by one; see :mod:`testbench.flight.batch.jobs`.
+        tally: by what was flown.
+        period_ms: of the script that commands: each value is held as long; None for a pilot.
     """
-    trimmed = point.trimmed
-    signal = build(scaled(spec.input, factor), spec.duration_s, trimmed.rate_hz)
-    bands = bands_of(limits, point, spec.controls)
-    aborted: list[str] = []
-    try:
-        record = _flight(aircraft, point, spec, signal)
-    except FlightAborted as error:
-        if error.record is None:
-            raise
-        record = error.record
-        aborted = [f"the flight ends at t = {error.time_s - spec.settle_s:.2f} s: {error.reason}"]
+
+    aircraft: Aircraft
+    simulator: Simulator = "auto"
+    tally: Tally = field(default_factory=Tally)
+    period_ms: int | None = None
+
+    def signal(self, task: Task, factor: float) -> InputSignal:
+        """Return what is commanded at a factor on the amplitude, as it is flown: drawn by hand, or sampled and held."""
+        spec = task.spec
+        return commanded(scaled(spec.input, factor), spec.duration_s, task.point.trimmed.rate_hz, self.period_ms)
+
+    def fly(self, jobs: Sequence[Job]) -> list[FlightRecord | TestbenchError]:
+        """Return the truth of each flight, or why there is none."""
+        from testbench.flight.batch.fly import FEWEST, fly_jobs
+
+        fewest = 1 if self.tally.batch else FEWEST  # a model that has been judged is worth it for few flights, too
+        return fly_jobs(jobs, self.simulator, self.tally, fewest)
+
+    def job(self, task: Task, signal: InputSignal, channels: Sequence[str] = LOGGED, air: Air | None = None) -> Job:
+        """Return the flight of a signal from the trim of a point, with the undisturbed flight that it begins with.
+
+        Raises:
+            LimitError: the signal breaks a law.
+        """
+        trimmed = task.point.trimmed
+        manoeuvre = manoeuvre_of(task.spec.name, signal, 0.0, task.spec.settle_s, trimmed.rate_hz)
+        logged = tuple(c for c in channels if c in trimmed.state)  # a glider has no throttle
+        return Job(self.aircraft, trimmed, manoeuvre, log_rate_of(trimmed.rate_hz), logged, air)
+
+
+def fly_at(together: Together, tasks: Sequence[Task], factors: Sequence[float]) -> list[Flown | TestbenchError]:
+    """Fly manoeuvres at factors on their amplitudes in still air; times of limits count from the input's start.
+
+    Returns:
+        For each the flight, or why there is none: a LimitError if trim lies outside the limits or the commands cannot
+        be given.
+    """
+    out: list[Flown | TestbenchError | None] = [None] * len(tasks)
+    ready: list[tuple[int, InputSignal, Bands, Job]] = []
+    for i, (task, factor) in enumerate(zip(tasks, factors, strict=True)):
+        try:
+            signal = together.signal(task, factor)
+            ready.append((i, signal, bands_of(task.limits, task.point, task.spec.controls), together.job(task, signal)))
+        except LimitError as error:
+            out[i] = error
+    for (i, signal, bands, job), found in zip(ready, together.fly([job for *_, job in ready]), strict=True):
+        out[i] = found if isinstance(found, TestbenchError) else _judged(tasks[i], signal, bands, job, found)
+    return [x for x in out if x is not None]
+
+
+def _judged(task: Task, signal: InputSignal, bands: Bands, job: Job, record: FlightRecord) -> Flown:
+    spec, ends = task.spec, []
+    if record.outcome == "aborted":
+        ends = [f"the flight ends at t = {len(record) / job.log_rate_hz - spec.settle_s:.2f} s: {record.reason}"]
     found = [b._replace(t_s=b.t_s - spec.settle_s).sentence for b in breaches(record, bands)]
-    return Flown(signal, record, (*found, *_too_fast(record, spec, limits), *aborted))
-
-
-def _flight(
-    aircraft: Aircraft,
-    point: Point,
-    spec: PlannedManoeuvre,
-    signal: InputSignal,
-    channels: Sequence[str] = LOGGED,
-    air: Air | None = None,
-) -> FlightRecord:
-    """Fly a signal from the trim of a point, with the undisturbed flight that the manoeuvre begins with."""
-    return fly_and_measure(
-        aircraft,
-        point.trimmed,
-        spec.name,
-        signal,
-        log_rate_hz=log_rate_of(point.trimmed.rate_hz),
-        settle_s=spec.settle_s,
-        channels=[c for c in channels if c in point.trimmed.state],  # a glider has no throttle
-        air=air,
-    ).flown
+    return Flown(signal, record, (*found, *_too_fast(record, spec, task.limits), *ends))
 
 
 def _too_fast(record: FlightRecord, spec: PlannedManoeuvre, limits: Limits) -> list[str]:
@@ -157,43 +199,57 @@ def _too_fast(record: FlightRecord, spec: PlannedManoeuvre, limits: Limits) -> l
     return out
 
 
-def fly_within(
-    aircraft: Aircraft, point: Point, spec: PlannedManoeuvre, limits: Limits, scale: bool
-) -> tuple[float, Flown, tuple[str, ...]]:
-    """Return the factor on the amplitude that keeps all limits, the flight at it, and the limits broken at factor 1.
+class Within(NamedTuple):
+    """The factor on an amplitude that keeps all limits, the flight at it, and the limits broken at factor 1."""
 
-    Bisection finds the factor to 1/64. It is 0 if the manoeuvre is refused, because it breaks a limit and may not be
-    scaled, or breaks one even at a twentieth of its amplitude. The flight is then the one at factor 1.
+    factor: float
+    flown: Flown
+    met: tuple[str, ...]
+
+
+def fly_within(together: Together, tasks: Sequence[Task], scale: bool) -> list[Within | TestbenchError]:
+    """Return for each manoeuvre at which factor on its amplitude it keeps all limits, or why it cannot be flown.
+
+    Bisection finds the factor to 1/64, that of all manoeuvres in rounds. It is 0 if the manoeuvre is refused, because
+    it breaks a limit and may not be scaled, or breaks one even at a twentieth of its amplitude. The flight is then the
+    one at factor 1, or that without any input if the commands cannot be given.
     """
-    first = _attempt(aircraft, point, spec, limits, 1.0)
-    if isinstance(first, Flown) and not first.met:
-        return 1.0, first, ()
-    met = first.met if isinstance(first, Flown) else (first,)
-    good: tuple[float, Flown] | None = None
-    if scale:
-        low, high = 0.0, 1.0
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            found = _attempt(aircraft, point, spec, limits, middle)
+    first = fly_at(together, tasks, [1.0] * len(tasks))
+    failed = [i for i, x in enumerate(first) if isinstance(x, LimitError) or (isinstance(x, Flown) and x.met)]
+    span = dict.fromkeys(failed, (0.0, 1.0))
+    good: dict[int, tuple[float, Flown]] = {}
+    for _ in range(_HALVINGS if scale else 0):
+        middle = [0.5 * (span[i][0] + span[i][1]) for i in failed]
+        for i, factor, found in zip(failed, middle, fly_at(together, [tasks[i] for i in failed], middle), strict=True):
+            low, high = span[i]
             if isinstance(found, Flown) and not found.met:
-                low, good = middle, (middle, found)
+                span[i], good[i] = (factor, high), (factor, found)
+            elif isinstance(found, Flown | LimitError):
+                span[i] = low, factor
             else:
-                high = middle
-    if good is not None and good[0] >= _LEAST_FACTOR:
-        return good[0], good[1], met
-    if isinstance(first, Flown):
-        return 0.0, first, met
-    still = _flight(aircraft, point, spec, build(scaled(spec.input, 0.0), spec.duration_s, point.trimmed.rate_hz))
-    signal = build(spec.input, spec.duration_s, point.trimmed.rate_hz)
-    return 0.0, Flown(signal, still, met), met
+                first[i] = found
+    out: list[Within | TestbenchError] = []
+    for i, (task, found) in enumerate(zip(tasks, first, strict=True)):
+        if isinstance(found, TestbenchError) and not isinstance(found, LimitError):
+            out.append(found)
+        elif i not in failed:
+            assert isinstance(found, Flown)
+            out.append(Within(1.0, found, ()))
+        else:
+            met = found.met if isinstance(found, Flown) else (found.message,)
+            if i in good and good[i][0] >= _LEAST_FACTOR:
+                out.append(Within(*good[i], met))
+            else:
+                out.append(Within(0.0, found, met) if isinstance(found, Flown) else _still(together, task, met))
+    return out
 
 
-def _attempt(aircraft: Aircraft, point: Point, spec: PlannedManoeuvre, limits: Limits, factor: float) -> Flown | str:
-    """Return the flight, or why the commands cannot be given or trim is outside the limits, in words."""
-    try:
-        return fly_once(aircraft, point, spec, limits, factor)
-    except LimitError as error:
-        return error.message
+def _still(together: Together, task: Task, met: tuple[str, ...]) -> Within | TestbenchError:
+    """Return a manoeuvre whose commands cannot be given, with the flight without any."""
+    (record,) = together.fly([together.job(task, together.signal(task, 0.0))])
+    if isinstance(record, TestbenchError):
+        return record
+    return Within(0.0, Flown(together.signal(task, 1.0), record, met), met)
 
 
 def expected_band(
@@ -204,14 +260,14 @@ def expected_band(
     spec: PlannedManoeuvre,
     flown: Flown,
     modes: Sequence[int],
+    rough: Mapping[str, float],
 ) -> dict[str, FloatArray]:
     """Return channel -> (n,) half width of the 95 % band about the expected response, for the channels of SHOWN.
 
     The half width is 1.96 times the root of the sum of three variances. One is the sensor's noise and rounding, if the
     suite has the channel. One is that of the derivatives, each uncertain by ``uncertainty_percent`` and independent of
     the others, through the sensitivities of the linearised aircraft; where the aircraft has a deviation of its own for
-    the coefficient that a derivative hangs on, that one counts. One is that of turbulence, from one flight through
-    it without input.
+    the coefficient that a derivative hangs on, that one counts. One is that of turbulence, see :func:`roughness`.
 
     Raises:
         EstimationError: the linearised aircraft diverges over the manoeuvre.
@@ -235,7 +291,6 @@ def expected_band(
     if not np.all(np.isfinite(variance)):
         raise EstimationError("the linearised aircraft diverges over this manoeuvre; shorten it")
     noise = suite.noise_std
-    rough = _turbulence(scenario, aircraft, point, spec)
     return {
         name: _SIGMAS * np.sqrt(variance[:, i] + noise.get(name, 0.0) ** 2 + rough.get(name, 0.0) ** 2)
         for i, name in enumerate(shown)
@@ -254,23 +309,26 @@ def relative_spread(names: Sequence[str], aircraft: Aircraft, general: float) ->
     return np.array(out)
 
 
-def _turbulence(scenario: PlanScenario, aircraft: Aircraft, point: Point, spec: PlannedManoeuvre) -> dict[str, float]:
-    """Return channel -> rms deviation from trim of a flight without input through the turbulence of the plan."""
+def roughness(
+    together: Together, scenario: PlanScenario, tasks: Sequence[Task]
+) -> list[dict[str, float] | TestbenchError]:
+    """Return channel -> rms deviation from trim of flights without input through the turbulence of the plan."""
     if scenario.turbulence_rms_m_s == 0.0:
-        return {}
-    above = point.h_m - scenario.timing.field_m
-    seed = scenario.seed + zlib.crc32(f"{point.label}, {spec.name}".encode()) % 2**31
-    air = Air(
-        turbulence_rms_m_s=turbulence_rms(scenario.turbulence_rms_m_s, above),
-        height_m=above,
-        seed=seed,
-    )
-    still = build(scaled(spec.input, 0.0), spec.duration_s, point.trimmed.rate_hz)
-    shown = SHOWN[spec.plane]
-    try:
-        record = _flight(aircraft, point, spec, still, shown, air)
-    except FlightAborted as error:
-        if error.record is None or len(error.record.t_s) < 2:
-            raise
-        record = replace(error.record, outcome="completed", reason="")
-    return {n: float(np.sqrt(np.mean((record[n] - point.trimmed.state[n]) ** 2))) for n in shown}
+        return [{} for _ in tasks]
+    jobs = []
+    for task in tasks:
+        above = task.point.h_m - scenario.timing.field_m
+        seed = scenario.seed + zlib.crc32(f"{task.point.label}, {task.spec.name}".encode()) % 2**31
+        rms = turbulence_rms(scenario.turbulence_rms_m_s, above)
+        air = Air(turbulence_rms_m_s=rms, height_m=above, seed=seed)
+        jobs.append(together.job(task, together.signal(task, 0.0), SHOWN[task.spec.plane], air))
+    out: list[dict[str, float] | TestbenchError] = []
+    for task, record in zip(tasks, together.fly(jobs), strict=True):
+        if isinstance(record, FlightRecord) and len(record) < 2:
+            record = aborted(record, together.aircraft.name, task.spec.name, log_rate_of(task.point.trimmed.rate_hz))
+        if isinstance(record, TestbenchError):
+            out.append(record)
+            continue
+        state = task.point.trimmed.state
+        out.append({n: float(np.sqrt(np.mean((record[n] - state[n]) ** 2))) for n in SHOWN[task.spec.plane]})
+    return out

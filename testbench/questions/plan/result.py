@@ -10,6 +10,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.constants import G0_M_S2
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import LinearModel, TrimmedFlight
+from testbench.flight.batch.jobs import Tally
 from testbench.inputs import InputSignal
 from testbench.questions.plan.scenario import PlannedManoeuvre, PlanScenario
 from testbench.sensors import SensorSuite
@@ -188,7 +189,7 @@ class FlightLeg:
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A campaign that can be flown."""
+    """A campaign that can be flown; ``tally`` says by what its cards were flown in the simulator."""
 
     scenario: PlanScenario
     aircraft: Aircraft
@@ -198,6 +199,7 @@ class Plan:
     cards: tuple[Card, ...]
     runs: tuple[Run, ...]
     flights: tuple[FlightLeg, ...]
+    tally: Tally
 
     @property
     def weight_N(self) -> float:

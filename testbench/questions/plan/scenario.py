@@ -242,6 +242,11 @@ class PlanScenario(Flown):
     autopilot: Autopilot = Autopilot()
     manoeuvre: Annotated[tuple[PlannedManoeuvre, ...], Field(min_length=1, strict=False)]
 
+    @property
+    def held_ms(self) -> int | None:
+        """How long a script holds each command; None if a pilot flies."""
+        return self.autopilot.period_ms if self.flown_by == "autopilot" else None
+
     @model_validator(mode="after")
     def _flyable_and_consistent(self) -> PlanScenario:
         faults = []

@@ -14,7 +14,7 @@ from testbench.flight.batch import registers as r
 from testbench.flight.batch.check import TOLERANCE, compared, difference
 from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.fly import fly_many
-from testbench.flight.batch.integrate import thruster
+from testbench.flight.batch.forces import thruster
 from testbench.flight.batch.model import batch_model, put, registers, states_at_trim
 from testbench.flight.batch.program import Untranslated
 from testbench.flight.batch.translate import translate

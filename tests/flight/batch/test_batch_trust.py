@@ -47,7 +47,7 @@ def test_one_structure_is_judged_once_whatever_its_numbers_and_never_again_from_
 
 def test_a_structure_that_departs_in_flight_is_flown_by_jsbsim_at_once_and_from_then_on(taurus, monkeypatch):
     trimmed = trim(taurus, FlightCondition(15.0, 100.0))
-    jobs, told, fly_block = pulses(taurus, trimmed, 10), batch.Flown(), batch._fly_block
+    jobs, told, fly_block = pulses(taurus, trimmed, 10), batch.Tally(), batch._fly_block
     right = batch.fly_jobs(jobs, "jsbsim")
     assert check.judged(taurus, trimmed).model is not None
     monkeypatch.setattr(batch, "BOTH", 1)
@@ -69,6 +69,6 @@ def test_a_structure_that_departs_in_flight_is_flown_by_jsbsim_at_once_and_from_
 
 def test_few_flights_are_not_worth_a_judgement_unless_it_is_asked_for(taurus):
     trimmed = trim(taurus, FlightCondition(15.0, 100.0))
-    told = batch.Flown()
+    told = batch.Tally()
     batch.fly_jobs(pulses(taurus, trimmed, 2), "auto", told)
     assert (told.batch, told.jsbsim) == (0, 2)

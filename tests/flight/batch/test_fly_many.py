@@ -20,7 +20,7 @@ from testbench.flight.batch import check
 from testbench.flight.batch.check import TOLERANCE, difference, judged
 from testbench.flight.batch.fly import fly_jobs
 from testbench.flight.batch.functions import Functions
-from testbench.flight.batch.jobs import BATCH, Flown, Job
+from testbench.flight.batch.jobs import BATCH, Job, Tally
 from testbench.flight.condition import TrimmedFlight
 from testbench.questions.campaign.targets import change_aircraft
 
@@ -169,12 +169,12 @@ def test_a_model_that_is_not_translated_is_flown_by_jsbsim(taurus: tuple[Aircraf
     verdict = judged(odd, trimmed)
     assert verdict.model is None
     assert verdict.reason == "it has the function <random>"
-    manoeuvre, told = doublet(trimmed.rate_hz, 1.0), Flown()
+    manoeuvre, told = doublet(trimmed.rate_hz, 1.0), Tally()
     records = fly_jobs([Job(odd, trimmed, manoeuvre, 60.0)] * 8, flown=told)
     assert told.batch == 0
     assert told.reasons == {verdict.reason: 8}
     assert isinstance(records[0], tb.FlightRecord)
-    assert "simulator" not in records[0].provenance
+    assert records[0].provenance["simulator"] == f"JSBSim, as {verdict.reason}"
     with pytest.raises(LimitError, match="<random>"):
         flown(odd, trimmed, manoeuvre, 60.0)
 
@@ -182,13 +182,13 @@ def test_a_model_that_is_not_translated_is_flown_by_jsbsim(taurus: tuple[Aircraf
 def test_one_flight_alone_is_flown_by_jsbsim(taurus: tuple[Aircraft, TrimmedFlight]) -> None:
     aircraft, trimmed = taurus
     (record,) = tb.fly_many(aircraft, trimmed, [doublet(trimmed.rate_hz, 1.0)], 60.0)
-    assert "simulator" not in record.provenance
+    assert record.provenance["simulator"] == "JSBSim, as fewer than 8 flights at once are not worth a batch"
 
 
 def test_a_flight_that_comes_near_the_ground_is_flown_by_jsbsim() -> None:
     aircraft = replace(tb.load_aircraft("taurus"), limits={})
     trimmed = tb.trim(aircraft, tb.FlightCondition(13.0, 30.0, gamma_rad=-0.05))
-    told = Flown()
+    told = Tally()
     manoeuvres = [doublet(trimmed.rate_hz, 0.1, duration_s=s) for s in (5.0, 43.0)]
     records = fly_jobs([Job(aircraft, trimmed, m, 60.0) for m in manoeuvres], "batch", told)
     assert (told.batch, told.jsbsim) == (1, 1)
@@ -213,7 +213,7 @@ def test_one_flight_in_so_many_is_flown_by_both(
 ) -> None:
     aircraft, trimmed = taurus
     monkeypatch.setattr("testbench.flight.batch.fly.BOTH", 4)
-    told = Flown()
+    told = Tally()
     jobs = [Job(aircraft, trimmed, doublet(trimmed.rate_hz, 0.1 * k), 60.0) for k in range(1, 33)]
     fly_jobs(jobs, "batch", told)
     assert 0 < told.both < 20  # 8 expected; fewer than 1 or more than 19 of 32 have a chance below 1e-4

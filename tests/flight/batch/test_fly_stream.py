@@ -13,7 +13,7 @@ import pytest
 import testbench as tb
 from testbench.aircraft import Aircraft
 from testbench.core.errors import LimitError, TestbenchError
-from testbench.flight.batch.jobs import BATCH, Flown
+from testbench.flight.batch.jobs import BATCH, Tally
 from testbench.flight.condition import TrimmedFlight
 
 
@@ -35,7 +35,7 @@ def pulses(aircraft: Aircraft, trimmed: TrimmedFlight, duration_s: float = 1.0) 
 
 def test_records_are_those_of_one_call_in_their_order(taurus: Aircraft, trimmed: TrimmedFlight) -> None:
     jobs = list(islice(pulses(taurus, trimmed), 70))
-    told = Flown()
+    told = Tally()
     stream = list(tb.fly_stream(jobs, flown=told, at_once=32))
     together = tb.fly_many(taurus, trimmed, [job.manoeuvre for job in jobs], 60.0, ("q", "alpha"), simulator="batch")
     assert (told.batch, told.jsbsim) == (70, 0)  # the last block holds six flights only
@@ -61,10 +61,10 @@ def test_flights_are_made_when_they_are_wanted(taurus: Aircraft, trimmed: Trimme
 
 
 def test_a_few_flights_are_flown_by_jsbsim_and_told_how_many(taurus: Aircraft, trimmed: TrimmedFlight) -> None:
-    told = Flown()
+    told = Tally()
     records = list(tb.fly_stream(islice(pulses(taurus, trimmed), 3), flown=told))
     assert [BATCH in str(r.provenance) for r in records if isinstance(r, tb.FlightRecord)] == [False] * 3
-    assert told.reasons == {"3 flights are not worth a batch": 3}
+    assert told.reasons == {"fewer than 8 flights at once are not worth a batch": 3}
 
 
 def test_a_flight_that_breaks_a_law_is_its_error_and_the_others_fly(taurus: Aircraft, trimmed: TrimmedFlight) -> None:

@@ -11,6 +11,7 @@ from scipy import stats
 
 from testbench.core.errors import ScenarioError
 from testbench.flight import load_aircraft
+from testbench.flight.batch.jobs import Tally
 from testbench.questions.compare.answer import compare_sentences
 from testbench.questions.compare.ask import _flight_errors, _flights, _known, compare, derived_seed
 from testbench.questions.compare.page import compare_page
@@ -170,7 +171,18 @@ def test_turbulence_is_flown_anew_in_every_repetition(tmp_path: Path) -> None:
     ]
     path = scenario(tmp_path, names)
     path.write_text(path.read_text() + "[air]\nturbulence_rms_m_s = 0.1\n", encoding="utf-8")
-    assert compare(CompareScenario.load(path)).flights == 6
+    few = compare(CompareScenario.load(path))
+    assert few.flights == 6
+    assert few.tally.reasons == {"fewer than 8 flights at once are not worth a batch": 6}
+    path.write_text(path.read_text().replace("seeds = 3", "seeds = 4"), encoding="utf-8")
+    many = compare(CompareScenario.load(path))
+    assert (many.tally.batch, many.tally.jsbsim) == (8, 0)
+    assert compare_page(many).flown is many.tally
+    alone = compare(CompareScenario.load(path), simulator="jsbsim")
+    assert alone.tally.reasons == {"it is wanted": 8}
+    for case, errors in alone.errors.items():
+        for quantity, values in errors.items():
+            np.testing.assert_allclose(many.errors[case][quantity], values, rtol=1e-6)
 
 
 def test_an_estimator_that_fails_is_reported_and_the_others_go_on(tmp_path: Path) -> None:
@@ -358,7 +370,7 @@ def test_bias_comes_from_a_flight_that_is_not_linear() -> None:
     scenario = loaded.model_copy(update=changes)
     known = _known(scenario, load_aircraft("eolo", "flexible"), 0)
     suite = load_suite("eolo_five_accelerometers")
-    truths, _ = next(_flights(scenario, known, [suite], 0, lambda text: None, "jsbsim"))
+    truths, _ = next(_flights(scenario, known, [suite], 0, lambda text: None, "jsbsim", Tally()))
     found = _flight_errors(scenario, known, [suite], truths)
     wn, M_de = Quantity("mode", "wn of 1st symmetric wing bending"), Quantity("parameter", "M_de")
     assert abs(found["slow", suite.name][M_de]) > 5.0  # percent, without any noise

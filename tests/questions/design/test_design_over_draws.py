@@ -14,6 +14,7 @@ from testbench.aircraft.believed import drawn
 from testbench.core.errors import ScenarioError
 from testbench.core.paths import SCENARIOS
 from testbench.flight import FlightCondition, linearise, load_aircraft, trim
+from testbench.flight.batch.jobs import Tally
 from testbench.questions.design.answer import design_sentences
 from testbench.questions.design.ask import run_design
 from testbench.questions.design.draws import draw_aircraft, told
@@ -56,10 +57,21 @@ def test_the_believed_aircraft_is_judged_as_without_draws(judged):
     assert not any("drawn" in s for s in design_sentences(plain))
 
 
+def test_flights_with_all_draws_and_of_all_designs_are_flown_together(folder):
+    together, alone = (run_design(scenario(folder, draws=16), simulator=s) for s in ("auto", "jsbsim"))
+    tally = together.tally
+    assert tally.batch >= 16  # the draws at rest, and with the best design
+    assert alone.tally.reasons == {"it is wanted": tally.batch + tally.jsbsim}
+    assert design_page(together).flown is tally
+    for mine, other in zip(design_page(together).tables, design_page(alone).tables, strict=True):
+        shown = [[[c.text(v) for c, v in zip(t.columns, r, strict=True)] for r in t.rows] for t in (mine, other)]
+        assert shown[0] == shown[1]
+
+
 def test_an_aircraft_that_is_known_well_has_the_errors_of_the_believed_one_in_every_draw(judged):
     known = replace(judged.aircraft, uncertainty=dict.fromkeys(STATED, 1e-7))
     best = judged.best.design
-    draws = draw_aircraft(judged.scenario, known, judged.problem, judged.suite, (), best)
+    draws = draw_aircraft(judged.scenario, known, judged.problem, judged.suite, (), best, "auto", Tally())
     ratios = told(best, draws, judged.problem.targets.names).ratios
     assert ratios.shape == (8, len(judged.problem.targets.names))
     believed = best.errors / judged.problem.targets.wanted

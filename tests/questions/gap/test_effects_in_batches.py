@@ -10,7 +10,7 @@ import pytest
 from testbench.core.errors import TestbenchError
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, linearise_along, load_aircraft, trim
 from testbench.flight.batch.check import TOLERANCE, difference
-from testbench.flight.batch.fly import Flown, Job, fly_block
+from testbench.flight.batch.fly import Job, Tally, fly_block
 from testbench.flight.batch.linear import linearise_flight, linearise_many
 from testbench.flight.batch.model import batch_model
 from testbench.flight.batch.trim import trim_many
@@ -62,7 +62,7 @@ def test_every_effect_flies_in_a_batch_as_in_jsbsim(name):
         job = Job(amended, trimmed, every_control(amended, trimmed), trimmed.rate_hz)
         truth = fly(amended, trimmed, job.manoeuvre, job.log_rate_hz)
         model = batch_model(amended, trimmed.rate_hz, condition)
-        worst[effect.name] = difference(fly_block([job], [model], Flown())[0], truth)
+        worst[effect.name] = difference(fly_block([job], [model], Tally())[0], truth)
         tried.add(effect.name)
     assert len(tried) > 25, f"most effects change the aircraft, got {sorted(tried)}"
     assert {n: w for n, w in worst.items() if not w[0] <= TOLERANCE} == {}

@@ -61,6 +61,11 @@ def test_the_answer_has_size_evidence_runner_up_place_and_shrink(result):
         assert np.nanmax(region.energy) > 1.0
 
 
+def test_the_page_says_what_flew(result):
+    tally = gap_page(result).flown
+    assert (tally.batch, tally.jsbsim) == (6, 0)  # three records, the believed and the amended model
+
+
 def test_page_figures_tables_and_amended_aircraft(result, tmp_path):
     paths = gap_page(result).write(tmp_path)
     names = {str(p.relative_to(tmp_path)) for p in paths}

@@ -212,7 +212,7 @@ def test_the_command_prints_the_balance_questions_and_refuses_when_strict(tmp_pa
     done = command("import", path)
     out = done.stdout
     assert done.returncode == 0
-    assert "1 signal that could be one is left out" in out
+    assert "1 signal that could be a channel is left out" in out
     assert "Q (column 6)" in out
     said = " ".join(out.split())
     assert "read as -4 rad)? write the unit in the header, 'elevator [deg]'" in said

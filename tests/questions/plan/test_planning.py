@@ -15,18 +15,24 @@ from testbench.estimators.parametric.response import respond
 from testbench.evaluation.envelope import fly_envelope
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
 from testbench.questions.design.limits import breaches
+from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import first_onset, make_plan
 from testbench.questions.plan.check import check
+from testbench.questions.plan.page import plan_page
 from testbench.questions.plan.repeats import reach, repeats_for
 from testbench.questions.plan.resources import schedule
 from testbench.questions.plan.response import (
     SHOWN,
+    Task,
+    Together,
     bands_of,
     expected_band,
-    fly_once,
+    fly_at,
     limits_of,
+    roughness,
 )
 from testbench.questions.plan.scenario import PlanScenario
+from testbench.questions.plan.tables import plan_tables
 from testbench.sensors import Sensor, SensorSuite, load_suite
 
 DOUBLET = {"signal": "doublet", "control": "de", "amplitude_deg": 2.0, "period_s": 2.0, "start_s": 0.5}
@@ -53,6 +59,11 @@ CONTENT = {
 def scenario(**changes) -> PlanScenario:
     content = copy.deepcopy(CONTENT) | changes
     return PlanScenario.model_validate(content)
+
+
+def fly_once(aircraft, point, spec, limits, factor):
+    (flown,) = fly_at(Together(aircraft), [Task(point, spec, limits)], [factor])
+    return flown
 
 
 def manoeuvre(**changes):
@@ -135,6 +146,29 @@ def test_expected_response_is_the_flight_and_limits_are_kept(small, taurus):
     assert card.t_s[0] == -1.0
     moved = card.t_s[np.argmax(np.abs(card.expected["q"]) > 1e-3)]
     assert 0.5 < moved < 0.6  # the input starts at 0.5 s
+
+
+def test_many_cards_are_flown_at_once_and_the_page_says_the_same_as_by_jsbsim():
+    big = manoeuvre(input=[{**DOUBLET, "amplitude_deg": 3.5}])
+    asked = {"scale": True, "limits": {"speed_change_m_s": 1.2}, "turbulence_rms_m_s": 0.3}
+    asked |= {"manoeuvre": [manoeuvre(), {**big, "name": "large"}]}
+    together, alone = (make_plan(scenario(**asked), fly_envelope, simulator=s) for s in ("auto", "jsbsim"))
+    assert {c.status for c in together.cards} == {"fly", "scaled"}
+    assert together.tally.batch == alone.tally.jsbsim > 16  # eight cards, eight in turbulence, those that are scaled
+    assert not together.tally.jsbsim
+    assert alone.tally.reasons == {"it is wanted": alone.tally.jsbsim}
+    assert plan_page(together).flown is together.tally
+    assert plan_answer(together) == plan_answer(alone)
+    for mine, other in zip(plan_tables(together), plan_tables(alone), strict=True):
+        shown = [[[c.text(v) for c, v in zip(t.columns, r, strict=True)] for r in t.rows] for t in (mine, other)]
+        assert shown[0] == shown[1]
+    for mine, other in zip(together.cards, alone.cards, strict=True):
+        assert (mine.factor, mine.met) == (other.factor, other.met)
+        np.testing.assert_allclose(mine.expected.data, other.expected.data, rtol=0.0, atol=1e-7)
+
+
+def test_few_cards_are_flown_by_jsbsim(small):
+    assert small.tally.reasons == {"fewer than 8 flights at once are not worth a batch": 4}
 
 
 def test_what_breaks_a_limit_is_refused_with_limit_and_moment():
@@ -235,7 +269,7 @@ def test_band_is_the_scatter_of_responses_with_uncertain_derivatives(small, taur
     point, shown = card.point, SHOWN["longitudinal"]
     narrow = small.scenario.model_copy(update={"uncertainty_percent": 2.0})
     flown = fly_once(taurus, point, card.spec, limits_of(small.scenario.limits, taurus, None), 1.0)
-    band = expected_band(narrow, taurus, quiet, point, card.spec, flown, ())
+    band = expected_band(narrow, taurus, quiet, point, card.spec, flown, (), {})
     names = parameter_names(("de",), "longitudinal", ())
     s = aircraft_structure(point.model, point.V_m_s, point.trimmed.alpha, "longitudinal", (), ("de_cmd",), shown, names)
     rate = 1.0 / flown.record.dt_s
@@ -259,15 +293,15 @@ def test_band_is_the_scatter_of_responses_with_uncertain_derivatives(small, taur
         at = int(np.argmax(scatter[:, i]))
         assert band[name][at] == pytest.approx(1.96 * scatter[at, i], rel=0.2)
     wide = expected_band(
-        narrow.model_copy(update={"uncertainty_percent": 4.0}), taurus, quiet, point, card.spec, flown, ()
+        narrow.model_copy(update={"uncertainty_percent": 4.0}), taurus, quiet, point, card.spec, flown, (), {}
     )
     np.testing.assert_allclose(wide["q"], 2.0 * band["q"], rtol=1e-9, atol=1e-15)
-    with_noise = expected_band(narrow, taurus, load_suite("taurus_8hz"), point, card.spec, flown, ())
+    with_noise = expected_band(narrow, taurus, load_suite("taurus_8hz"), point, card.spec, flown, (), {})
     noise = load_suite("taurus_8hz").noise_std["q"]
     np.testing.assert_allclose(with_noise["q"] ** 2, band["q"] ** 2 + (1.96 * noise) ** 2, rtol=1e-9)
-    rough = expected_band(
-        narrow.model_copy(update={"turbulence_rms_m_s": 0.5}), taurus, quiet, point, card.spec, flown, ()
-    )
+    windy = narrow.model_copy(update={"turbulence_rms_m_s": 0.5})
+    (air,) = roughness(Together(taurus), windy, [Task(point, card.spec, limits_of(windy.limits, taurus, None))])
+    rough = expected_band(windy, taurus, quiet, point, card.spec, flown, (), air)
     assert np.all(rough["alpha"] > band["alpha"])
     assert rough["alpha"][0] == pytest.approx(1.96 * 0.5 / 12.0, rel=0.9)  # about the gust over the speed
 

@@ -1,6 +1,7 @@
 """Manoeuvre sets of the blind test, and flights of a truth through them.
 
-Shares no code with the library of effects; neither imports the other (tests/test_house_rules.py).
+Shares no code with the library of effects; neither imports the other (tests/test_house_rules.py). Truths are flown by
+JSBSim one by one: the sealed draw must keep its bytes, and a batch gives the last bit of only a fifth of the samples.
 """
 
 from __future__ import annotations
