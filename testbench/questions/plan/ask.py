@@ -83,7 +83,7 @@ def make_plan(
         for i, spec in enumerate(scenario.manoeuvre):
             if _wanted(spec, point):
                 onset = point.onset.V_m_s if point.onset is not None and not scenario.allow_above_onset else None
-                bounds = bounds_at(scenario.limits, aircraft, point, scenario.timing.field_m)
+                bounds = bounds_at(scenario.limits, aircraft, point, scenario.timing.field_m, onset)
                 tasks.append(Task(point, spec, limits_of(bounds.limits, aircraft, onset), bounds.sources))
                 keys.append(f"manoeuvre[{i}]")
     together = Together(aircraft, simulator, period_ms=scenario.held_ms)
@@ -220,7 +220,7 @@ def _card(
     if status == "refused":
         repeats = 0
     elif spec.accuracy_percent:
-        repeats, reached = reach(point, spec, scaled(spec.input, factor), suite, modes)
+        repeats, reached = reach(point, spec, scaled(spec.input, factor), suite, modes, scenario.held_ms)
     try:
         bands = bands_of(task.limits, point, spec.controls)
         stops = {c: GIVEN if c in scenario.limits.deflection_deg else f"stops of {aircraft.name}" for c in CONTROLS}

@@ -21,7 +21,7 @@ _LOAD_FACTOR = (0.0, 2.0)  # judged: no push beyond weightlessness, about half o
 _ANGLES_DEG = (30.0, 45.0)  # judged: bank and pitch that a pilot recovers from at once
 _OF_THE_ANGLE = 0.5  # judged: the part of the aircraft's own limit on an angle that a manoeuvre uses
 _SECONDS = 5.0  # judged: the height that is lost or won in this time of vertical flight is more than any run takes
-GIVEN = "the plan"
+GIVEN = "as the plan says"
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,9 @@ def stall_speed_m_s(aircraft: Aircraft, point: Point) -> float | None:
     return point.V_m_s / math.sqrt(ratio) if ratio > 0.0 else None
 
 
-def bounds_at(limits: PlanLimits, aircraft: Aircraft, point: Point, field_m: float) -> Bounds:
+def bounds_at(
+    limits: PlanLimits, aircraft: Aircraft, point: Point, field_m: float, onset_m_s: float | None = None
+) -> Bounds:
     """Return the limits that hold at a point: what the plan leaves out comes from the aircraft.
 
     Args:
@@ -58,6 +60,7 @@ def bounds_at(limits: PlanLimits, aircraft: Aircraft, point: Point, field_m: flo
         aircraft: its own limits bound alpha, beta, speed, bank and pitch.
         point: trim and linear model give the stall speed.
         field_m: height of the field above sea level.
+        onset_m_s: speed of the onset of an elastic instability, which nothing may pass; None without one.
     """
     own, name = aircraft.limits, aircraft.name
     new: dict[str, object] = {}
@@ -75,7 +78,7 @@ def bounds_at(limits: PlanLimits, aircraft: Aircraft, point: Point, field_m: flo
         low, high = own["az"]
         take("load_factor", "az", (-high / G0_M_S2, -low / G0_M_S2), f"limits of {name}")
     else:
-        take("load_factor", "az", _LOAD_FACTOR, f"{name} states none: 0 to 2 taken")
+        take("load_factor", "az", _LOAD_FACTOR, f"0 to 2 taken, {name} states none")
     if "alpha" in own:
         take("alpha_deg", "alpha", tuple(x / DEG_RAD for x in own["alpha"]), f"limits of {name}")
     elif limits.alpha_deg is not None:
@@ -91,6 +94,12 @@ def bounds_at(limits: PlanLimits, aircraft: Aircraft, point: Point, field_m: flo
     words = "half the height above the field" if 0.5 * above <= _SECONDS * point.V_m_s else f"{_SECONDS:g} s of flight"
     take("height_change_m", "h", height, words)
     _speeds(limits, aircraft, point, new, sources)
+    change = limits.speed_change_m_s
+    fastest = [float(str(new.get("V_max_m_s") or limits.V_max_m_s or math.inf))]
+    fastest += [point.V_m_s + change] if change is not None else []
+    if onset_m_s is not None and onset_m_s < min(fastest):
+        kept = [part for part in sources["V"].split("; ") if not part.startswith("highest")]
+        sources["V"] = "; ".join([*kept, "highest: onset of the instability"])
     return Bounds(limits.model_copy(update=new), sources)
 
 
@@ -99,13 +108,13 @@ def _angle_deg(channel: str, own: Mapping[str, tuple[float, float]], name: str, 
     least, most = _ANGLES_DEG
     span = own.get(channel)
     if span is None:
-        return least, f"{name} states none: {least:g} deg taken"
+        return least, f"{least:g} deg taken, {name} states none"
     trim = point.trimmed.state.get(channel, 0.0)
     room = min(span[1] - trim, trim - span[0]) / DEG_RAD
     taken = min(max(round(_OF_THE_ANGLE * room, 1), least), most)
     if taken >= room:
-        return round(0.9 * room, 1), f"0.9 of the room that {name} has"
-    return taken, f"{room:.0f} deg are the room of {name}"
+        return round(0.9 * room, 1), f"0.9 of what {name} allows"
+    return taken, f"of the {room:.0f} deg that {name} allows"
 
 
 def _speeds(
@@ -119,7 +128,7 @@ def _speeds(
     stall = stall_speed_m_s(aircraft, point)
     said = []
     if limits.V_min_m_s is not None:
-        said.append("lowest: the plan")
+        said.append("lowest: as the plan says")
     elif stall is not None and _STALL_MARGIN * stall > low:
         new["V_min_m_s"] = _STALL_MARGIN * stall
         said.append(f"lowest: {_STALL_MARGIN:g} x {stall:.3g} m/s (stall)")
@@ -130,7 +139,7 @@ def _speeds(
         new["V_min_m_s"] = 0.9 * point.V_m_s
         said.append("lowest: stall unknown, 10 % below the card's speed taken")
     if limits.V_max_m_s is not None:
-        said.append("highest: the plan")
+        said.append("highest: as the plan says")
     elif math.isfinite(high):
         new["V_max_m_s"] = high
         said.append(f"highest: limits of {aircraft.name}")

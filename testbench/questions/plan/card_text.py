@@ -233,7 +233,7 @@ def _limits(card: Card, plan: Plan) -> list[tuple[str, str, str, str]]:
         else:
             span = f"{_plain(low)} to {_plain(high)} {unit}"
         who = watcher(limit.channel, card, plan)
-        out.append((name, span, _WHAT_TO_DO.get(limit.channel, _STOPS), f"{who} watches; from: {limit.source}"))
+        out.append((name, span, _WHAT_TO_DO.get(limit.channel, _STOPS), f"{who} watches, {limit.source}"))
     slower = "start switch low, " if plan.scenario.flown_by == "autopilot" else "release, "
     if any(m.elastic for m in card.point.modes):
         what = f"{slower}throttle idle, slow down by 2 m/s; the flight is over"

@@ -108,7 +108,7 @@ class Limit:
     channel: str
     low: float
     high: float
-    source: str = "the plan"
+    source: str = "as the plan says"
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,6 +48,9 @@ def test_what_a_plan_leaves_out_comes_from_the_aircraft(taurus, at_14):
     assert bounds_at(PlanLimits(), taurus, at_14, 60.0).limits.height_change_m == pytest.approx(20.0)
     assert set(found.sources) == {"az", "alpha", "beta", "phi", "theta", "V", "h"}
     assert found.sources["alpha"] == "limits of taurus"
+    elastic = bounds_at(PlanLimits(), taurus, at_14, 0.0, onset_m_s=20.0)
+    assert "highest: onset of the instability" in elastic.sources["V"]
+    assert bounds_at(PlanLimits(V_max_m_s=19.0), taurus, at_14, 0.0, onset_m_s=20.0).sources["V"].endswith("plan says")
     assert "states none" in found.sources["az"]
     assert "(stall)" in found.sources["V"]
 

@@ -15,6 +15,7 @@ from testbench.core.paths import SCENARIOS
 from testbench.evaluation.envelope import fly_envelope
 from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import make_plan
+from testbench.questions.plan.card_figures import draw_pages
 from testbench.questions.plan.card_text import beyond_limits, card_stem, card_text, levels, sequence_lines
 from testbench.questions.plan.cards import write_cards
 from testbench.questions.plan.page import plan_page
@@ -152,9 +153,21 @@ def test_each_autopilot_gets_its_scripts(eolo_plan, tmp_path, system, suffix, sh
     text = card_text(cards[0], plan)
     assert dict(text.setup)["script"].startswith(f"{card_stem(cards[0])}{suffix}")
     who = {row[0]: row[3] for row in text.limits}
-    for quantity in ("load factor", "V", "h", "θ", "φ", "α"):
-        assert who[quantity] == "script watches; from: the plan"
-    assert who["β"] == "PILOT watches; from: limits of eolo"  # nothing measures it
+    assert who["V"] == "script watches, as the plan says; highest: onset of the instability"  # 20.3 and not 22 m/s
+    for quantity in ("load factor", "h", "θ", "φ", "α"):
+        assert who[quantity] == "script watches, as the plan says"
+    assert who["β"] == "PILOT watches, limits of eolo"  # nothing measures it
+
+
+def test_nothing_overlaps_on_the_page_of_a_card(eolo_plan, taurus_plan):
+    for plan in (eolo_plan, taurus_plan):
+        for _, page in draw_pages(plan.cards, plan):
+            tail = next(text.get_position()[1] for text in page.texts if text.get_text() == "Damping")
+            head = next(text.get_position()[1] for text in page.texts if text.get_text() == "Control sequence")
+            inches = page.get_size_inches()[1]
+            assert min(axes.get_position().y0 for axes in page.axes) > tail + 0.3 / inches  # room for "t, s"
+            assert max(axes.get_position().y1 for axes in page.axes) < head - 0.2 / inches
+            assert min(text.get_position()[1] for text in page.texts) > 0.0
 
 
 def test_a_step_that_the_prediction_forbids_is_a_no_go():
