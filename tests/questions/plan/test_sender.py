@@ -82,7 +82,12 @@ class Vehicle:
     def tell(self, card: Card, now: float) -> None:
         for kind, fields in self.fields().items():
             if kind not in self.silent:
-                card.hear(SimpleNamespace(get_type=lambda k=kind: k, get_srcComponent=lambda: 1, **fields), now)
+                card.hear(
+                    SimpleNamespace(
+                        get_type=lambda k=kind: k, get_srcComponent=lambda: 1, get_srcSystem=lambda: 1, **fields
+                    ),
+                    now,
+                )
 
 
 class Run:
@@ -187,13 +192,13 @@ def test_controls_return_within_one_frame_whenever_it_fails(point, eolo, fault, 
         assert before == k
         for key, value in FAULTS[fault].items():
             setattr(run.vehicle, key, value)
-        if fault == "mode switched" and autopilot is ACTUATORS and k < 60:
-            continue  # it is still about to ask for OFFBOARD
         run.frames(1)
         assert run.words[-1].startswith("ABORTED")
         assert run.vehicle.sent[before:] == [trim]
+        mode = run.vehicle.mode
         run.frames(20)
         assert len(run.vehicle.sent) == before + 1
+        assert run.vehicle.mode == mode == (8 if fault == "mode switched" else 1)
 
 
 @pytest.mark.parametrize("kind", [k for k in STREAMS if k not in ("MANUAL_CONTROL", "ACTUATOR_CONTROL_TARGET")])
@@ -238,6 +243,22 @@ def test_nothing_starts_where_it_may_not(point, eolo):
     run.frames(5)
     assert not run.vehicle.sent
     assert "no room for pitch" in run.words[-1]
+
+
+def test_messages_of_others_do_not_count(point, eolo):
+    """A ground station on the same link that says MANUAL and armed, and a camera of the aircraft itself."""
+    run = Run(sender_settings(with_limits(point, "elevator"), eolo, STICKS))
+    run.vehicle.silent.add("HEARTBEAT")
+    run.start()
+    for system, component in ((255, 190), (2, 1), (1, 100)):
+        beat = SimpleNamespace(
+            get_type=lambda: "HEARTBEAT", get_srcSystem=lambda s=system: s, get_srcComponent=lambda c=component: c,
+            custom_mode=1 << 16, base_mode=128,
+        )  # fmt: skip
+        run.card.hear(beat, run.now)
+    run.frames(5)
+    assert not run.vehicle.sent
+    assert run.words[-1] == "NOT STARTED, link lost"
 
 
 def test_a_vehicle_that_is_set_up_otherwise_is_refused():

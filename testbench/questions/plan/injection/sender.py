@@ -78,8 +78,10 @@ class Card:
     def hear(self, message: Any, now: float) -> None:
         """Keep a message of the autopilot and its time, s."""
         kind = message.get_type()
+        if message.get_srcSystem() != self.settings["system_id"]:
+            return  # of a ground station or another aircraft
         if kind == "HEARTBEAT" and message.get_srcComponent() != 1:
-            return  # of a camera or a ground station
+            return  # of a camera
         self.heard[kind] = (now, message)
 
     def tick(self, now: float) -> bool:
@@ -97,7 +99,7 @@ class Card:
         return self.state != "ended"
 
     def _start(self, now: float) -> bool:
-        reason = self._not_fit(now, MANUAL) or self._not_at_the_start()
+        reason = self._not_fit(now, (MANUAL,)) or self._not_at_the_start()
         if reason:
             self.state = "wait for the switch to be low"
             self.say(f"NOT STARTED, {reason}")
@@ -116,7 +118,9 @@ class Card:
 
     def _run(self, now: float) -> bool:
         if self.state == "offboard":  # PX4 enters OFFBOARD only after it has heard set-points for a while
-            reason = "switch" if self._switch(now) != "high" else self._not_fit(now, None) or self._limit_met()
+            reason = (
+                "switch" if self._switch(now) != "high" else self._not_fit(now, (MANUAL, OFFBOARD)) or self._limit_met()
+            )
             if reason:
                 return self._end(f"ABORTED, {reason}", now)
             self._send((0.0, 0.0, 0.0), now)
@@ -129,7 +133,7 @@ class Card:
                 return self._end("ABORTED, the autopilot does not enter OFFBOARD", now)
             return True
         reason = "switch" if self._switch(now) != "high" else None
-        reason = reason or self._not_fit(now, MANUAL if self.by_sticks else OFFBOARD) or self._limit_met()
+        reason = reason or self._not_fit(now, (MANUAL if self.by_sticks else OFFBOARD,)) or self._limit_met()
         if reason:
             return self._end(f"ABORTED, {reason}", now)
         t = now - self.started - self.settings["settle_s"]
@@ -163,8 +167,8 @@ class Card:
     def _mode(self) -> int:
         return int(self.heard["HEARTBEAT"][1].custom_mode) >> 16 & 0xFF
 
-    def _not_fit(self, now: float, mode: int | None) -> str | None:
-        """Return what keeps a run from starting or going on, whatever it measures."""
+    def _not_fit(self, now: float, modes: tuple[int, ...]) -> str | None:
+        """Return what keeps a run from starting or going on, whatever it measures; ``modes`` are those it may be in."""
         if not now - self.heard.get("HEARTBEAT", (-math.inf,))[0] <= 10.0 * OLDEST_S:
             return "link lost"
         for kind in NEEDED:
@@ -172,7 +176,7 @@ class Card:
                 return f"link lost: no {kind}"
         if not self.heard["HEARTBEAT"][1].base_mode & 128:
             return "disarmed"
-        if mode is not None and self._mode() != mode:
+        if self._mode() not in modes:
             return "wrong flight mode"
         return None
 
@@ -278,7 +282,7 @@ def read_parameters(link: Any, system: int, names: tuple[str, ...], timeout_s: f
         pause = time.monotonic() + 0.5
         while time.monotonic() < pause and len(out) < len(names):
             message = link.recv_match(type="PARAM_VALUE", blocking=True, timeout=0.1)
-            if message is not None and message.param_id in names:
+            if message is not None and message.get_srcSystem() == system and message.param_id in names:
                 value = float(message.param_value)
                 if message.param_type == 6:  # PX4 sends the bytes of an INT32 as if they were those of a float
                     value = float(struct.unpack("<i", struct.pack("<f", message.param_value))[0])
@@ -319,7 +323,10 @@ def main(settings: Mapping[str, Any], arguments: list[str] | None = None) -> int
         print("error: this script needs pymavlink: pip install pymavlink", file=sys.stderr)
         return 2
     link = mavutil.mavlink_connection(chosen.connect, baud=chosen.baud, source_system=255, source_component=191)
-    if link.wait_heartbeat(timeout=30.0) is None:
+    end = time.monotonic() + 30.0
+    while not link.target_system and time.monotonic() < end:  # heartbeats of ground stations do not count
+        link.wait_heartbeat(timeout=1.0)
+    if not link.target_system:
         print("error: no heartbeat from an autopilot within 30 s", file=sys.stderr)
         return 3
     system = link.target_system
