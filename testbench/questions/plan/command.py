@@ -143,3 +143,36 @@ def new(
     _write(file, aircraft, designs or [], autopilot, suite)
     print(f"Plan: {file}")
     print(f"Next: change the lines with YOURS, then testbench plan {file}")
+
+
+@command.command()
+def close(
+    scenario: Annotated[Path, typer.Argument(help="Plan file, or the name of a packaged one.", show_default=False)],
+    logs: Annotated[list[Path], typer.Argument(help="Logs of its flights.", show_default=False)],
+    out: OutOption = Path("results"),
+    throw: Annotated[
+        list[str] | None, typer.Option(help="Deflection at full command, deg, e.g. de=20; the aircraft's if left out.")
+    ] = None,
+) -> None:
+    """Find the runs of a plan in the logs of its flights: what was flown, what to repeat, which card is next.
+
+    Runs are found by the recorded commands and set against the response that their cards expect. The record of each
+    lies in records/. Example: `testbench plan close my_plan.toml flight_1.bin flight_2.bin`.
+    """
+    from testbench.questions.files import find
+    from testbench.questions.importing.ask import import_log, parse_throws
+    from testbench.questions.plan.ask import make_plan
+    from testbench.questions.plan.close import close_plan
+    from testbench.questions.plan.close_page import close_page
+    from testbench.questions.plan.scenario import PlanScenario
+
+    loaded = PlanScenario.load(find(scenario, "plan"))
+    folder = out / f"close_{loaded.name}"
+    with stages() as say:
+        plan = make_plan(loaded, progress=say)
+        full = {c: control.full for c, control in plan.aircraft.controls.items() if c != "thr"}
+        say("read the logs and find the runs")
+        records = [(log.name, import_log(log, throw_rad={**full, **parse_throws(throw or [])}).record) for log in logs]
+        page = close_page(close_plan(plan, records))
+        page.write(folder)
+    page.show(console(), folder)
