@@ -20,6 +20,7 @@ from testbench.core.lazily import lazily
 if TYPE_CHECKING:
     from testbench.core.record import FlightRecord, load_record
     from testbench.estimators import METHODS, estimate
+    from testbench.estimators.parametric.structures.written import structure_from_equations
     from testbench.evaluation import evaluate
     from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
     from testbench.flight.batch.fly import fly_many, fly_stream
@@ -49,6 +50,7 @@ __version__ = "0.1.0"
 
 _HOME = {
     "survey": "testbench.questions.aircraft.ask",
+    "structure_from_equations": "testbench.estimators.parametric.structures.written",
     "make_plan": "testbench.questions.plan.ask",
     "fly_modes": "testbench.questions.modes.ask",
     "fly_many": "testbench.flight.batch.fly",
@@ -120,6 +122,7 @@ __all__ = [
     "run",
     "run_design",
     "run_gap",
+    "structure_from_equations",
     "survey",
     "tangents",
     "trim",

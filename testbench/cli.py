@@ -64,6 +64,7 @@ class Kind(str, Enum):
     inputs = "inputs"
     sensors = "sensors"
     estimators = "estimators"
+    structures = "structures"
     scenarios = "scenarios"
     effects = "effects"
 
@@ -72,7 +73,8 @@ def check(
     things: Annotated[
         list[Path],
         typer.Argument(
-            help="Files or names of scenarios, aircraft folders, sensor suites, FILE.py:NAME.", show_default=False
+            help="Files or names of scenarios, aircraft folders, sensor suites, structures, FILE.py:NAME.",
+            show_default=False,
         ),
     ],
 ) -> None:
@@ -108,7 +110,7 @@ def check(
 
 
 def list_(kind: Annotated[Kind, typer.Argument(help="What to list.", show_default=False)]) -> None:
-    """List what a scenario may name: aircraft, inputs, sensors (suites), estimators, scenarios, effects."""
+    """List what a scenario may name: aircraft, inputs, sensors (suites), estimators, structures, scenarios, effects."""
     from testbench.questions.catalogue import FAMILIES
 
     heads, *rows = FAMILIES[kind.value]()

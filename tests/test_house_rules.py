@@ -30,7 +30,7 @@ RANKS = (
 RANK = {room: rank for rank, rooms in enumerate(RANKS) for room in rooms}
 # A question imports another only if it asks it.
 ASKS = {
-    "identify": {"run"},
+    "identify": {"run", "importing"},  # of a log it identifies what import writes
     "response": {"identify", "run"},
     "compatibility": {"identify"},
     "modes": {"identify"},

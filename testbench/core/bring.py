@@ -28,8 +28,8 @@ def is_brought(name: object) -> bool:
 
 
 def short(name: str) -> str:
-    """Return ``FILE.py:NAME`` without its folders; other names as they are."""
-    return name.rpartition("/")[2] if is_brought(name) else name
+    """Return ``FILE.py:NAME`` or ``FILE.toml`` without its folders; other names as they are."""
+    return name.rpartition("/")[2] if is_brought(name) or name.endswith(".toml") else name
 
 
 def places(beside: Path | str | None, folder: str) -> tuple[Path, ...]:

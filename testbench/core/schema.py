@@ -69,6 +69,8 @@ def parse(schema: type[Model], content: Mapping[str, Any], file: Path | str | No
 
 _PROSE = frozenset({"question", "source", "rights", "note"})
 """Keys whose text is for people and may have several lines; every other text becomes a name somewhere."""
+_EXPRESSIONS = frozenset({"equations", "definitions", "outputs", "initial"})
+"""Tables of expressions, which may be as long; they are parsed, and become no names."""
 
 
 def _texts(content: Any, where: str = "") -> Iterator[tuple[str, str]]:
@@ -85,8 +87,9 @@ def _texts(content: Any, where: str = "") -> Iterator[tuple[str, str]]:
 
 
 def _one_line(where: str, text: str) -> bool:
-    """Say whether a text holds no control character; prose may have line ends and tabs."""
-    allowed = "\n\r\t" if where.rpartition(".")[2] in _PROSE else ""
+    """Say whether a text holds no control character; prose and expressions may have line ends and tabs."""
+    *_, table, key = ("", *where.split("."))
+    allowed = "\n\r\t" if key in _PROSE or table in _EXPRESSIONS else ""
     return not any(unicodedata.category(c) in ("Cc", "Zl", "Zp") and c not in allowed for c in text)
 
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from testbench.core.advice import ranked
 from testbench.core.bring import is_brought
 from testbench.core.bring import whose as whose_code
 from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord
 from testbench.core.schema import parse
 from testbench.estimators import own
-from testbench.estimators.brought import place
+from testbench.estimators.brought import is_text, place
 from testbench.estimators.own import OwnMethod
 from testbench.estimators.settings import (
     DsrE,
@@ -218,12 +220,28 @@ def estimate(
         return own.run(entry, records, inputs, outputs, validation)
     row = _row(entry.method)
     if isinstance(entry, Structured):
-        from testbench.estimators.parametric.start import started
+        from testbench.estimators.parametric.servo import by_surfaces, in_front
+        from testbench.estimators.parametric.start import of_servos, started
+        from testbench.estimators.parametric.structures.written import Written
 
-        structure = started(entry, records, inputs, outputs)
-        model = row.load()(records, structure, settings=entry)
+        entry = of_servos(entry)
+        structure: Any = started(entry, records, inputs, outputs)
+        fit: Any = row.load()
+        if in_front(structure) and structure.limited and not structure.unknown:
+            model = by_surfaces(
+                records, structure, entry.held, lambda moved, base, still: fit(moved, base, settings=entry, held=still)
+            )
+        else:
+            model = fit(records, structure, settings=entry)
         whose = {"structure": whose_code(*place(entry.structure))} if is_brought(entry.structure) else {}
-        return replace(model, provenance=whose) if whose else model
+        if is_text(entry.structure):
+            path = Path(entry.structure)
+            whose = {"structure": whose_code(path, path.stem)}
+        model = replace(model, provenance=whose) if whose else model
+        law = structure.base if in_front(structure) else structure
+        if isinstance(law, Written) and (doubts := law.doubts(records)):
+            return replace(model, advice=ranked((*model.advice, *doubts)))
+        return model
     judged = {"validation": validation} if "validation" in row.needs else {}
     return row.load()(records, inputs, outputs, settings=entry, **judged)
 

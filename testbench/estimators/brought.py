@@ -10,7 +10,9 @@ from typing import Any
 from pydantic import ValidationInfo
 
 from testbench.core import bring
-from testbench.core.errors import EstimationError, ScenarioError, TestbenchError
+from testbench.core.errors import EstimationError, ScenarioError, TestbenchError, nearest
+from testbench.core.paths import find_scenario
+from testbench.estimators.equations import read_equations
 
 FOLDER = "estimators"
 """Folder of a project in which estimators and structures are looked for."""
@@ -35,6 +37,58 @@ def located(name: str, info: ValidationInfo) -> str:
     except ScenarioError as error:
         raise ValueError("; ".join(error.faults)) from error
     return f"{path}:{attribute}"
+
+
+def is_text(name: object) -> bool:
+    """Say whether a structure's name means equations in a TOML file: ``FILE.toml``."""
+    return isinstance(name, str) and name.endswith(".toml")
+
+
+def text_file(name: str, beside: Path | str | None) -> Path:
+    """Return the file that ``FILE.toml`` means: one's own, else a packaged one such as ``structures/engine.toml``.
+
+    Args:
+        name: as in the scenario.
+        beside: the scenario's file; None if there is none.
+
+    Raises:
+        ScenarioError: there is no such file.
+    """
+    found = bring.find_file(name, beside, FOLDER)
+    if found is None:
+        packaged = find_scenario(name).resolve()
+        found = packaged if packaged.is_file() else None
+    if found is None or not found.is_file():
+        there = bring.places(beside, FOLDER)
+        others = {file.name for place in there for file in place.glob("*.toml")}
+        looked = ", ".join(str(place) for place in there if place.is_dir())
+        raise ScenarioError([f"the file of a structure must exist, got no '{name}' in {looked}{nearest(name, others)}"])
+    return found
+
+
+def whole(name: str, beside: Path | str | None) -> str:
+    """Return a name of what is brought with the absolute path of its file; packaged names as they are.
+
+    Raises:
+        ScenarioError: there is no such file.
+    """
+    if is_text(name):
+        return str(text_file(name, beside))
+    return ":".join(map(str, bring.find(name, beside, FOLDER))) if bring.is_brought(name) else name
+
+
+def written(name: str, info: ValidationInfo) -> str:
+    """Return the absolute path of a structure's equations, which have been read and checked.
+
+    Raises:
+        ValueError: there is no such file, or its equations break a law; pydantic adds the key.
+    """
+    try:
+        path = text_file(name, (info.context or {}).get("file"))
+        read_equations(path)
+    except TestbenchError as error:
+        raise ValueError("; ".join(getattr(error, "faults", (str(error),)))) from error
+    return str(path)
 
 
 def structure(name: str, info: ValidationInfo) -> str:

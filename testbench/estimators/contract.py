@@ -20,18 +20,22 @@ from scipy.signal import cont2discrete
 
 from testbench.core import bring
 from testbench.core.advice import status_of
+from testbench.core.channels import CHANNELS
 from testbench.core.constants import DEG_RAD
 from testbench.core.contract import Law, LawError, need, tried_on
 from testbench.core.errors import ChannelError, EstimationError, TestbenchError, nearest
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators import estimate
-from testbench.estimators.brought import FOLDER, BroughtCodeError
+from testbench.estimators.brought import FOLDER, BroughtCodeError, is_text, text_file
+from testbench.estimators.equations import read_equations
 from testbench.estimators.model import ComplexArray, IdentifiedModel
 from testbench.estimators.parametric import output_error
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.parametric.structures import Trim, longitudinal
+from testbench.estimators.parametric.structures.written import written
 
 DT = 0.1
+_GROWN = 5.0  # exponent to which an unstable structure may grow in its flight
 INPUTS = ("de",)
 OUTPUTS = ("theta", "q", "alpha", "V")
 V0, ALPHA0 = 10.0, 0.06
@@ -292,6 +296,31 @@ class Make:
         make: Callable[..., ModelStructure] = bring.load(self.path, self.attribute)
         return make(self.inputs, self.outputs, Trim(V0, ALPHA0, ALPHA0))
 
+    def start(self, s: ModelStructure) -> tuple[FloatArray, FloatArray]:
+        """Return the state (n,) and input (m,) that its flight begins at."""
+        return np.zeros(len(s.states)), np.zeros(len(s.inputs))
+
+
+_LEVEL = {"V": V0, "u": V0, "qbar": 61.0, "alpha": ALPHA0, "theta": ALPHA0, "h": 100.0, "thr": 0.5, "thr_cmd": 0.5}
+_LEVEL |= {"w": ALPHA0 * V0, "thrust": 5.0, "motor_speed": 300.0}
+"""Channels in level flight, SI units; all others are zero."""
+
+
+@dataclass(frozen=True)
+class Text(Make):
+    """A structure of equations as text under trial: all its outputs, from level flight."""
+
+    def made(self) -> ModelStructure:
+        """Return the structure with every output that it can have."""
+        equations = read_equations(self.path)
+        return written(equations, self.path.stem, equations.possible_outputs, Trim(V0, ALPHA0, ALPHA0))
+
+    def start(self, s: ModelStructure) -> tuple[FloatArray, FloatArray]:
+        """Return the states where ``initial`` says that they begin in level flight, else zero, and level inputs."""
+        row = np.array([[_LEVEL.get(name, 0.0) for name in CHANNELS]])
+        level = FlightRecord(np.zeros(1), tuple(CHANNELS), row, "measured")
+        return s.initial_state(level, measured=False), np.array([_LEVEL.get(name, 0.0) for name in s.inputs])
+
 
 def a_structure_is_made(m: Make) -> None:
     """A ModelStructure of the channels that are there, with something free."""
@@ -307,8 +336,9 @@ def equations_have_their_shapes(m: Make) -> None:
     """Derivative (..., n) and output (..., p), for any leading axes and for complex numbers."""
     s = m.made()
     n, k, p = len(s.states), len(s.inputs), len(s.outputs)
+    x0, u0 = m.start(s)
     for lead in ((), (3,), (2, 3)):
-        x, u = np.full((*lead, n), 0.01 + 0j), np.full((*lead, k), 0.02 + 0j)
+        x, u = np.full((*lead, n), x0 + 0.01 + 0j), np.full((*lead, k), u0 + 0.02 + 0j)
         params = np.broadcast_to(s.values + 0j, (*lead, len(s.parameters)))
         xdot, y = np.asarray(s.derivative(x, u, params)), np.asarray(s.output(x, u, params))
         need(xdot.shape == (*lead, n), f"derivative must have shape {(*lead, n)}, got {xdot.shape}")
@@ -319,7 +349,8 @@ def equations_have_their_shapes(m: Make) -> None:
 def complex_steps_are_derivatives(m: Make) -> None:
     """Derivatives by the complex step equal differences: no abs, no comparison, no real part inside."""
     s = m.made()
-    x, u = np.full(len(s.states), 0.01), np.full(len(s.inputs), 0.02)
+    x0, u0 = m.start(s)
+    x, u = x0 + 0.01, u0 + 0.02
     for i, name in enumerate(s.parameter_names):
         h = 1e-4 * max(abs(s.values[i]), 1e-2)
         step = np.eye(len(s.parameters))[i]
@@ -334,10 +365,13 @@ def its_parameters_are_recovered(m: Make) -> None:
     """Output error finds the start values again from a flight that the structure itself flew, begun 5 % off."""
     s = m.made()
     rng = np.random.default_rng(1)
-    n = 400
-    u = 0.05 * np.repeat(rng.standard_normal((n // 4, len(s.inputs))), 4, axis=0)
-    x, y = np.zeros(len(s.states)), np.empty((n, len(s.outputs)))
-    dt = 0.02
+    n, dt = 400, 0.02
+    x, level = m.start(s)
+    growth = float(np.linalg.eigvals(s.jacobians(x, level, s.values).fx).real.max())
+    if growth * n * dt > _GROWN:  # of an unstable one, a flight that is still near its start
+        n = max(4 * round(_GROWN / growth / dt / 4), 80)
+    u = level + 0.05 * np.repeat(rng.standard_normal((n // 4, len(s.inputs))), 4, axis=0)
+    y = np.empty((n, len(s.outputs)))
     for k in range(n):
         y[k] = s.output(x, u[k], s.values)
         k1 = s.derivative(x, u[k], s.values)
@@ -345,7 +379,10 @@ def its_parameters_are_recovered(m: Make) -> None:
         k3 = s.derivative(x + 0.5 * dt * k2, u[k], s.values)
         x = x + dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + s.derivative(x + dt * k3, u[k], s.values))
     need(bool(np.all(np.isfinite(y))), "start values must give a flight that stays finite for 8 s")
-    record = FlightRecord(np.arange(n, dtype=np.float64) * dt, (*s.inputs, *s.outputs), np.hstack([u, y]), "measured")
+    seconds = np.arange(n, dtype=np.float64) * dt
+    rest = [name for name in CHANNELS if name not in (*s.inputs, *s.outputs)]  # the start may ask for some
+    columns = np.hstack([u, y, np.tile([_LEVEL.get(name, 0.0) for name in rest], (n, 1))])
+    record = FlightRecord(seconds, (*s.inputs, *s.outputs, *rest), columns, "measured")
     start = {p.name: float(np.clip(1.05 * p.value, p.low, p.high)) for p in s.parameters if p.free}
     model = output_error.estimate([record], s.with_parameters(start), initial_states="zero", held=s.inputs)
     for p in s.parameters:
@@ -375,7 +412,7 @@ STRUCTURE_LAWS: tuple[Callable[[Make], None], ...] = (
 
 
 def tried(name: str) -> Iterator[Law]:
-    """Yield every law and whether it holds, for what a user brings as ``FILE.py:NAME``.
+    """Yield every law and whether it holds, for what a user brings: ``FILE.py:NAME`` or ``FILE.toml``.
 
     A function whose first argument is ``records`` is tried as an estimator, one of (inputs, outputs, trim) as a
     structure. A table ``CHECK`` in the file says with what an estimator is tried: "settings", "exact" (largest relative
@@ -385,6 +422,11 @@ def tried(name: str) -> Iterator[Law]:
         ScenarioError: the file is not found, cannot be run or lacks the name.
         EstimationError: it is neither, or CHECK has another key.
     """
+    if is_text(name):
+        path = text_file(name, None)
+        s = Text(path, "").made()
+        yield from tried_on(Text(path, "", s.inputs, s.outputs), STRUCTURE_LAWS, path)
+        return
     path, attribute = bring.find(name, None, FOLDER)
     what = bring.load(path, attribute)
     kind = kind_of(what)

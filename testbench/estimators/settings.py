@@ -85,7 +85,8 @@ class TransferFunctions(Settings):
 class Srivc(Settings):
     """Continuous-time transfer functions by refined instrumental variables; orders and delay chosen on held-out data.
 
-    ``hold`` says how inputs run between samples; if not given, commands are held and deflections run linearly.
+    ``hold`` says how inputs run between samples; if not given, commands are held, and deflections that the records show
+    to step from sample to sample; others run linearly.
     """
 
     method: Literal["srivc"] = "srivc"
@@ -106,7 +107,8 @@ class Srivc(Settings):
 class Equivalent(Settings):
     """A low-order equivalent model with delay, fitted to the frequency response from windows of these lengths.
 
-    ``hold`` says how inputs run between samples; if not given, commands are held and deflections run linearly.
+    ``hold`` says how inputs run between samples; if not given, commands are held, and deflections that the records show
+    to step from sample to sample; others run linearly.
     """
 
     method: Literal["equivalent"] = "equivalent"

@@ -20,6 +20,7 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
 from testbench.estimators.continuous import ContinuousTransferModel, fit_free, free_basis
 from testbench.estimators.coverage import approximate
+from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.residuals import coloured_information, corrected_covariance, ljung_box
 from testbench.estimators.settings import Srivc
@@ -73,7 +74,8 @@ def estimate(
         zeros: nz of every numerator, 0 <= nz <= n, or candidates; those above a candidate's n are left out.
         delay_samples: candidates of each input's delay, in samples, whole or not, >= 0.
         refine_delay: True to estimate each delay, from the best candidate on, with the coefficients.
-        hold: "zoh" or "foh" for all inputs, or input -> word; by default "zoh" for ``*_cmd``, "foh" for the rest.
+        hold: "zoh" or "foh" for all inputs, or input -> word; by default "zoh" for ``*_cmd``
+            and for what the records show to be held, "foh" for the rest.
         offset: True to fit a constant per record, for trim values that are not exact.
         validation: measured records that choose among the candidates.
 
@@ -92,7 +94,8 @@ def estimate(
     structures = _structures(poles, zeros, delay_samples)
     check_records(records, inputs, outputs)
     check_records([*records, *validation], inputs, outputs)
-    setup = Setup(records[0].dt_s, holds(inputs, hold), offset)
+    words, recognised = holds(inputs, hold, records)
+    setup = Setup(records[0].dt_s, words, offset)
     advice = [] if validation or len(structures) * len(set(delay_samples)) == 1 else [_UNJUDGED]
     advice += _untaken(records, inputs)
     found: dict[str, _Outcome] = {}
@@ -120,6 +123,7 @@ def estimate(
         "refine_delay": refine_delay,
         "hold": dict(zip(inputs, setup.hold, strict=True)),
         "offset": offset,
+        **said_of_hold(recognised),
     }
     return replace(
         model,

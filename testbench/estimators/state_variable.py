@@ -12,32 +12,35 @@ from typing import Literal
 import numpy as np
 
 from testbench.core.errors import EstimationError, nearest
-from testbench.core.record import FloatArray
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.hold import held
 from testbench.estimators.state_space import Trajectories
 
 Hold = Literal["zoh", "foh"]
-HELD_SUFFIX = "_cmd"  # channels with this ending are commands, held by the computer until the next sample
 _ON_SAMPLE = 1e-9  # fractions of a sample below this are rounding
 
 
-def holds(inputs: Sequence[str], given: Mapping[str, str] | str | None) -> tuple[Hold, ...]:
-    """Return how each input runs between its samples: as ``given``, else "zoh" for commands and "foh" for the rest.
+def holds(
+    inputs: Sequence[str], given: Mapping[str, str] | str | None, records: Sequence[FlightRecord] = ()
+) -> tuple[tuple[Hold, ...], tuple[str, ...]]:
+    """Return how each input runs between its samples, and the names of those of which only the records say so.
+
+    As ``given``, else "zoh" for commands and for what the records show to be held, and "foh" for the rest.
 
     Args:
         inputs: (m,) channel names; those that end in ``_cmd`` are commands.
         given: one word for all inputs, or input -> word; None for the default.
+        records: what is identified from.
 
     Raises:
         EstimationError: a word is neither "zoh" nor "foh", or an input is unknown.
     """
-    table: dict[str, str] = {name: "zoh" if name.endswith(HELD_SUFFIX) else "foh" for name in inputs}
-    if isinstance(given, str):
-        table = dict.fromkeys(inputs, given)
-    elif given is not None:
-        for name in given:
-            if name not in table:
-                raise EstimationError(f"hold must name inputs only, got '{name}'{nearest(name, inputs)}")
-        table |= given
+    asked: Mapping[str, str] = dict.fromkeys(inputs, given) if isinstance(given, str) else given or {}
+    for name in asked:
+        if name not in inputs:
+            raise EstimationError(f"hold must name inputs only, got '{name}'{nearest(name, inputs)}")
+    found, recognised = held(inputs, [asked[n] == "zoh" if n in asked else None for n in inputs], records)
+    table = {n: asked.get(n, "zoh" if h else "foh") for n, h in zip(inputs, found, strict=True)}
     out: list[Hold] = []
     for name in inputs:
         word = table[name]
@@ -47,7 +50,7 @@ def holds(inputs: Sequence[str], given: Mapping[str, str] | str | None) -> tuple
             out.append("foh")
         else:
             raise EstimationError(f"hold of input '{name}' must be 'zoh' or 'foh', got '{word}'")
-    return tuple(out)
+    return tuple(out), recognised
 
 
 def shifted(v: FloatArray, samples: int) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
@@ -10,6 +10,7 @@ from testbench.core.bring import is_brought
 from testbench.core.errors import nearest
 from testbench.core.schema import NonNegative, Positive, Strict
 from testbench.estimators import brought
+from testbench.estimators.equations import Equations
 
 Names = Annotated[tuple[str, ...], Field(strict=False)]
 Pair = Annotated[tuple[float, float], Field(strict=False)]
@@ -36,28 +37,64 @@ STRUCTURE_NAMES = (
     "roll_yaw_rates",
     "aerodynamic_longitudinal",
 )
-"""Packaged structures; any other is brought, as ``FILE.py:NAME``."""
+"""Packaged structures; any other is in ``identification.structures``, or brought: ``FILE.toml``, ``FILE.py:NAME``."""
 
 
 def _known_structure(name: str, info: ValidationInfo) -> str:
     if is_brought(name):
         return brought.structure(name, info)
-    if name not in STRUCTURE_NAMES:
-        raise ValueError(f"must be one of {', '.join(STRUCTURE_NAMES)}, got '{name}'{nearest(name, STRUCTURE_NAMES)}")
+    if brought.is_text(name):
+        return brought.written(name, info)
+    if info.data.get("equations") is None and name not in STRUCTURE_NAMES:
+        known = (*STRUCTURE_NAMES, *(info.context or {}).get("structures", ()))
+        raise ValueError(f"must be one of {', '.join(known)}, got '{name}'{nearest(name, known)}")
     return name
+
+
+class Servo(Strict):
+    """What lies between a command and its surface: first-order lag or second order, delay and rate limit.
+
+    ``lag_s`` and ``delay_s`` may be "estimate": they are parameters of the structure then. ``ignore`` takes the command
+    for the surface, knowingly.
+    """
+
+    lag_s: Positive | Literal["estimate"] | None = None
+    delay_s: NonNegative | Literal["estimate"] = 0.0
+    rate_limit_deg_s: Positive | None = None
+    wn_rad_s: Positive | None = None
+    zeta: Positive | None = None
+    ignore: bool = False
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Servo:
+        if (self.wn_rad_s is None) != (self.zeta is None):
+            raise ValueError("wn_rad_s and zeta of a servo go together, got one of them")
+        if self.wn_rad_s is not None and self.lag_s is not None:
+            raise ValueError("a servo has either lag_s or wn_rad_s and zeta, got both")
+        if self.rate_limit_deg_s is not None and self.lag_s is None:
+            raise ValueError('rate_limit_deg_s of a servo goes with lag_s, got none; give its lag, or "estimate"')
+        told = self.lag_s is not None or self.wn_rad_s is not None or self.delay_s != 0.0
+        if told == self.ignore:
+            raise ValueError("a servo needs lag_s, wn_rad_s with zeta, or delay_s; or ignore = true and none of them")
+        return self
 
 
 class Structured(Strict):
     """A structure by name, its settings and its parameters.
 
-    ``structure`` is packaged, or the user's own: "my_structure.py:make".
+    ``structure`` is packaged, or the user's own: a name in ``identification.structures``, whose table is then
+    ``equations`` here, "my_structure.toml" or "my_structure.py:make".
 
     ``outputs`` are those of the scenario that the structure has, unless they are named here. Trim values (``V_m_s``,
     ``alpha_deg``, ``theta_deg``) are those that were removed from the records as trim, unless they are given. ``free``
-    names the only parameters that are estimated; ``fixed`` holds some of them.
+    names the only parameters that are estimated; ``fixed`` holds some of them. ``inputs`` are those of the scenario
+    that drive the structure, all unless they are named here. ``servo`` lies between inputs that are commands and their
+    surfaces.
     """
 
+    equations: Equations | None = None
     structure: Annotated[str, AfterValidator(_known_structure)]
+    inputs: Names = ()
     outputs: Names = ()
     start: dict[str, float] = {}
     fixed: Names = ()
@@ -73,6 +110,7 @@ class Structured(Strict):
     airframe: AirframeConstants | None = None
     delays_s: dict[str, NonNegative] = {}
     held: Names | None = None
+    servo: dict[str, Servo] = {}
 
     @model_validator(mode="after")
     def _settings_of_the_structure(self) -> Structured:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from testbench.estimators.parametric.model import ParametricModel
+from testbench.estimators.structured import STRUCTURE_NAMES
 from testbench.evaluation.derivatives import Derivative
 
 _PER_SPEED = ("short_period",)  # structures whose Z derivatives are per airspeed
@@ -66,13 +67,16 @@ def true_parameters(structure: str, derivatives: Sequence[Derivative], V_m_s: fl
 
     A structure without elastic modes is compared with derivatives in which the modes follow statically, because slow
     motion cannot tell the two apart. A structure with modes is compared with derivatives at which the modes are held.
+    What the parameters of a user's own structure mean is not known, whatever their names are: they have no truth.
 
     Args:
         structure: name of the structure.
         derivatives: of :func:`testbench.evaluation.derivatives.dimensional_derivatives`.
         V_m_s: airspeed at trim.
     """
-    out = {}
+    out: dict[str, float] = {}
+    if structure not in STRUCTURE_NAMES:
+        return out
     for d in derivatives:
         if d.name.endswith("/V"):
             continue

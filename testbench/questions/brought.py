@@ -1,4 +1,4 @@
-"""What users bring (aircraft, suites, ground tests, estimators, effects), tried on the laws of its family."""
+"""What users bring (aircraft, suites, ground tests, estimators, structures, effects), tried on the laws of its kind."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def laws_of(what: Path) -> tuple[str, list[Law]] | None:
     """Return what kind of thing a path is, and for every law of its family whether it is kept.
 
     Returns:
-        None if it is no aircraft folder, no sensor suite, no ground test and no name in a Python file.
+        None if it is no aircraft folder, no sensor suite, no structure, no ground test and no name in a Python file.
 
     Raises:
         TestbenchError: it cannot be read.
@@ -33,6 +33,10 @@ def laws_of(what: Path) -> tuple[str, list[Law]] | None:
         from testbench.sensors.contract import suite_laws
 
         return "sensor suite", suite_laws(load_suite(what))
+    if what.suffix == ".toml" and {"states", "equations"} & _keys(what):
+        from testbench.estimators.contract import tried
+
+        return "structure", list(tried(str(what)))
     test = find_scenario(what)
     if test.suffix == ".toml" and test.is_file() and {"mode", "normalisation"} <= read_toml(test).keys():
         from testbench.aircraft.strips.contract import ground_test_laws
@@ -40,6 +44,11 @@ def laws_of(what: Path) -> tuple[str, list[Law]] | None:
 
         return "ground vibration test", ground_test_laws(read_ground_test(test))
     return None
+
+
+def _keys(path: Path) -> set[str]:
+    found = find_scenario(path)
+    return set(read_toml(found)) if found.is_file() else set()
 
 
 def _in_python(name: str) -> tuple[str, list[Law]]:

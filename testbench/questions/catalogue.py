@@ -49,6 +49,19 @@ def estimators() -> Rows:
     return [("method", "what it is, what it needs, what it gives"), *((n, words(m)) for n, m in METHODS.items())]
 
 
+def structures() -> Rows:
+    """Return the packaged model structures, and examples of equations as text."""
+    from testbench.estimators.equations import read_equations
+    from testbench.estimators.parametric.structures import STRUCTURES
+
+    texts = sorted((SCENARIOS / "structures").glob("*.toml"))
+    return [
+        ("structure", "what it is"),
+        *((name, family.description) for name, family in STRUCTURES.items()),
+        *((f"structures/{path.name}", read_equations(path).title) for path in texts),
+    ]
+
+
 def scenarios() -> Rows:
     """Return the packaged files of all questions."""
     rows: Rows = [("scenario", "command", "title")]
@@ -68,6 +81,6 @@ def effects() -> Rows:
 
 
 FAMILIES: dict[str, Callable[[], Rows]] = {
-    f.__name__: f for f in (aircraft, inputs, sensors, estimators, scenarios, effects)
+    f.__name__: f for f in (aircraft, inputs, sensors, estimators, structures, scenarios, effects)
 }
 """What `testbench list` can list."""

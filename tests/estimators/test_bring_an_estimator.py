@@ -10,6 +10,7 @@ import pytest
 from commands import command, ends
 
 from testbench.core.errors import EstimationError, ScenarioError
+from testbench.core.paths import SCENARIOS
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
 from testbench.estimators.contract import INPUTS, LAWS, OUTPUTS, flight, tried
@@ -49,6 +50,27 @@ def test_the_structure_of_the_guide_runs_from_an_empty_folder(tmp_path):
     model = json.loads((tmp_path / "results/structure/models/eolo_alpha_output_error.json").read_text("utf-8"))
     assert model["structure"] == "my short period"
     assert list(model["provenance"]) == ["structure"]
+
+
+def test_the_equations_of_the_guide_run_from_an_empty_folder(tmp_path):
+    written("bring_a_structure", tmp_path)
+    for words in (("check", "own_equations.toml"), ("run", "own_equations.toml")):
+        done = command(*words, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr + done.stdout
+    model = json.loads((tmp_path / "results/own_equations/models/eolo_alpha_filter_error.json").read_text("utf-8"))
+    assert model["structure"] == "my_short_period"
+    assert not model["parameters"]["Z_de"]["free"]
+    found = model["parameters"]["M_de"]
+    assert -20.0 < found["value"] < -5.0
+    assert found["standard_error"] < 2.0
+
+
+def test_the_examples_of_the_guide_are_the_packaged_ones(tmp_path):
+    written("bring_a_structure", tmp_path)
+    packaged = sorted((SCENARIOS / "structures").glob("*.toml"))
+    assert len(packaged) == 5
+    for path in packaged:
+        assert (tmp_path / path.name).read_text("utf-8") == path.read_text("utf-8")
 
 
 METHOD = """
@@ -98,6 +120,7 @@ def project(tmp_path):
         ('method = "wron.py:estimate"\n', "got no 'wron.py' in"),
         ('method = "output_error"\nstructure = "wrong.py:other"\n', "must take (inputs, outputs, trim), got (a, b)"),
         ('method = "output_error"\nstructure = "shortperiod"\n', "did you mean 'short_period'"),
+        ('method = "output_error"\nstructure = "wrong.toml"\n', "got no 'wrong.toml' in"),
     ],
 )
 def test_check_reads_the_file_without_running_it(project, entry, said):

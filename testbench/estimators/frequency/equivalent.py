@@ -8,6 +8,7 @@ Transactions on Automatic Control 8(1), 1963 (starts). Numbers of the first two 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,7 @@ from testbench.estimators.frequency.misfit import (
 )
 from testbench.estimators.frequency.response import FrequencyResponse
 from testbench.estimators.frequency.spectra import estimate_frequency_response
+from testbench.estimators.hold import said_of_hold
 from testbench.estimators.settings import Equivalent
 from testbench.estimators.state_variable import holds
 
@@ -76,7 +78,8 @@ def estimate(
         ChannelError: a record lacks a channel.
     """
     response = estimate_frequency_response(records, inputs, outputs, window_s=window_s)
-    return fit_equivalent(
+    words, recognised = holds(inputs, hold, records)
+    model = fit_equivalent(
         response,
         poles=poles,
         zeros=zeros,
@@ -84,8 +87,9 @@ def estimate(
         common=common,
         weighting=weighting,
         band_rad_s=None if band_hz is None else (2.0 * np.pi * band_hz[0], 2.0 * np.pi * band_hz[1]),
-        hold=hold,
+        hold=dict(zip(inputs, words, strict=True)),
     )
+    return replace(model, settings={**model.settings, **said_of_hold(recognised)}) if recognised else model
 
 
 @with_settings(Equivalent)
@@ -134,7 +138,7 @@ def fit_equivalent(
     table = _zeros(zeros, outputs, poles)
     if weighting not in ("loes", "likelihood"):
         raise EstimationError(f"weighting must be 'loes' or 'likelihood', got '{weighting}'")
-    words = holds(inputs, hold)
+    words, _ = holds(inputs, hold)
     part = response if band_rad_s is None else response.between(*band_rad_s)
     groups = [list(range(len(outputs)))] if common else [[i] for i in range(len(outputs))]
     shared = common and len(outputs) > 1

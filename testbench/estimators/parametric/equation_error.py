@@ -27,12 +27,14 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
 from testbench.estimators.coverage import approximate
+from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
+from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.model import ParametricModel, named
-from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import delayed
+from testbench.estimators.parametric.servo import by_surfaces, in_front
 from testbench.estimators.parametric.structure import STEP, ModelStructure
 from testbench.estimators.regression.smoothing import SineSeries, bridge
 from testbench.estimators.settings import EquationError
@@ -64,7 +66,8 @@ def estimate(
         records: measured records with one sample time.
         structure: the equations; every state is a channel.
         delays_s: known delay per input, s.
-        held: inputs held between samples; None takes ``*_cmd``. The others run linearly.
+        held: inputs held between samples; None takes ``*_cmd`` and those that the records show to be held. The others
+            run linearly.
         cutoff_hz: of the smoothing; chosen from each record if None.
 
     Returns:
@@ -74,6 +77,13 @@ def estimate(
         EstimationError: a state is not measured, nothing is free, too few samples, or a parameter is not decided.
         ChannelError: a record lacks a channel.
     """
+    if in_front(structure):
+        return by_surfaces(
+            records,
+            structure,
+            held,
+            lambda moved, base, still: estimate(moved, base, delays_s=delays_s, held=still, cutoff_hz=cutoff_hz),
+        )
     check_records(records, structure.must_move, structure.outputs)
     free = np.flatnonzero(structure.free)
     if not free.size:
@@ -86,7 +96,7 @@ def estimate(
                     f"'{name}'; sense it, or use output error"
                 )
     delays = named(delays_s, structure.inputs, "a delay")
-    hold = held_inputs(structure.inputs, held)
+    hold, recognised = held_inputs(structure.inputs, held, records)
     data = [_smoothed(r, structure, delays, hold, cutoff_hz) for r in records]
     count = sum(int(d.taken.sum()) for d in data)
     if count <= 2 * free.size:
@@ -119,7 +129,9 @@ def estimate(
     low, high = structure.bounds
     beyond = [structure.parameter_names[i] for i in free if not low[i] <= params[i] <= high[i]]
     inside = np.clip(params, low, high)
-    return _model(structure, records, data, inside, R, residuals, jacobians, prior, beyond, delays, hold, size)
+    return _model(
+        structure, records, data, inside, R, residuals, jacobians, prior, beyond, delays, hold, recognised, size
+    )
 
 
 class _Data(NamedTuple):
@@ -199,6 +211,7 @@ def _model(
     beyond: list[str],
     delays: FloatArray,
     held: NDArray[np.bool_],
+    recognised: Sequence[str],
     size: FloatArray,
 ) -> ParametricModel:
     free, k = np.flatnonzero(structure.free), params.size
@@ -224,7 +237,7 @@ def _model(
         inputs=structure.inputs,
         outputs=structure.outputs,
         dt_s=records[0].dt_s,
-        settings={"delays_s": dict(zip(structure.inputs, delays.tolist(), strict=True))},
+        settings={"delays_s": dict(zip(structure.inputs, delays.tolist(), strict=True)), **said_of_hold(recognised)},
         diagnostics={
             "converged": True,
             "at_bound": beyond,

@@ -34,15 +34,15 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
 from testbench.estimators.coverage import approximate
+from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
 from testbench.estimators.parametric.gauss_newton import Minimum, minimise
 from testbench.estimators.parametric.kalman.innovations import Rows, innovations
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood, Part
-from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, stretch
+from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, held_inputs, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
-from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import delayed
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.settings import FilterError
@@ -90,7 +90,8 @@ def estimate(
     Args:
         records: measured records with one sample time; of different lengths if need be.
         structure: the equations; its parameters say what is free, bounded or has a prior.
-        process_noise: states whose process noise is estimated; None: all that ``fixed_process_noise`` does not name.
+        process_noise: states whose process noise is estimated; None: all that ``fixed_process_noise`` does not name,
+            but for those of servos.
         fixed_process_noise: state -> known process noise, unit of the state per square root of a second.
         initial_states: "free" estimates one per record; "record" takes the first sample of the channels of that name,
             "zero" takes trim.
@@ -98,7 +99,8 @@ def estimate(
         output_trends: outputs with a line of their own in every record.
         input_biases: inputs with a constant error of their own in every record.
         delays_s: known delay per input, s.
-        held: inputs that are held between samples; None takes those called ``*_cmd``. The others run linearly.
+        held: inputs that are held between samples; None takes those called ``*_cmd``, and others that the records
+            show to be held. The others run linearly.
         max_iterations: Gauss-Newton steps per round.
         substeps: Runge-Kutta steps per sample of a nonlinear structure.
 
@@ -134,10 +136,10 @@ def estimate(
         np.flatnonzero(structure.free),
         initial_states == "free",
         tuple(structure.inputs.index(name) for name in input_biases),
-        len(structure.states),
+        len(structure.states) - len(structure.followers),
         len(constant) + len(sloped),
     )
-    hold = held_inputs(structure.inputs, held)
+    hold, recognised = held_inputs(structure.inputs, held, records)
     base = Likelihood(structure, stretches, layout, records[0].dt_s, hold, substeps=substeps)
     likelihood = FilterLikelihood(base, noisy, fixed)
     found = _search(likelihood, max_iterations)
@@ -156,6 +158,7 @@ def estimate(
             "output_biases": list(constant),
             "output_trends": list(sloped),
             "input_biases": list(input_biases),
+            **said_of_hold(recognised),
         },
         diagnostics=diagnostics,
         structure=structure,
@@ -311,7 +314,8 @@ def _process_noise(
     for name, value in known.items():
         if not value >= 0.0 or not np.isfinite(value):
             raise EstimationError(f"process noise >= 0 must hold, got {value:g} for '{name}'")
-    names = [s for s in structure.states if s not in known] if chosen is None else list(chosen)
+    shaken = [s for s in structure.states if s not in (*known, *structure.followers)]
+    names = shaken if chosen is None else list(chosen)
     both = sorted(set(names) & set(known))
     if both:
         raise EstimationError(f"process noise of {', '.join(both)} is both estimated and fixed; choose one")
@@ -394,9 +398,7 @@ def _diagnose(likelihood: FilterLikelihood, found: _Found) -> tuple[dict[str, An
         "whiteness_p": whiteness(residuals, [s.valid for s in base.stretches], base.size, np.diag(R)),
         "correlation": correlations(white),
         "error_inflation": np.divide(np.sqrt(np.diag(corrected)), deviation, out=np.ones(f), where=deviation > 0.0),
-        "initial_states": [
-            x if layout.free_states else s.x0 for (x, _, _), s in zip(nuisances, base.stretches, strict=True)
-        ],
+        "initial_states": [layout.begin(x, s.x0) for (x, _, _), s in zip(nuisances, base.stretches, strict=True)],
         "offsets": [o for _, o, _ in nuisances],
         "input_biases": [b for _, _, b in nuisances],
         "process_noise": {states[i]: (float(F[i]), float(F[i] * F_std[j])) for j, i in enumerate(likelihood.noisy)},

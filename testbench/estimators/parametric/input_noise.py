@@ -29,9 +29,8 @@ from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
 from testbench.estimators.parametric.gauss_newton import Minimum, minimise
-from testbench.estimators.parametric.likelihood import Layout, Likelihood, stretch
+from testbench.estimators.parametric.likelihood import Layout, Likelihood, held_inputs, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
-from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import discretise
 from testbench.estimators.parametric.structure import LinearStructure
 from testbench.estimators.trajectories import carried
@@ -154,7 +153,7 @@ def estimate(
         )
     if not structure.free.any():
         raise EstimationError(f"structure '{structure.name}' has no free parameter; free some, or simulate it instead")
-    held, noise = held_inputs(structure.inputs, None), named(input_std, structure.inputs, "a noise")
+    held, noise = held_inputs(structure.inputs, None)[0], named(input_std, structure.inputs, "a noise")
     seen = stretch(record, structure, np.zeros(len(structure.inputs)), "zero", structure.outputs, ())
     biased = tuple(np.flatnonzero(noise > 0.0).tolist())
     layout = Layout(np.flatnonzero(structure.free), False, biased, len(structure.states), len(structure.outputs))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.hold import held as which_held
 from testbench.estimators.parametric.gauss_newton import Problem
 from testbench.estimators.parametric.model import output_offsets
 from testbench.estimators.parametric.response import delayed, responses
@@ -32,7 +33,10 @@ class Stretch:
 
 
 class Layout(NamedTuple):
-    """Which entries of the search point are what: f parameters first, then the nuisances of every record."""
+    """Which entries of the search point are what: f parameters first, then the nuisances of every record.
+
+    ``states`` are those whose initial values may be estimated: all but the followers, which come last.
+    """
 
     chosen: NDArray[np.intp]
     free_states: bool
@@ -60,11 +64,32 @@ class Layout(NamedTuple):
         initial, offsets, biases = np.split(point[self.nuisances(record)], [self.initial, self.initial + self.offsets])
         return initial, offsets, biases
 
+    def begin(self, initial: FloatArray, x0: FloatArray) -> FloatArray:
+        """Return the initial state (n,): the values estimated, then those of ``x0`` (n,) that are not."""
+        return np.concatenate([initial, x0[initial.size :]])
+
     def embedded(self, covariance: FloatArray, k: int) -> FloatArray:
         """Return the (k, k) covariance of all parameters from that of the free ones (f, f); fixed ones have zero."""
         out = np.zeros((k, k))
         out[np.ix_(self.chosen, self.chosen)] = covariance
         return out
+
+
+def held_inputs(
+    inputs: Sequence[str], held: Sequence[str] | None, records: Sequence[FlightRecord] = ()
+) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    """Return which inputs are held from sample to sample, and the names of those of which only the records say so.
+
+    Held are those named; if none were, commands, and others that the records show to be held.
+
+    Raises:
+        EstimationError: a name is not one of the inputs.
+    """
+    for name in held or ():
+        if name not in inputs:
+            raise EstimationError(f"held inputs must be among {', '.join(inputs)}, got '{name}'")
+    found, recognised = which_held(inputs, [None if held is None else name in held for name in inputs], records)
+    return np.array(found, bool), recognised
 
 
 def stretch(
@@ -84,15 +109,13 @@ def stretch(
     part = record.select(structure.outputs)
     u = delayed(record.columns(structure.inputs), record.dt_s, delays_s)
     offsets = output_offsets(structure.outputs, biased, trended, record.t_s - record.t_s[0])
-    x0 = np.zeros(len(structure.states))
-    for i, state in enumerate(structure.states):
-        if initial == "record" and state not in record:
+    for state in structure.states:
+        if initial == "record" and state not in record and state not in structure.begun:
             raise EstimationError(
                 f"initial_states = 'record' needs every state as a channel, but the record lacks '{state}'; "
                 "choose 'free'"
             )
-        if initial != "zero" and state in record:
-            x0[i] = record[state][0]
+    x0 = structure.initial_state(record, measured=initial != "zero")
     return Stretch(u, part.data, np.asarray(part.valid), offsets, x0)
 
 
@@ -185,7 +208,7 @@ class Likelihood:
                 u = u.copy()
                 u[:, list(layout.biased_inputs)] += bias
             inputs.append(u)
-            starts.append(initial if layout.free_states else s.x0)
+            starts.append(layout.begin(initial, s.x0))
             offsets.append(offset)
         found = responses(
             self.structure,
@@ -247,7 +270,7 @@ class Likelihood:
         out = [structure.parameter_names[i] for i in layout.chosen]
         for i in range(len(self.stretches)):
             of = f" of record {i + 1}" if len(self.stretches) > 1 else ""
-            out += [f"initial {s}{of}" for s in structure.states] if layout.free_states else []
+            out += [f"initial {s}{of}" for s in structure.states[: layout.initial]]
             out += [f"output offset {j + 1}{of}" for j in range(layout.offsets)]
             out += [f"bias of {structure.inputs[j]}{of}" for j in layout.biased_inputs]
         return out

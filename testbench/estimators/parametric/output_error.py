@@ -17,16 +17,16 @@ from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
+from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
 from testbench.estimators.parametric.advice import advice_in_words
 from testbench.estimators.parametric.gauss_newton import Minimum, minimise
-from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, stretch
+from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, held_inputs, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.settings import OutputError
@@ -65,7 +65,8 @@ def estimate(
         output_trends: outputs with a line of their own in every record.
         input_biases: inputs with a constant error of their own in every record.
         delays_s: known delay per input, s.
-        held: inputs that are held between samples; None takes those called ``*_cmd``. The others run linearly.
+        held: inputs that are held between samples; None takes those called ``*_cmd``, and others that the records
+            show to be held (see :mod:`testbench.estimators.hold`). The others run linearly.
         noise: "diagonal" or "full" covariance of the residuals.
         starts: how many start points; the others scatter by half of the values, or over finite bounds. The best wins.
         seed: of the start points.
@@ -84,7 +85,7 @@ def estimate(
         ChannelError: a record lacks a channel.
     """
     _check(records, structure, output_biases, output_trends, input_biases, starts)
-    hold = held_inputs(structure.inputs, held)
+    holding, recognised = held_inputs(structure.inputs, held, records)
     delays = named(delays_s, structure.inputs, "a delay")
     stretches = [
         stretch(r, structure, delays, initial_states, tuple(output_biases), tuple(output_trends)) for r in records
@@ -93,11 +94,11 @@ def estimate(
         np.flatnonzero(structure.free),
         initial_states == "free",
         tuple(structure.inputs.index(name) for name in input_biases),
-        len(structure.states),
+        len(structure.states) - len(structure.followers),
         len(output_biases) + len(output_trends),
     )
     likelihood = Likelihood(
-        structure, stretches, layout, records[0].dt_s, hold, substeps=substeps, full=noise == "full"
+        structure, stretches, layout, records[0].dt_s, holding, substeps=substeps, full=noise == "full"
     )
     results, failures = [], []
     for values in start_points(structure, starts, seed):
@@ -117,6 +118,7 @@ def estimate(
         "noise": noise,
         "starts": starts,
         "seed": seed,
+        **said_of_hold(recognised),
     }
     model = _model(likelihood, best, settings, tuple(delays.tolist()))
     return advice_in_words(replace(model, diagnostics={**model.diagnostics, "starts": [r.likelihood for r in results]}))
@@ -143,20 +145,6 @@ def _check(
             raise EstimationError(
                 f"an output bias or trend belongs to an output ({', '.join(structure.outputs)}), got '{name}'"
             )
-
-
-def held_inputs(inputs: Sequence[str], held: Sequence[str] | None) -> NDArray[np.bool_]:
-    """Return which inputs are held from sample to sample: those named, or commands.
-
-    Raises:
-        EstimationError: a name is not one of the inputs.
-    """
-    if held is None:
-        return np.array([name.endswith("_cmd") for name in inputs], bool)
-    for name in held:
-        if name not in inputs:
-            raise EstimationError(f"held inputs must be among {', '.join(inputs)}, got '{name}'")
-    return np.array([name in held for name in inputs], bool)
 
 
 def start_points(structure: ModelStructure, starts: int, seed: int) -> list[FloatArray]:
@@ -241,9 +229,7 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
         "whiteness_p": whiteness(residuals, [s.valid for s in stretches], likelihood.size, R),
         "correlation": correlations(white),
         "error_inflation": np.divide(np.sqrt(np.diag(corrected)), deviation, out=np.ones(f), where=deviation > 0.0),
-        "initial_states": [
-            x if layout.free_states else s.x0 for (x, _, _), s in zip(nuisances, stretches, strict=True)
-        ],
+        "initial_states": [layout.begin(x, s.x0) for (x, _, _), s in zip(nuisances, stretches, strict=True)],
         "offsets": [o for _, o, _ in nuisances],
         "input_biases": [b for _, _, b in nuisances],
     }

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from testbench.core.channels import channel
 from testbench.core.errors import EstimationError, nearest
-from testbench.core.record import FloatArray
+from testbench.core.record import FlightRecord, FloatArray
 
 STEP = 1e-30
 """Complex step: far below rounding, so that the derivative has no truncation error, and nothing is subtracted."""
@@ -136,9 +136,28 @@ class ModelStructure(ABC):
         return np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
 
     @property
+    def begun(self) -> tuple[str, ...]:
+        """States whose start the structure itself knows, whatever the record says."""
+        return ()
+
+    def initial_state(self, record: FlightRecord, measured: bool = True) -> FloatArray:
+        """Return where the states (n,) begin: at the first sample of their channels, else, or unmeasured, at zero."""
+        known = [measured and state in record for state in self.states]
+        return np.array([record[s][0] if k else 0.0 for s, k in zip(self.states, known, strict=True)])
+
+    @property
     def must_move(self) -> tuple[str, ...]:
         """Inputs that must move for the parameters to be found; others may stay constant."""
         return self.inputs
+
+    @property
+    def followers(self) -> tuple[str, ...]:
+        """The last states, which inputs alone drive: no process noise moves them, and they begin at rest."""
+        return ()
+
+    def at_rest(self, u: FloatArray) -> FloatArray:
+        """Return the states ``followers`` where the inputs (m,) have been constant."""
+        return np.zeros(len(self.followers))
 
     def with_parameters(
         self,
@@ -237,6 +256,8 @@ class Affine:
         points = np.vstack([np.zeros(k), np.diag(size), size * np.cos(np.arange(k))])
         with np.errstate(all="ignore"):
             s = structure.matrices(points)
+        if not all(np.all(np.isfinite(part)) for part in s):
+            return None
         shapes = tuple(part.shape[1:] if part.ndim > 1 else part.shape for part in s)
         wide = [np.broadcast_to(part, (len(points), *shape)) for part, shape in zip(s, shapes, strict=True)]
         entries = np.concatenate([part.reshape(len(points), -1) for part in wide], axis=1)

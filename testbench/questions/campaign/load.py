@@ -13,11 +13,11 @@ from typing import Any
 
 from testbench import __version__
 from testbench.aircraft import Aircraft
-from testbench.core.bring import find, is_brought, sha256
+from testbench.core.bring import is_brought, sha256
 from testbench.core.errors import ScenarioError, TestbenchError, nearest
 from testbench.core.paths import find_scenario
 from testbench.core.schema import parse, read_toml
-from testbench.estimators.brought import FOLDER
+from testbench.estimators.brought import is_text, place, whole
 from testbench.estimators.identification import estimator_name
 from testbench.flight import load_aircraft
 from testbench.questions.campaign.draws import nominal_inputs
@@ -84,7 +84,8 @@ class Campaign:
         """Return the SHA-256 of every estimator and structure of the user's own."""
         entries = self.content["identification"]["estimators"]
         names = [entry[key] for entry in entries for key in _BROUGHT if is_brought(entry.get(key))]
-        return [sha256(find(name, None, FOLDER)[0]) for name in names]
+        texts = [entry["structure"] for entry in entries if is_text(entry.get("structure"))]
+        return [sha256(path) for path in (*(place(name)[0] for name in names), *map(Path, texts))]
 
 
 def versions() -> dict[str, str]:
@@ -154,8 +155,8 @@ def _resolved(content: Mapping[str, Any], bare: Scenario, origin: Path) -> dict[
     entries = [dict(entry) for entry in content["identification"]["estimators"]]
     for entry in entries:
         for key in _BROUGHT:
-            if is_brought(entry.get(key)):
-                entry[key] = ":".join(map(str, find(entry[key], origin, FOLDER)))
+            if is_brought(entry.get(key)) or is_text(entry.get(key)):
+                entry[key] = whole(entry[key], origin)
     identification = {**content["identification"], "estimators": entries}
     return {**content, "aircraft": bare.aircraft, "suites": list(bare.suites), "identification": identification}
 

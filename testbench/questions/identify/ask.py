@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from testbench.line import Flight, Keep, Report, identify_and_judge
+from testbench.core.advice import doubt
+from testbench.core.errors import located
+from testbench.estimators.parametric.model import ParametricModel
+from testbench.estimators.structured import Servo
+from testbench.flight import load_aircraft
+from testbench.line import Case, Flight, Keep, Report, identify_and_judge
 from testbench.logs.plausible import questions_of
 from testbench.logs.read import read_records
+from testbench.questions.identify.before import before, servos_of
+from testbench.questions.identify.derivatives import found_derivatives
+from testbench.questions.identify.result import Identified
 from testbench.questions.identify.scenario import RecordDescription
-from testbench.questions.run.result import RunResult
+from testbench.questions.identify.servo_cost import cost_in_words
 
 
 def identify(
@@ -17,7 +26,7 @@ def identify(
     keep: Keep | None = None,
     progress: Report | None = None,
     strict: bool = False,
-) -> RunResult:
+) -> Identified:
     """Run the same estimators and evaluation on recorded flights.
 
     Args:
@@ -42,12 +51,18 @@ def identify(
     ]
     for flight in flights:
         keep(f"{flight.name}_recorded", flight.measured["recorded"])
+    with located(description.file, "aircraft"):
+        aircraft = None if description.aircraft is None else load_aircraft(description.aircraft)
+    inputs = description.identification.inputs
+    servos = {} if aircraft is None else servos_of(aircraft, inputs)
     records = [(flight.name, flight.measured["recorded"]) for flight in flights]
     questions = questions_of(records, description.file, strict)
     cases = identify_and_judge(
-        flights, ["recorded"], description.preparation, description.identification, description.file, say
+        flights, ["recorded"], description.preparation, description.asked_of(servos), description.file, say
     )
-    return RunResult(
+    known = None if aircraft is None else before(aircraft, cases[0].identification)
+    say("weigh the derivatives")
+    return Identified(
         description.name,
         description.title,
         description.question,
@@ -56,8 +71,35 @@ def identify(
         tuple(flights),
         cases,
         reference=description.reference_values,
+        derivatives=found_derivatives(cases, known),
+        before=known,
+        notes=(*_notes(description, cases, servos), *(known.notes if known else ())),
+        doubts=tuple(
+            doubt("servo_ignored", text)
+            for text in dict.fromkeys(cost_in_words(case, inputs) for case in cases)
+            if text is not None
+        ),
         questions=questions,
     )
+
+
+def _notes(description: RecordDescription, cases: Sequence[Case], servos: Mapping[str, Servo]) -> list[str]:
+    """Return what was recognised, taken from the aircraft and left out, in sentences."""
+    out = []
+    for case in cases:
+        names = str(case.model.settings.get("held", "")).partition(" (recognised")
+        if names[1]:
+            out.append(f"recognised as held from sample to sample: {names[0]} (held = [] takes them as linear)")
+    for name, servo in servos.items():
+        if name not in description.servo:
+            limit = f", at most {servo.rate_limit_deg_s:.3g} deg/s" if servo.rate_limit_deg_s else ""
+            out.append(f"{name} passes the servo of {description.aircraft}: a lag of {servo.lag_s:.3g} s{limit}")
+    for case in cases:
+        if isinstance(case.model, ParametricModel):
+            unused = [n for n in description.outputs if n not in case.model.outputs]
+            if unused:
+                out.append(f"{case.model.structure.name} has no output {', '.join(unused)}: not used by it")
+    return list(dict.fromkeys(out))
 
 
 def load_description(path: Path | str) -> RecordDescription:

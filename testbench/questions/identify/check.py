@@ -36,6 +36,10 @@ def _broken_laws(description: RecordDescription) -> Iterator[str]:
             if name not in channels:
                 hint = nearest(name, channels)
                 yield f"identification.{key}: must be among the channels described, got '{name}'{hint}"
+    for name in description.servo:
+        if name not in description.identification.inputs:
+            hint = nearest(name, description.identification.inputs)
+            yield f"servo.{name}: a servo belongs to one of identification.inputs, got '{name}'{hint}"
     both = set(description.identification.inputs) & set(description.identification.outputs)
     if both:
         yield f"identification.outputs: an input cannot be an output too, got {', '.join(sorted(both))}"

@@ -6,15 +6,17 @@ what is identified from it. It holds no code; a scenario's ``preparation`` and `
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, ClassVar, Self
 
 from pydantic import Field
 
 from testbench.core.paths import find_scenario
-from testbench.core.scenario.base import Preparation
+from testbench.core.scenario.base import AircraftName, Preparation
 from testbench.core.schema import Strict
 from testbench.estimators.identification import Identification
+from testbench.estimators.structured import Servo, Structured
 from testbench.logs.layout import Recorded, Text
 
 
@@ -32,13 +34,17 @@ class RecordDescription(Recorded):
     """Recorded flights, and what to identify from them.
 
     Every record, and every segment of one, begins with ``trim_s`` of undisturbed flight, over which the bias "trim" of
-    the preparation is taken.
+    the preparation is taken. ``aircraft`` is a model of what flew: it gives the derivatives that were believed before,
+    mass and geometry for coefficients, and servos. ``servo`` says what lies between a command and its surface, for
+    every estimator of a structure that does not say so itself.
     """
 
     checked_by: ClassVar[str] = "testbench.questions.identify.check:check"
 
     preparation: Preparation = Preparation(bias="mean")
     identification: Identification
+    aircraft: AircraftName | None = None
+    servo: dict[str, Servo] = {}
     reference: Reference | None = None
 
     @property
@@ -46,6 +52,17 @@ class RecordDescription(Recorded):
         """The outputs to identify: those listed, else every channel that is not an input."""
         given = self.identification.outputs
         return given or tuple(name for name in self.channels if name not in self.identification.inputs)
+
+    def asked_of(self, servos: Mapping[str, Servo]) -> Identification:
+        """Return the identification with ``servos`` at every estimator of a structure that says nothing of its own."""
+        given = {**servos, **self.servo}
+        estimators = tuple(
+            e.model_copy(update={"servo": {**{n: s for n, s in given.items() if n not in e.delays_s}, **e.servo}})
+            if isinstance(e, Structured)
+            else e
+            for e in self.identification.estimators
+        )
+        return self.identification.model_copy(update={"estimators": estimators})
 
     @property
     def reference_values(self) -> dict[str, float | str]:

@@ -32,10 +32,7 @@ from testbench.logs.signals import Log, Mapped, Rule, Topic, find_channels, scal
 from testbench.logs.ulog import MAGIC, read_ulog
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.balance import Balance, balance_of, balance_rows
-
-_AXES = {"longitudinal": ("de", "thr"), "lateral": ("da", "dr")}
-_OUTPUTS = {"longitudinal": ("alpha", "q", "theta", "az"), "lateral": ("beta", "p", "r", "phi")}
-_MOST_OUTPUTS = 3
+from testbench.questions.importing.recipe import AXES, lines, measured_in, propose
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,7 +274,7 @@ def write_import(imported: Imported, folder: Path | str) -> list[Path]:
 
 def _axis(m: Manoeuvre) -> str:
     bases = {name.removesuffix("_cmd") for name in m.controls}
-    return next((axis for axis, own in _AXES.items() if bases <= set(own)), "combined")
+    return next((axis for axis, own in AXES.items() if bases <= set(own)), "combined")
 
 
 def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvre | None, FlightRecord]]) -> str:
@@ -287,20 +284,17 @@ def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvr
     says where it comes from and what was assumed.
     """
     records = [record for _, record in members.values()]
-    held = [n for n in records[0].channels if all(r.valid[:, r.channels.index(n)].any() for r in records)]
+    held = measured_in(records)
     used = [m for m, _ in members.values() if m is not None] or imported.search.manoeuvres
     moved = {name for m in used for name in m.controls}
     cut_out = any(m is not None for m, _ in members.values())
     inputs = [n for n in controls_of(records[0]) if n in held and (n in moved or not moved)]
-    outputs = []
-    for key, names in _OUTPUTS.items():
-        if any(name.removesuffix("_cmd") in _AXES[key] for name in inputs):
-            outputs += [n for n in names if n in held][:_MOST_OUTPUTS]
-    if not outputs or not inputs:
+    recipe = propose(inputs, records, imported.rate_hz) if inputs else None
+    if recipe is None:
         return ""
     leads = [m.start_s - m.cut_s[0] for m, _ in members.values() if m is not None and m.cut_s is not None]
     trim = np.floor(10.0 * min(leads, default=0.0)) / 10.0
-    log, rate = imported.log, imported.rate_hz
+    log = imported.log
     q = json.dumps
     head = [
         "# Written by testbench import. Edit it: uses, inputs, outputs and estimators are proposals.",
@@ -330,11 +324,8 @@ def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvr
             head += [f"# assumed: {_line(c.assumed)}"] if c.assumed else []
             head += ["[[channel]]", f"name = {q(c.name)}", f"column = {q(c.name)}", f"unit = {q(channel(c.name).unit)}"]
             head.append('missing = "mask"')
-    horizon = int(np.clip(round(0.2 * rate), 5, 20))
-    head += ["", "[preparation]", f'bias = "{"trim" if trim >= QUIET_S else "mean"}"', "", "[identification]"]
-    head += [f"inputs = {q(inputs)}", f"outputs = {q(outputs)}", "", "[[identification.estimators]]"]
-    head += ['method = "dsr_e"', f"order = {max(2, len(outputs))}", f"past_horizon = {horizon}"]
-    return "\n".join([*head, f"future_horizon = {horizon}", ""])
+    head += ["", "[preparation]", f'bias = "{"trim" if trim >= QUIET_S else "mean"}"', *lines(recipe, inputs)]
+    return "\n".join([*head, ""])
 
 
 def _balance_lines(imported: Imported, held: Sequence[str]) -> list[str]:

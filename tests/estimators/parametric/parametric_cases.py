@@ -154,13 +154,17 @@ def truth(case: Case) -> np.ndarray:
 
 
 def inputs(structure: ModelStructure, samples: int, seed: int) -> np.ndarray:
-    """Return multisteps of random length for controls, a smooth curve for beta, thrust with a change."""
+    """Return multisteps of random length for controls, a smooth curve for beta, thrust with a change.
+
+    A step takes two samples, so that it runs linearly and is not taken as held.
+    """
     rng = np.random.default_rng(seed)
     out = np.empty((samples, len(structure.inputs)))
     for j, name in enumerate(structure.inputs):
         steps = np.repeat(rng.choice([-1.0, 0.0, 1.0], samples), rng.integers(4, 30, samples))[:samples]
+        ramped = 0.5 * (steps + np.append(steps[0], steps[:-1]))
         smooth = np.convolve(steps, np.ones(9) / 9.0, mode="same")
-        out[:, j] = {"thrust": 11500.0 + 300.0 * smooth, "beta": 0.05 * smooth}.get(name, 0.03 * steps)
+        out[:, j] = {"thrust": 11500.0 + 300.0 * smooth, "beta": 0.05 * smooth}.get(name, 0.03 * ramped)
     return out
 
 

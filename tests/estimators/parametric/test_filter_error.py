@@ -42,6 +42,7 @@ def flight(seed, N=500, turbulence=F, noise=G, missing=0.0):
         (15, 17, 1),
     ):
         u[(t >= begin) & (t < end)] = 0.05 * sign
+    u[1:] = 0.5 * (u[1:] + u[:-1])  # a step takes two samples: it runs linearly and is not held
     M = np.zeros((4, 4))
     M[:2, :2], M[:2, 2:3], M[2, 3] = A, B, 1.0
     E = expm(M * DT)

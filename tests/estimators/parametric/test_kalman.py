@@ -60,6 +60,7 @@ def flight(seed, N=400, process=(0.0, 0.0), missing=0.0, noise=NOISE):
         (10.0, 11.0, 1),
     ):
         u[(t >= begin) & (t < end)] = 0.03 * sign
+    u[1:] = 0.5 * (u[1:] + u[:-1])  # a step takes two samples: it runs linearly and is not held
     A, B = matrices()
     Phi, step, ramp = transition(A, DT)
     x, X = np.zeros(2), np.zeros((N, 2))

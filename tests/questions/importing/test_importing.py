@@ -38,11 +38,13 @@ def test_a_model_is_identified_from_the_manoeuvres_of_each_kind_of_log(tmp_path)
         assert -pair.real / abs(pair) == pytest.approx(zeta, rel=0.05), name
 
 
-def sidpac(path):
-    """A SIDPAC file: degrees, feet and g in fixed columns, columns that were not recorded zero."""
+def sidpac(path, noise=0.0):
+    """A SIDPAC file: degrees, feet and g in fixed columns, columns not recorded zero; noise of q in SI."""
     from scipy.io import savemat
 
     q, theta, az = short_period(T)
+    rng = np.random.default_rng(1)
+    q, az = q + noise * rng.standard_normal(T.size), az + 10.0 * noise * rng.standard_normal(T.size)
     fdata = np.zeros((T.size, 90))
     fdata[:, 0], fdata[:, 1] = T, 59.0
     fdata[:, 5], fdata[:, 8], fdata[:, 12] = q / DEG_RAD, theta / DEG_RAD, az / G0_M_S2
@@ -59,7 +61,8 @@ def test_sidpac_s_columns_are_read_in_their_units_and_identified_from(tmp_path):
         np.testing.assert_allclose(found.record[name], expected, rtol=1e-12, atol=1e-12)
     assert "alpha" not in found.record.channels  # never recorded: zero throughout
     assert found.rate_hz == 50.0
-    model = identify(RecordDescription.load(write_import(found, tmp_path / "out")[-1])).cases[0].model
+    noisy = import_log(sidpac(tmp_path / "noisy.mat", noise=0.002))
+    model = identify(RecordDescription.load(write_import(noisy, tmp_path / "out")[-1])).cases[0].model
     poles = np.concatenate(list(model.poles().values()))
     assert np.min(np.abs(np.abs(poles) - np.sqrt(Z_ALPHA * M_Q - M_ALPHA))) < 0.05
 

@@ -144,7 +144,7 @@ class FilterLikelihood:
         count = rows[0, mine].size  # of nuisances, which the gain does not feel
         K = np.concatenate([gain.K[:f], np.repeat(gain.K[-1:].real, count, axis=0), gain.K[f:]])
         own, n = rows[:, mine], layout.initial
-        x0 = own[:, :n] if n else np.tile(s.x0.astype(complex), (len(rows), 1))
+        x0 = np.concatenate([own[:, :n], np.tile(s.x0[n:].astype(complex), (len(rows), 1))], axis=1)
         shift = np.zeros((len(rows), s.u.shape[1]), complex)
         shift[:, list(layout.biased_inputs)] = own[:, n + layout.offsets :]
         y = s.y[:, None] - np.einsum("kpb,rb->krp", s.offsets, own[:, n : n + layout.offsets])

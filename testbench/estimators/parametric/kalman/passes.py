@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import correlations, whiteness
 from testbench.estimators.parametric.kalman.advice import advise_filter
 from testbench.estimators.parametric.kalman.augmented import Filter, Gaussian, Plant, Track, run
+from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.model import ParametricModel, named
-from testbench.estimators.parametric.output_error import held_inputs
 from testbench.estimators.parametric.response import delayed, respond
 from testbench.estimators.parametric.structure import Affine, LinearStructure, ModelStructure
 
@@ -47,7 +48,7 @@ def estimate_by(
     check_records(records, structure.inputs, structure.outputs)
     if passes < 1:
         raise EstimationError(f"a filter runs over its records at least once, got passes = {passes}")
-    hold = held_inputs(structure.inputs, held)
+    hold, recognised = held_inputs(structure.inputs, held, records)
     delays = named(delays_s, structure.inputs, "a delay")
     free = [p.name for p in structure.parameters if p.free]
     F = _values(process_noise, structure.states, "process noise", "a state")
@@ -107,6 +108,7 @@ def estimate_by(
             "smooth": smooth,
             "passes": passes,
             **settings,
+            **said_of_hold(recognised),
         },
         diagnostics={
             "tracks": tracks,
@@ -182,7 +184,7 @@ def _initial_std(
                 f"an initial deviation > 0 belongs to a state or free parameter ({', '.join(names)}), got {value:g} "
                 f"for '{name}'"
             )
-    x0 = np.array([record[s][0] if s in record else 0.0 for s in structure.states])
+    x0 = structure.initial_state(record)
     r = respond(structure, plant.values, chosen.tolist(), u, plant.dt_s, held, x0, substeps=plant.substeps)
     part = record.select(structure.outputs)
     size = np.array([part.data[ok, j].std() if ok.any() else 0.0 for j, ok in enumerate(part.valid.T)])
@@ -245,7 +247,7 @@ def _narrowed(wide: Gaussian, found: Gaussian, told: NDArray[np.bool_]) -> Gauss
 def _start(plant: Plant, record: FlightRecord, beliefs: Gaussian, std: FloatArray) -> Gaussian:
     """Return what is believed before the first sample: states from their channels, parameters from the last record."""
     n = plant.states
-    x0 = [record[s][0] if s in record else 0.0 for s in plant.structure.states]
+    x0 = plant.structure.initial_state(record)
     covariance = np.zeros((std.size, std.size))
     covariance[:n, :n] = np.diag(std[:n] ** 2)
     covariance[n:, n:] = beliefs.covariance

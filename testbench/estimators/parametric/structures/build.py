@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,11 +11,14 @@ import numpy as np
 from testbench.core import bring
 from testbench.core.bring import is_brought, short
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import EstimationError
+from testbench.core.errors import EstimationError, nearest
 from testbench.core.record import FlightRecord
-from testbench.estimators.brought import guarded, place
+from testbench.estimators.brought import guarded, is_text, place
+from testbench.estimators.equations import read_equations
+from testbench.estimators.parametric.servo import behind_servos, servos_of
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.parametric.structures import STRUCTURES, Airframe, Trim
+from testbench.estimators.parametric.structures.written import written
 from testbench.estimators.structured import Structured
 
 _POSSIBLE = {
@@ -34,7 +38,7 @@ def build(
 
     A structure of the user's own is what the function ``make(inputs, outputs, trim)`` of the file returns: a
     ModelStructure whose inputs and outputs are among those given. ``trim`` is a :class:`~.Trim`, or None where no
-    airspeed is known.
+    airspeed is known. One from equations as text has those outputs of the identification that it has equations for.
 
     Args:
         spec: the entry.
@@ -46,6 +50,15 @@ def build(
         EstimationError: the structure has none of the outputs, a trim speed is not known, or a parameter, input or
             output is not one of the structure's.
     """
+    for name in (*spec.inputs, *spec.servo):
+        if name not in inputs:
+            raise EstimationError(
+                f"inputs and servos of a structure must be among those asked for ({', '.join(inputs)}), got "
+                f"'{name}'{nearest(name, inputs)}"
+            )
+    inputs = spec.inputs or inputs
+    if spec.equations is not None or is_text(spec.structure):
+        return _with_parameters(spec, _written(spec, tuple(outputs), records), inputs)
     if is_brought(spec.structure):
         structure = _brought(spec, tuple(inputs), tuple(spec.outputs or outputs), records)
         return _with_parameters(spec, structure, inputs)
@@ -67,6 +80,7 @@ def _with_parameters(spec: Structured, structure: ModelStructure, inputs: Sequen
             f"structure '{short(spec.structure)}' is driven by {', '.join(structure.inputs)}, but the inputs of the "
             f"identification are {', '.join(inputs)}; name them there"
         )
+    structure = behind_servos(structure, servos_of(spec.servo, structure.inputs))
     return structure.with_parameters(
         spec.start, fixed=spec.fixed, free=spec.free, bounds=dict(spec.bounds), prior_std=dict(spec.prior_std)
     )
@@ -79,10 +93,7 @@ def _brought(
     path, attribute = place(spec.structure)
     label = short(spec.structure)
     make = bring.load(path, attribute)
-    try:
-        trim = Trim(*_trim(spec, records))
-    except EstimationError:
-        trim = None
+    trim = _known_trim(spec, records)
     made = guarded(path, label, "a ModelStructure", make, inputs, outputs, trim)
     if not isinstance(made, ModelStructure):
         raise EstimationError(f"{label} must return a ModelStructure, got {type(made).__name__}")
@@ -91,6 +102,46 @@ def _brought(
         got = ", ".join(made.outputs) or "none"
         raise EstimationError(f"a structure of {label} must have outputs among {', '.join(outputs)}, got {got}")
     return made
+
+
+def _written(spec: Structured, outputs: tuple[str, ...], records: Sequence[FlightRecord]) -> ModelStructure:
+    """Return the structure of equations as text, for those outputs that it has."""
+    equations = spec.equations or read_equations(Path(spec.structure))
+    possible = equations.possible_outputs
+    chosen = spec.outputs or tuple(name for name in outputs if name in possible)
+    name = Path(spec.structure).stem if spec.equations is None else spec.structure
+    if not chosen:
+        raise EstimationError(
+            f"structure '{name}' has outputs {', '.join(possible)}, but the identification senses "
+            f"{', '.join(outputs)}; give an equation for one of them under outputs, or sense one"
+        )
+    structure = written(equations, name, chosen, _known_trim(spec, records))
+    for record in records:
+        _check_start(structure, record)
+    return structure
+
+
+def _check_start(structure: ModelStructure, record: FlightRecord) -> None:
+    """Check that the equations have values and derivatives where a record begins.
+
+    Raises:
+        EstimationError: one has not; with the states, inputs and what may be the cause.
+    """
+    x, u = structure.initial_state(record), record.columns(structure.inputs)[0]
+    with np.errstate(all="ignore"):
+        j = structure.jacobians(x, u, structure.values)
+        f, h = structure.derivative(x, u, structure.values), structure.output(x, u, structure.values)
+    rows = [(f"{s}_dot", (f[i], *j.fx[i], *j.fu[i], *j.fp[i])) for i, s in enumerate(structure.states)]
+    rows += [(o, (h[i], *j.hx[i], *j.hu[i], *j.hp[i])) for i, o in enumerate(structure.outputs)]
+    for name, numbers in rows:
+        if not np.all(np.isfinite(numbers)):
+            given = (*zip(structure.states, x, strict=True), *zip(structure.inputs, u, strict=True))
+            said = ", ".join(f"{n} = {v:.4g}" for n, v in given)
+            raise EstimationError(
+                f"'{name}' of structure '{structure.name}' must have a finite value and slope where a record begins, "
+                f"at {said}; say under initial where states begin, and keep what equations divide by from being "
+                'removed as trim (preparation.bias = "none")'
+            )
 
 
 def _made(spec: Structured, inputs: tuple[str, ...], outputs: tuple[str, ...], records: Sequence[FlightRecord]) -> Any:
@@ -126,6 +177,13 @@ def _made(spec: Structured, inputs: tuple[str, ...], outputs: tuple[str, ...], r
     if spec.structure == "flexible":
         settings["wn_rad_s"] = [2.0 * np.pi * f for f in spec.modes_hz]
     return factory(V, alpha, theta, **settings)
+
+
+def _known_trim(spec: Structured, records: Sequence[FlightRecord]) -> Trim | None:
+    try:
+        return Trim(*_trim(spec, records))
+    except EstimationError:
+        return None
 
 
 def _trim(spec: Structured, records: Sequence[FlightRecord]) -> tuple[float, float, float]:

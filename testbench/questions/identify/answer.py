@@ -1,0 +1,52 @@
+"""The answer of an identification: which derivatives the data decide first, then doubts, then what a run says."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from testbench.page.labels import number
+from testbench.page.words import Line, counted, sentence, some
+from testbench.questions.run.answer import run_answer
+from testbench.questions.run.labels import case_names
+
+if TYPE_CHECKING:
+    from testbench.questions.identify.derivatives import FoundDerivative
+    from testbench.questions.identify.result import Identified
+
+_MOST = 6
+
+
+def identify_answer(found: Identified) -> list[Line]:
+    """Return the derivatives of each model with errors, those that are not to be believed, doubts, notes, the fit."""
+    lines, names = [], case_names(found.cases)
+    for i in dict.fromkeys(d.case for d in found.derivatives):
+        own = [d for d in found.derivatives if d.case == i]
+        good, bad = [d for d in own if d.determined], [d for d in own if not d.determined]
+        of = f"{names[i]}: " if len({d.case for d in found.derivatives}) > 1 else ""
+        said = some([_said(d) for d in good], _MOST, ", ") or "none"
+        lines.append(Line("lead", sentence(f"{of}{len(good)} of {counted(len(own), 'derivative')} determined: {said}")))
+        changed = [d for d in good if d.changed]
+        if changed:
+            lines.append(
+                Line("finding", sentence(f"not as before: {some([_changed(d) for d in changed], _MOST, ', ')}"))
+            )
+        if bad:
+            lines.append(
+                Line(
+                    "finding",
+                    sentence(f"not decided by these data: {', '.join(f'{d.name} ({d.believed})' for d in bad)}"),
+                )
+            )
+    lines += [Line(text.severity, sentence(text)) for text in found.doubts]
+    lines += [Line("note", sentence(text)) for text in found.notes]
+    rest = run_answer(found)
+    return lines + (rest if not lines else [Line("finding" if a == "lead" else a, b) for a, b in rest])
+
+
+def _said(d: FoundDerivative) -> str:
+    return f"{d.name} {number(d.value)} ± {number(d.std, 2)}"
+
+
+def _changed(d: FoundDerivative) -> str:
+    assert d.before is not None
+    return f"{d.name} {number(d.value)}, was {number(d.before)}"

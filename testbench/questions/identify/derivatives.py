@@ -1,0 +1,153 @@
+"""The derivatives found: values with errors, what they were before, coefficients, and whether to believe them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from testbench.estimators.parametric.model import ParametricModel
+from testbench.evaluation.parameters import true_parameters
+from testbench.line import Case
+from testbench.questions.identify.before import Before
+from testbench.questions.identify.coefficients import coefficient
+
+
+class BeliefCriteria(NamedTuple):
+    """What a derivative must be to be believed; judged.
+
+    Attributes:
+        weak: standard error relative to the value from which the data say little of it.
+        coloured: factor by which coloured residuals raise an error from which it is in doubt.
+        together: correlation from which two estimates stand for one another.
+        changed: errors between the value before and the one found from which they are told to differ.
+    """
+
+    weak: float = 0.5
+    together: float = 0.98
+    coloured: float = 1.5
+    changed: float = 3.0
+
+
+CRITERIA = BeliefCriteria()
+
+
+@dataclass(frozen=True)
+class FoundDerivative:
+    """One derivative of one model.
+
+    Attributes:
+        case: index of the model's case.
+        name: symbol.
+        value, std: estimate and standard error.
+        unit: SI; "" if there is none or it is not known.
+        before: what it was before the flight; None if nobody said.
+        source: who said so: the aircraft's name, "start" or "".
+        coefficient: name, value and standard error of the nondimensional coefficient; None if not known.
+        believed: "determined", or why not: "weak", "at bound", "correlated with NAME", "in doubt", "not
+            converged".
+    """
+
+    case: int
+    name: str
+    value: float
+    std: float
+    unit: str
+    before: float | None
+    source: str
+    coefficient: tuple[str, float, float] | None
+    believed: str
+
+    @property
+    def determined(self) -> bool:
+        """Whether the data decide it."""
+        return self.believed == "determined"
+
+    @property
+    def changed(self) -> bool:
+        """Whether it differs from what it was before by more than its error explains."""
+        if self.before is None or not self.determined:
+            return False
+        return abs(self.value - self.before) > CRITERIA.changed * self.std
+
+
+def found_derivatives(cases: Sequence[Case], known: Before | None) -> tuple[FoundDerivative, ...]:
+    """Return every free parameter of every model with a structure, but for constants."""
+    out = []
+    for i, case in enumerate(cases):
+        model = case.model
+        if not isinstance(model, ParametricModel):
+            continue
+        names = [p.name for p in model.structure.parameters if p.free]
+        beliefs = _beliefs(model, names)
+        units = {d.name: d.unit for d in known.derivatives} if known else {}
+        told = true_parameters(model.structure.name, known.derivatives, known.V_m_s) if known else {}
+        start: Mapping[str, float] = getattr(case.estimator, "start", {})
+        for name in names:
+            if name.endswith("_0"):
+                continue
+            before = told.get(name, start.get(name))
+            source = known.aircraft.name if known and name in told else "start" if name in start else ""
+            out.append(
+                FoundDerivative(
+                    i,
+                    name,
+                    model.values[name],
+                    model.standard_errors[name],
+                    _unit(name, model.structure.name) or units.get(name, ""),
+                    before,
+                    source,
+                    coefficient(model, name, known.aircraft, known.V_m_s, known.qbar_Pa) if known else None,
+                    beliefs[name],
+                )
+            )
+    return tuple(out)
+
+
+def _beliefs(model: ParametricModel, names: Sequence[str]) -> dict[str, str]:
+    """Return name -> whether the data decide it, and if not why."""
+    found = model.diagnostics
+    correlation = np.abs(np.asarray(found["correlation"]))
+    if len(correlation) == len(model.structure.parameters):
+        correlation = correlation[np.ix_(model.structure.free, model.structure.free)]
+    inflated = np.asarray(found.get("error_inflation", np.ones(len(names))))
+    out = {}
+    for i, name in enumerate(names):
+        value, error = model.values[name], model.standard_errors[name]
+        others = np.where(np.arange(len(names)) == i, 0.0, correlation[i, : len(names)])
+        partner = int(np.argmax(others)) if len(names) > 1 else i
+        if not found.get("converged", True):
+            out[name] = "not converged"
+        elif name in found.get("at_bound", ()):
+            out[name] = "at bound"
+        elif error > CRITERIA.weak * abs(value):
+            out[name] = "weak"
+        elif others[partner] > CRITERIA.together:
+            out[name] = f"correlated with {names[partner]}"
+        elif inflated[i] > CRITERIA.coloured or model.status == "wrong":
+            out[name] = "in doubt"
+        else:
+            out[name] = "determined"
+    return out
+
+
+def _unit(name: str, structure: str) -> str:
+    """Return the unit of what no aircraft has: times of servos, and short-period derivatives per speed."""
+    if name.startswith(("tau_", "T_")):
+        return "s"
+    if structure == "short_period" and name.startswith("Z_"):
+        return "" if name == "Z_q" else "1/s"
+    return _PLAIN.get((name[0] in "LMN", name.partition("_")[2]), "")
+
+
+_PLAIN = {
+    (moment, variable): unit
+    for moment, by in (
+        (True, {"V": "1/(m s)", "alpha": "1/s²", "beta": "1/s²", "p": "1/s", "q": "1/s", "r": "1/s"}),
+        (False, {"V": "1/s", "alpha": "m/s²", "beta": "m/s²", "p": "m/s", "q": "m/s", "r": "m/s"}),
+    )
+    for variable, unit in {**by, **dict.fromkeys(("de", "da", "dr", "thr"), by["alpha"])}.items()
+}
+"""(moment or force, by what) -> unit of a dimensional derivative, angles in rad."""

@@ -1,0 +1,27 @@
+"""What is found in recorded flights: models as of a run, and the derivatives with what was believed before."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from testbench.core.advice import Advice
+from testbench.questions.identify.before import Before
+from testbench.questions.identify.derivatives import FoundDerivative
+from testbench.questions.run.result import RunResult
+
+
+@dataclass(frozen=True, eq=False)
+class Identified(RunResult):
+    """What identification from recorded flights found.
+
+    Attributes:
+        derivatives: of every model with a structure.
+        before: the aircraft that the description names, at the condition of the records; None without one.
+        notes: what was assumed, left out or recognised, in sentences.
+        doubts: what may make the derivatives wrong, in sentences.
+    """
+
+    derivatives: tuple[FoundDerivative, ...] = ()
+    before: Before | None = None
+    notes: tuple[str, ...] = ()
+    doubts: tuple[Advice, ...] = ()

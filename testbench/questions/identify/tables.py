@@ -1,0 +1,71 @@
+"""The table of derivatives, and its short form for the terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from testbench.page.tables import Column, Table, Value
+from testbench.questions.run.labels import case_names
+
+if TYPE_CHECKING:
+    from testbench.questions.identify.result import Identified
+
+
+_READ = (
+    "X, Y and Z are specific forces, L, M and N angular accelerations (products of inertia included), per rad, rad/s "
+    "or m/s. Standard errors are corrected for residuals that are correlated in time."
+)
+_BELIEVED = (
+    "Determined: the data decide it. Weak: the error is more than half of the value. Correlated: it stands for another "
+    "one, only both together are known. At bound: the bound set it, not the data. In doubt: something that the model "
+    "lacks is left in the residuals, and the standard error may not cover what that does."
+)
+
+
+def derivative_table(found: Identified) -> Table | None:
+    """Return the derivatives of all models, one row each; None if no model has some."""
+    if not found.derivatives:
+        return None
+    several = len({d.case for d in found.derivatives}) > 1
+    known = any(d.before is not None for d in found.derivatives)
+    scaled = any(d.coefficient is not None for d in found.derivatives)
+    names = case_names(found.cases)
+    columns = [
+        *([Column("model", "model")] if several else []),
+        Column("derivative", "derivative"),
+        Column("value", "value", digits=4),
+        Column("std", "± std", digits=2),
+        Column("unit", "unit"),
+    ]
+    if known:
+        columns += [Column("before", "before", digits=4)]
+    if scaled:
+        columns += [
+            Column("coefficient", "coefficient"),
+            Column("coefficient_value", "its value", digits=4),
+            Column("coefficient_std", "± std", digits=2),
+        ]
+    columns += [Column("believed", "believed?")]
+    rows: list[tuple[Value, ...]] = []
+    for d in found.derivatives:
+        row: list[Value] = [names[d.case]] if several else []
+        row += [d.name, d.value, d.std if d.std > 0.0 else None, d.unit or None]
+        row += [d.before] if known else []
+        row += list(d.coefficient or (None, None, None)) if scaled else []
+        rows.append((*row, f"{d.believed}{', changed' if d.changed else ''}"))
+    return Table("derivatives", "Derivatives", _caption(found, known, scaled), tuple(columns), tuple(rows))
+
+
+def _caption(found: Identified, known: bool, scaled: bool) -> str:
+    out = [_READ, _BELIEVED]
+    if known:
+        sources = ", ".join(sorted({d.source for d in found.derivatives if d.source}))
+        out.append(f"Before: {sources}. Changed: further from it than three standard errors.")
+    if scaled and found.before is not None:
+        b = found.before
+        out.append(
+            f"Coefficients with mass, inertia and geometry of {b.aircraft.name} at {b.V_m_s:.4g} m/s and a dynamic "
+            f"pressure of {b.qbar_Pa:.4g} Pa, whose own errors are not counted; CX and CZ in stability axes: "
+            "CZ_alpha = −CL_alpha − CD."
+        )
+    return " ".join(out)

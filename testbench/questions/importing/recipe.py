@@ -1,0 +1,171 @@
+"""The recipe that a record's channels allow: a structure for each axis that was moved, else a model without one.
+
+One good default: output error, which starts from equation error where all states were measured. Equation error and
+filter error take the same lines. A constant that trim removal made redundant is fixed: if a state is not measured, its
+trim value is not known, and shifting it does what one of the constants does.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from testbench.core.record import FlightRecord, FloatArray
+
+AXES = {"longitudinal": ("de", "thr"), "lateral": ("da", "dr")}
+"""Axis -> controls that excite it."""
+_SUBSPACE = {"longitudinal": ("alpha", "q", "theta", "az"), "lateral": ("beta", "p", "r", "phi")}
+_MOST_OUTPUTS = 3
+_STILL = {"V": 0.01}  # share of its size that a channel must move by, to be worth equations of its own
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What to identify, and with what.
+
+    Attributes:
+        outputs: channels.
+        estimators: entries of ``[[identification.estimators]]``, with remarks.
+        servos: commands before which a servo lies.
+        left_out: measured channels that nothing uses.
+    """
+
+    outputs: tuple[str, ...]
+    estimators: tuple[tuple[tuple[str, ...], Mapping[str, Any]], ...]
+    servos: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()
+
+
+def propose(inputs: Sequence[str], records: Sequence[FlightRecord], rate_hz: float) -> Recipe | None:
+    """Return the recipe for records of these inputs; None if nothing was measured that could be an output.
+
+    Args:
+        inputs: channels of the controls that were moved.
+        records: of the manoeuvres; channels that hold samples in all of them were measured.
+        rate_hz: of the records.
+    """
+    measured = measured_in(records)
+    moving = [n for n in measured if any(np.ptp(_taken(r, n)) > _STILL.get(n, 0.0) * _size(r, n) for r in records)]
+    outputs: list[str] = []
+    estimators: list[tuple[tuple[str, ...], Mapping[str, Any]]] = []
+    moved = {axis: [n for n in inputs if n.removesuffix("_cmd") in own] for axis, own in AXES.items()}
+    several = sum(bool(names) for names in moved.values()) > 1
+    for axis, make in (("longitudinal", _longitudinal), ("lateral", _lateral)):
+        found = make(moving, "V" in measured) if moved[axis] else None
+        if found is not None:
+            remarks, own, settings = found
+            outputs += own
+            apart = {"inputs": moved[axis], "label": axis} if several else {}
+            estimators.append((remarks, {"method": "output_error", **settings, **apart}))
+    if not estimators:
+        for axis, names in _SUBSPACE.items():
+            outputs += [n for n in names if n in moving][:_MOST_OUTPUTS] if moved[axis] else []
+        if not outputs:
+            return None
+        horizon = int(np.clip(round(0.2 * rate_hz), 5, 20))
+        remarks = ("no structure: its axis needs q, or p, r and V, as channels; a model without derivatives",)
+        order = max(2, len(outputs))
+        estimators.append(
+            (remarks, {"method": "dsr_e", "order": order, "past_horizon": horizon, "future_horizon": horizon})
+        )
+        return Recipe(tuple(outputs), tuple(estimators), (), _left(measured, inputs, outputs))
+    servos = tuple(n for n in inputs if n.endswith("_cmd") and n != "thr_cmd")
+    return Recipe(tuple(outputs), tuple(estimators), servos, _left(measured, inputs, outputs))
+
+
+def measured_in(records: Sequence[FlightRecord]) -> list[str]:
+    """Return the channels that hold samples in every record."""
+    return [n for n in records[0].channels if all(n in r and _taken(r, n).size for r in records)]
+
+
+def _taken(record: FlightRecord, name: str) -> FloatArray:
+    return record[name][record.valid[:, record.channels.index(name)]]
+
+
+def _size(record: FlightRecord, name: str) -> float:
+    return abs(float(np.mean(_taken(record, name))))
+
+
+def _left(measured: Sequence[str], inputs: Sequence[str], outputs: Sequence[str]) -> tuple[str, ...]:
+    return tuple(n for n in measured if n not in (*inputs, *outputs))
+
+
+_Found = tuple[tuple[str, ...], list[str], dict[str, Any]]
+
+
+def _longitudinal(measured: Sequence[str], speed: bool) -> _Found | None:
+    if "q" not in measured:
+        return None
+    has_alpha = "alpha" in measured
+    whole = has_alpha and {"V", "theta"} <= set(measured)
+    force = [] if has_alpha or "az" not in measured else ["az"]
+    remarks, fixed = [], []
+    if whole:
+        outputs = ["V", "alpha", "q", "theta"]
+        settings: dict[str, Any] = {"structure": "longitudinal"}
+    elif speed:
+        outputs = [n for n in ("alpha", "q", *force) if n in measured]
+        settings = {"structure": "longitudinal", "short": True}
+        missing = ", ".join(n for n in ("V", "alpha", "theta") if n not in measured)
+        remarks.append(f"not measured, or did not move: {missing}; so alpha and q at constant speed")
+    else:
+        outputs = [n for n in ("alpha", "q") if n in measured]
+        settings = {"structure": "short_period"}
+        remarks.append("V was not measured: alpha and q at constant speed, Z derivatives per speed")
+        force = []
+    if not has_alpha:
+        fixed.append("Z_0")
+        remarks.append("alpha was not measured: its trim value does what Z_0 does, so Z_0 stays zero")
+        if force and settings["structure"] == "longitudinal":
+            remarks.append("az is taken at the centre of gravity: give accelerometer_m if it is not")
+        else:
+            fixed += ["Z_q", "Z_de"]
+            remarks.append("without alpha and az, Z_q and Z_de do not show and stay zero")
+    return tuple(remarks), outputs, {**settings, **({"fixed": fixed} if fixed else {})}
+
+
+def _lateral(measured: Sequence[str], speed: bool) -> _Found | None:
+    if not speed or not {"p", "r"} <= set(measured):
+        return None
+    has_beta, has_phi = "beta" in measured, "phi" in measured
+    force = [] if has_beta or "ay" not in measured else ["ay"]
+    outputs = [n for n in ("beta", "p", "r", "phi", *force) if n in measured]
+    remarks, fixed = [], []
+    if not has_phi:
+        remarks.append("phi was not measured: its trim value does what Y_0 does, so Y_0 stays zero")
+        fixed.append("Y_0")
+    if not has_beta:
+        fixed.append("Y_0" if has_phi else "L_0")
+        remarks.append(f"beta was not measured: its trim value does what {fixed[-1]} does, so that stays zero")
+        if force:
+            remarks.append("ay is taken at the centre of gravity: give accelerometer_m if it is not")
+        else:
+            fixed += ["Y_r", "Y_dr"]
+            remarks.append("without beta and ay, Y_r and Y_dr do not show and stay zero")
+    return tuple(remarks), outputs, {"structure": "lateral_directional", **({"fixed": fixed} if fixed else {})}
+
+
+def lines(recipe: Recipe, inputs: Sequence[str]) -> list[str]:
+    """Return the tables ``[identification]``, ``[[identification.estimators]]`` and ``[servo.NAME]`` as TOML lines."""
+    q = json.dumps
+    out = ["", "[identification]", f"inputs = {q(list(inputs))}", f"outputs = {q(list(recipe.outputs))}"]
+    if recipe.left_out:
+        out.append(f"# measured, but used by nothing below: {', '.join(recipe.left_out)}")
+    for remarks, entry in recipe.estimators:
+        out += ["", *(f"# {text}" for text in remarks), "[[identification.estimators]]"]
+        out += [f"{key} = {q(value)}" for key, value in entry.items()]
+        if entry["method"] == "output_error":
+            out.append('# in turbulence: method = "filter_error"; quick and without start values: "equation_error"')
+    for name in recipe.servos:
+        out += [
+            "",
+            "# A command was logged, not the surface. Where you know its servo, give lag_s (and delay_s,",
+            "# rate_limit_deg_s) as numbers: what is estimated costs accuracy of the damping.",
+            f"[servo.{name}]",
+            'lag_s = "estimate"',
+        ]
+    return out

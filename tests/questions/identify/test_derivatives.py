@@ -1,0 +1,137 @@
+"""From a log to derivatives: what a new user's commands give, and what is said of servos, holds and the aircraft."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import testbench as tb
+from testbench.cli import app
+from testbench.core.errors import ScenarioError
+from testbench.questions.identify.answer import identify_answer
+from testbench.questions.identify.ask import identify
+from testbench.questions.identify.before import servos_of
+from testbench.questions.identify.page import identify_page
+from testbench.questions.identify.scenario import RecordDescription
+from testbench.questions.importing.ask import import_log, write_import
+
+RATE = 50.0
+TRUE = {"Z_alpha": -40.0, "M_alpha": -12.0, "M_q": -6.0, "M_de": -20.0}
+
+
+def table(path, lag: float, control: str = "de_cmd"):
+    """A CSV of a short period at 20 m/s behind a servo, with noise: two 3-2-1-1, degrees and m/s."""
+    n, fine = round(60.0 * RATE), 20
+    t = np.arange(n) / RATE
+    u = np.zeros(n)
+    for begin in (5.0, 30.0):
+        at, sign = begin, 1.0
+        for k in (3, 2, 1, 1) * 2:
+            u[(t >= at - 1e-9) & (t < at + 0.3 * k - 1e-9)] = 0.05 * sign
+            at, sign = at + 0.3 * k, -sign
+    A, B = np.array([[-2.0, 1.0], [-12.0, -6.0]]), np.array([-0.1, -20.0])
+    x, delta, out, h = np.zeros(2), 0.0, np.zeros((n, 2)), 1.0 / RATE / fine
+    for k in range(n):
+        out[k] = x
+        for _ in range(fine):
+            new = u[k] + (delta - u[k]) * np.exp(-h / lag) if lag else u[k]
+            middle = x + 0.5 * h * (A @ x + B * delta)
+            x = x + h * (A @ middle + B * 0.5 * (delta + new))
+            delta = new
+    rng = np.random.default_rng(3)
+    V = 20.0 + 0.05 * rng.standard_normal(n)
+    alpha, q = (out + np.array([0.002, 0.004]) * rng.standard_normal(out.shape)).T
+    columns = [t, V, np.degrees(0.05 + alpha), np.degrees(q), np.degrees(0.02 + u)]
+    head = f"time [s],V [m/s],alpha [deg],q [deg/s],{control} [deg]"
+    np.savetxt(path, np.column_stack(columns), delimiter=",", header=head, comments="", fmt="%.7g")
+    return path
+
+
+def described(tmp_path, lag: float, control: str = "de_cmd", edit=lambda text: text) -> RecordDescription:
+    folder = tmp_path / "records"
+    file = write_import(import_log(table(tmp_path / "flight.csv", lag, control)), folder)[-1]
+    file.write_text(edit(file.read_text()))
+    return RecordDescription.load(file)
+
+
+def test_what_import_writes_gives_derivatives_that_cover_the_truth(tmp_path):
+    found = identify(described(tmp_path, 0.08))
+    by_name = {d.name: d for d in found.derivatives}
+    for name, value in {**TRUE, "tau_de": 0.08}.items():  # 5 of them beyond 4 errors by chance: 3e-4
+        assert abs(by_name[name].value - value) < 4.0 * by_name[name].std, name
+    assert by_name["M_q"].determined
+    assert by_name["M_q"].unit == "1/s"
+    assert found.doubts == ()
+    lines = identify_answer(found)
+    assert lines[0].kind == "lead"
+    assert "determined" in lines[0].text
+    page = identify_page(found)
+    assert page.terminal[0].name == "derivatives"
+    assert page.more_tables[0].name == "derivatives"
+
+
+@pytest.mark.parametrize("ignored", [False, True])
+def test_a_command_taken_for_the_surface_is_in_doubt_with_what_it_costs(tmp_path, ignored):
+    servo = 'lag_s = "estimate"'
+    found = identify(
+        described(
+            tmp_path,
+            0.08,
+            edit=lambda text: text.replace(servo, "ignore = true") if ignored else text.split("[servo.de_cmd]")[0],
+        )
+    )
+    (doubt,) = found.doubts
+    assert "M_q would be" in doubt
+    assert "de_cmd" in doubt
+    assert [line.kind for line in identify_answer(found)].count("doubt") >= 1
+    M_q = next(d for d in found.derivatives if d.name == "M_q")
+    assert abs(M_q.value - TRUE["M_q"]) > 4.0 * M_q.std
+
+
+def test_a_surface_that_steps_is_said_to_be_taken_as_held(tmp_path):
+    found = identify(described(tmp_path, 0.0, "de"))
+    assert found.doubts == ()
+    assert any("held from sample to sample: de" in text for text in found.notes)
+    M_de = next(d for d in found.derivatives if d.name == "M_de")
+    assert abs(M_de.value - TRUE["M_de"]) < 4.0 * M_de.std
+
+
+def test_an_aircraft_gives_values_before_and_coefficients(tmp_path):
+    found = identify(described(tmp_path, 0.0, "de", lambda text: 'aircraft = "eolo"\n' + text))
+    M_q = next(d for d in found.derivatives if d.name == "M_q")
+    eolo = tb.load_aircraft("eolo")
+    assert M_q.source == eolo.name
+    assert M_q.before is not None
+    assert M_q.changed
+    symbol, value, std = M_q.coefficient
+    assert symbol == "Cm_q"
+    g, qbar = eolo.geometry, found.before.qbar_Pa
+    expected = M_q.value * eolo.mass.Iyy / (qbar * g.S_m2 * g.cbar_m) * 2.0 * found.before.V_m_s / g.cbar_m
+    assert value == pytest.approx(expected, rel=1e-12)
+    assert std / abs(value) == pytest.approx(M_q.std / abs(M_q.value), rel=1e-9)
+    assert found.before.V_m_s == pytest.approx(20.0, abs=0.05)
+    assert any("no height" in text for text in found.notes)
+
+
+def test_the_servo_of_an_aircraft_is_taken_where_the_description_gives_none():
+    servo = servos_of(tb.load_aircraft("b1"), ("de_cmd", "thr_cmd", "de"))
+    assert set(servo) == {"de_cmd"}
+    assert servo["de_cmd"].lag_s == pytest.approx(0.05)
+    assert servo["de_cmd"].rate_limit_deg_s == pytest.approx(np.degrees(1.0))
+
+
+def test_a_servo_of_what_is_no_input_is_refused_with_its_key(tmp_path):
+    with pytest.raises(ScenarioError, match=r"servo\.da_cmd"):
+        described(tmp_path, 0.08, edit=lambda text: text + "\n[servo.da_cmd]\nlag_s = 0.1\n")
+
+
+def test_identify_takes_a_log_itself(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    table(tmp_path / "flight.csv", 0.08)
+    done = CliRunner().invoke(app, ["identify", "flight.csv", "--out", "results"])
+    assert done.exit_code == 0, done.output
+    assert "M_q" in done.output
+    assert (tmp_path / "results/flight/flight_longitudinal.toml").is_file()
+    html = (tmp_path / "results/flight_longitudinal/report.html").read_text()
+    assert html.index('id="derivatives"') < html.index('id="flown"')

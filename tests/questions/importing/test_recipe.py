@@ -1,0 +1,83 @@
+"""The recipe that the channels of a record allow, and that what it writes identifies at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from testbench.core.record import FlightRecord
+from testbench.questions.importing.recipe import propose
+
+LONGITUDINAL = ("V", "alpha", "q", "theta", "az", "h")
+
+
+def record(*channels: str, still: tuple[str, ...] = ()) -> FlightRecord:
+    t = np.arange(200) * 0.02
+    columns = [np.full(200, 20.0) if n in still else 20.0 * (n == "V") + np.sin(t + i) for i, n in enumerate(channels)]
+    return FlightRecord(t, channels, np.column_stack(columns), "measured")
+
+
+def entry(inputs: tuple[str, ...], *channels: str, still: tuple[str, ...] = ()):
+    recipe = propose(inputs, [record(*inputs, *channels, still=still)], 50.0)
+    assert recipe is not None
+    return recipe, recipe.estimators[0][1]
+
+
+def test_all_four_states_give_the_whole_longitudinal_motion():
+    recipe, found = entry(("de",), *LONGITUDINAL)
+    assert found == {"method": "output_error", "structure": "longitudinal"}
+    assert recipe.outputs == ("V", "alpha", "q", "theta")
+    assert recipe.left_out == ("az", "h")
+    assert recipe.servos == ()
+
+
+@pytest.mark.parametrize(
+    ("channels", "still", "outputs", "settings"),
+    [
+        (("V", "q", "theta", "az"), (), ("q", "az"), {"structure": "longitudinal", "short": True, "fixed": ["Z_0"]}),
+        (("V", "alpha", "q"), (), ("alpha", "q"), {"structure": "longitudinal", "short": True}),
+        (("V", "alpha", "q", "theta"), ("V",), ("alpha", "q"), {"structure": "longitudinal", "short": True}),
+        (("alpha", "q", "theta"), (), ("alpha", "q"), {"structure": "short_period"}),
+        (("q", "theta", "az"), (), ("q",), {"structure": "short_period", "fixed": ["Z_0", "Z_q", "Z_de"]}),
+    ],
+)
+def test_what_is_missing_makes_the_structure_smaller_and_constants_that_do_not_show_are_fixed(
+    channels, still, outputs, settings
+):
+    recipe, found = entry(("de",), *channels, still=still)
+    assert recipe.outputs == outputs
+    assert found == {"method": "output_error", **settings}
+
+
+@pytest.mark.parametrize(
+    ("channels", "outputs", "fixed"),
+    [
+        (("V", "beta", "p", "r", "phi", "ay"), ("beta", "p", "r", "phi"), None),
+        (("V", "p", "r", "phi", "ay"), ("p", "r", "phi", "ay"), ["Y_0"]),
+        (("V", "p", "r", "phi"), ("p", "r", "phi"), ["Y_0", "Y_r", "Y_dr"]),
+        (("V", "p", "r", "ay"), ("p", "r", "ay"), ["Y_0", "L_0"]),
+    ],
+)
+def test_lateral_channels_give_lateral_derivatives(channels, outputs, fixed):
+    recipe, found = entry(("da", "dr"), *channels)
+    assert recipe.outputs == outputs
+    assert found["structure"] == "lateral_directional"
+    assert found.get("fixed") == fixed
+
+
+def test_commands_get_servos_and_throttle_does_not():
+    recipe, _ = entry(("de_cmd", "thr_cmd"), *LONGITUDINAL)
+    assert recipe.servos == ("de_cmd",)
+
+
+def test_both_axes_at_once_give_a_structure_each_with_its_own_inputs():
+    recipe, first = entry(("de", "da", "dr"), "V", "alpha", "q", "theta", "beta", "p", "r", "phi")
+    second = recipe.estimators[1][1]
+    assert (first["structure"], first["inputs"]) == ("longitudinal", ["de"])
+    assert (second["structure"], second["inputs"]) == ("lateral_directional", ["da", "dr"])
+
+
+def test_without_rates_there_is_a_model_without_derivatives_and_without_outputs_nothing():
+    _, found = entry(("de",), "theta", "az")
+    assert found["method"] == "dsr_e"
+    assert propose(("de",), [record("de", "psi")], 50.0) is None
