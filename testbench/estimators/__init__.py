@@ -221,7 +221,7 @@ def estimate(
 
 
 def estimate_alone(
-    entry: Settings,
+    entry: Any,  # Settings of a method: each has fields of its own
     records: Sequence[FlightRecord],
     inputs: Sequence[str],
     outputs: Sequence[str],

@@ -1,7 +1,7 @@
 """Is the cause named? Flights with one thing wrong with each, every method, many seeds: results/estimators/advice.csv.
 
 Run ``python tests/studies/advice_study.py [--seeds N] [--jobs N]``; rows that are in the file already are kept, so that
-it goes on where it stopped. Thresholds were set on seeds 1 and 2; the study measures on seeds from 101 on.
+it goes on where it stopped. Thresholds were set on seeds up to 20; the study measures on seeds from 101 on.
 
 An estimate is wrong if a derivative is more than four of its errors off, or, for methods without derivatives, if the
 pole nearest to the truth is more than ``TOLERANCE`` off in frequency, relative, or in damping ratio.

@@ -33,6 +33,7 @@ class Limits:
         pitch_change: largest change of pitch angle either side, rad.
         bank: largest bank either side, rad.
         V_max_m_s: airspeed that is never exceeded, e.g. the onset of flutter less a margin.
+        V_min_m_s: airspeed that is always kept, e.g. 1.2 times the stall speed.
         throw: control -> lowest and highest value that the aircraft allows, rad.
     """
 
@@ -46,6 +47,7 @@ class Limits:
     pitch_change: float | None = None
     bank: float | None = None
     V_max_m_s: float | None = None
+    V_min_m_s: float | None = None
     throw: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def control_band(self, control: str) -> tuple[float, float]:
@@ -78,6 +80,9 @@ class Limits:
         if self.V_max_m_s is not None:
             low, high = out.get("V", (0.0, np.inf))
             out["V"] = (low, min(high, self.V_max_m_s))
+        if self.V_min_m_s is not None:
+            low, high = out.get("V", (0.0, np.inf))
+            out["V"] = (max(low, self.V_min_m_s), high)
         for name, (low, high) in out.items():
             if name in trim and not low < trim[name] < high:
                 unit = channel(name).unit

@@ -21,8 +21,14 @@ _DEFAULTS = {"start_s", "repeats", "spacing", "fade_s", "periods", "stride", "fi
 
 
 def ready_to_fly(result: DesignResult) -> Mapping[str, Content]:
-    """Return the files of every ranked design: designs/NAME.toml, signals/NAME.csv and signals/NAME.mat."""
+    """Return the files of every ranked design: designs/NAME.toml, signals/NAME.csv and signals/NAME.mat.
+
+    The scenario that asked for them lies beside as design.toml: `testbench plan --from` takes its limits.
+    """
     out: dict[str, Content] = {}
+    asked = result.scenario.file
+    if asked is not None and asked.is_file():
+        out["design.toml"] = asked.read_text(encoding="utf-8")
     ranked = [*enumerate(result.ranking, 1), *([("shortest", result.shortest)] if result.shortest else [])]
     for rank, entry in ranked:
         design = entry.design

@@ -23,7 +23,8 @@ def plan_answer(plan: Plan) -> list[tuple[str, str]]:
         )
         on = counted(legs, one, many)
         head = (
-            f"{len(plan.runs)} runs ({planes[0]} longitudinal, {planes[1]} lateral) at {len(plan.points)} points take "
+            f"{counted(len(plan.runs), 'run')} ({planes[0]} longitudinal, {planes[1]} lateral) at "
+            f"{counted(len(plan.points), 'point')} take "
             f"{counted(legs, 'flight')} on {on} and {minutes:.0f} min in the air"
         )
         fullest = max(plan.flights, key=lambda f: f.share)

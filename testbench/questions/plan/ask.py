@@ -10,11 +10,14 @@ from itertools import pairwise
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.channels import CONTROLS
 from testbench.core.errors import LimitError, ScenarioError, TestbenchError, located
 from testbench.evaluation.envelope import Envelope, Onset, fly_envelope
 from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Simulator
 from testbench.page.words import counted
+from testbench.questions.plan.airspace import fits
+from testbench.questions.plan.bounds import GIVEN, bounds_at
 from testbench.questions.plan.repeats import plane_modes, reach
 from testbench.questions.plan.resources import level_power_W, schedule
 from testbench.questions.plan.response import (
@@ -80,9 +83,10 @@ def make_plan(
         for i, spec in enumerate(scenario.manoeuvre):
             if _wanted(spec, point):
                 onset = point.onset.V_m_s if point.onset is not None and not scenario.allow_above_onset else None
-                tasks.append(Task(point, spec, limits_of(scenario.limits, aircraft, onset)))
+                bounds = bounds_at(scenario.limits, aircraft, point, scenario.timing.field_m, onset)
+                tasks.append(Task(point, spec, limits_of(bounds.limits, aircraft, onset), bounds.sources))
                 keys.append(f"manoeuvre[{i}]")
-    together = Together(aircraft, simulator)
+    together = Together(aircraft, simulator, period_ms=scenario.held_ms)
     say(f"fly {counted(len(tasks), 'card')}")
     within = fly_within(together, tasks, scenario.scale)
     rough = roughness(together, scenario, tasks)
@@ -95,6 +99,7 @@ def make_plan(
             if isinstance(air, TestbenchError):
                 raise air
             cards.append(_card(scenario, aircraft, suite, task, flown, air, len(cards) + 1))
+    fits(scenario, cards)
     runs, flights = schedule(scenario, cards, aircraft.mass.mass_kg)
     return Plan(scenario, aircraft, suite, tuple(envelopes), points, tuple(cards), runs, flights, together.tally)
 
@@ -215,9 +220,11 @@ def _card(
     if status == "refused":
         repeats = 0
     elif spec.accuracy_percent:
-        repeats, reached = reach(point, spec, scaled(spec.input, factor), suite, modes)
+        repeats, reached = reach(point, spec, scaled(spec.input, factor), suite, modes, scenario.held_ms)
     try:
-        shown = tuple(Limit(n, low, high) for n, (low, high) in bands_of(task.limits, point, spec.controls).items())
+        bands = bands_of(task.limits, point, spec.controls)
+        stops = {c: GIVEN if c in scenario.limits.deflection_deg else f"stops of {aircraft.name}" for c in CONTROLS}
+        shown = tuple(Limit(n, low, high, {**stops, **task.sources}[n]) for n, (low, high) in bands.items())
     except LimitError:  # trim lies outside: the card is refused, and says so
         shown = ()
     record = dataclasses.replace(flown.record, provenance={})

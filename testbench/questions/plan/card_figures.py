@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _A4_IN = (8.27, 11.69)
 _LEFT, _RIGHT, _MIDDLE = 0.55, 7.75, 4.3
 _LINE_IN = 0.138
+_ROW_IN = 0.118  # of the table of limits
 _BINS = 400  # stretches of a curve that are drawn
 _WARN = "#b34700"
 
@@ -144,13 +145,13 @@ def card_pdf_page(card: Card, plan: Plan) -> Figure:
     colour = {"fly": "#00704a", "scaled": _WARN, "refused": _WARN}[card.status]
     page.write(_LEFT, 1.0, text.status[:150], 8.5, colour, weight="bold")
     left = page.pairs(_LEFT, _MIDDLE - 0.2, 1.3, "Set-up", text.setup)
-    right = page.limits(_MIDDLE, _RIGHT, 1.3, text)
-    y = max(left, right) + 0.2
+    right = page.lines(_MIDDLE, _RIGHT, 1.3, "Go or no-go", [*text.before, text.go], bullet=True) - 0.16
+    y = page.limits(_LEFT, _RIGHT, max(left, right) + 0.2, text) + 0.2
     y = page.lines(_LEFT, _RIGHT, y, "Control sequence", text.sequence)
     controls = len(card.signal.channels)
     tail = _tail_in(text)
     free = _A4_IN[1] - y - tail - 0.55
-    tall = min(1.45, max(0.5, (free - 0.62 * controls - 2 * 0.62) / (controls + 2)))
+    tall = min(1.45, max(0.33, (free - 0.62 * controls - 2 * 0.62) / (controls + 2)))
     panels = grid(figure, y + 0.12, [tall] * controls, gap_in=0.55, left_in=_LEFT + 0.5, right_in=_A4_IN[0] - _RIGHT)
     draw_controls(panels[:, 0].tolist(), card)
     y += 0.12 + controls * (tall + 0.6)
@@ -166,13 +167,13 @@ def card_pdf_page(card: Card, plan: Plan) -> Figure:
 def _tail_in(text: CardText) -> float:
     """Return the height of what stands below the plots, in."""
     notes = sum(len(_wrapped(line, _RIGHT - _MIDDLE, 7.0)) for line in (*text.log, *text.notes))
-    modes = len(text.modes) + 1 + len(_wrapped(text.go, 0.92 * (_MIDDLE - 0.2 - _LEFT), 7.0))
+    modes = len(text.modes)
     return 0.42 + _LINE_IN * max(notes + 2, modes + 1)
 
 
 def _tail(page: _Page, text: CardText, y: float) -> None:
-    """Write damping and rule for going on at the left, what to log and notes at the right."""
-    page.head(_LEFT, _MIDDLE - 0.2, y, "Go or no-go")
+    """Write frequency and damping at the left, what to log and notes at the right."""
+    page.head(_LEFT, _MIDDLE - 0.2, y, "Damping")
     here = y + 0.2
     width = _MIDDLE - 0.2 - _LEFT
     xs = (_LEFT, _LEFT + 0.64 * width, _LEFT + 0.76 * width, _LEFT + 0.88 * width, _LEFT + width)
@@ -183,10 +184,6 @@ def _tail(page: _Page, text: CardText, y: float) -> None:
         page.write(_LEFT, here, name, 6.2, INK)
         for x, value in zip(xs[1:], (f.removesuffix(" Hz"), zeta, later, go.removeprefix("≥ ")), strict=True):
             page.write(x, here, value, 6.5, INK, ha="right")
-    here += 0.03
-    for line in _wrapped(text.go, 0.92 * width, 7.0):
-        here += _LINE_IN
-        page.write(_LEFT, here, line, 7.0, INK, weight="bold")
     end = page.lines(_MIDDLE, _RIGHT, y, "Log", text.log, bullet=True)
     page.lines(_MIDDLE, _RIGHT, end + 0.04, "Notes", text.notes, bullet=True)
 
@@ -232,13 +229,14 @@ class _Page:
         """Write limits and what to do when one is met; return where they end."""
         self.head(left, right, y, "Limits, and what to do when one is met")
         y += 0.06
-        for name, span, what in text.limits:
-            for k, line in enumerate(_wrapped(what, right - left - 1.72, 6.6)):
-                y += _LINE_IN
-                if k == 0:
-                    self.write(left, y, name, 7.4, INK, weight="bold")
-                    self.write(left + 0.72, y, span, 7.0, INK)
-                self.write(left + 1.72, y, line, 6.6, INK)
+        for name, span, what, who in text.limits:
+            lines = _wrapped(what, 2.85, 6.4), _wrapped(who, right - left - 4.65, 6.0)
+            self.write(left, y + _ROW_IN, name, 7.0, INK, weight="bold")
+            self.write(left + 0.75, y + _ROW_IN, span, 6.8, INK)
+            for x, size, colour, part in ((1.75, 6.4, INK, lines[0]), (4.65, 6.0, QUIET, lines[1])):
+                for k, line in enumerate(part, 1):
+                    self.write(left + x, y + k * _ROW_IN, line, size, colour)
+            y += max(map(len, lines)) * _ROW_IN + 0.015
         return y
 
     def lines(

@@ -12,6 +12,9 @@ import numpy as np
 from testbench.core.constants import G0_M_S2
 from testbench.flight.condition import air_density
 from testbench.page.labels import file_stem, number, shown_unit, symbol
+from testbench.questions.plan.airspace import leg_of
+from testbench.questions.plan.injection.lua import WATCHED, injectable
+from testbench.questions.plan.scenario import Tow
 
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
@@ -42,9 +45,10 @@ class CardText:
         status: how it went in the simulator, in one sentence.
         setup: (what, value).
         sequence: lines on the control sequence.
-        limits: (limit, range, what to do when it is met).
+        limits: (limit, range, what to do when it is met, who watches it and where it comes from).
         modes: (mode, frequency, damping here, predicted at the next point, least measured for a go).
-        go: the rule for a go, in one sentence.
+        before: go or no-go before the run, one line each.
+        go: the rule for a go to the next speed, in one sentence.
         log: what to log.
         notes: accuracy, band, limits met at full amplitude.
     """
@@ -52,8 +56,9 @@ class CardText:
     status: str
     setup: tuple[tuple[str, str], ...]
     sequence: tuple[str, ...]
-    limits: tuple[tuple[str, str, str], ...]
+    limits: tuple[tuple[str, str, str, str], ...]
     modes: tuple[tuple[str, str, str, str, str], ...]
+    before: tuple[str, ...]
     go: str
     log: tuple[str, ...]
     notes: tuple[str, ...]
@@ -129,6 +134,7 @@ def card_text(card: Card, plan: Plan) -> CardText:
         tuple(sequence_lines(card)),
         tuple(_limits(card, plan)),
         tuple(_modes(card)),
+        tuple(before_lines(card, plan)),
         go_rule(card),
         tuple(_log(card, plan)),
         tuple(_notes(card, plan)),
@@ -173,13 +179,32 @@ def _setup(card: Card, plan: Plan) -> list[tuple[str, str]]:
         ("power", f"{number(point.power_W)} W level"),
         ("flown by", scenario.flown_by),
     ]
-    if scenario.flown_by == "autopilot" and "thr" in card.spec.controls:
-        out.append(("script", "none: scripts move surfaces only; command the throttle by hand or from the CSV"))
-    elif scenario.flown_by == "autopilot" and card.status != "refused":
-        pilot = scenario.autopilot
-        out.append(("script", f"{card_stem(card)}.lua; SCR_USER1 = {card.number}, mode {pilot.mode}"))
-        out.append(("switch", f"RCn_OPTION = {pilot.switch_option}: low, then high; low at once ends it"))
+    out += _script_rows(card, plan)
     return out
+
+
+def _script_rows(card: Card, plan: Plan) -> list[tuple[str, str]]:
+    """Return the script of a card, its settings and its switch, or why there is none."""
+    pilot = plan.scenario.autopilot
+    if plan.scenario.flown_by != "autopilot" or card.status == "refused":
+        return []
+    if "thr" in card.spec.controls:
+        return [("script", "none: scripts move surfaces only; command the throttle by hand or from the CSV")]
+    if pilot.system == "own":
+        return [("player", f"your own, at {1e3 / pilot.period_ms:.3g} Hz, from {card_stem(card)}.csv")]
+    if pilot.system == "px4":
+        need = {
+            "manual_control": "PX4 1.17 or later, mode MANUAL, COM_RC_IN_MODE 6",
+            "actuator_control": "PX4 1.13 with mixers, from MANUAL",
+        }[pilot.interface]
+        return [
+            ("script", f"{card_stem(card)}.py on a companion computer; {need}"),
+            ("switch", f"radio channel {pilot.switch_channel}: low, then high; low at once ends it"),
+        ]
+    return [
+        ("script", f"{card_stem(card)}.lua; SCR_USER1 = {card.number}, mode {pilot.mode}"),
+        ("switch", f"RCn_OPTION = {pilot.switch_option}: low, then high; low at once ends it"),
+    ]
 
 
 def _range(first: int, last: int) -> str:
@@ -194,7 +219,7 @@ def onset_words(card: Card) -> str:
     return f"{100.0 * point.margin:.0f} % below {point.onset.V_m_s:.3g} m/s ({point.onset.name})"
 
 
-def _limits(card: Card, plan: Plan) -> list[tuple[str, str, str]]:
+def _limits(card: Card, plan: Plan) -> list[tuple[str, str, str, str]]:
     out = []
     for limit in card.limits:
         factor, unit = shown_unit(limit.channel)
@@ -207,11 +232,22 @@ def _limits(card: Card, plan: Plan) -> list[tuple[str, str, str]]:
             span = f"≤ {_plain(high)} {unit}"
         else:
             span = f"{_plain(low)} to {_plain(high)} {unit}"
-        out.append((name, span, _WHAT_TO_DO.get(limit.channel, _STOPS)))
+        who = watcher(limit.channel, card, plan)
+        out.append((name, span, _WHAT_TO_DO.get(limit.channel, _STOPS), f"{who} watches, {limit.source}"))
     slower = "start switch low, " if plan.scenario.flown_by == "autopilot" else "release, "
     if any(m.elastic for m in card.point.modes):
-        out.append(("vibration", "dies away", f"{slower}throttle idle, slow down by 2 m/s; the flight is over"))
+        what = f"{slower}throttle idle, slow down by 2 m/s; the flight is over"
+        out.append(("vibration", "dies away", what, "PILOT watches"))
     return out
+
+
+def watcher(channel: str, card: Card, plan: Plan) -> str:
+    """Return who watches a limit: the script where one flies the card and measures it, else the pilot.
+
+    A surface's deflection needs no watching where a script commands it: it does not start without room for it.
+    """
+    scripted = plan.scenario.flown_by == "autopilot" and plan.scenario.autopilot.scripted and injectable(card)
+    return "script" if scripted and (channel in WATCHED or channel in CONTROL_NAMES) else "PILOT"
 
 
 def _plain(value: float) -> str:
@@ -243,6 +279,39 @@ def _in_plane(name: str, plane: str) -> bool:
     return (name in {"phugoid", "short period"}) == (plane == "longitudinal")
 
 
+def before_lines(card: Card, plan: Plan) -> list[str]:
+    """Return what decides before a run whether it is flown, one line each: wind, box, energy."""
+    if card.status == "refused" or not card.repeats:
+        return ["NO-GO: the card is refused"]
+    scenario, space = plan.scenario, plan.scenario.airspace
+    out = []
+    if space is not None:
+        gusts = "" if space.gust_m_s is None else f" and gusts at most {space.gust_m_s:g} m/s"
+        out.append(f"wind: GO if its mean is at most {space.wind_m_s:g} m/s{gusts}")
+        leg = leg_of(card, space)
+        turn = f"turn back after {leg.runs} {'run' if leg.runs == 1 else 'runs'}" if leg.turns else "no turn between"
+        out.append(
+            f"box: GO if {leg.run_m:.0f} m lie ahead per run; {turn}, {leg.radius_m:.0f} m radius, {leg.turn_s:.0f} s"
+        )
+    need = _energy_of_a_run_J(card, plan)
+    if isinstance(scenario.energy, Tow):
+        kept = scenario.energy.lowest_m
+        out.append(
+            f"height: GO if the run ends above {kept:g} m; it takes {need / plan.weight_N:.0f} m and the landing"
+        )
+    else:
+        out.append(
+            f"{scenario.energy.kind}: GO if {need / 3600.0:.3g} Wh of what is usable are left: this run and landing"
+        )
+    return out
+
+
+def _energy_of_a_run_J(card: Card, plan: Plan) -> float:
+    """Return the energy of one run with its turn, and of half the time beside the runs, which is the way home."""
+    timing = plan.scenario.timing
+    return card.point.power_W * (card.length_s + timing.turn_s + 0.5 * timing.overhead_s)
+
+
 def go_rule(card: Card) -> str:
     """Return the rule for going on to the next point."""
     following = card.point.next_V_m_s
@@ -261,8 +330,10 @@ def _log(card: Card, plan: Plan) -> list[str]:
     out = [f"{suite.title} (suite {suite.name}): {', '.join(suite.channels)} at {suite.rate_hz:g} Hz"]
     commands = ", ".join(f"{c}_cmd" for c in card.spec.controls)
     out.append(f"the commands {commands} at no less than {suite.rate_hz:g} Hz, in the same file and clock")
-    if plan.scenario.flown_by == "autopilot":
-        out.append("the TBSQ messages of the script, with the autopilot's own log")
+    if plan.scenario.flown_by == "autopilot" and plan.scenario.autopilot.system == "ardupilot":
+        out.append("the autopilot's own log, with the TBSQ messages of the script: LOG_BITMASK bits 0 or 20, 13, 19")
+    elif plan.scenario.flown_by == "autopilot" and plan.scenario.autopilot.system == "px4":
+        out.append("the autopilot's own log: SDLOG_PROFILE 25")
     out.append("run number, time of day, wind, battery before and after, remarks of the crew")
     return out
 
@@ -290,6 +361,30 @@ def _notes(card: Card, plan: Plan) -> list[str]:
     if beyond and card.status != "refused":
         out.append(f"the band reaches beyond the limit on {', '.join(beyond)}: watch it, and be ready to end the run")
     out += [f"accuracy, {r.sentence}" for r in card.reached]
+    out += _system_id(card, plan)
     if card.status != "fly":
         out += [f"at full amplitude: {text}" for text in card.met[1:3]]
     return out
+
+
+_SID_AXIS = {"de": 23, "da": 22}  # SID_AXIS of ArduPilot Plane: FW Mixer Pitch, FW Mixer Roll
+
+
+def _system_id(card: Card, plan: Plan) -> list[str]:
+    """Return the settings of ArduPilot's own system identification where it can fly the like of a card.
+
+    Plane 4.7 and later, in fixed-wing flight: a chirp of exponentially rising frequency on pitch or roll.
+    """
+    pilot, entries = plan.scenario.autopilot, card.spec.input
+    if plan.scenario.flown_by != "autopilot" or pilot.system != "ardupilot" or card.status == "refused":
+        return []
+    sweep = entries[0]
+    if len(entries) != 1 or sweep.signal != "sweep" or sweep.control not in _SID_AXIS:
+        return []
+    control = plan.aircraft.controls[sweep.control]
+    part = card.factor * abs(sweep.amplitude) / min(control.full, -control.low)
+    return [
+        f"Plane 4.7 and later flies a like sweep at the rate of its loop: SID_AXIS {_SID_AXIS[sweep.control]}, "
+        f"SID_MAGNITUDE {part:.3g}, SID_F_START_HZ {sweep.f_start_hz:g}, SID_F_STOP_HZ {sweep.f_end_hz:g}, SID_T_REC "
+        f"{sweep.sweep_s:g}, RCn_OPTION 184; its stabilisation stays on, and it watches none of these limits"
+    ]

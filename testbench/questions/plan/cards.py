@@ -9,11 +9,11 @@ from testbench.core.files import write_file
 from testbench.page.html import picture, render
 from testbench.questions.plan.card_figures import card_plate, draw_pages, pdf_bytes
 from testbench.questions.plan.card_text import card_stem, card_text
-from testbench.questions.plan.injection import injected_signal, lua_script, signal_csv
+from testbench.questions.plan.injection import injected_signal, lua_script, px4_script, signal_csv
 from testbench.questions.plan.injection.lua import injectable
 
 if TYPE_CHECKING:
-    from testbench.questions.plan.result import Plan
+    from testbench.questions.plan.result import Card, Plan
 
 _HAND_PERIOD_MS = 20
 
@@ -39,7 +39,7 @@ def write_cards(plan: Plan, folder: Path) -> list[Path]:
 
 
 def signals(plan: Plan) -> dict[str, str]:
-    """Return signals/NAME.csv of every card and, where an autopilot flies it, injection/NAME.lua, as path -> text."""
+    """Return signals/NAME.csv of every card and, where an autopilot flies it, its script, as path -> text."""
     scenario = plan.scenario
     by_autopilot = scenario.flown_by == "autopilot"
     period = scenario.autopilot.period_ms if by_autopilot else _HAND_PERIOD_MS
@@ -47,6 +47,16 @@ def signals(plan: Plan) -> dict[str, str]:
     for card in plan.cards:
         stem = card_stem(card)
         out[f"signals/{stem}.csv"] = signal_csv(injected_signal(card, period), plan.aircraft)
-        if by_autopilot and injectable(card):
-            out[f"injection/{stem}.lua"] = lua_script(card, plan.aircraft, scenario.autopilot)
+        path = script_of(card, plan)
+        if path is not None:
+            write = lua_script if path.endswith(".lua") else px4_script
+            out[path] = write(card, plan.aircraft, scenario.autopilot)
     return out
+
+
+def script_of(card: Card, plan: Plan) -> str | None:
+    """Return where the script that flies a card lies in the folder of the plan, or None if there is none."""
+    autopilot = plan.scenario.autopilot
+    if plan.scenario.flown_by != "autopilot" or not autopilot.scripted or not injectable(card):
+        return None
+    return f"injection/{card_stem(card)}{'.lua' if autopilot.system == 'ardupilot' else '.py'}"

@@ -1,15 +1,53 @@
-"""The command ``testbench plan``."""
+"""The commands ``testbench plan``, ``plan new`` and ``plan close``."""
 
 from __future__ import annotations
 
+from enum import Enum
 from pathlib import Path
+from typing import Annotated
 
+import typer
+
+from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
-from testbench.questions.options import FlownBy, OutOption, ScenarioArgument, SeedOption, SimulatorOption
+from testbench.questions.options import FlownBy, OutOption, SeedOption, ShowByDefault, SimulatorOption, UsageError
+
+command = typer.Typer(
+    cls=ShowByDefault,
+    no_args_is_help=True,
+    help="Turn test points and manoeuvres into a campaign: build-up, flight cards, repeats, times, energy, scripts.",
+)
+FromOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--from", help="Folder of a design (its best is taken), or one file of its designs/; once or more.",
+        show_default=False,
+    ),
+]  # fmt: skip
+SuiteOption = Annotated[str | None, typer.Option(help="Sensors: a packaged suite, or a file.", show_default=False)]
 
 
-def command(
-    scenario: ScenarioArgument,
+class FlownWith(str, Enum):
+    """Who flies the cards of a new plan."""
+
+    ardupilot = "ardupilot"
+    px4 = "px4"
+    own = "own"
+    pilot = "pilot"
+
+
+AutopilotOption = Annotated[
+    FlownWith | None,
+    typer.Option(help="Who flies the cards. Default: as designed, or ardupilot.", show_default=False),
+]
+
+
+@command.command()
+def show(
+    scenario: Annotated[
+        Path | None, typer.Argument(help="Plan file, or the name of a packaged one.", show_default=False)
+    ] = None,
+    designs: FromOption = None,
     out: OutOption = Path("results"),
     seed: SeedOption = None,
     simulator: SimulatorOption = FlownBy.auto,
@@ -17,19 +55,124 @@ def command(
     """Turn test points and manoeuvres into a campaign: build-up, flight cards, repeats, times, energy, scripts.
 
     Every card is flown in the simulator first. Example: `testbench plan eolo_envelope` plans 11 to 19 m/s towards
-    flutter.
+    flutter. `testbench plan --from results/design_x` takes a design over: it writes the plan file and plans it.
     """
     from testbench.questions.files import find
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.plan.page import plan_page
     from testbench.questions.plan.scenario import PlanScenario
 
-    loaded = PlanScenario.load(find(scenario, "plan"))
+    if (scenario is None) == (not designs):
+        raise UsageError("give either a plan file or --from with a design")
+    file = find(scenario, "plan") if scenario is not None else _taken_over(designs or [], out)
+    loaded = PlanScenario.load(file)
     loaded = loaded if seed is None else loaded.model_copy(update={"seed": seed})
     folder = out / f"plan_{loaded.name}"
     with stages() as say:
         result = make_plan(loaded, progress=say, simulator=simulator.value)
         say("write cards and report")
         page = plan_page(result)
+        page.write(folder)
+    page.show(console(), folder)
+    if scenario is None:
+        print(f"Plan: {file}")
+
+
+def _taken_over(designs: list[Path], out: Path) -> Path:
+    """Write the plan of designs into the folder of results; return its path. A plan that lies there is kept."""
+    first = designs[0].resolve()
+    stem = (first if first.is_dir() else first.parent.parent).name.removeprefix("design_")
+    file = out / f"plan_{stem}" / f"{stem}.toml"
+    if file.exists():
+        raise RecordError(
+            f"a plan taken from a design must go to a new file, but '{file}' is there: edit it and run testbench plan "
+            f"{file}, or give another folder with -o"
+        )
+    _write(file, None, designs, None, None)
+    return file
+
+
+def _write(
+    file: Path, aircraft: str | None, designs: list[Path], autopilot: FlownWith | None, suite: str | None
+) -> None:
+    """Write a new plan file."""
+    from testbench.core.files import write_file
+    from testbench.flight import load_aircraft
+    from testbench.questions.plan.designs import take
+    from testbench.questions.plan.new import plan_text
+    from testbench.sensors import load_suite
+
+    taken = take(designs)
+    if suite is not None:
+        load_suite(suite)
+    name = aircraft if aircraft is not None else taken[0].scenario.aircraft
+    wings = taken[0].scenario.wings if taken else "flexible"
+    if autopilot is None:
+        by_hand = any(t.asked is not None and t.asked.by == "pilot" for t in taken)
+        autopilot = FlownWith.pilot if by_hand else FlownWith.ardupilot
+    write_file(file, plan_text(load_aircraft(name, wings), name, autopilot.value, suite, taken))
+
+
+@command.command()
+def new(
+    aircraft: Annotated[
+        str | None,
+        typer.Argument(help="Packaged aircraft, or a folder of your own; that of the design if left out.",
+                       show_default=False),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="File to write; plan_NAME.toml if not given.")
+    ] = None,
+    designs: FromOption = None,
+    autopilot: AutopilotOption = None,
+    suite: SuiteOption = None,
+) -> None:  # fmt: skip
+    """Write a complete commented plan file for an aircraft, to change and to plan.
+
+    Example: `testbench plan new taurus -o my_plan.toml`, then `testbench plan my_plan.toml`. With --from the manoeuvres
+    are those of a design, as they were designed.
+    """
+    if aircraft is None and not designs:
+        raise UsageError("give an aircraft, or --from with a design")
+    stem = Path(aircraft).name if aircraft is not None else (designs or [Path()])[0].resolve().name
+    file = out if out is not None else Path(f"plan_{stem.replace(':', '_').removeprefix('design_')}.toml")
+    if file.exists():
+        raise RecordError(
+            f"a new plan must go to a new file, got '{file}', which is there already: give another with -o"
+        )
+    _write(file, aircraft, designs or [], autopilot, suite)
+    print(f"Plan: {file}")
+    print(f"Next: change the lines with YOURS, then testbench plan {file}")
+
+
+@command.command()
+def close(
+    scenario: Annotated[Path, typer.Argument(help="Plan file, or the name of a packaged one.", show_default=False)],
+    logs: Annotated[list[Path], typer.Argument(help="Logs of its flights.", show_default=False)],
+    out: OutOption = Path("results"),
+    throw: Annotated[
+        list[str] | None, typer.Option(help="Deflection at full command, deg, e.g. de=20; the aircraft's if left out.")
+    ] = None,
+) -> None:
+    """Find the runs of a plan in the logs of its flights: what was flown, what to repeat, which card is next.
+
+    Runs are found by the recorded commands and set against the response that their cards expect. The record of each
+    lies in records/. Example: `testbench plan close my_plan.toml flight_1.bin flight_2.bin`.
+    """
+    from testbench.questions.files import find
+    from testbench.questions.importing.ask import import_log, parse_throws
+    from testbench.questions.plan.ask import make_plan
+    from testbench.questions.plan.close import close_plan
+    from testbench.questions.plan.close_page import close_page
+    from testbench.questions.plan.scenario import PlanScenario
+
+    loaded = PlanScenario.load(find(scenario, "plan"))
+    folder = out / f"close_{loaded.name}"
+    with stages() as say:
+        plan = make_plan(loaded, progress=say)
+        full = {c: control.full for c, control in plan.aircraft.controls.items() if c != "thr"}
+        say("read the logs and find the runs")
+        records = [(log.name, import_log(log, throw_rad={**full, **parse_throws(throw or [])}).record) for log in logs]
+        page = close_page(close_plan(plan, records))
         page.write(folder)
     page.show(console(), folder)

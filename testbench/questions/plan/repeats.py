@@ -15,7 +15,7 @@ from testbench.flight import LinearModel
 from testbench.information.aircraft_structure import Plane, aircraft_structure, parameter_names
 from testbench.information.fisher import Experiment, accuracy
 from testbench.information.targets import needed_parameters
-from testbench.inputs import build
+from testbench.questions.plan.commanded import commanded
 from testbench.questions.plan.result import Point, Reached
 from testbench.questions.plan.scenario import PlannedManoeuvre
 from testbench.sensors import SensorSuite
@@ -45,13 +45,18 @@ def command_names(model: LinearModel, controls: Sequence[str]) -> tuple[str, ...
 
 
 def reach(
-    point: Point, spec: PlannedManoeuvre, inputs: Sequence[Input], suite: SensorSuite, modes: Sequence[int]
+    point: Point,
+    spec: PlannedManoeuvre,
+    inputs: Sequence[Input],
+    suite: SensorSuite,
+    modes: Sequence[int],
+    period_ms: int | None = None,
 ) -> tuple[int, tuple[Reached, ...]]:
     """Return the repeats of a manoeuvre at a point, and the accuracy of every parameter of ``accuracy_percent``.
 
     The wanted parameters are estimated together with those of ``estimated``, and offsets of the sensors are unknown.
     Sensors of other motions, off the centre of gravity or without noise are left out. With n runs of the same input the
-    information is n times that of one.
+    information is n times that of one. A script holds each command for ``period_ms``.
 
     Raises:
         EstimationError: no sensor of the suite shows this motion, or the linearised aircraft diverges.
@@ -84,7 +89,7 @@ def reach(
     stride = max(1, math.ceil(_FINE_HZ / suite.rate_hz))
     rate = suite.rate_hz * stride
     samples = int((spec.settle_s + spec.duration_s) * suite.rate_hz)
-    u = _sampled(spec, inputs, rate, samples * stride)
+    u = _sampled(spec, inputs, rate, samples * stride, period_ms)
     std = accuracy(Experiment(structure, sensors, 1.0 / rate, samples, stride).information(u)).std
     return repeats_for(free, std / np.maximum(np.abs(structure.true), 1e-300), wanted, spec.most_repeats)
 
@@ -116,9 +121,11 @@ def _numbers(names: dict[str, float]) -> set[int]:
     return out
 
 
-def _sampled(spec: PlannedManoeuvre, inputs: Sequence[Input], rate_hz: float, samples: int) -> FloatArray:
+def _sampled(
+    spec: PlannedManoeuvre, inputs: Sequence[Input], rate_hz: float, samples: int, period_ms: int | None
+) -> FloatArray:
     """Return the input (samples, m) after its settling time, in the order of ``spec.controls``."""
-    signal = build(inputs, spec.duration_s, rate_hz)
+    signal = commanded(inputs, spec.duration_s, rate_hz, period_ms)
     u = np.zeros((samples, len(spec.controls)))
     start = round(spec.settle_s * rate_hz)
     rows = min(samples - start, len(signal.u))

@@ -20,9 +20,10 @@ from testbench.flight.air import Air, turbulence_rms
 from testbench.flight.batch.jobs import Job, Simulator, Tally
 from testbench.flight.simulate import aborted
 from testbench.information.aircraft_structure import aircraft_structure, parameter_names
-from testbench.inputs import InputSignal, build
+from testbench.inputs import InputSignal
 from testbench.line import manoeuvre_of
 from testbench.questions.design.limits import Limits, breaches
+from testbench.questions.plan.commanded import commanded
 from testbench.questions.plan.repeats import command_names
 from testbench.questions.plan.result import Point
 from testbench.questions.plan.scenario import PlanLimits, PlannedManoeuvre, PlanScenario
@@ -73,6 +74,7 @@ def limits_of(limits: PlanLimits, aircraft: Aircraft, onset_m_s: float | None) -
         pitch_change=degrees(limits.pitch_change_deg),
         bank=degrees(limits.bank_deg),
         V_max_m_s=min(fastest) if fastest else None,
+        V_min_m_s=limits.V_min_m_s,
         throw={n: (c.low, c.full) for n, c in aircraft.controls.items()},
     )
 
@@ -105,11 +107,12 @@ def log_rate_of(rate_hz: float) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A manoeuvre at a point, inside limits."""
+    """A manoeuvre at a point, inside limits; ``sources`` says of each limited channel where its limit comes from."""
 
     point: Point
     spec: PlannedManoeuvre
     limits: Limits
+    sources: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,11 +123,18 @@ class Together:
         aircraft: what flies.
         simulator: "jsbsim" flies one by one; see :mod:`testbench.flight.batch.jobs`.
         tally: by what was flown.
+        period_ms: of the script that commands: each value is held as long; None for a pilot.
     """
 
     aircraft: Aircraft
     simulator: Simulator = "auto"
     tally: Tally = field(default_factory=Tally)
+    period_ms: int | None = None
+
+    def signal(self, task: Task, factor: float) -> InputSignal:
+        """Return what is commanded at a factor on the amplitude, as it is flown: drawn by hand, or sampled and held."""
+        spec = task.spec
+        return commanded(scaled(spec.input, factor), spec.duration_s, task.point.trimmed.rate_hz, self.period_ms)
 
     def fly(self, jobs: Sequence[Job]) -> list[FlightRecord | TestbenchError]:
         """Return the truth of each flight, or why there is none."""
@@ -156,17 +166,13 @@ def fly_at(together: Together, tasks: Sequence[Task], factors: Sequence[float]) 
     ready: list[tuple[int, InputSignal, Bands, Job]] = []
     for i, (task, factor) in enumerate(zip(tasks, factors, strict=True)):
         try:
-            signal = _signal(task, factor)
+            signal = together.signal(task, factor)
             ready.append((i, signal, bands_of(task.limits, task.point, task.spec.controls), together.job(task, signal)))
         except LimitError as error:
             out[i] = error
     for (i, signal, bands, job), found in zip(ready, together.fly([job for *_, job in ready]), strict=True):
         out[i] = found if isinstance(found, TestbenchError) else _judged(tasks[i], signal, bands, job, found)
     return [x for x in out if x is not None]
-
-
-def _signal(task: Task, factor: float) -> InputSignal:
-    return build(scaled(task.spec.input, factor), task.spec.duration_s, task.point.trimmed.rate_hz)
 
 
 def _judged(task: Task, signal: InputSignal, bands: Bands, job: Job, record: FlightRecord) -> Flown:
@@ -240,10 +246,10 @@ def fly_within(together: Together, tasks: Sequence[Task], scale: bool) -> list[W
 
 def _still(together: Together, task: Task, met: tuple[str, ...]) -> Within | TestbenchError:
     """Return a manoeuvre whose commands cannot be given, with the flight without any."""
-    (record,) = together.fly([together.job(task, _signal(task, 0.0))])
+    (record,) = together.fly([together.job(task, together.signal(task, 0.0))])
     if isinstance(record, TestbenchError):
         return record
-    return Within(0.0, Flown(_signal(task, 1.0), record, met), met)
+    return Within(0.0, Flown(together.signal(task, 1.0), record, met), met)
 
 
 def expected_band(
@@ -315,7 +321,7 @@ def roughness(
         seed = scenario.seed + zlib.crc32(f"{task.point.label}, {task.spec.name}".encode()) % 2**31
         rms = turbulence_rms(scenario.turbulence_rms_m_s, above)
         air = Air(turbulence_rms_m_s=rms, height_m=above, seed=seed)
-        jobs.append(together.job(task, _signal(task, 0.0), SHOWN[task.spec.plane], air))
+        jobs.append(together.job(task, together.signal(task, 0.0), SHOWN[task.spec.plane], air))
     out: list[dict[str, float] | TestbenchError] = []
     for task, record in zip(tasks, together.fly(jobs), strict=True):
         if isinstance(record, FlightRecord) and len(record) < 2:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from testbench.aircraft import Aircraft
+from testbench.core.constants import G0_M_S2
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import LinearModel, TrimmedFlight
 from testbench.flight.batch.jobs import Tally
@@ -102,11 +103,12 @@ class Reached:
 
 @dataclass(frozen=True)
 class Limit:
-    """A limit as it stands on a card: channel, lowest and highest value (SI, absolute)."""
+    """A limit as it stands on a card: channel, lowest and highest value (SI, absolute), and where it comes from."""
 
     channel: str
     low: float
     high: float
+    source: str = "as the plan says"
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,6 +200,11 @@ class Plan:
     runs: tuple[Run, ...]
     flights: tuple[FlightLeg, ...]
     tally: Tally
+
+    @property
+    def weight_N(self) -> float:
+        """Weight of the aircraft."""
+        return self.aircraft.mass.mass_kg * G0_M_S2
 
     @property
     def name(self) -> str:

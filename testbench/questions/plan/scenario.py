@@ -20,7 +20,8 @@ class PlannedManoeuvre(Strict):
 
     Give either ``repeats`` or ``accuracy_percent``: the wanted standard errors of named parameters, in percent of their
     values, from which the repeats follow. ``estimated`` are the parameters that are estimated with them; if it is
-    empty, those of the rigid motion that the moved controls enter.
+    empty, those of the rigid motion that the moved controls enter. ``design`` is the file of the design that it was
+    taken from (`testbench plan --from`): after the flight it is identified as that file says.
     """
 
     name: Name
@@ -32,6 +33,7 @@ class PlannedManoeuvre(Strict):
     most_repeats: Annotated[int, Field(ge=1, le=1000)] = 20
     speeds_m_s: Annotated[tuple[Positive, ...], Field(strict=False)] = ()
     heights_m: Annotated[tuple[float, ...], Field(strict=False)] = ()
+    design: Name | None = None
     input: Annotated[tuple[Input, ...], Field(min_length=1, strict=False)]
 
     @model_validator(mode="after")
@@ -58,9 +60,12 @@ class PlannedManoeuvre(Strict):
 
 
 class PlanLimits(Strict):
-    """The envelope of every manoeuvre; changes count from trim. A quantity that is left out is not limited.
+    """The envelope of every manoeuvre; changes count from trim. What is left out comes from the aircraft.
 
-    Deflections, trim included, are limited by the aircraft's own stops where none is given.
+    Deflections, trim included, are limited by the aircraft's own stops; alpha and sideslip by its limits; speed by 1.2
+    stall speeds and its limit; bank and pitch by half its limit, but 30 to 45 deg; the load factor by 0 and 2 where
+    the aircraft states none; height by half the height above the field, at most 5 s of flight. Every card says where
+    each of its limits comes from, and who watches it.
     """
 
     deflection_deg: dict[Literal["de", "da", "dr"], Positive] = {}
@@ -72,6 +77,7 @@ class PlanLimits(Strict):
     height_change_m: Positive | None = None
     pitch_change_deg: Positive | None = None
     bank_deg: Positive | None = None
+    V_min_m_s: Positive | None = None
     V_max_m_s: Positive | None = None
 
     @model_validator(mode="after")
@@ -80,6 +86,8 @@ class PlanLimits(Strict):
             pair = getattr(self, key)
             if pair is not None and not pair[0] < pair[1]:
                 raise ValueError(f"{key}: lowest < highest must hold, got {pair[0]:g} and {pair[1]:g}")
+        if self.V_min_m_s is not None and self.V_max_m_s is not None and not self.V_min_m_s < self.V_max_m_s:
+            raise ValueError(f"V_min_m_s < V_max_m_s must hold, got {self.V_min_m_s:g} and {self.V_max_m_s:g}")
         return self
 
 
@@ -92,6 +100,30 @@ class Timing(Strict):
     turn_s: NonNegative
     overhead_s: NonNegative
     field_m: float = 0.0
+
+
+class Airspace(Strict):
+    """Where the campaign stays: a box along whose length the runs are flown, heights above sea level, and the wind.
+
+    ``wind_m_s`` is the strongest mean wind and ``gust_m_s`` the strongest gust in which anybody flies; runs are
+    reckoned with that wind from behind. ``bank_deg`` is the bank of the turns back.
+    """
+
+    length_m: Positive
+    width_m: Positive
+    lowest_m: float
+    highest_m: float
+    wind_m_s: NonNegative
+    gust_m_s: NonNegative | None = None
+    bank_deg: Annotated[float, Field(gt=0.0, le=60.0)] = 30.0
+
+    @model_validator(mode="after")
+    def _upwards(self) -> Airspace:
+        if not self.highest_m > self.lowest_m:
+            raise ValueError(f"highest_m > lowest_m must hold, got {self.highest_m:g} and {self.lowest_m:g}")
+        if self.gust_m_s is not None and self.gust_m_s < self.wind_m_s:
+            raise ValueError(f"gust_m_s >= wind_m_s must hold, got {self.gust_m_s:g} and {self.wind_m_s:g}")
+        return self
 
 
 class Battery(Strict):
@@ -141,20 +173,44 @@ class Tow(Strict):
         return self
 
 
-class Autopilot(Strict):
-    """How an ArduPilot Plane flies a sequence: start switch, required mode, rate, and what it holds meanwhile.
+_FASTEST_MS = {"ardupilot": 20, "px4": 20, "own": 1}  # scripting reaches 30 to 50 Hz, a companion's messages as well
 
-    ``switch_option`` is the RCn_OPTION of the start switch (300 to 307: Scripting1 to Scripting8), ``mode`` the number
-    of the flight mode (0: MANUAL). ``hold`` "all" keeps every surface at its trim while a sequence runs, as in the
-    simulation; "moved" only those that it moves.
+
+class Autopilot(Strict):
+    """How an autopilot flies a sequence: which one, start switch, required mode, rate, and what it holds meanwhile.
+
+    ``system`` is "ardupilot" (a Lua script per card), "px4" (a MAVLink sender per card for a companion computer) or
+    "own" (the signals as CSV alone). The simulated input is sampled and held every ``period_ms``, as the flown one.
+    ArduPilot: ``switch_option`` is the RCn_OPTION of the start switch (300 to 307: Scripting1 to Scripting8), ``mode``
+    the number of the flight mode (0: MANUAL). PX4: ``switch_channel`` is the radio channel of the start switch;
+    ``interface`` is "manual_control" (PX4 1.17 and later) or "actuator_control" (1.13 with mixers). ``hold`` "all"
+    keeps every surface at its trim while a sequence runs; "moved" only those that it moves.
     """
 
+    system: Literal["ardupilot", "px4", "own"] = "ardupilot"
     switch_option: Annotated[int, Field(ge=300, le=307)] = 300
+    switch_channel: Annotated[int, Field(ge=1, le=18)] = 7
+    interface: Literal["manual_control", "actuator_control"] = "manual_control"
     mode: Annotated[int, Field(ge=0)] = 0
-    period_ms: Annotated[int, Field(ge=5, le=100)] = 20
-    hold: Literal["all", "moved"] = "all"
+    period_ms: Annotated[int, Field(ge=1, le=100)] = 20
+    hold: Literal["all", "moved"] = "moved"
     speed_window_m_s: Positive = 1.0
     bank_at_start_deg: Positive = 10.0
+
+    @model_validator(mode="after")
+    def _no_faster_than_it_can(self) -> Autopilot:
+        least = _FASTEST_MS[self.system]
+        if self.period_ms < least:
+            raise ValueError(
+                f"period_ms >= {least} must hold for system '{self.system}', got {self.period_ms}; a faster player "
+                "of your own takes system = 'own'"
+            )
+        return self
+
+    @property
+    def scripted(self) -> bool:
+        """Whether a script is written for every card that one can fly."""
+        return self.system != "own"
 
 
 class PlanScenario(Flown):
@@ -181,9 +237,15 @@ class PlanScenario(Flown):
     uncertainty_percent: NonNegative = 15.0
     limits: PlanLimits
     timing: Timing
+    airspace: Airspace | None = None
     energy: Annotated[Battery | Fuel | Tow, Field(discriminator="kind")]
     autopilot: Autopilot = Autopilot()
     manoeuvre: Annotated[tuple[PlannedManoeuvre, ...], Field(min_length=1, strict=False)]
+
+    @property
+    def held_ms(self) -> int | None:
+        """How long a script holds each command; None if a pilot flies."""
+        return self.autopilot.period_ms if self.flown_by == "autopilot" else None
 
     @model_validator(mode="after")
     def _flyable_and_consistent(self) -> PlanScenario:

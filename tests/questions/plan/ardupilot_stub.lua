@@ -1,7 +1,7 @@
 -- The part of ArduPilot's scripting interface that an injected sequence uses; the test sets what the aircraft does.
 stub = {
   now = 1000, switch = 0, armed = true, mode = 0, radio = true, eas = 13.0, eas2tas = 1.0, roll = 0.0, pitch = 0.05,
-  down = -100.0, sent = {}, logged = {}, texts = {}, channel_outputs = true,
+  down = -100.0, az = -9.80665, sent = {}, logged = {}, texts = {}, channel_outputs = true,
   params = { SCR_USER1 = 0 },
   pwm = {},
 }
@@ -35,6 +35,11 @@ function ahrs:get_pitch_rad() return stub.pitch end
 function ahrs:airspeed_estimate() return stub.eas end
 function ahrs:get_EAS2TAS() return stub.eas2tas end
 function ahrs:get_relative_position_D_home() return stub.down end
+function ahrs:get_accel()
+  local vector = {}
+  function vector:z() return stub.az end
+  return vector
+end
 
 param = {}
 function param:get(name) return stub.params[name] end

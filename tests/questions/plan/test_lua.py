@@ -18,7 +18,7 @@ from testbench.questions.plan.result import Card, Limit, Point
 from testbench.questions.plan.scenario import Autopilot, PlannedManoeuvre
 
 STUB = (Path(__file__).with_name("ardupilot_stub.lua")).read_text(encoding="utf-8")
-AUTOPILOT = Autopilot(period_ms=20)
+AUTOPILOT = Autopilot(period_ms=20, hold="all")
 INPUTS = {
     "elevator": [{"signal": "3211", "control": "de", "amplitude_deg": 4.0, "step_s": 0.3, "start_s": 0.5}],
     "lateral": [
@@ -81,7 +81,13 @@ class Bench:
         self.stub.switch = switch
         self.stub.params.SCR_USER1 = selected
         for function, (n, is_reversed) in SERVOS.items():
-            for key, value in (("FUNCTION", function), ("MIN", 1100), ("MAX", 1900), ("REVERSED", is_reversed)):
+            for key, value in (
+                ("FUNCTION", function),
+                ("MIN", 1100),
+                ("TRIM", 1500),
+                ("MAX", 1900),
+                ("REVERSED", is_reversed),
+            ):
                 self.stub.params[f"SERVO{n}_{key}"] = value
             self.stub.pwm[n - 1] = 1500 + 10 * n
         self.update, self.wait = self.lua.execute(script)
@@ -242,10 +248,10 @@ def test_no_room_at_a_stop_or_no_such_servo_is_refused_and_not_clipped(point, eo
     assert not len(bench.sent())
     assert "no room for the elevator" in bench.texts[-1]
     bench = Bench(script)
-    bench.stub.params.SERVO4_FUNCTION = 0
+    bench.stub.params.SERVO2_FUNCTION = 0
     bench.fly()
     assert not len(bench.sent())
-    assert "no servo output for the rudder" in bench.texts[-1]
+    assert "no servo output for the elevator" in bench.texts[-1]
 
 
 def test_older_firmware_and_two_ailerons(point, eolo):
@@ -257,7 +263,7 @@ def test_older_firmware_and_two_ailerons(point, eolo):
     for firmware in (True, False):
         bench = Bench(script)
         bench.stub.channel_outputs = firmware
-        for key, value in (("FUNCTION", 4), ("MIN", 1000), ("MAX", 2000), ("REVERSED", 0)):
+        for key, value in (("FUNCTION", 4), ("MIN", 1000), ("TRIM", 1500), ("MAX", 2000), ("REVERSED", 0)):
             bench.stub.params[f"SERVO5_{key}"] = value
         bench.stub.pwm[4] = 1480
         bench.fly()

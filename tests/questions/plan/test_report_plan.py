@@ -15,10 +15,11 @@ from testbench.core.paths import SCENARIOS
 from testbench.evaluation.envelope import fly_envelope
 from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import make_plan
+from testbench.questions.plan.card_figures import draw_pages
 from testbench.questions.plan.card_text import beyond_limits, card_stem, card_text, levels, sequence_lines
 from testbench.questions.plan.cards import write_cards
 from testbench.questions.plan.page import plan_page
-from testbench.questions.plan.scenario import PlanScenario
+from testbench.questions.plan.scenario import Autopilot, PlanScenario
 from testbench.questions.plan.tables import modes_table, points_table, runs_table
 
 
@@ -116,19 +117,19 @@ def test_a_card_says_what_decides_the_next_step(eolo_plan):
     mode = next(m for m in card.point.modes if m.name == "1st symmetric wing torsion and tail-boom bending")
     assert torsion[2:] == ("0.0270", "0.0167", f"≥ {mode.go:.4f}")
     assert mode.go == pytest.approx(0.01 + mode.zeta - mode.zeta_next)
-    assert dict(text.setup)["script"].endswith(f"SCR_USER1 = {card.number}, mode 0")
+    assert dict(text.setup)["player"] == f"your own, at 200 Hz, from {card_stem(card)}.csv"
     assert any("11 % below 20.3 m/s" in value for _, value in text.setup)
-    assert ("vibration", "dies away") in [(a, b) for a, b, _ in text.limits]
+    assert ("vibration", "dies away") in [row[:2] for row in text.limits]
+    assert all(row[3].startswith("PILOT watches") for row in text.limits)
     assert card_text(last, eolo_plan).go.startswith("last speed")
     assert "V" in beyond_limits(card)
     assert any("reaches beyond the limit on V" in note for note in text.notes)
 
 
-def test_scripts_and_tables_of_an_autopilot_s_plan(eolo_plan, tmp_path):
+def test_tables_of_an_autopilot_s_plan(eolo_plan, tmp_path):
     eolo_plan = replace(eolo_plan, cards=eolo_plan.cards[:2])
     paths = plan_page(eolo_plan).write(tmp_path)
-    scripts = [p for p in paths if p.suffix == ".lua"]
-    assert [p.stem for p in scripts] == [card_stem(c) for c in eolo_plan.cards]
+    assert not [p for p in paths if p.suffix in (".lua", ".py")]  # faster than scripting: a player of one's own
     assert paths[-1].name == "report.html"
     page = paths[-1].read_text(encoding="utf-8")
     assert "the narrowest step is the one from 18 to 19 m/s" in page.lower()
@@ -136,6 +137,37 @@ def test_scripts_and_tables_of_an_autopilot_s_plan(eolo_plan, tmp_path):
     assert [row[-1] for row in table.rows] == ["if measured", "last"]
     assert len(modes_table(eolo_plan).rows) == sum(len(p.modes) for p in eolo_plan.points)
     assert len(runs_table(eolo_plan).rows) == len(eolo_plan.runs)
+
+
+@pytest.mark.parametrize(("system", "suffix", "shown"), [("ardupilot", ".lua", "Lua"), ("px4", ".py", "Python")])
+def test_each_autopilot_gets_its_scripts(eolo_plan, tmp_path, system, suffix, shown):
+    cards = (eolo_plan.cards[0], eolo_plan.cards[2])  # the 3-2-1-1 of both speeds
+    autopilot = Autopilot(system=system)
+    plan = replace(eolo_plan, cards=cards, scenario=eolo_plan.scenario.model_copy(update={"autopilot": autopilot}))
+    paths = plan_page(plan).write(tmp_path)
+    assert [p.stem for p in paths if p.suffix == suffix] == [card_stem(c) for c in cards]
+    page = paths[-1].read_text(encoding="utf-8")
+    for link in re.findall(r'href="([^"#]+)"', page):
+        assert (tmp_path / link).is_file(), link
+    assert f">{shown}</a>" in page
+    text = card_text(cards[0], plan)
+    assert dict(text.setup)["script"].startswith(f"{card_stem(cards[0])}{suffix}")
+    who = {row[0]: row[3] for row in text.limits}
+    assert who["V"] == "script watches, as the plan says; highest: onset of the instability"  # 20.3 and not 22 m/s
+    for quantity in ("load factor", "h", "θ", "φ", "α"):
+        assert who[quantity] == "script watches, as the plan says"
+    assert who["β"] == "PILOT watches, limits of eolo"  # nothing measures it
+
+
+def test_nothing_overlaps_on_the_page_of_a_card(eolo_plan, taurus_plan):
+    for plan in (eolo_plan, taurus_plan):
+        for _, page in draw_pages(plan.cards, plan):
+            tail = next(text.get_position()[1] for text in page.texts if text.get_text() == "Damping")
+            head = next(text.get_position()[1] for text in page.texts if text.get_text() == "Control sequence")
+            inches = page.get_size_inches()[1]
+            assert min(axes.get_position().y0 for axes in page.axes) > tail + 0.3 / inches  # room for "t, s"
+            assert max(axes.get_position().y1 for axes in page.axes) < head - 0.2 / inches
+            assert min(text.get_position()[1] for text in page.texts) > 0.0
 
 
 def test_a_step_that_the_prediction_forbids_is_a_no_go():

@@ -1,25 +1,38 @@
 --[[
 Flies the sequence above on an ArduPilot Plane. Safe unless all of this holds: SCR_USER1 is the number of the card, the
 start switch (RCn_OPTION = SWITCH_OPTION) has been seen low and is moved high, the aircraft is armed and in flight mode
-MODE, with radio contact, at the card's airspeed and with little bank. Then the surfaces are held at the outputs they
-have at that moment, for SETTLE_MS, and the sequence is added to them.
+MODE, with radio contact, at the card's airspeed and with little bank. Then the servos of the surfaces above are held at
+the outputs they have at that moment, for SETTLE_MS, and the sequence is added to them. A servo is found by its
+SERVOn_FUNCTION: elevator 19, aileron 4, rudder 21, flaperons 24 and 25, elevons 77 and 78, V-tail 79 and 80; a pulse is
+reckoned from SERVOn_MIN, _TRIM, _MAX and _REVERSED as the autopilot reckons it.
 
 It stops, and the outputs return to the autopilot within TIMEOUT_MS, when the switch leaves high, the mode changes, radio
-or airspeed are lost, the aircraft is disarmed, or airspeed, height, bank or pitch leave their limits. The next run
-takes switching low and high again. What is commanded is logged as TBSQ.
+or airspeed are lost, the aircraft is disarmed, a quantity of LIMITS leaves its limits or is not a number, or when the
+autopilot calls the script so late that its outputs have lapsed. The next run takes switching low and high again. What is
+commanded is logged as TBSQ. The accelerometer's load factor is that behind INS_ACCEL_FILTER; angle of attack is
+reckoned from load factor and airspeed by the lift curve of the card.
 
-Before the first flight: with the propeller off, in MODE, play each card on the ground (set SPEED_WINDOW to 100 for it)
-and see that a positive elevator moves the trailing edge down, a positive aileron the right one up, a positive rudder
-the trailing edge left, and that the deflections are those of the card.
+Before the first flight: with the propeller off, in MODE, play each card on the ground (set SPEED_WINDOW to 100 and take
+the airspeed out of LIMITS for it) and see that a positive elevator moves the trailing edge down, a positive aileron the
+right one up, a positive rudder the trailing edge left, and that the deflections are those of the card.
 ]]
 
 local TIMEOUT_MS = 3 * PERIOD_MS
 local IDLE, READY, RUNNING, SPENT = 0, 1, 2, 3
 local INFO, WARNING = 6, 4
+local G0 = 9.80665
+
+-- SERVOn_FUNCTION -> what the demands of elevator, aileron and rudder (1 is full throw: nose up, right, right) move it
+local PARTS = {
+  [19] = { 1, 0, 0 }, [4] = { 0, 1, 0 }, [21] = { 0, 0, 1 }, [24] = { 0, 1, 0 }, [25] = { 0, 1, 0 },
+  [77] = { 1, -1, 0 }, [78] = { 1, 1, 0 }, [79] = { 1, 0, 1 }, [80] = { 1, 0, -1 },
+}
+local SPLIT = { [16] = true, [17] = true, [86] = true, [87] = true } -- split elevons: drag and moment are not told apart
 
 local state = IDLE
-local outputs = {}   -- one per servo: channel (from 0), captured, per_degree, low, high, column
+local outputs = {}   -- one per servo: channel (from 0), share (of full throw, captured), its ends, parts and bases
 local started        -- millis() at which surfaces were captured
+local last           -- millis() of the frame before
 local start_height
 local row = 1
 
@@ -55,6 +68,25 @@ local function height()
   return -ahrs:get_relative_position_D_home()
 end
 
+local function load_factor()
+  return -ahrs:get_accel():z() / G0
+end
+
+-- lift is linear: n = (V / SPEED)^2 (TRIM_LOAD + LOAD_PER_DEG (alpha - TRIM_ALPHA_DEG))
+local function alpha_deg()
+  local slow = SPEED / true_airspeed()
+  return TRIM_ALPHA_DEG + (load_factor() * slow * slow - TRIM_LOAD) / LOAD_PER_DEG
+end
+
+local WATCHED = {
+  { 'airspeed', true_airspeed },
+  { 'height', function() return height() - start_height end },
+  { 'bank', function() return math.deg(roll_rad()) end },
+  { 'pitch', function() return math.deg(pitch_rad()) end },
+  { 'load factor', load_factor },
+  { 'alpha', alpha_deg },
+}
+
 local function switch_is_high()
   local channel = rc:find_channel_for_option(SWITCH_OPTION)
   return channel ~= nil and channel:get_aux_switch_pos() == 2
@@ -71,13 +103,14 @@ local function not_fit()
 end
 
 local function limit_met()
-  local speed, climb = true_airspeed(), height() - start_height
-  local roll, pitch = math.deg(roll_rad()), math.deg(pitch_rad())
-  -- written so that what is not a number counts as outside
-  if not (speed >= SPEED_LOW and speed <= SPEED_HIGH) then return 'airspeed limit' end
-  if not (climb >= CLIMB_LOW and climb <= CLIMB_HIGH) then return 'height limit' end
-  if not (roll >= BANK_DEG_LOW and roll <= BANK_DEG_HIGH) then return 'bank limit' end
-  if not (pitch >= PITCH_DEG_LOW and pitch <= PITCH_DEG_HIGH) then return 'pitch limit' end
+  for _, watched in ipairs(WATCHED) do
+    local limit = LIMITS[watched[1]]
+    if limit then
+      local value = watched[2]()
+      -- written so that what is not a number counts as outside
+      if not (value >= limit[1] and value <= limit[2]) then return watched[1] .. ' limit' end
+    end
+  end
   return nil
 end
 
@@ -88,41 +121,99 @@ local function output_now(channel, fn, several)
   return SRV_Channels:get_output_pwm(fn)
 end
 
--- read every servo of the surfaces and capture its output; the reason if that cannot be, or if there is no room
+-- demand, -1 to 1, of a deflection in the card's sign, and back; a surface may move less far to one side
+local function demand_of(surface, degrees)
+  return surface.sign * degrees / (degrees >= 0 and surface.full_deg or surface.least_deg)
+end
+
+local function degrees_of(surface, demand)
+  local part = surface.sign * demand
+  return part * (part >= 0 and surface.full_deg or surface.least_deg)
+end
+
+local function share_of(output, pwm)
+  local off = pwm - output.trim
+  local share = off / (off >= 0 and output.high - output.trim or output.trim - output.low)
+  return output.turned and -share or share
+end
+
+-- pulse of an output at deflections from trim, one per surface of SURFACES
+local function pulse(output, degrees)
+  local share = output.share
+  for i, surface in ipairs(SURFACES) do
+    local part = output.parts[surface.column]
+    if part ~= 0 and degrees[i] ~= 0 then
+      local base = output.bases[i]
+      share = share + part * (demand_of(surface, base + degrees[i]) - demand_of(surface, base))
+    end
+  end
+  if output.turned then share = -share end
+  return output.trim + share * (share >= 0 and output.high - output.trim or output.trim - output.low)
+end
+
+local function name_of(parts)
+  for _, surface in ipairs(SURFACES) do
+    if parts[surface.column] ~= 0 then return surface.name end
+  end
+  return nil
+end
+
+-- find every servo of the surfaces and capture its output; the reason if that cannot be, or if there is no room
 local function capture()
   outputs = {}
-  for _, surface in ipairs(SURFACES) do
-    local numbers = {}
-    for n = 1, 16 do
-      if param:get('SERVO' .. n .. '_FUNCTION') == surface.fn then numbers[#numbers + 1] = n end
+  local found, count = {}, {}
+  for n = 1, 32 do
+    local fn = param:get('SERVO' .. n .. '_FUNCTION')
+    if fn and SPLIT[fn] then return 'split elevons are not for this script' end
+    if fn and PARTS[fn] and name_of(PARTS[fn]) then
+      found[#found + 1] = { n, fn }
+      count[fn] = (count[fn] or 0) + 1
     end
-    if #numbers == 0 then return 'no servo output for the ' .. surface.name end
-    local least, most = 0, 0
-    for _, degrees in ipairs(D[surface.column]) do
-      least, most = math.min(least, degrees), math.max(most, degrees)
+  end
+  local driven = {}
+  for _, servo in ipairs(found) do
+    local n, fn = servo[1], servo[2]
+    local key = 'SERVO' .. n
+    local reversed = param:get(key .. '_REVERSED')
+    local output = {
+      channel = n - 1, parts = PARTS[fn], bases = {}, turned = reversed == 1,
+      low = param:get(key .. '_MIN'), trim = param:get(key .. '_TRIM'), high = param:get(key .. '_MAX'),
+    }
+    local name = name_of(PARTS[fn])
+    local pwm = output_now(n - 1, fn, count[fn] > 1)
+    if not (output.low and output.trim and output.high and reversed and pwm) then return 'cannot read the ' .. name end
+    if not (output.low < output.trim and output.trim < output.high) then
+      return 'SERVO' .. n .. '_TRIM is not between its ends'
     end
-    for _, n in ipairs(numbers) do
-      local low, high = param:get('SERVO' .. n .. '_MIN'), param:get('SERVO' .. n .. '_MAX')
-      local reversed = param:get('SERVO' .. n .. '_REVERSED')
-      local pwm = output_now(n - 1, surface.fn, #numbers > 1)
-      if not (low and high and reversed and pwm) then return 'cannot read the ' .. surface.name end
-      local per_degree = surface.sign * (reversed == 1 and -1 or 1) * 0.5 * (high - low) / surface.full_deg
-      local a, b = pwm + per_degree * least, pwm + per_degree * most
-      if math.min(a, b) < low - 0.5 or math.max(a, b) > high + 0.5 then
-        return 'no room for the ' .. surface.name .. ' at this trim'
+    output.share = share_of(output, pwm)
+    local mixed = 0
+    for _, part in ipairs(output.parts) do mixed = mixed + math.abs(part) end
+    for i, surface in ipairs(SURFACES) do
+      local part = output.parts[surface.column]
+      if part ~= 0 then driven[i] = true end
+      -- a mixed servo does not tell which of its surfaces the trim is of
+      output.bases[i] = (mixed == 1 and part ~= 0) and degrees_of(surface, output.share * part) or 0.0
+    end
+    for i, surface in ipairs(SURFACES) do
+      for _, degrees in ipairs({ surface.lowest, surface.highest }) do
+        local at = {}
+        for j = 1, #SURFACES do at[j] = j == i and degrees or 0.0 end
+        local moved = pulse(output, at)
+        if moved < output.low - 0.5 or moved > output.high + 0.5 then return 'no room for the ' .. name .. ' at this trim' end
       end
-      outputs[#outputs + 1] = {
-        channel = n - 1, captured = pwm, per_degree = per_degree, column = surface.column,
-      }
     end
+    outputs[#outputs + 1] = output
+  end
+  for i, surface in ipairs(SURFACES) do
+    if surface.moved and not driven[i] then return 'no servo output for the ' .. surface.name end
   end
   return nil
 end
 
 local function start()
   local reason = not_fit()
-  if not reason and math.abs(true_airspeed() - SPEED) > SPEED_WINDOW then reason = 'not at the speed of the card' end
-  if not reason and math.abs(math.deg(roll_rad())) > START_BANK_DEG then reason = 'too much bank' end
+  if not reason and not (math.abs(true_airspeed() - SPEED) <= SPEED_WINDOW) then reason = 'not at the speed of the card' end
+  if not reason and not (math.abs(math.deg(roll_rad())) <= START_BANK_DEG) then reason = 'too much bank' end
   reason = reason or capture()
   if reason then
     state = SPENT
@@ -130,6 +221,7 @@ local function start()
     return
   end
   started, start_height, row, state = millis(), height(), 1, RUNNING
+  last = started
   say(INFO, 'running')
 end
 
@@ -139,23 +231,31 @@ local function stop(level, text)
 end
 
 local function run()
-  local reason = (not switch_is_high() and 'switch') or not_fit() or limit_met()
+  local now = millis()
+  local late = (now - last):tofloat() > TIMEOUT_MS
+  last = now
+  local reason = (not switch_is_high() and 'switch') or not_fit() or limit_met() or (late and 'scripting is too slow') or nil
   if reason then
     stop(WARNING, 'ABORTED, ' .. reason)
     return
   end
-  local t = (millis() - started):tofloat() - SETTLE_MS
+  local t = (now - started):tofloat() - SETTLE_MS
   if t >= DURATION_MS then
     stop(INFO, 'done')
     return
   end
   while row < #T and T[row + 1] <= t do row = row + 1 end
-  local commanded, sent = { 0.0, 0.0, 0.0 }, { 0.0, 0.0, 0.0 }
+  local commanded, sent, degrees = { 0.0, 0.0, 0.0 }, { 0.0, 0.0, 0.0 }, {}
+  for i, surface in ipairs(SURFACES) do
+    degrees[i] = t >= 0 and D[surface.column][row] or 0.0 -- a surface that only holds has no rows
+    commanded[surface.column] = degrees[i]
+  end
   for _, output in ipairs(outputs) do
-    local degrees = t >= 0 and D[output.column][row] or 0.0 -- a surface that only holds has no rows
-    local pwm = math.floor(output.captured + output.per_degree * degrees + 0.5)
+    local pwm = math.floor(pulse(output, degrees) + 0.5)
     SRV_Channels:set_output_pwm_chan_timeout(output.channel, pwm, TIMEOUT_MS)
-    commanded[output.column], sent[output.column] = degrees, pwm
+    for _, surface in ipairs(SURFACES) do
+      if output.parts[surface.column] ~= 0 then sent[surface.column] = pwm end
+    end
   end
   logger:write('TBSQ', 'Card,T,de,da,dr,PE,PA,PR', 'ffffffff', CARD, 0.001 * t,
     commanded[1], commanded[2], commanded[3], sent[1], sent[2], sent[3])

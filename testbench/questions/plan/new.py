@@ -1,0 +1,326 @@
+"""A complete, commented plan file for an aircraft, with designs taken over where there are some."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from testbench.aircraft import Aircraft
+from testbench.core.paths import suite_names
+from testbench.core.toml_text import quoted
+from testbench.evaluation.modes import longitudinal_modes
+from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, trim
+from testbench.page.labels import number
+from testbench.questions.plan.airspace import turn_back
+from testbench.questions.plan.bounds import stall_speed_m_s
+from testbench.questions.plan.designs import Taken, limits_of_designs, planned
+from testbench.questions.plan.result import Point
+from testbench.questions.plan.scenario import Airspace
+
+_SPEEDS = (0.9, 1.0, 1.1)  # of the design speed
+_ABOVE_STALL = 1.25  # 1.2 stall speeds are the lowest limit: a planned speed lies above it
+_BELOW_LIMIT = 0.9
+_THROW = {"de": 0.15, "da": 0.15, "dr": 0.2}  # amplitude as a part of full throw; the plan scales it down at a limit
+_USUAL_LIMITS = {
+    "load_factor": "[0.0, 2.0]", "alpha_deg": "[-5.0, 10.0]", "beta_deg": "10.0", "bank_deg": "40.0",
+    "pitch_change_deg": "30.0", "speed_change_m_s": "3.0", "height_change_m": "30.0", "V_min_m_s": "10.0",
+    "V_max_m_s": "20.0", "deflection_deg": "{ de = 10.0 }", "rate_deg_s": "{ de = 300.0 }",
+}  # fmt: skip
+_FIELD_BELOW_M = 100.0
+_WIND = (0.3, 8.0)  # strongest wind of a new plan: a part of the speed, at most so many m/s
+_LEVEL_MIN = 20.0  # time of level flight that the battery of a new plan holds
+_BY_FUEL_KG = 150.0  # heavier aircraft burn fuel
+_SETTLE_S = 2.0
+_SIGNALS_PER_S = 50.0  # what an autopilot's script reaches: steps last whole periods of it
+
+
+def suite_of(aircraft: Aircraft) -> tuple[str, bool]:
+    """Return the packaged suite for an aircraft, and whether it is its own: else it is one to be replaced."""
+    own = [name for name in suite_names() if name.startswith(f"{aircraft.name.split(',')[0]}_")]
+    return (own[0], True) if own else ("eolo_alpha", False)
+
+
+def plan_text(
+    aircraft: Aircraft, name: str, autopilot: str, suite: str | None = None, designs: Sequence[Taken] = ()
+) -> str:
+    """Return the text of a plan that is complete: it can be flown in the simulator as it is.
+
+    Args:
+        aircraft: what flies.
+        name: as the file names it: packaged, a path, or a folder of the project.
+        autopilot: "ardupilot", "px4", "own", or "pilot" for flights by hand.
+        suite: sensors; those of the designs, or a packaged suite of the aircraft, if None.
+        designs: taken over; without them the usual manoeuvres for the rigid motion.
+
+    Raises:
+        TrimError: the aircraft cannot be trimmed at its design condition.
+        ScenarioError: a design cannot be flown by a plan.
+    """
+    V, h = _conditions(aircraft, designs)[0]
+    trimmed = trim(aircraft, FlightCondition(V, h))
+    model = linearise(aircraft, trimmed)
+    point = Point(1, V, h, trimmed, model, 0.0, None, (), None)
+    chosen, own = (suite, True) if suite else (designs[0].scenario.suites[0], True) if designs else suite_of(aircraft)
+    stall = stall_speed_m_s(aircraft, point)
+    speeds, heights = _speeds(aircraft, V, stall), [h]
+    if designs:
+        speeds = sorted({V for V, _ in _conditions(aircraft, designs)})
+        heights = sorted({h for _, h in _conditions(aircraft, designs)})
+    field = max(0.0, round(min(heights) - _FIELD_BELOW_M, -1)) if min(heights) > 0.0 else min(heights) - _FIELD_BELOW_M
+    wings = [f"wings = {quoted(designs[0].scenario.wings)}"] if designs else []
+    flown = [_design(t, designs) for t in designs] or _usual(aircraft, model, autopilot)
+    longest = max(length for _, length in flown)
+    stall_words = "" if stall is None else f"; level flight at {stall:.3g} m/s takes the highest angle of attack"
+    lines = [
+        "# A flight plan, made by `testbench plan new`. It runs as it is: change what is yours, then",
+        "#     testbench check THIS_FILE",
+        "#     testbench plan THIS_FILE",
+        "# Lines with YOURS hold guesses.",
+        f"title = {quoted(f'{name}: flights to identify it from')}",
+        'question = "How many flights does it take, and what stays inside the limits?"',
+        f"aircraft = {quoted(name)}",
+        *wings,
+        "seed = 1                      # of the turbulence that widens the expected bands",
+        f"flown_by = {quoted('pilot' if autopilot == 'pilot' else 'autopilot')}",
+        f"speeds_m_s = [{_numbers(speeds)}]  # true airspeeds{stall_words}",
+        f"heights_m = [{_numbers(heights)}]  # above sea level",
+        "scale = true                  # lower the amplitude of a card that meets a limit, instead of refusing it",
+        f"suite = {quoted(chosen)}" + ("" if own else "  # YOURS: these are the sensors of another aircraft"),
+        "uncertainty_percent = 15.0    # of each derivative of the model, one standard deviation",
+        "turbulence_rms_m_s = 0.3      # vertical air that the expected bands allow for",
+        "onset_margin_percent = 10.0   # below the onset of an elastic instability",
+        "",
+        "# What is left out here comes from the aircraft: alpha, sideslip and stops by its own limits, speed between",
+        "# 1.2 stall speeds and its limit, bank and pitch by half its limit but 30 to 45 deg, load factor 0 to 2,",
+        "# height by half the height above the field. Each card says where its limits come from and who watches them.",
+        *_limits(designs),
+        "[timing]",
+        f"turn_s = {45.0 if V < 40.0 else 90.0}                 # YOURS: per run, to turn back and trim again",
+        "overhead_s = 180.0            # YOURS: per flight, for take-off, climb, descent and landing",
+        f"field_m = {_plain(field)}                # YOURS: height of the field above sea level",
+        "",
+        *_airspace(max(speeds), max(heights), field, longest),
+        *_energy(aircraft, trimmed, V, heights, field),
+    ]
+    if autopilot != "pilot":
+        lines += [
+            "[autopilot]",
+            "# ardupilot: a Lua script per card; px4: a MAVLink sender per card; own: the signals as CSV alone",
+            f"system = {quoted(autopilot)}",
+            *(
+                [
+                    "switch_option = 300           # RCn_OPTION of the start switch",
+                    "mode = 0                      # MANUAL",
+                ]
+                if autopilot == "ardupilot"
+                else []
+            ),
+            *(["switch_channel = 7            # radio channel of the start switch"] if autopilot == "px4" else []),
+            "period_ms = 20                # how often a script sends; the simulated input is held as long",
+            "speed_window_m_s = 1.0        # a run starts within this of the card's speed",
+            "",
+        ]
+    lines += [line for made, _ in flown for line in made]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _conditions(aircraft: Aircraft, designs: Sequence[Taken]) -> list[tuple[float, float]]:
+    if not designs:
+        return [(aircraft.design_V_m_s, aircraft.design_h_m)]
+    return [(t.scenario.condition.V_m_s, t.scenario.condition.h_m) for t in designs]
+
+
+def _speeds(aircraft: Aircraft, V_m_s: float, stall: float | None) -> list[float]:
+    """Return the speeds of a new plan: around the design speed, between the stall and the aircraft's limit."""
+    low, high = aircraft.limits.get("V", (0.0, math.inf))
+    least = max(low, _ABOVE_STALL * stall if stall is not None else 0.0)
+    tried = [float(f"{part * V_m_s:.3g}") for part in _SPEEDS]
+    return [V for V in tried if least < V < _BELOW_LIMIT * high or V_m_s == V] or [V_m_s]
+
+
+def _limits(designs: Sequence[Taken]) -> list[str]:
+    """Return the limits: those of the designs, and as comments what else may be given."""
+    known = limits_of_designs(designs)
+    unknown = [t.file.name for t in designs if t.asked is None]
+    lines = ["[limits]"]
+    if unknown:
+        lines.append(f"# The limits of {', '.join(unknown)} are not known: no design.toml lies beside its folder.")
+    for key, usual in _USUAL_LIMITS.items():
+        lines.append(f"{key} = {_value(known[key])}" if key in known else f"# {key} = {usual}")
+    return [*lines, ""]
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return ", ".join(_plain(v) for v in values)
+
+
+def _plain(value: float) -> str:
+    return repr(float(f"{value:.6g}"))
+
+
+def _airspace(V: float, h: float, field: float, longest_s: float) -> list[str]:
+    """Return the box: two of the longest runs at the fastest speed fit between its turns."""
+    wind = float(round(min(_WIND[0] * V, _WIND[1])))
+    space = Airspace(length_m=1e9, width_m=1e9, lowest_m=0.0, highest_m=1.0, wind_m_s=wind)
+    radius, turn_s = turn_back(V, space)
+    length = 2.0 * (V + wind) * longest_s + 2.0 * radius + wind * turn_s
+    return [
+        "[airspace]                    # YOURS: leave it out if nobody limits you",
+        f"length_m = {_plain(100.0 * math.ceil(length / 100.0))}            # the runs lie along it",
+        f"width_m = {_plain(100.0 * math.ceil(max(2.0 * radius, 200.0) / 100.0))}",
+        f"lowest_m = {_plain(field)}              # above sea level",
+        f"highest_m = {_plain(h + (h - field))}",
+        f"wind_m_s = {_plain(wind)}                # strongest mean wind in which you fly",
+        "",
+    ]
+
+
+def _energy(aircraft: Aircraft, trimmed: TrimmedFlight, V: float, heights: Sequence[float], field: float) -> list[str]:
+    source = 'source = "YOURS: a guess of testbench plan new"'
+    if "thr" not in aircraft.controls:
+        return [
+            "[energy]                      # YOURS",
+            'kind = "tow"',
+            f"release_m = {_plain(max(heights) + 300.0)}",
+            f"lowest_m = {_plain(field + 50.0)}",
+            "",
+        ]
+    power = max(trimmed.state.get("thrust", 0.0), 0.0) * V
+    if aircraft.mass.mass_kg > _BY_FUEL_KG:
+        kg = max(1.0, 2.0 * 3600.0 * power / 0.25 / 43e6 / 0.8)
+        return [
+            "[energy]                      # YOURS",
+            'kind = "fuel"',
+            f"capacity_kg = {_plain(float(f'{kg:.2g}'))}",
+            "efficiency_percent = 25.0     # from fuel to thrust power",
+            source,
+            "",
+        ]
+    watt_hours = max(5.0, (power / 0.5 + 5.0) * _LEVEL_MIN / 60.0 / 0.8)
+    return [
+        "[energy]                      # YOURS",
+        'kind = "battery"',
+        f"capacity_Wh = {_plain(float(f'{watt_hours:.2g}'))}",
+        "usable_percent = 80.0",
+        "efficiency_percent = 50.0     # from battery to thrust power",
+        "avionics_W = 5.0",
+        source,
+        "",
+    ]
+
+
+def _design(taken: Taken, designs: Sequence[Taken]) -> tuple[list[str], float]:
+    """Return the lines of a designed manoeuvre, and the time of one run."""
+    made = planned(taken)
+    name = made.name
+    if sum(t.manoeuvre.name == taken.manoeuvre.name for t in designs) > 1:
+        name = f"{name} {designs.index(taken) + 1}"
+    condition = taken.scenario.condition
+    lines = [
+        f"# Taken from {taken.file.name}. Promised standard errors of one run:",
+        *(f"#     {text}" for text in taken.promised),
+        "[[manoeuvre]]",
+        f"name = {quoted(name)}",
+        f"duration_s = {_plain(made.duration_s)}",
+        f"settle_s = {_plain(made.settle_s)}",
+        "repeats = 1",
+        f"design = {quoted(made.design or '')}",
+        f"speeds_m_s = [{_plain(condition.V_m_s)}]",
+        f"heights_m = [{_plain(condition.h_m)}]",
+    ]
+    for entry in taken.manoeuvre.input:
+        lines += ["[[manoeuvre.input]]", *_entry(entry.model_dump(exclude_defaults=True))]
+    return [*lines, ""], made.settle_s + made.duration_s
+
+
+def _entry(values: dict[str, object]) -> list[str]:
+    return [f"{key} = {_value(value)}" for key, value in values.items() if value is not None]
+
+
+def _value(value: object) -> str:
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{k} = {_value(v)}" for k, v in value.items() if v is not None) + " }"
+    if isinstance(value, (tuple, list)):
+        return f"[{', '.join(_value(v) for v in value)}]"
+    if isinstance(value, str):
+        return quoted(value)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return repr(value) if isinstance(value, int) else repr(float(str(value)))
+
+
+def _usual(aircraft: Aircraft, model: LinearModel, autopilot: str) -> list[tuple[list[str], float]]:
+    """Return the usual manoeuvres, and the time of one run of each.
+
+    A 3-2-1-1 on the elevator at the short period, doublets at the Dutch roll.
+    """
+    least = 1.0 if autopilot == "pilot" else 5.0 / _SIGNALS_PER_S
+    out: list[tuple[list[str], float]] = []
+    short = _period_s(longitudinal_modes(model, {}), "short period")
+    step = _rounded(0.3 * short, least)
+    pilot = ["pilot = { rise_s = 0.2, shortest_s = 1.0 }"] if autopilot == "pilot" else []
+    if "de" in aircraft.controls:
+        words = f"# Steps of 0.3 times the period of the short period, {number(short)} s at the design speed."
+        lasts = _whole(1.0 + 7.0 * step + max(3.0, 3.0 * short))
+        shape = _input(aircraft, "de", "3211", [f"step_s = {_plain(step)}"], pilot)
+        out.append(([words, *_manoeuvre("elevator 3-2-1-1", lasts, "M_alpha"), *shape], _SETTLE_S + lasts))
+    dutch = _dutch_roll_s(model)
+    half = _rounded(0.5 * dutch, least)
+    for control, name, parameter in (("da", "aileron doublet", "L_da"), ("dr", "rudder doublet", "N_dr")):
+        if control in aircraft.controls:
+            words = f"# One period of the Dutch roll, {number(dutch)} s at the design speed."
+            lasts = _whole(1.0 + 2.0 * half + max(3.0, 2.0 * dutch))
+            shape = _input(aircraft, control, "doublet", [f"period_s = {_plain(2.0 * half)}"], pilot)
+            out.append(([words, *_manoeuvre(name, lasts, parameter), *shape], _SETTLE_S + lasts))
+    return out
+
+
+def _whole(value_s: float) -> float:
+    """Return a time rounded up to half seconds."""
+    return math.ceil(2.0 * value_s) / 2.0
+
+
+def _manoeuvre(name: str, duration_s: float, parameter: str) -> list[str]:
+    return [
+        "[[manoeuvre]]",
+        f"name = {quoted(name)}",
+        f"duration_s = {_plain(duration_s)}",
+        f"settle_s = {_plain(_SETTLE_S)}",
+        f"repeats = 3                   # or accuracy_percent = {{ {parameter} = 5.0 }}: the repeats follow from it",
+    ]
+
+
+def _input(aircraft: Aircraft, control: str, signal: str, shape: list[str], pilot: list[str]) -> list[str]:
+    c = aircraft.controls[control]
+    amplitude = math.degrees(_THROW[control] * min(c.full, -c.low))
+    return [
+        "[[manoeuvre.input]]",
+        f"signal = {quoted(signal)}",
+        f"control = {quoted(control)}",
+        f"amplitude_deg = {_plain(float(f'{amplitude:.2g}'))}",
+        *shape,
+        "start_s = 1.0",
+        *pilot,
+        "",
+    ]
+
+
+def _rounded(value_s: float, least_s: float) -> float:
+    """Return a time as whole periods of an autopilot's script, inside what can be flown."""
+    return min(max(round(value_s * _SIGNALS_PER_S) / _SIGNALS_PER_S, least_s), 3.0)
+
+
+def _period_s(modes: dict[str, complex], name: str) -> float:
+    """Return 2 pi over the natural frequency of a mode; of two roots, over the geometric mean."""
+    found = [abs(pole) for mode, pole in modes.items() if mode.startswith(name)]
+    return 2.0 * math.pi / float(np.sqrt(np.prod(found)) if len(found) > 1 else found[0]) if found else 1.0
+
+
+def _dutch_roll_s(model: LinearModel) -> float:
+    """Return the period of the fastest oscillation of the lateral motion, 1 s if there is none."""
+    states = [s for s in ("v", "p", "r", "phi") if s in model.states]
+    poles = np.linalg.eigvals(model.subsystem(states).A)
+    pairs = [abs(p) for p in poles if p.imag > 1e-6]
+    return 2.0 * math.pi / max(pairs) if pairs else 1.0

@@ -1,0 +1,122 @@
+"""Limits that a plan leaves out come from the aircraft, and every card says from where and who watches them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from testbench.core.constants import DEG_RAD, G0_M_S2
+from testbench.flight import FlightCondition, linearise, trim
+from testbench.questions.plan.ask import make_plan
+from testbench.questions.plan.bounds import GIVEN, bounds_at, lift_per_rad, stall_speed_m_s
+from testbench.questions.plan.result import Point
+from testbench.questions.plan.scenario import PlanLimits, PlanScenario
+
+
+def point_of(aircraft, V, h):
+    trimmed = trim(aircraft, FlightCondition(V, h))
+    return Point(1, V, h, trimmed, linearise(aircraft, trimmed), 10.0, None, (), None)
+
+
+@pytest.fixture(scope="module")
+def at_14(taurus):
+    return point_of(taurus, 14.0, 100.0)
+
+
+def test_the_stall_speed_is_that_at_which_trim_takes_the_highest_alpha(taurus, at_14):
+    stall = stall_speed_m_s(taurus, at_14)
+    assert stall == pytest.approx(stall_speed_m_s(taurus, point_of(taurus, 12.0, 100.0)), rel=0.01)
+    slow = trim(taurus, FlightCondition(11.0, 100.0))  # slower, its elevator runs out
+    room = ((11.0 / stall) ** 2 - 1.0) / lift_per_rad(linearise(taurus, slow), 11.0)
+    assert (slow.alpha + room) / DEG_RAD == pytest.approx(taurus.limits["alpha"][1] / DEG_RAD, abs=0.2)
+
+
+def test_what_a_plan_leaves_out_comes_from_the_aircraft(taurus, at_14):
+    found = bounds_at(PlanLimits(), taurus, at_14, 0.0)
+    limits = found.limits
+    assert limits.load_factor == (0.0, 2.0)
+    np.testing.assert_allclose(limits.alpha_deg, np.array(taurus.limits["alpha"]) / DEG_RAD)
+    assert limits.beta_deg == pytest.approx(25.0)
+    assert 30.0 <= limits.bank_deg <= 45.0
+    assert 30.0 <= limits.pitch_change_deg <= 45.0
+    assert limits.V_min_m_s == pytest.approx(1.2 * stall_speed_m_s(taurus, at_14))
+    assert limits.V_max_m_s == pytest.approx(taurus.limits["V"][1])
+    assert limits.height_change_m == pytest.approx(50.0)
+    assert bounds_at(PlanLimits(), taurus, at_14, 60.0).limits.height_change_m == pytest.approx(20.0)
+    assert set(found.sources) == {"az", "alpha", "beta", "phi", "theta", "V", "h"}
+    assert found.sources["alpha"] == "limits of taurus"
+    elastic = bounds_at(PlanLimits(), taurus, at_14, 0.0, onset_m_s=20.0)
+    assert "highest: onset of the instability" in elastic.sources["V"]
+    assert bounds_at(PlanLimits(V_max_m_s=19.0), taurus, at_14, 0.0, onset_m_s=20.0).sources["V"].endswith("plan says")
+    assert "states none" in found.sources["az"]
+    assert "(stall)" in found.sources["V"]
+
+
+def test_what_a_plan_gives_stays(taurus, at_14):
+    given = PlanLimits(
+        load_factor=(-1.0, 3.0), alpha_deg=(-5.0, 9.0), beta_deg=3.0, speed_change_m_s=9.0, height_change_m=7.0,
+        pitch_change_deg=60.0, bank_deg=70.0, V_max_m_s=20.0,
+    )  # fmt: skip
+    found = bounds_at(given, taurus, at_14, 0.0)
+    assert found.limits == given
+    assert set(found.sources.values()) == {GIVEN}
+
+
+def test_an_aircraft_that_states_little_has_no_silent_limits(taurus, at_14):
+    bare = replace(taurus, limits={})
+    found = bounds_at(PlanLimits(), bare, at_14, 0.0)
+    assert (found.limits.bank_deg, found.limits.pitch_change_deg) == (30.0, 30.0)
+    assert found.limits.alpha_deg is None
+    assert found.limits.V_min_m_s == pytest.approx(0.9 * 14.0)
+    assert found.limits.V_max_m_s == pytest.approx(1.3 * 14.0)
+    assert "stall unknown" in found.sources["V"]
+    narrow = replace(taurus, limits={"phi": (-0.3, 0.3), "az": (-4.0 * G0_M_S2, G0_M_S2)})
+    found = bounds_at(PlanLimits(), narrow, at_14, 0.0)
+    assert found.limits.bank_deg == pytest.approx(0.9 * 0.3 / DEG_RAD, abs=0.1)
+    assert found.limits.load_factor == (-1.0, 4.0)
+
+
+def test_low_must_lie_below_high():
+    with pytest.raises(ValueError, match="V_min_m_s < V_max_m_s must hold, got 20 and 15"):
+        PlanLimits(V_min_m_s=20.0, V_max_m_s=15.0)
+
+
+CONTENT = {
+    "title": "bare",
+    "aircraft": "taurus",
+    "flown_by": "autopilot",
+    "speeds_m_s": [14.0],
+    "heights_m": [100.0],
+    "suite": "taurus_8hz",
+    "limits": {},
+    "timing": {"turn_s": 30.0, "overhead_s": 60.0},
+    "energy": {"kind": "battery", "capacity_Wh": 20.0, "efficiency_percent": 50.0, "source": "made up"},
+}
+
+
+def scenario_of(amplitude_deg, **changes):
+    signal = {"signal": "3211", "control": "de", "amplitude_deg": amplitude_deg, "step_s": 0.3, "start_s": 0.5}
+    manoeuvre = {"name": "3-2-1-1", "duration_s": 5.0, "repeats": 1, "input": [signal]}
+    return PlanScenario.model_validate({**CONTENT, "manoeuvre": [manoeuvre], **changes})
+
+
+def test_every_card_has_every_limit_with_its_source_and_is_judged_by_it():
+    (card,) = make_plan(scenario_of(2.0)).cards
+    assert {limit.channel for limit in card.limits} == {"V", "h", "phi", "theta", "az", "alpha", "beta", "de"}
+    assert all(limit.source and math.isfinite(limit.high) for limit in card.limits)
+    (hard,) = make_plan(scenario_of(6.0, speeds_m_s=[18.0])).cards  # what nobody wrote into the plan
+    assert hard.status == "refused"
+    assert [text.split()[0] for text in hard.met] == ["az", "az"]
+
+
+def test_alpha_by_the_lift_curve_is_alpha_of_the_flight():
+    (card,) = make_plan(scenario_of(3.0)).cards
+    record, trimmed = card.expected, card.point.trimmed
+    load, slow = -record["az"] / G0_M_S2, card.point.V_m_s / record["V"]
+    rise = lift_per_rad(card.point.model, card.point.V_m_s)
+    reckoned = trimmed.alpha + (load * slow**2 + trimmed.state["az"] / G0_M_S2) / rise
+    assert np.ptp(record["alpha"]) > 3.5 * DEG_RAD
+    np.testing.assert_allclose(reckoned, record["alpha"], atol=1.0 * DEG_RAD)

@@ -1,0 +1,155 @@
+"""After the flight: runs found in logs by what was commanded, and set against their cards."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from commands import command
+from test_bounds import CONTENT
+
+from testbench.core.errors import RecordError
+from testbench.core.record import FlightRecord
+from testbench.questions.plan.ask import make_plan
+from testbench.questions.plan.close import close_plan
+from testbench.questions.plan.close_page import close_answer
+from testbench.questions.plan.scenario import PlanScenario
+
+RATE_HZ = 50.0
+CHANNELS = ("V", "alpha", "q", "az", "beta", "p", "r", "phi", "de_cmd", "da_cmd", "dr_cmd")
+MANOEUVRES = [
+    {"name": "elevator", "duration_s": 6.0, "repeats": 2,
+     "input": [{"signal": "3211", "control": "de", "amplitude_deg": 2.0, "step_s": 0.4, "start_s": 0.5}]},
+    {"name": "aileron", "duration_s": 5.0, "repeats": 1,
+     "input": [{"signal": "doublet", "control": "da", "amplitude_deg": 2.0, "period_s": 1.6, "start_s": 0.5}]},
+]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def plan():
+    """Two manoeuvres at two speeds, in air that the bands allow for."""
+    content = {**CONTENT, "manoeuvre": MANOEUVRES, "speeds_m_s": [13.0, 15.0], "turbulence_rms_m_s": 0.3}
+    return make_plan(PlanScenario.model_validate(content))
+
+
+def log_of(parts, seed=0, rate_hz=RATE_HZ):
+    """A log of runs one after the other with quiet flight between: (card, factor on what was commanded)."""
+    rng, columns = np.random.default_rng(seed), {name: [] for name in CHANNELS}
+    for card, factor in parts:
+        t = np.arange(-4.0, card.spec.duration_s, 1.0 / rate_hz)
+        for name in CHANNELS:
+            if name.endswith("_cmd"):
+                bare = name.removesuffix("_cmd")
+                u = np.zeros(t.size)
+                if bare in card.signal.channels:
+                    rows = np.clip((t / card.signal.dt_s + 1e-6).astype(int), 0, len(card.signal.u) - 1)
+                    u = np.where(t >= 0.0, factor * card.signal.u[rows, card.signal.channels.index(bare)], 0.0)
+                columns[name].append(card.point.trimmed.controls[bare] + u)
+            else:
+                y = np.interp(t, card.t_s, card.expected[name])
+                columns[name].append(y + 1e-4 * rng.standard_normal(t.size))
+    data = np.column_stack([np.concatenate(columns[name]) for name in CHANNELS])
+    return FlightRecord(np.arange(len(data)) / rate_hz, CHANNELS, data, "measured")
+
+
+def test_every_run_is_found_where_it_was_flown_and_at_its_speed(plan):
+    slow, slow_da, fast, fast_da = plan.cards
+    order = [slow, fast, slow_da, slow, fast_da, fast]
+    closed = close_plan(plan, [("one.bin", log_of([(c, 1.0) for c in order]))])
+    assert [r.card.number for r in closed.runs] == [1, 1, 2, 3, 3, 4]
+    assert all(not r.faults for r in closed.runs), [r.faults for r in closed.runs]
+    assert all(r.likeness > 0.99 for r in closed.runs)
+    begin = 0.0
+    for card in order:
+        starts = [r.start_s for r in closed.of(card)]
+        assert min(abs(s - begin - 4.0) for s in starts) < 0.021
+        begin += 4.0 + card.spec.duration_s
+    assert closed.following is None
+    assert close_answer(closed)[-1] == ("finding", "every card is flown as often as it should be")
+    first = closed.runs[0].record
+    assert first.duration_s == pytest.approx(slow.spec.settle_s + slow.spec.duration_s - 0.02, abs=0.021)
+
+
+def test_what_is_missing_and_what_comes_next(plan):
+    slow, slow_da, fast, _ = plan.cards
+    one, two = log_of([(slow, 1.0)]), log_of([(slow_da, 1.0), (fast, 1.0)], seed=1)
+    closed = close_plan(plan, [("one.bin", one), ("two.bin", two)])
+    assert [(r.card.number, r.log) for r in closed.runs] == [(1, "one.bin"), (2, "two.bin"), (3, "two.bin")]
+    assert [closed.missing(c) for c in plan.cards] == [1, 0, 1, 1]
+    said = dict(close_answer(closed))
+    assert closed.following is slow
+    assert "3 runs of 6 found in 2 logs, 3 as their cards say" in said["lead"]
+    assert any("not flown: card 4" in text for _, text in close_answer(closed))
+    assert said["finding"].startswith("next is card 1")
+
+
+def test_a_run_that_is_not_as_its_card_says_must_be_repeated(plan):
+    slow = plan.cards[0]
+    weak = log_of([(slow, 0.6)])
+    quick = log_of([(slow, 1.0)])
+    quick = quick.with_columns({"V": quick["V"] + 0.9})
+    rough = log_of([(slow, 1.0)])
+    rough = rough.with_columns({"q": 3.0 * rough["q"]})
+    hard = log_of([(slow, 1.0)])
+    hard = hard.with_columns({"az": np.where(hard.t_s > 6.0, -25.0, hard["az"])})
+    off = log_of([(slow, 1.0)])
+    off = off.with_columns({"V": off["V"] + 4.0})
+    for record, words in (
+        (weak, "the command was not the card's"),
+        (rough, "the response left its band: q"),
+        (hard, "az passes -19.61"),
+    ):
+        (run,) = close_plan(plan, [("x", record)]).runs
+        assert any(words in fault for fault in run.faults), (words, run.faults)
+    (run,) = close_plan(plan, [("x", quick)]).runs
+    assert run.card is slow  # 13.9 m/s is nearer to 13 than to 15
+    assert not run.faults
+    (run,) = close_plan(plan, [("x", off)]).runs
+    assert run.card is plan.cards[2]  # 17 m/s
+    assert run.V_m_s == pytest.approx(17.0, abs=0.1)
+
+
+def test_quiet_flight_and_noise_are_no_runs_and_dropouts_no_faults(plan):
+    slow = plan.cards[0]
+    record = log_of([(slow, 0.0)])
+    rng = np.random.default_rng(3)
+    noisy = record.with_columns({"de_cmd": record["de_cmd"] + 0.002 * rng.standard_normal(len(record))})
+    for quiet in (record, noisy):
+        closed = close_plan(plan, [("x", quiet)])
+        assert not closed.runs
+        assert closed.following is slow
+    full = log_of([(slow, 1.0)])
+    marks, data = np.ones(full.data.shape, bool), np.array(full.data)
+    lost = CHANNELS.index("q")
+    marks[300:340, lost], data[300:340, lost] = False, data[299, lost]  # a dropout in the middle of the run
+    (run,) = close_plan(plan, [("x", replace(full, data=data, valid=marks))]).runs
+    assert not run.faults
+    with pytest.raises(RecordError, match="must hold a control of its cards"):
+        close_plan(plan, [("x", record.select(["V", "q"]))])
+
+
+def test_the_command_reads_a_log_and_writes_what_it_found(plan, tmp_path):
+    file = tmp_path / "plan.toml"
+    lines = [
+        f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {v}" for k, v in CONTENT.items() if not isinstance(v, dict)
+    ]
+    lines += ["turbulence_rms_m_s = 0.3", "[limits]", "[timing]", "turn_s = 30.0", "overhead_s = 60.0", "[energy]"]
+    lines += ['kind = "battery"', "capacity_Wh = 20.0", "efficiency_percent = 50.0", 'source = "made up"']
+    for m in MANOEUVRES[:1]:
+        (entry,) = m["input"]
+        lines += ["[[manoeuvre]]", f'name = "{m["name"]}"', f"duration_s = {m['duration_s']}", "repeats = 2"]
+        lines += ["[[manoeuvre.input]]"]
+        lines += [f'{k} = "{v}"' if isinstance(v, str) else f"{k} = {v}" for k, v in entry.items()]
+    text = "\n".join(lines).replace("speeds_m_s = [14.0]", "speeds_m_s = [13.0]")
+    file.write_text(text, encoding="utf-8")
+    log = tmp_path / "flight.csv"
+    log_of([(plan.cards[0], 1.0)]).save_csv(log)
+    done = command("plan", "close", file, log, "-o", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "1 run of 2 found in 1 log" in done.stdout
+    assert len(list((tmp_path / "close_plan" / "records").glob("*_run_1.nc"))) == 1
+    assert (tmp_path / "close_plan" / "report.html").is_file()
+    lost = command("plan", "close", file, tmp_path / "nothing.bin", "-o", tmp_path)
+    assert lost.returncode == 2
+    assert "Traceback" not in lost.stderr
