@@ -19,7 +19,8 @@ from testbench.core.errors import TestbenchError, located
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.base import Condition, FlownAt, FlownInAir, Preparation, Simulation
 from testbench.core.scenario.inputs import Input
-from testbench.estimators import estimate, estimate_alone
+from testbench.estimators import estimate
+from testbench.estimators.causes import with_causes
 from testbench.estimators.identification import Estimator, Identification, estimator_name
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
@@ -253,7 +254,9 @@ def identify_and_judge(
         for k, spec in enumerate(identification.estimators):
             say(f"identify {suite} with {short(spec.method)}")
             with located(where, f"identification.estimators[{k}]"):
-                model = (estimate if causes else estimate_alone)(spec, fit, identification.inputs, outputs, judge)
+                model = estimate(spec, fit, identification.inputs, outputs, judge)
+                if causes:
+                    model = with_causes(model, fit)
                 scores = evaluate(model, fit, judge, noise_std=noise.get(suite), **told_of(truth, model, fit))
             cases.append(Case(suite, spec, tuple(fit), tuple(judge), model, scores))
     return tuple(cases)

@@ -110,6 +110,12 @@ def with_causes(model: IdentifiedModel, records: Sequence[FlightRecord]) -> Iden
     Args:
         model: of any method.
         records: those it was identified from.
+
+    Example:
+        >>> import testbench as tb
+        >>> model = tb.estimate("output_error", [record], ["de"], ["alpha", "q"], structure="short_period")  # doctest: +SKIP
+        >>> [a.code for a in tb.with_causes(model, [record]).advice]  # doctest: +SKIP
+        ['delay']
     """
     found = directions(model)
     if not found:
