@@ -113,7 +113,7 @@ def with_causes(model: IdentifiedModel, records: Sequence[FlightRecord]) -> Iden
 
     Example:
         >>> import testbench as tb
-        >>> model = tb.estimate("output_error", [record], ["de"], ["alpha", "q"], structure="short_period")  # doctest: +SKIP
+        >>> model = tb.estimate("dsr_e", [record], ["de"], ["q"], past_horizon=20, future_horizon=20)  # doctest: +SKIP
         >>> [a.code for a in tb.with_causes(model, [record]).advice]  # doctest: +SKIP
         ['delay']
     """
@@ -122,7 +122,7 @@ def with_causes(model: IdentifiedModel, records: Sequence[FlightRecord]) -> Iden
         return model
     try:
         advice, causes = _named(model, list(records), found)
-    except TestbenchError:  # a model that diverges over its records has advice of its own
+    except TestbenchError:  # it diverges over its records, as its own advice says, or too few samples follow each other
         return model
     if not advice:
         return model
