@@ -20,7 +20,6 @@ from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.base import Condition, FlownAt, FlownInAir, Preparation, Simulation
 from testbench.core.scenario.inputs import Input
 from testbench.estimators import estimate
-from testbench.estimators.causes import with_causes
 from testbench.estimators.identification import Estimator, Identification, estimator_name
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
@@ -225,7 +224,7 @@ def identify_and_judge(
     progress: Report | None = None,
     truth: Truth | None = None,
     noise: Mapping[str, Mapping[str, float]] | None = None,
-    causes: bool = True,
+    causes: bool = False,
 ) -> tuple[Case, ...]:
     """Prepare the records of every suite, run every estimator on them, and judge the models.
 
@@ -238,7 +237,7 @@ def identify_and_judge(
         progress: called with a few words as each stage begins.
         truth: what estimates are compared with; None for recorded flights.
         noise: suite -> channel -> standard deviation, from which the error by noise alone follows.
-        causes: look for what the residuals of each model come from.
+        causes: look for what the residuals of each model come from, which takes a second or so for each.
 
     Raises:
         TestbenchError: with file and key.
@@ -256,6 +255,8 @@ def identify_and_judge(
             with located(where, f"identification.estimators[{k}]"):
                 model = estimate(spec, fit, identification.inputs, outputs, judge)
                 if causes:
+                    from testbench.estimators.causes import with_causes
+
                     model = with_causes(model, fit)
                 scores = evaluate(model, fit, judge, noise_std=noise.get(suite), **told_of(truth, model, fit))
             cases.append(Case(suite, spec, tuple(fit), tuple(judge), model, scores))
