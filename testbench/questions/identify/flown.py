@@ -9,8 +9,8 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.model import Geometry, MassProperties
+from testbench.core.atmosphere import air_density
 from testbench.core.record import FlightRecord
-from testbench.flight.condition import air_density
 from testbench.logs.layout import RecordCondition
 from testbench.questions.identify.scenario import RecordDescription
 
