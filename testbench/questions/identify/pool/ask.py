@@ -79,14 +79,20 @@ def identify_and_pool(
     asked = settings if settings is not None else _agreed(descriptions)
     _one_aircraft(descriptions)
     logs = list(parts_of(descriptions, asked.each))
-    found, gave = [], []
+    found, gave, nothing = [], [], []
     for name, description in logs:
         say(f"log {name}")
         result = identify(description, data_folder, None if keep is None else keep(name), say, strict)
         with located(description.file, f"log {name}"):
-            gave.append(contribution(result, name, asked.method))
-        found.append(result)
-    _one_geometry(found, logs)
+            part = contribution(result, name, asked.method)
+        if part.coefficients.names:
+            gave.append(part)
+            found.append(result)
+        else:
+            nothing.append(f"{name} is left out, since it gives no coefficient ({part.why_nothing})")
+    if not gave:
+        raise EstimationError(f"no log gives a coefficient: {'; '.join(nothing)}")
+    _one_geometry(found, gave)
     _no_record_twice(found, gave)
     say("pool the logs")
     prior = _prior(asked.prior, found, gave)
@@ -97,7 +103,8 @@ def identify_and_pool(
         notes += prior.notes
         if unused:
             notes.append(f"the prior of {', '.join(unused)} is not used: no log holds it")
-    return PooledFlights(pooled, tuple(found), tuple(gave), tuple(dict.fromkeys(notes)), tuple(_doubts(found, gave)))
+    doubts = (*nothing, *_doubts(found, gave))
+    return PooledFlights(pooled, tuple(found), tuple(gave), tuple(dict.fromkeys(notes)), doubts)
 
 
 def _doubts(found: Sequence[Identified], gave: Sequence[Contribution]) -> Iterator[str]:
@@ -153,17 +160,18 @@ def _one_aircraft(descriptions: Sequence[RecordDescription]) -> None:
         )
 
 
-def _one_geometry(found: Sequence[Identified], logs: Sequence[tuple[str, RecordDescription]]) -> None:
-    sizes = [found_.flown.geometry for found_ in found if found_.flown is not None]
-    for (name, description), size in zip(logs, sizes, strict=True):
+def _one_geometry(found: Sequence[Identified], gave: Sequence[Contribution]) -> None:
+    sizes = [f.flown.geometry for f in found if f.flown is not None]
+    names = [part.coefficients.log for part in gave]
+    for name, result, size in zip(names, found, sizes, strict=True):
         first = sizes[0]
         assert size is not None
         assert first is not None
         pairs = zip((size.S_m2, size.b_m, size.cbar_m), (first.S_m2, first.b_m, first.cbar_m), strict=True)
         if any(not np.isclose(a, b, rtol=1e-6) for a, b in pairs):
             raise RecordError(
-                f"coefficients of all logs must refer to one geometry, but '{name}' ({description.file}) has S = "
-                f"{size.S_m2:g} m2, b = {size.b_m:g} m, cbar = {size.cbar_m:g} m and '{logs[0][0]}' {first.S_m2:g} m2, "
+                f"coefficients of all logs must refer to one geometry, but '{name}' ({result.source.file}) has S = "
+                f"{size.S_m2:g} m2, b = {size.b_m:g} m, cbar = {size.cbar_m:g} m and '{names[0]}' {first.S_m2:g} m2, "
                 f"{first.b_m:g} m, {first.cbar_m:g} m"
             )
 

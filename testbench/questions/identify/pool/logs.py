@@ -22,6 +22,7 @@ from testbench.questions.identify.result import Identified
 _COEFFICIENTS = "aerodynamic_longitudinal"  # the structure whose parameters are coefficients themselves
 _SAID_BY_ERRORS = ("weakly_identifiable", "correlated_estimates")
 """Codes of advice on what one log decides little of: its covariance says so, and other logs may decide it."""
+_OTHER_METHOD = "not the method that is pooled, {}"
 _REFUSED = ("not converged", "at bound")
 
 
@@ -43,6 +44,13 @@ class Contribution:
     balance: tuple[tuple[str, str], ...]
     doubts: tuple[Advice, ...]
 
+    @property
+    def why_nothing(self) -> str:
+        """Why the log gives no coefficient at all."""
+        other = _OTHER_METHOD.format("")
+        said = [f"{what}: {why}" for what, why in self.balance if not why.startswith(other)]
+        return "; ".join(said) or "no estimator of that method has a structure"
+
 
 def contribution(found: Identified, log: str, method: str | None = None) -> Contribution:
     """Return what the models of one description give.
@@ -57,7 +65,7 @@ def contribution(found: Identified, log: str, method: str | None = None) -> Cont
         method: of the estimators that count; None for all.
 
     Raises:
-        RecordError: airspeed, air, mass or geometry is not known, or nothing is left.
+        RecordError: airspeed, air or geometry is not known.
     """
     flown = found.flown
     assert flown is not None, "identify gives it"
@@ -100,15 +108,13 @@ def contribution(found: Identified, log: str, method: str | None = None) -> Cont
         names += kept
         derivative_of |= {symbol: name for symbol, (name, _) in kept.items()}
         believed |= _believed(found, case.model, {name: symbol for symbol, (name, _) in kept.items()})
-    if not names:
-        said = "; ".join(f"{what}: {why}" for what, why in balance) or "no estimator has a structure"
-        raise RecordError(f"log '{log}' must give a coefficient to be pooled, got none ({said})")
     covariance = np.zeros((len(names), len(names)))
     at = 0
     for values, block in blocks:
         covariance[at : at + len(values), at : at + len(values)] = block
         at += len(values)
-    pooled = LogCoefficients(log, tuple(names), np.concatenate([v for v, _ in blocks]), covariance, flown.at)
+    values = np.concatenate([np.zeros(0), *(v for v, _ in blocks)])
+    pooled = LogCoefficients(log, tuple(names), values, covariance, flown.at)
     return Contribution(pooled, derivative_of, believed, tuple(balance), tuple(doubts))
 
 
@@ -133,7 +139,7 @@ def _known(flown: FlownCondition, log: str) -> None:
 def _refused(case: Case, method: str | None) -> str:
     """Return why a model gives nothing to the pool; "" if it does."""
     if method is not None and case.estimator.method != method:
-        return f"not the method that is pooled, {method}"
+        return _OTHER_METHOD.format(method)
     if not isinstance(case.model, ParametricModel):
         return "has no derivatives"
     if case.model.structure.name not in STRUCTURE_NAMES:
