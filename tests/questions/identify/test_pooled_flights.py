@@ -249,7 +249,7 @@ CASES = ((12.0, 1.0), (12.0, 1.2), (15.0, 1.0), (15.0, 1.2), (18.0, 1.0), (18.0,
 def test_flights_of_taurus_at_three_speeds_and_two_masses_cover_the_model(tmp_path):
     """JSBSim, sensors, output error of each log, pooled: 5 sets of 6 logs against the linearised model.
 
-    30 values beyond 4 errors by chance: 2e-3; below, the model's own curvature is part of the truth.
+    30 values beyond 4 errors by chance: 2e-3; the curvature of the model, too, is in what lies between.
     """
     off = []
     truth = {n: np.mean([true_coefficients(V, m, m)[n] for V, m in CASES]) for n in true_coefficients(12.0)}

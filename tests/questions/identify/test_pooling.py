@@ -119,12 +119,14 @@ def test_errors_that_are_too_small_are_no_trend_but_a_disagreement():
     assert all(c.std >= c.own_std for f in found for c in f.coefficients)
 
 
-def test_the_log_that_lies_apart_is_named_and_kept():
+@pytest.mark.parametrize(("slope", "asked"), [(0.0, "none"), (0.01, "auto")])
+def test_the_log_that_lies_apart_is_named_and_kept(slope, asked):
+    """Of logs with a trend, too: the others show it without the one that hides it."""
     rng = np.random.default_rng(7)
-    given = logs(rng)
+    given = logs(rng, (slope, 0.0, 0.0, 0.0))
     bad = given[2]
     given[2] = tb.LogCoefficients(bad.log, bad.names, bad.values * 1.15, bad.covariance, bad.at)
-    found = tb.pool(given, trend="none")
+    found = tb.pool(given, trend=asked)
     assert not found.agree
     assert found.disagreement.outlying == "day2"
     assert len(found.logs) == 6

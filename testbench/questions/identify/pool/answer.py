@@ -99,7 +99,7 @@ def _causes(pooled: Pooled, causes: tuple[Cause, ...]) -> str:
     if not pooled.trend.names and len(pooled.logs) < 3:
         few = "; a trend with the condition cannot be told from scatter by two logs: fly a third condition"
     if not causes:
-        return f"no error of airspeed, mass or inertia alone explains it; other candidates: {own}{few}"
+        return f"no error of airspeed, mass or inertia explains it; other candidates: {own}{few}"
     said = []
     for cause in causes:
         name, far = max(cause.deviations.items(), key=lambda item: abs(item[1]))

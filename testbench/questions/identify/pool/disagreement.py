@@ -10,6 +10,7 @@ from scipy.stats import chi2 as chi_square
 
 from testbench.core.record import FloatArray
 from testbench.questions.identify.pool.least_squares import Fit, LogCoefficients, Trend, alone, fit, inverse, rows
+from testbench.questions.identify.pool.trends import TrendVariable, best_trend
 
 _RATES = ("_p", "_q", "_r")
 _SIZES = (0.01, 0.02, 0.05, 0.1, 0.2)  # relative deviations from log to log that a cause is tried with
@@ -46,9 +47,20 @@ class Disagreement:
     causes: tuple[Cause, ...]
 
 
-def disagreement(logs: Sequence[LogCoefficients], found: Fit, level: float) -> Disagreement:
-    """Return what is known of logs that disagree with the fit of all of them."""
-    return Disagreement(_between(logs, found), _outlying(logs, found.trend, level), _causes(logs, found, level))
+def disagreement(
+    logs: Sequence[LogCoefficients], found: Fit, asked: TrendVariable, agree: float, trend: float
+) -> Disagreement:
+    """Return what is known of logs that disagree with the fit of all of them.
+
+    Args:
+        logs: all of them.
+        found: by their own errors.
+        asked: variable that a trend may have.
+        agree: share of sets of logs that agree but are said not to.
+        trend: share of sets of logs without a trend that show one.
+    """
+    outlying = _outlying(logs, asked, agree, trend)
+    return Disagreement(_between(logs, found), outlying, _causes(logs, found, agree))
 
 
 def added(logs: Sequence[LogCoefficients], between: Mapping[str, float]) -> list[FloatArray]:
@@ -89,20 +101,23 @@ def _weighted_squares(X: FloatArray, y: FloatArray, v: FloatArray) -> float:
     return float(left @ left)
 
 
-def _outlying(logs: Sequence[LogCoefficients], trend: Trend, level: float) -> str:
-    """Return the log that the others, which agree, do not predict; "" if there is none or more than one."""
+def _outlying(logs: Sequence[LogCoefficients], asked: TrendVariable, level: float, trend_level: float) -> str:
+    """Return the log that the others do not predict, if they agree among themselves about a trend of their own.
+
+    "" if there is none or more than one.
+    """
     found = []
     for i, log in enumerate(logs):
         rest = [*logs[:i], *logs[i + 1 :]]
-        if len(rest) < 2 or any(not _decided(rest, trend, name) for name in trend.names):
+        if len(rest) < 2:
             continue
-        others = fit(rest, trend)
+        others = best_trend(rest, asked, trend_level)
         seen = [k for k, name in enumerate(log.names) if name in others.names]
         if not seen or others.dof < 1 or chi_square.sf(others.chi2, others.dof) < level:
             continue
         names = tuple(log.names[k] for k in seen)
         part = LogCoefficients(log.log, names, log.values[seen], log.covariance[np.ix_(seen, seen)], log.at)
-        H = rows(part, others.names, trend)
+        H = rows(part, others.names, others.trend)
         off = part.values - H @ others.b
         S = part.covariance + H @ others.covariance @ H.T
         if chi_square.sf(float(off @ inverse(S) @ off), len(seen)) * len(logs) < level:
@@ -110,15 +125,12 @@ def _outlying(logs: Sequence[LogCoefficients], trend: Trend, level: float) -> st
     return found[0] if len(found) == 1 else ""
 
 
-def _decided(logs: Sequence[LogCoefficients], trend: Trend, name: str) -> bool:
-    return len({log.at[trend.variable] for log in logs if name in log.names}) > 1
-
-
 def _causes(logs: Sequence[LogCoefficients], found: Fit, level: float) -> tuple[Cause, ...]:
     """Return the quantities of which errors from log to log make the logs agree, the smallest error first.
 
     An error d of a quantity moves the coefficients of a log by g d: twice the airspeed's for those by angles, once for
-    those by rates (q cbar / 2V holds one speed itself), once the mass's for forces, the inertia's for moments.
+    those by rates (q cbar / 2V holds one speed itself), once the mass's for forces, the inertia's for moments,
+    and both for all.
     """
     out = []
     for what, share in _SHARES.items():
@@ -146,6 +158,7 @@ _SHARES = {
     "airspeed": lambda name: -1.0 if name.endswith(_RATES) else -2.0,
     "mass": lambda name: float(name[1] in "XYZ"),
     "pitch inertia": lambda name: float(name.startswith("Cm")),
+    "mass and inertia alike": lambda name: 1.0,
     "roll and yaw inertia": lambda name: float(name.startswith(("Cl_", "Cn_"))),
 }
 """Quantity -> its share in the relative error of a coefficient."""

@@ -28,6 +28,7 @@ def pool_plates(flights: PooledFlights) -> list[Plate]:
     word, factor, unit = VARIABLES[variable]
     shown = pooled.coefficients[:_MOST]
     believed = any(c.prior is not None for c in shown)
+    apart = pooled.disagreement.outlying if pooled.disagreement is not None else ""
     both = "data and prior together" if believed else "pooled"
     wide_band = " The wide pale band is the prior." if believed else ""
     caption = (
@@ -40,7 +41,7 @@ def pool_plates(flights: PooledFlights) -> list[Plate]:
         """Draw one panel per coefficient."""
         across = min(3 if wide else 1, len(shown))
         rows = -(-len(shown) // across)
-        handles = _handles(believed)
+        handles = _handles(believed, apart)
         top = legend_in([str(h.get_label()) for h in handles], wide) + 0.3
         tall, gap = 1.35, 0.62
         figure = new_figure(wide, top + rows * tall + (rows - 1) * gap + 0.5)
@@ -106,7 +107,7 @@ def _shifts(flights: PooledFlights, variable: str, apart: float) -> dict[str, fl
     return out
 
 
-def _handles(believed: bool) -> list[Any]:
+def _handles(believed: bool, apart: str) -> list[Any]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -116,4 +117,6 @@ def _handles(believed: bool) -> list[Any]:
     ]
     if believed:
         out.append(Patch(facecolor=BAND, edgecolor=MEASURED, label="prior"))
+    if apart:
+        out.append(Line2D([], [], color=COLOURS[1], marker="o", markersize=4.0, linewidth=1.2, label=f"{apart}, apart"))
     return out

@@ -202,7 +202,7 @@ def pool(logs: Sequence[LogCoefficients], prior: Prior | None = None, trend: Tre
     own = best_trend(logs, trend, CRITERIA.trend)
     apart, found, factor = None, own, 1.0
     if own.dof and chi_square.sf(own.chi2, own.dof) < CRITERIA.agree:
-        apart = disagreement(logs, own, CRITERIA.agree)
+        apart = disagreement(logs, own, trend, CRITERIA.agree, CRITERIA.trend)
         found = fit(logs, own.trend, added(logs, apart.between))
         if chi_square.sf(found.chi2, found.dof) < CRITERIA.agree:
             factor = math.sqrt(found.chi2 / found.dof)
