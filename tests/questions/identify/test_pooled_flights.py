@@ -8,12 +8,16 @@ import json
 import numpy as np
 import pytest
 from commands import ends
-from pooled_logs import GEOMETRY, TRUE, description, record, write_day, write_record
+from pooled_logs import CBAR, GEOMETRY, TRUE, B, S, description, record, write_day, write_record
 from taurus_logs import true_coefficients, write_log
 
 import testbench as tb
+from testbench.aircraft.model import Geometry
 from testbench.core.atmosphere import air_density
 from testbench.core.errors import EstimationError, RecordError, ScenarioError
+from testbench.evaluation.derivatives import dimensional_derivatives
+from testbench.questions.identify.coefficients import Scaling, weights
+from testbench.questions.identify.flown import PartialMass
 from testbench.questions.identify.pool.answer import pool_answer
 from testbench.questions.identify.pool.ask import identify_and_pool
 from testbench.questions.identify.pool.page import pool_page
@@ -167,8 +171,44 @@ def test_a_log_that_gives_nothing_is_left_out_and_said(tmp_path):
                    Pooling(method="output_error"))  # fmt: skip
     assert found.names == ("day0",)
     assert "day1 is left out" in found.doubts[0]
-    with pytest.raises(EstimationError, match="no log gives a coefficient"):
-        _error(tmp_path, settings=Pooling(method="srivc"))
+    with pytest.raises(RecordError, match="got 'output_eror'; did you mean 'output_error'"):
+        _error(tmp_path, settings=Pooling(method="output_eror"))
+    with pytest.raises(EstimationError, match=r"no log gives a coefficient.*mass_kg under \[condition\]"):
+        _error(tmp_path, condition="")
+
+
+def test_rolling_and_yawing_coefficients_come_from_primed_derivatives_with_their_product_of_inertia():
+    """L' and N' of chosen Cl and Cn, by the inertia matrix [[Ixx, Ixz], [Ixz, Izz]] with the file's sign of Ixz."""
+    V, qbar, g, m = 20.0, 250.0, Geometry(S, B, CBAR), PartialMass(1.8, 0.07, 0.08, 0.14, 0.01)
+    matrix = np.array([[m.Ixx, m.Ixz], [m.Ixz, m.Izz]])
+    names = ("L_beta", "L_p", "N_beta", "N_p", "L_da")
+    for variable, per in (("beta", 1.0), ("p", B / (2.0 * V))):
+        Cl, Cn = -0.08, 0.05
+        L, N = np.linalg.solve(matrix, qbar * S * B * per * np.array([Cl, Cn]))
+        params = {f"L_{variable}": L, f"N_{variable}": N}
+        for axis, true in (("L", Cl), ("N", Cn)):
+            symbol, row = weights("lateral_directional", names, f"{axis}_{variable}", Scaling(V, qbar, g, m))
+            assert symbol == f"C{axis.lower()}_{variable}"
+            assert row @ [params.get(n, 0.0) for n in names] == pytest.approx(true, rel=1e-12)
+    assert weights("lateral_directional", names, "L_da", Scaling(V, qbar, g, m)) is None  # N_da is not known
+    alone = weights("lateral_directional", names, "L_da", Scaling(V, qbar, g, PartialMass(1.8, 0.07, 0.08, 0.14, 0.0)))
+    assert alone[1] @ np.eye(5)[4] == pytest.approx(0.07 / (qbar * S * B))
+    assert weights("own", names, "L_beta", Scaling(V, qbar, g, m)) is None
+
+
+def test_coefficients_of_a_linearised_aircraft_with_a_product_of_inertia_are_those_of_its_file():
+    """b1, rigid: JSBSim's own derivatives through mass, inertia and condition, against the numbers in its XML."""
+    b1 = tb.load_aircraft("b1").with_rigid_wings()
+    assert b1.mass.Ixz != 0.0
+    trimmed = tb.trim(b1, tb.FlightCondition(b1.design_V_m_s, b1.design_h_m))
+    found = {d.name: d.held for d in dimensional_derivatives(tb.linearise(b1, trimmed), trimmed)}
+    m = b1.mass
+    mass = PartialMass(m.mass_kg, m.Ixx, m.Iyy, m.Izz, m.Ixz)
+    scaling = Scaling(b1.design_V_m_s, trimmed.condition.qbar_Pa, b1.geometry, mass)
+    for name in ("L_beta", "L_p", "N_beta", "N_r", "L_da", "M_q"):
+        structure = "longitudinal" if name == "M_q" else "lateral_directional"
+        symbol, row = weights(structure, tuple(found), name, scaling)
+        assert row @ list(found.values()) == pytest.approx(b1.coefficient(symbol), rel=5e-4), symbol
 
 
 PRIOR = """source = "wind tunnel"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from testbench.core.errors import EstimationError, RecordError, ScenarioError, located
+from testbench.core.errors import EstimationError, RecordError, ScenarioError, located, nearest
 from testbench.line import Keep, Report
 from testbench.page.labels import file_stem, unique
 from testbench.page.words import listed
@@ -78,6 +78,8 @@ def identify_and_pool(
     say = progress or (lambda text: None)
     asked = settings if settings is not None else _agreed(descriptions)
     _one_aircraft(descriptions)
+    _known_method(asked.method, descriptions)
+    given = _given_prior(asked.prior, descriptions)
     logs = list(parts_of(descriptions, asked.each))
     found, gave, nothing = [], [], []
     for name, description in logs:
@@ -95,7 +97,7 @@ def identify_and_pool(
     _one_geometry(found, gave)
     _no_record_twice(found, gave)
     say("pool the logs")
-    prior = _prior(asked.prior, found, gave)
+    prior = _prior_of_model(asked.prior, found, gave) if asked.prior in PRIORS else given
     pooled = pool([c.coefficients for c in gave], prior, asked.trend)
     notes = [f"{c.coefficients.log}: {text}" for c, r in zip(gave, found, strict=True) for text in _notes(r)]
     if prior is not None:
@@ -196,35 +198,51 @@ def _no_record_twice(found: Sequence[Identified], gave: Sequence[Contribution]) 
             seen.append((log, digest, (start, end), names))
 
 
-def _prior(asked: str | None, found: Sequence[Identified], gave: Sequence[Contribution]) -> Prior | None:
-    """Return the prior that is asked for.
+def _known_method(method: str | None, descriptions: Sequence[RecordDescription]) -> None:
+    """Refuse a method that no description has, before anything is identified."""
+    known = {e.method for d in descriptions for e in d.identification.estimators}
+    if method is not None and method not in known:
+        raise RecordError(
+            f"the method that is pooled must be one of the descriptions', got '{method}'{nearest(method, known)}"
+        )
+
+
+def _given_prior(asked: str | None, descriptions: Sequence[RecordDescription]) -> Prior | None:
+    """Return the prior of a file; None if there is none, or if it is to be taken from an aircraft.
 
     Raises:
         RecordError: there is no such file, or no aircraft that a prior could be taken from.
-        EstimationError: the aircraft trims at the condition of no log.
     """
     if asked is None:
         return None
     if asked in PRIORS:
-        aircraft = next((f.before.aircraft for f in found if f.before is not None), None)
-        if aircraft is None:
+        if all(d.aircraft is None for d in descriptions):
             raise RecordError(
                 f"the prior '{asked}' is taken from the model of an aircraft, but no description names one; give "
                 "aircraft = '...' or --aircraft, or the prior as a file"
             )
-        told: dict[str, list[float]] = {}
-        for part in gave:
-            for name, value in part.believed.items():
-                told.setdefault(name, []).append(value)
-        if not told:
-            raise EstimationError(
-                f"the prior '{asked}' needs {aircraft.name} trimmed at the condition of a log, but it trims at none of "
-                "them; give the prior as a file"
-            )
-        return prior_of_aircraft(aircraft, {n: float(np.mean(v)) for n, v in told.items()}, asked == "handbook")
-    places = [Path(asked)]
-    places += [f.source.file.parent / asked for f in found if f.source.file is not None]
+        return None
+    places = [Path(asked), *(d.file.parent / asked for d in descriptions if d.file is not None)]
     path = next((place for place in places if place.is_file()), None)
     if path is None:
         raise RecordError(f"a prior must be {', '.join(PRIORS)} or a file, got '{asked}', which is none of them")
     return prior_of_file(path)
+
+
+def _prior_of_model(asked: str | None, found: Sequence[Identified], gave: Sequence[Contribution]) -> Prior:
+    """Return the prior of the aircraft: its coefficients, the mean over the conditions of the logs.
+
+    Raises:
+        EstimationError: the aircraft trims at the condition of no log.
+    """
+    aircraft = next(f.before.aircraft for f in found if f.before is not None)
+    told: dict[str, list[float]] = {}
+    for part in gave:
+        for name, value in part.believed.items():
+            told.setdefault(name, []).append(value)
+    if not told:
+        raise EstimationError(
+            f"the prior '{asked}' needs {aircraft.name} trimmed at the condition of a log, but it trims at none of "
+            "them; give the prior as a file"
+        )
+    return prior_of_aircraft(aircraft, {n: float(np.mean(v)) for n, v in told.items()}, asked == "handbook")
