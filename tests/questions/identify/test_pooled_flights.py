@@ -21,6 +21,7 @@ from testbench.questions.identify.flown import PartialMass
 from testbench.questions.identify.pool.answer import pool_answer
 from testbench.questions.identify.pool.ask import identify_and_pool
 from testbench.questions.identify.pool.page import pool_page
+from testbench.questions.identify.pool.prior import prior_of_file
 from testbench.questions.identify.scenario import Pooling, RecordDescription
 
 CONDITIONS = ((12.0, 1.8, 100.0), (15.0, 2.2, 900.0), (19.0, 1.8, 400.0))
@@ -218,10 +219,10 @@ Cl_p = { value = -0.4, std = 0.1 }
 """
 
 
-def test_the_command_pools_with_a_prior_and_its_result_is_the_next_prior(tmp_path, monkeypatch, capsys):
+def test_the_command_pools_with_a_prior_and_its_result_is_the_next_prior(pooled, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("testbench.questions.run.page.plates", lambda result: [])  # of single logs: drawn elsewhere
-    days(tmp_path)
+    days(tmp_path, CONDITIONS[:2])
     (tmp_path / "tunnel.toml").write_text(PRIOR)
     status, _ = ends(monkeypatch, capsys, "identify", "day0.toml", "day1.toml", "--prior", "tunnel.toml")
     assert status == 0
@@ -235,14 +236,12 @@ def test_the_command_pools_with_a_prior_and_its_result_is_the_next_prior(tmp_pat
     prior, both = float(rows["Cm_q"]["prior_std"]), float(rows["Cm_q"]["posterior_std"])
     assert prior == pytest.approx(3.0)
     assert float(rows["Cm_q"]["added [%]"]) == pytest.approx(100.0 * (1.0 - (both / prior) ** 2))
-    status, _ = ends(
-        monkeypatch, capsys, "identify", "day2.toml", "--prior", "results/pooled_day0_day1/pooled.json", "-o", "next"
-    )
-    assert status == 0
-    second = json.loads((tmp_path / "next/pooled_day2/pooled.json").read_text())
-    i = list(second["coefficients"]).index("Cm_q")
-    j = list(first["coefficients"]).index("Cm_q")
-    assert second["covariance"][i][i] < first["covariance"][j][j]
+    later = prior_of_file(folder / "pooled.json")
+    assert "day0, day1" in later.source
+    np.testing.assert_allclose(later.covariance, first["covariance"])
+    assert later.names == tuple(first["coefficients"])
+    more = tb.pool(pooled.pooled.logs[2:], later, "none")
+    assert all(c.posterior_std < c.prior_std for c in more.coefficients)
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 from scipy.stats import binom
 
 import testbench as tb
-from testbench.core.errors import EstimationError
+from testbench.core.errors import EstimationError, RecordError
 from testbench.questions.identify.pool.least_squares import Trend, fit
 from testbench.questions.identify.pool.pooling import CRITERIA
+from testbench.questions.identify.pool.prior import prior_of_file
 
 NAMES = ("Cm_alpha", "Cm_q", "Cm_de", "CZ_alpha")
 TRUE = np.array([-0.7, -12.0, -0.85, -4.6])
@@ -87,14 +90,14 @@ def test_scatter_agrees_with_errors_and_false_alarms_are_those_admitted():
 
 
 def test_chi_square_has_its_false_alarm_rate():
-    """Without a choice of slopes the rate is exact: 800 draws lie within 5e-4 on both sides of 1 %."""
-    rng, n = np.random.default_rng(4), 800
+    """Without a choice of slopes the rate is exact: 400 draws at 5 %, with 5e-4 on both sides."""
+    rng, n = np.random.default_rng(4), 400
     P = [covariance(rng) for _ in SPEEDS[:3]]
     alarms = 0
     for _ in range(n):
         given = [tb.LogCoefficients("a", NAMES, rng.multivariate_normal(TRUE, C), C, {}) for C in P]
-        alarms += tb.pool(given, trend="none").chance < CRITERIA.agree
-    assert binom.ppf(5e-4, n, 0.01) <= alarms <= binom.isf(5e-4, n, 0.01)
+        alarms += tb.pool(given, trend="none").chance < 0.05
+    assert binom.ppf(5e-4, n, 0.05) <= alarms <= binom.isf(5e-4, n, 0.05)
 
 
 def test_a_trend_that_is_there_is_found_and_the_others_stay_constant():
@@ -176,6 +179,21 @@ def test_a_prior_is_one_more_information_matrix():
         assert c.bits == pytest.approx(0.5 * np.log2(C[i, i] / found.covariance[i, i]))
 
 
+def test_an_earlier_pooling_is_a_prior_at_the_condition_of_the_later_logs(tmp_path):
+    rng = np.random.default_rng(14)
+    first = tb.pool(logs(rng, (0.015, 0.0, -0.4, 0.0)), trend="V")
+    assert set(first.trend.names) == {"Cm_alpha", "Cm_de"}
+    (tmp_path / "pooled.json").write_text(json.dumps(first.written()))
+    later = prior_of_file(tmp_path / "pooled.json", {"V": 20.0})
+    for name, value, variance in zip(later.names, later.values, np.diag(later.covariance), strict=True):
+        assert (value, variance**0.5) == pytest.approx(first.at(name, 20.0), rel=1e-9)
+    there = prior_of_file(tmp_path / "pooled.json")
+    assert there.values == pytest.approx([c.posterior for c in first.coefficients])
+    (tmp_path / "pooled.json").write_text('{"coefficients": {}}')
+    with pytest.raises(RecordError, match=r"must be the pooled\.json"):
+        prior_of_file(tmp_path / "pooled.json")
+
+
 def test_prior_and_data_that_contradict_each_other_are_named():
     given = logs(np.random.default_rng(11))
     prior = tb.Prior(("Cm_q", "Cl_p"), np.array([-20.0, -0.4]), np.diag([1.0, 0.01]), "handbook")
@@ -186,14 +204,14 @@ def test_prior_and_data_that_contradict_each_other_are_named():
 
 
 def test_data_and_prior_that_agree_contradict_each_other_in_3_of_1000():
-    """600 draws of a prior with its own deviation: at most 7 conflicts but for 5e-3 of all runs (chance 0.27 %)."""
+    """300 draws of a prior with its own deviation: at most 5 conflicts but for 3e-4 of all runs (chance 0.27 %)."""
     rng, conflicts = np.random.default_rng(12), 0
     P, W = covariance(rng), covariance(rng)
-    for _ in range(600):
+    for _ in range(300):
         log = tb.LogCoefficients("a", NAMES, rng.multivariate_normal(TRUE, P), P, {})
         prior = tb.Prior(NAMES[:1], rng.normal(TRUE[:1], np.sqrt(W[0, 0])), W[:1, :1], "handbook")
         conflicts += bool(tb.pool([log], prior).in_conflict)
-    assert conflicts <= 7
+    assert conflicts <= 5
 
 
 @pytest.mark.parametrize(

@@ -97,7 +97,11 @@ def identify_and_pool(
     _one_geometry(found, gave)
     _no_record_twice(found, gave)
     say("pool the logs")
-    prior = _prior_of_model(asked.prior, found, gave) if asked.prior in PRIORS else given
+    prior: Prior | None = None
+    if asked.prior in PRIORS:
+        prior = _prior_of_model(asked.prior, found, gave)
+    elif given is not None:
+        prior = prior_of_file(given, _mean_condition(gave))
     pooled = pool([c.coefficients for c in gave], prior, asked.trend)
     notes = [f"{c.coefficients.log}: {text}" for c, r in zip(gave, found, strict=True) for text in _notes(r)]
     if prior is not None:
@@ -207,8 +211,14 @@ def _known_method(method: str | None, descriptions: Sequence[RecordDescription])
         )
 
 
-def _given_prior(asked: str | None, descriptions: Sequence[RecordDescription]) -> Prior | None:
-    """Return the prior of a file; None if there is none, or if it is to be taken from an aircraft.
+def _mean_condition(gave: Sequence[Contribution]) -> dict[str, float]:
+    """Return variable -> mean over the logs, of those that all logs know."""
+    every = [part.coefficients.at for part in gave]
+    return {name: float(np.mean([at[name] for at in every])) for name in every[0] if all(name in at for at in every)}
+
+
+def _given_prior(asked: str | None, descriptions: Sequence[RecordDescription]) -> Path | None:
+    """Return the file of a prior, which is right; None if there is none, or if it is to be taken from an aircraft.
 
     Raises:
         RecordError: there is no such file, or no aircraft that a prior could be taken from.
@@ -226,7 +236,8 @@ def _given_prior(asked: str | None, descriptions: Sequence[RecordDescription]) -
     path = next((place for place in places if place.is_file()), None)
     if path is None:
         raise RecordError(f"a prior must be {', '.join(PRIORS)} or a file, got '{asked}', which is none of them")
-    return prior_of_file(path)
+    prior_of_file(path)
+    return path
 
 
 def _prior_of_model(asked: str | None, found: Sequence[Identified], gave: Sequence[Contribution]) -> Prior:

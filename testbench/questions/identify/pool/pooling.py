@@ -158,7 +158,7 @@ class Pooled:
         return {
             "coefficients": {c.name: c.posterior for c in self.coefficients},
             "covariance": self.covariance[:k, :k].tolist(),
-            "slopes": {c.name: c.posterior_slope for c in self.coefficients if c.posterior_slope is not None},
+            "slopes": {name: self.coefficient(name).posterior_slope for name in self.trend.names},
             "covariance_with_slopes": self.covariance.tolist(),
             "trend": {"variable": self.trend.variable, "reference": self.trend.reference},
             "logs": [log.log for log in self.logs],

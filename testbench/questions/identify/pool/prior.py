@@ -150,8 +150,13 @@ class PriorFile(Strict):
     coefficient: Annotated[dict[str, _Believed], Field(min_length=1)]
 
 
-def prior_of_file(path: Path) -> Prior:
+def prior_of_file(path: Path, at: Mapping[str, float] | None = None) -> Prior:
     """Return the prior that a TOML file gives, or the pooled.json of an earlier pooling, with its whole covariance.
+
+    Args:
+        path: of the file.
+        at: variable -> where the logs are that it is a prior of, SI: coefficients of an earlier pooling that have a
+            slope are taken there. Where it is not known, they are taken where that pooling gave them.
 
     Raises:
         RecordError: the file cannot be read.
@@ -159,7 +164,7 @@ def prior_of_file(path: Path) -> Prior:
         EstimationError: its covariance is none.
     """
     if path.suffix.lower() == ".json":
-        return _earlier(path)
+        return _earlier(path, at or {})
     said, faults = parse(PriorFile, read_toml(path), path)
     if said is None or faults:
         raise ScenarioError(faults)
@@ -169,12 +174,14 @@ def prior_of_file(path: Path) -> Prior:
     return Prior(tuple(said.coefficient), values, np.diag(variance), said.source)
 
 
-def _earlier(path: Path) -> Prior:
+def _earlier(path: Path, at: Mapping[str, float]) -> Prior:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         names = tuple(str(name) for name in content["coefficients"])
         values = np.array([float(v) for v in content["coefficients"].values()])
-        covariance = np.array(content["covariance"], float)
+        slopes = {str(name): float(v) for name, v in content["slopes"].items()}
+        covariance = np.array(content["covariance_with_slopes"], float)
+        variable, reference = str(content["trend"]["variable"]), float(content["trend"]["reference"])
         logs = [str(log) for log in content["logs"]]
     except (OSError, UnicodeDecodeError) as error:
         raise RecordError(f"a prior must be a file that can be read, got '{path}': {error}") from error
@@ -183,8 +190,17 @@ def _earlier(path: Path) -> Prior:
             f"a prior in JSON must be the pooled.json of an earlier pooling, but '{path}' is none ({error!r})"
         ) from error
     _check(names, path)
-    note = f"if one of the logs {', '.join(logs)} is among these, it is counted twice"
-    return Prior(names, values, covariance, f"{path.name} ({', '.join(logs)})", (note,))
+    notes = [f"if one of the logs {', '.join(logs)} is among these, it is counted twice"]
+    J = np.eye(len(names), len(names) + len(slopes))
+    if slopes and set(slopes) <= set(names) and covariance.shape == (J.shape[1], J.shape[1]):
+        for k, name in enumerate(slopes):
+            J[names.index(name), len(names) + k] = at.get(variable, reference) - reference
+        values = J @ np.concatenate([values, list(slopes.values())])
+        there = at.get(variable, reference)
+        notes.append(f"the prior of {', '.join(slopes)} has a slope over {variable} and is taken at {there:.4g}")
+    if covariance.shape == (J.shape[1], J.shape[1]):
+        covariance = J @ covariance @ J.T
+    return Prior(names, values, covariance, f"{path.name} ({', '.join(logs)})", tuple(notes))
 
 
 def _check(names: Sequence[str], path: Path) -> None:
