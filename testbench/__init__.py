@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from testbench.questions.files import load
     from testbench.questions.gap.ask import run_gap
     from testbench.questions.gap.workflow import find_gap
+    from testbench.questions.identify.amend.ask import amend
     from testbench.questions.identify.ask import identify, load_description
     from testbench.questions.importing.ask import import_log
     from testbench.questions.modes.ask import fly_modes
@@ -65,6 +66,7 @@ _HOME = {
     "FlightCondition": "testbench.flight",
     "FlightRecord": "testbench.core.record",
     "Manoeuvre": "testbench.flight",
+    "amend": "testbench.questions.identify.amend.ask",
     "compare": "testbench.questions.compare.ask",
     "estimate": "testbench.estimators",
     "with_causes": "testbench.estimators.causes",
@@ -99,6 +101,7 @@ __all__ = [
     "InputSignal",
     "Job",
     "Manoeuvre",
+    "amend",
     "compare",
     "estimate",
     "evaluate",

@@ -25,7 +25,7 @@ class Before:
 
     Attributes:
         aircraft: the model.
-        V_m_s, qbar_Pa: true airspeed and dynamic pressure of the records.
+        V_m_s, h_m, qbar_Pa: true airspeed, height and dynamic pressure of the records.
         derivatives: of the model there; empty if it cannot be trimmed there.
         notes: what was assumed, in sentences.
     """
@@ -35,6 +35,7 @@ class Before:
     qbar_Pa: float
     derivatives: tuple[Derivative, ...] = ()
     notes: tuple[str, ...] = ()
+    h_m: float = 0.0
 
 
 def before(aircraft: Aircraft, records: Sequence[FlightRecord]) -> Before:
@@ -60,7 +61,7 @@ def before(aircraft: Aircraft, records: Sequence[FlightRecord]) -> Before:
         notes.append(
             f"what {aircraft.name} said before is not known: it does not trim at {V:.3g} m/s, {h:.4g} m ({error})"
         )
-    return Before(aircraft, V, qbar, found, tuple(notes))
+    return Before(aircraft, V, qbar, found, tuple(notes), h)
 
 
 def servos_of(aircraft: Aircraft, inputs: Sequence[str]) -> dict[str, Servo]:
