@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from testbench.page.page import Page
+from testbench.page.page import FLOWN, Page
 from testbench.page.words import answer_lines
 from testbench.questions.identify.answer import identify_answer
 from testbench.questions.identify.tables import derivative_table
@@ -59,5 +59,6 @@ def _with_amendment(page: Page, amended: Amended) -> Page:
             tables[-1].without("size", "theil_before", "theil_after"),
         ],
         context={**page.context, "amended": amended, "amended_tables": tables},
+        packages=FLOWN,
         closing=[*page.closing, ("Aircraft", str(amended.folder)), ("Next", f"testbench check {amended.folder}")],
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -111,7 +112,7 @@ def test_the_figure_shows_records_that_were_not_used_first(made, tmp_path):
 def test_what_is_left_says_why(made):
     why = {a.name: a.why for a in made.aims if a.aimed is None}
     assert "no coefficient of its own" in why["X_V"]
-    assert why["X_de"] in ("the data say little of it", "not told from what it was: within 2 errors")
+    assert why["X_de"] in ("the data say little of it", "not told from what it was: within 3 errors")
     by_name = {a.name: a for a in made.aims}
     assert by_name["X_de"].reached == pytest.approx(by_name["X_de"].before, abs=1e-6)
 
@@ -260,6 +261,28 @@ def test_two_that_are_known_only_together_are_not_both_written(found):
     assert true_parameters("my_equations", (), V) == {}
 
 
+def test_a_flight_of_the_aircraft_itself_writes_something_in_two_percent_of_draws(found):
+    """8 parameters with the errors of a real fit, 400 draws about what they were: within 3 errors of 2.1 %."""
+    case, rng = found.cases[0], np.random.default_rng(5)
+    names = case.model.structure.parameter_names
+    own = [d for d in found.derivatives if d.name[2:] in ("alpha", "q", "de")]
+    index, before = [names.index(d.name) for d in own], np.array([d.before for d in own])
+    P = case.model.covariance
+    root = np.linalg.cholesky(P[np.ix_(index, index)])
+    written = 0
+    for _ in range(400):
+        drawn = before + root @ rng.standard_normal(len(own))
+        params = np.array(case.model.params)
+        params[index] = drawn
+        pair = replace(case, model=replace(case.model, params=params))
+        values = dict(zip((d.name for d in own), drawn, strict=True))
+        derivatives = tuple(replace(d, value=values[d.name], believed="determined") for d in own)
+        with suppress(EstimationError):  # there is nothing to write
+            aims_of(replace(found, cases=(pair,), derivatives=derivatives), 0)
+            written += 1
+    assert written <= 19  # 8.6 +- 2.9 if independent; more than 19 by chance: 1e-3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "factors", "V_m_s", "h_m", "unit_s"),
@@ -308,6 +331,20 @@ def test_lateral_derivatives_are_written(tmp_path, name, V_m_s, h_m):
     misses = {m.channel: m for m in done.misses("validation")}
     assert misses["p"].after < 0.5 * misses["p"].before
     assert misses["r"].after < 0.7 * misses["r"].before
+
+
+@pytest.mark.slow
+def test_both_motions_of_one_flight_go_into_one_aircraft(found, tmp_path):
+    truth = changed_aircraft("taurus", {**FACTORS, "Cl_p": 0.7})
+    signals = ({"da": steps(1.0, 0.4, 1.0, (1, 1)), "dr": steps(3.0, 0.3, 1.0)}, {"da": steps(1.0, 0.2, 1.0)})
+    flights = [flown(truth, V, H, u, 8.0) for u in signals]
+    file = described(tmp_path, "roll", flights, "taurus", ["da", "dr"], ["beta", "p", "r", "phi"], LATERAL, NOISE)
+    done = amend([found, identify(RecordDescription.load(file))], str(tmp_path / "mine"))
+    assert set(done) == {"pitch", "roll"}
+    assert {"M_q", "L_p"} <= {a.name for part in done.values() for a in part.written}
+    for part in done.values():
+        assert all(a.off < 1e-3 for a in part.written)
+    assert {c.name for c in done["roll"].coefficients}.isdisjoint(c.name for c in done["pitch"].coefficients)
 
 
 @pytest.mark.slow

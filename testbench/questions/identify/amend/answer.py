@@ -67,7 +67,7 @@ def _told(misses: tuple[Miss, ...]) -> Miss | None:
 
 
 def _doubts(amended: Amended) -> list[str]:
-    out = []
+    out = list(amended.doubts)
     worse = [
         m.channel for m in amended.misses("validation")
         if m.before is not None and m.after is not None and m.after > _WORSE * m.before

@@ -53,6 +53,7 @@ class _Part:
     aims: tuple[Aim, ...]
     servos: tuple[ServoAim, ...]
     notes: tuple[str, ...]
+    doubts: tuple[str, ...]
 
     @property
     def condition(self) -> FlightCondition:
@@ -125,7 +126,7 @@ def amend(
     changed = tuple(
         Coefficient(key, value, _number(base, key), _number(loaded, key)) for key, value in coefficients.items()
     )
-    origin = _origin(folder.name, base, named, parts, changed, sources)
+    origin = _origin(folder.name, base, parts, changed, sources, loaded)
     write_folder({**files, SOURCES: origin}, folder)
     out = {}
     for part in parts:
@@ -145,7 +146,8 @@ def amend(
             part.servos,
             tuple(c for c in changed if c.name.partition("_")[2] in own),
             replays(case, _names(part.found), base, loaded, part.condition),
-            (*part.notes, *_trim_note(part, loaded), *refused),
+            (*part.notes, *_trim_note(part, loaded)),
+            (*part.doubts, *refused),
         )
     return out
 
@@ -191,7 +193,7 @@ def _parts(found: Sequence[Identified]) -> tuple[list[_Part], list[str]]:
         except EstimationError as error:
             errors.append(error)
             continue
-        parts.append(_Part(f, f.before, index, rule, aims, servos, (*contradicted, *left)))
+        parts.append(_Part(f, f.before, index, rule, aims, servos, left, contradicted))
     if not parts:
         raise errors[0]
     return parts, [f"nothing of another motion is written: {e.message}" for e in errors]
@@ -213,7 +215,7 @@ def _with_reached(part: _Part, loaded: Aircraft) -> _Part:
         and a.aimed is not None
         and abs((a.reached or 0.0) - a.aimed) > 0.1 * a.std
     ]
-    return replace(part, aims=aims, servos=servos, notes=(*part.notes, *far))
+    return replace(part, aims=aims, servos=servos, doubts=(*part.doubts, *far))
 
 
 def _float(value: object) -> float | None:
@@ -271,10 +273,10 @@ def _deviations(parts: Sequence[_Part], new: Aircraft) -> dict[str, float]:
 def _origin(
     name: str,
     base: Aircraft,
-    named: str,
     parts: Sequence[_Part],
     changed: Sequence[Coefficient],
     sources: str,
+    loaded: Aircraft,
 ) -> str:
     """Return SOURCES.md: what changed, by which flight, and what the sources of the aircraft before say."""
     lines = [
@@ -311,7 +313,7 @@ def _origin(
         ]  # fmt: skip
         if part.servos:
             lines += ["", *(f"- servo of {s.control}: a lag of {s.lag_s:.4g} s" for s in part.servos)]
-        lines += ["", *(f"- {note}" for note in part.notes)]
+        lines += ["", *(f"- {text}" for text in (*part.doubts, *part.notes, *_trim_note(part, loaded)))]
     lines += [
         "",
         "## Coefficients",

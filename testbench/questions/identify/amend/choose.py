@@ -2,7 +2,7 @@
 
 Of several models the one is taken that predicts the records best that it has not seen. Of its derivatives those are
 written that the data tell from what they were. One after the other the least of them is held at what it was, until all
-that remain differ by two of their errors or more, each time with the others as the data give them with these held:
+that remain differ by three of their errors or more, each time with the others as the data give them with these held:
 
     x_w - P_wl P_ll^-1 (x_l - before_l),    P_ww - P_wl P_ll^-1 P_lw,    P the covariance, w written, l held.
 
@@ -29,8 +29,6 @@ from testbench.questions.identify.result import Identified
 from testbench.questions.run.labels import case_names
 
 _MOVED = 0.05  # standard errors by which a value must move to be said
-CRITERIA_TOLD = 2.0
-"""Errors from what it was from which a derivative is written: the field's 95 %."""
 _NO_COEFFICIENT = {
     "V": "it follows from lift, drag and thrust at trim, and has no coefficient of its own",
     "thr": "the throttle acts through the engine, whose thrust is left as it was",
@@ -61,8 +59,11 @@ def chosen_case(found: Identified) -> tuple[int, str]:
     best = min(good, key=lambda i: _miss_of(found.cases[i], shared))
     if len(known) == 1:
         return best, ""
-    names = case_names(found.cases)
-    return best, f"of {len(known)} models {names[best]} predicts the records that were not used best, so its are taken"
+    name = case_names(found.cases)[best]
+    if len(good) == 1:
+        return best, f"of {len(known)} models only {name} may be used, so its derivatives are taken"
+    which = "predicts the records that were not used" if found.cases[best].validation else "follows the records"
+    return best, f"of {len(known)} models {name} {which} best, so its derivatives are taken"
 
 
 def _has_meaning(case: Case) -> bool:
@@ -82,7 +83,7 @@ def _miss_of(case: Case, outputs: Sequence[str]) -> float:
 
 
 def aims_of(found: Identified, index: int) -> tuple[tuple[Aim, ...], tuple[str, ...]]:
-    """Return every derivative of a model with what is aimed at, and sentences on what contradicts the data.
+    """Return every derivative of a model with what is aimed at, and what is left though the data contradict it.
 
     Raises:
         EstimationError: nothing is left to be written.
@@ -105,7 +106,7 @@ def aims_of(found: Identified, index: int) -> tuple[tuple[Aim, ...], tuple[str, 
             continue
         aimed, why = None, reasons[d.name]
         if not why and d.name not in told:
-            why = f"not told from what it was: within {CRITERIA_TOLD:g} errors"
+            why = f"not told from what it was: within {CRITERIA.changed:g} errors"
         elif not why:
             aimed = told[d.name]
             said = [] if d.determined else [d.believed]
@@ -157,7 +158,7 @@ def _left(d: FoundDerivative, aircraft: str) -> str:
         return _NO_COEFFICIENT[variable]
     if d.before is None or d.source != aircraft or (axis, variable) not in REACHED_BY:
         return "the aircraft has no such derivative"
-    if d.believed == "weak" and abs(d.value - d.before) < CRITERIA_TOLD * d.std:
+    if d.believed == "weak" and not _contradicts(d):
         return "the data say little of it"
     return d.believed if d.believed in ("at bound", "not converged") else ""
 
@@ -183,7 +184,7 @@ def _told(
             if n not in held and n in before
         }
         least = min(z, key=z.__getitem__, default=None)
-        if least is None or z[least] >= CRITERIA_TOLD:
+        if least is None or z[least] >= CRITERIA.changed:
             return {n: float(value[names.index(n)]) for n in wanted if n not in held}
         held.append(least)
 

@@ -36,6 +36,7 @@ _LEVERS = {"ax": ((1, "qdot", 1.0),), "az": ((0, "qdot", -1.0),), "ay": ((0, "rd
 gravity."""
 _SAME_RATE = 0.01
 _QUICK_RAD_S = 1e4
+_LONGEST = 100_000  # samples; an hour flown without a pilot says nothing more
 
 
 def replays(
@@ -53,9 +54,13 @@ def replays(
     records = (*case.identification, *case.validation)
     flyers: dict[tuple[str, float], _Flyer | str] = {}
     out = []
-    for (name, use), record in zip(names, records, strict=True):
+    for (name, use), whole in zip(names, records, strict=True):
+        record = whole
         flown: dict[str, FloatArray | None] = {}
         notes: list[str] = []
+        if len(record) > _LONGEST:
+            record = record.between(float(record.t_s[0]), float(record.t_s[_LONGEST]))
+            notes.append(f"{name}: the first {_LONGEST} samples are flown")
         for which, aircraft in (("before", old), ("after", new)):
             key = (which, round(record.dt_s, 12))
             if key not in flyers:

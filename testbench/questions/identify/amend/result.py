@@ -138,6 +138,7 @@ class Amended:
         coefficients: those that changed.
         replays: the records through both aircraft.
         notes: what was left out and why, in sentences.
+        doubts: what may make the aircraft wrong, in sentences.
     """
 
     name: str
@@ -153,6 +154,7 @@ class Amended:
     coefficients: tuple[Coefficient, ...]
     replays: tuple[Replay, ...] = ()
     notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     @property
     def written(self) -> tuple[Aim, ...]:
