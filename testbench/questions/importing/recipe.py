@@ -37,12 +37,15 @@ class Recipe:
         estimators: entries of ``[[identification.estimators]]``, with remarks.
         servos: commands before which a servo lies.
         left_out: measured channels that nothing uses.
+        delays: whether the delays of servos are estimated, and their lags believed: where no vane was flown, as on
+            autopilots. With a flow angle measured the lag alone tells the rest.
     """
 
     outputs: tuple[str, ...]
     estimators: tuple[tuple[tuple[str, ...], Mapping[str, Any]], ...]
     servos: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    delays: bool = False
 
 
 def propose(
@@ -64,6 +67,7 @@ def propose(
     outputs: list[str] = []
     estimators: list[tuple[tuple[str, ...], Mapping[str, Any]]] = []
     moved = {axis: [n for n in inputs if n.removesuffix("_cmd") in own] for axis, own in AXES.items()}
+    vane = bool({"alpha", "beta"} & set(measured))
     several = sum(bool(names) for names in moved.values()) > 1
     for axis, make in (("longitudinal", _longitudinal), ("lateral", _lateral)):
         found = make(moving, "V" in measured) if moved[axis] else None
@@ -75,6 +79,7 @@ def propose(
                 remarks = (*remarks, "the accelerometer sits where the settings of the autopilot say")
                 settings = {**settings, "accelerometer_m": [imu_m[0], imu_m[2]]}
             lags = [f"tau_{n.removesuffix('_cmd')}" for n in moved[axis] if n in _commanded(inputs)]
+            lags = [] if vane else lags
             start, spread = dict.fromkeys(lags, LAG_S), dict.fromkeys(lags, LAG_STD_S)
             if settings.get("short") and "alpha" not in measured:
                 start["Z_q"], spread["Z_q"] = 0.0, float(f"{Z_Q_STD_PER_V * _speed(records):.2g}")
@@ -100,7 +105,7 @@ def propose(
             (remarks, {"method": "dsr_e", "order": order, "past_horizon": horizon, "future_horizon": horizon})
         )
         return Recipe(tuple(outputs), tuple(estimators), (), _left(measured, inputs, outputs))
-    return Recipe(tuple(outputs), tuple(estimators), _commanded(inputs), _left(measured, inputs, outputs))
+    return Recipe(tuple(outputs), tuple(estimators), _commanded(inputs), _left(measured, inputs, outputs), not vane)
 
 
 def measured_in(records: Sequence[FlightRecord]) -> list[str]:
@@ -196,11 +201,15 @@ def lines(recipe: Recipe, inputs: Sequence[str]) -> list[str]:
         out += [
             "",
             "# A command was logged, not the surface. Where you know its servo, give lag_s, delay_s and",
-            "# rate_limit_deg_s as numbers: what is estimated costs accuracy of the damping. Lags are believed to be",
-            f"# {LAG_S:g} +- {LAG_STD_S:g} s by start and prior_std above; with lag_s as a number leave tau_ out.",
+            "# rate_limit_deg_s as numbers: what is estimated costs accuracy of the damping.",
+            *(
+                [f"# The lag is believed to be {LAG_S:g} +- {LAG_STD_S:g} s: start and prior_std above."]
+                if recipe.delays
+                else []
+            ),
             f"[servo.{name}]",
             'lag_s = "estimate"',
-            'delay_s = "estimate"',
+            *(['delay_s = "estimate"'] if recipe.delays else []),
         ]
     return out
 
