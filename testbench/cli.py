@@ -133,6 +133,9 @@ def main() -> None:
     except TestbenchError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(error.exit_status)
+    except MemoryError as error:
+        print(f"error: the memory of this machine does not suffice: {error or 'no more is given'}", file=sys.stderr)
+        sys.exit(3)
     except OSError as error:
         print(f"error: cannot read or write {error.filename or 'a file'}: {error.strerror or error}", file=sys.stderr)
         sys.exit(3)

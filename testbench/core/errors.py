@@ -48,6 +48,16 @@ class RecordError(TestbenchError):
     """A record file cannot be read, or a record breaks its own rules."""
 
 
+class DiskError(RecordError):
+    """A file cannot be written for want of space, or because its disk fails; nothing stands under its name."""
+
+    exit_status = 3
+
+
+class SizeError(RecordError):
+    """What is asked for or read takes more memory than the limit of :mod:`testbench.core.sizes`."""
+
+
 class LimitError(TestbenchError):
     """An input exceeds a limit of the aircraft; inputs are never clipped in silence."""
 

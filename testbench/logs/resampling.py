@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.sizes import NUMBER, require_room
 from testbench.logs.clocks import shortest_step
 from testbench.logs.signals import Mapped
 
@@ -19,7 +20,6 @@ _PASS, _STOP = 0.4, 0.6  # of the new rate: what lies between folds down to abov
 _SLOW = 0.8  # a channel below this part of the new rate is sampled where it was sampled
 _SMOOTH = 4.0  # longest over shortest step: beyond it a cubic through noise overshoots between the samples
 _EVEN = 0.01  # of a step: the steps of an even clock differ by less; a straight line does between its samples
-_MOST = 20_000_000  # samples of a record; above it the times are wrong rather than the flight long
 
 
 def common_rate(channels: Sequence[Mapped]) -> float:
@@ -61,7 +61,8 @@ def resample(
         stepped: channels that move in steps, whose cubic would overshoot.
 
     Raises:
-        RecordError: the rate is not positive, there is no channel, or the times span more than can be meant.
+        RecordError: the rate is not positive, there is no channel, or there is no stretch without gaps.
+        SizeError: the times span more than the limit of :mod:`testbench.core.sizes` holds.
     """
     if not 0.0 < rate_hz < np.inf:
         raise RecordError(f"the rate of a record must be > 0 Hz and finite, got {rate_hz:g}")
@@ -69,12 +70,12 @@ def resample(
         raise RecordError("at least one channel must have been found to make a record, got none")
     zero = min(float(c.t_s[0]) for c in channels)
     end = max(float(c.t_s[-1]) for c in channels)
+    require_room(
+        f"a record from {zero:g} to {end:g} s at {rate_hz:g} Hz",
+        NUMBER * len(channels) * (end - zero) * rate_hz,
+        "the times of the log are damaged, or give a lower rate",
+    )
     count = int(np.floor((end - zero) * rate_hz + 1e-3)) + 1
-    if count > _MOST:
-        raise RecordError(
-            f"a record must hold at most {_MOST} samples, got {count} from {zero:g} to {end:g} s at {rate_hz:g} Hz; "
-            "the times of the log are damaged, or give a lower rate"
-        )
     grid = np.arange(count) / rate_hz
     kept, data, valid = [], [], []
     for c in channels:
