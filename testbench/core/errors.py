@@ -49,9 +49,13 @@ class RecordError(TestbenchError):
 
 
 class DiskError(RecordError):
-    """A file cannot be written for want of space, or because its disk fails; nothing stands under its name."""
+    """A file cannot be written for want of space, or because its disk fails; nothing new stands under its name."""
 
     exit_status = 3
+
+    def __init__(self, path: Path, error: OSError, fix: str) -> None:
+        super().__init__(f"the disk must have room for '{path}', got: {error.strerror or error}; {fix}")
+        self.place = ""  # no key of a file is at fault
 
 
 class SizeError(RecordError):

@@ -49,8 +49,9 @@ def write_file(
         with contextlib.suppress(OSError):
             part.unlink()
         if isinstance(error, OSError):
-            kind = DiskError if error.errno in _OF_THE_DISK else RecordError
-            raise kind(f"{law}, got '{path}': {error.strerror or error}; {fix}") from error
+            if error.errno in _OF_THE_DISK:
+                raise DiskError(path, error, fix) from error
+            raise RecordError(f"{law}, got '{path}': {error.strerror or error}; {fix}") from error
         raise
     return path
 

@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from testbench.core.channels import channel, require
 from testbench.core.errors import RecordError, TestbenchError, located
 from testbench.core.files import mat_bytes, netcdf_bytes, parsed, write_file
-from testbench.core.sizes import of_hdf5, require_room
+from testbench.core.hdf5 import memory_of, opened
+from testbench.core.sizes import require_room
 
 FORMAT = "testbench-record-1"
 Kind = Literal["truth", "measured"]
@@ -346,13 +347,10 @@ def load_record(path: Path | str) -> FlightRecord:
         >>> record = tb.load_record("results/eolo_alpha/records/doublet_eolo_alpha.nc")  # doctest: +SKIP
         >>> record.channels, record.dt_s  # doctest: +SKIP
     """
-    # h5py directly, because xarray's reader leaves tracebacks on stderr when the file is cut short
-    import h5py  # type: ignore[import-untyped]
-
     path = Path(path)
     if not path.is_file():
         raise RecordError(f"a record file must exist, got '{path}'")
-    with parsed(path, "a NetCDF record"), h5py.File(path, "r") as file:
+    with parsed(path, "a NetCDF record"), opened(path) as file:
         form = file.attrs.get("format")
         if not isinstance(form, str) or form != FORMAT:
             raise RecordError(f"'{path}' must carry format = '{FORMAT}', got {str(form)[:60]!r}")
@@ -360,7 +358,7 @@ def load_record(path: Path | str) -> FlightRecord:
         provenance = dict(json.loads(file.attrs["provenance"]))
         names = tuple(file.attrs["channels"].split())
         wanted = [n for name in ("t", *names) for n in (name, name + _MASK) if n == name or n in file]
-        require_room(f"the record '{path}'", of_hdf5(file[n] for n in wanted), "cut it into parts")
+        require_room(f"the record '{path}'", memory_of(file[n] for n in wanted), "cut it into parts")
         values = {name: file[name][()] for name in wanted}
     with located(path, "record"):
         t = values["t"]

@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable
-from typing import Any
 
 from testbench.core.errors import SizeError
 
@@ -51,15 +49,3 @@ def require_room(what: str, size: float, fix: str) -> None:
         raise SizeError(
             f"{what} must take at most {limit / 1e9:g} GB of memory ({VARIABLE}), got {size / 1e9:.3g} GB; {fix}"
         )
-
-
-def of_hdf5(datasets: Iterable[Any]) -> int:
-    """Return the bytes that numbers of HDF5 datasets take once they are read; a chunk of a file is read whole.
-
-    What does not lie in the file counts too: chunks that were never written are read as zeros, compressed ones unpack.
-    """
-    total = 0
-    for dataset in datasets:
-        chunk = math.prod(dataset.chunks or ()) if dataset.chunks else 0
-        total += max(math.prod(dataset.shape or ()), chunk) * max(NUMBER, dataset.dtype.itemsize)
-    return total

@@ -16,7 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from testbench.core.files import parsed
-from testbench.core.sizes import NUMBER, of_hdf5, require_room
+from testbench.core.hdf5 import memory_of, opened
+from testbench.core.sizes import NUMBER, require_room
 
 _DEEP = 32  # structures in structures; a file of references may go round in circles
 _OBJECT = 500  # bytes that an array, a text or a structure takes beside what it holds
@@ -85,9 +86,7 @@ class _Room:
 
 
 def _variables_of_hdf5(path: Path) -> dict[str, Any]:
-    import h5py  # type: ignore[import-untyped]
-
-    with h5py.File(path, "r") as file:
+    with opened(path) as file:
         if not any("MATLAB_class" in item.attrs for item in file.values()):
             raise ValueError("it is HDF5 that MATLAB did not write; if it is NetCDF, name it .nc")
         read, room = _Read(file, {}), _Room(path)
@@ -103,7 +102,7 @@ class _Read(NamedTuple):
 
 def _hdf5_value(read: _Read, room: _Room, item: Any, depth: int) -> Any:
     """Return what an object holds, read once however many references lead to it."""
-    import h5py
+    import h5py  # type: ignore[import-untyped]
 
     address = h5py.h5o.get_info(item.id).addr
     if address not in read.held:
@@ -130,7 +129,7 @@ def _hdf5_read(read: _Read, room: _Room, item: Any, depth: int) -> Any:
         return _structures({name: (_is_array_of_structures(part), value) for name, (part, value) in fields.items()})
     if item.attrs.get("MATLAB_empty", 0):
         return "" if kind == "char" else np.zeros((0, 0))
-    room.take(of_hdf5([item]))
+    room.take(memory_of([item]))
     if h5py.check_ref_dtype(item.dtype) is not None:
         cells = tuple(_hdf5_value(read, room, read.file[reference], depth + 1) for reference in item[()].ravel())
         return CellArray(item.shape[::-1], cells)

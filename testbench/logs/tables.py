@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from testbench.core.channels import channel
 from testbench.core.errors import RecordError, nearest
 from testbench.core.files import parsed
+from testbench.core.hdf5 import opened
 from testbench.core.record import FORMAT, NEEDS_PYARROW, FloatArray, load_record
 from testbench.core.sizes import NUMBER, require_room
 from testbench.logs.foreign import HEAD, refuse_foreign
@@ -225,14 +226,13 @@ def _read_parquet(path: Path) -> Table:
 
 def _read_netcdf(path: Path) -> Table:
     """Read a record of the testbench, or the variables along the commonest dimension of any NetCDF file."""
-    import h5py  # type: ignore[import-untyped]
     import xarray as xr
 
     with path.open("rb") as file:
         classic = file.read(3) == b"CDF"
     with parsed(path, "a complete NetCDF file"):
         if not classic:
-            with h5py.File(path, "r") as content:  # before xarray, whose reader is noisy about damaged files
+            with opened(path) as content:  # before xarray, whose reader is noisy about damaged files
                 ours = str(content.attrs.get("format")) == FORMAT
             if ours:
                 return _table_of_record(path)
