@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from testbench.core.channels import channel
 from testbench.core.errors import RecordError, nearest
 from testbench.core.files import parsed
-from testbench.core.hdf5 import opened
+from testbench.core.hdf5 import memory_of, opened
 from testbench.core.record import FORMAT, NEEDS_PYARROW, FloatArray, load_record
 from testbench.core.sizes import NUMBER, require_room
 from testbench.logs.foreign import HEAD, refuse_foreign
@@ -231,16 +231,18 @@ def _read_netcdf(path: Path) -> Table:
     with path.open("rb") as file:
         classic = file.read(3) == b"CDF"
     with parsed(path, "a complete NetCDF file"):
+        size = path.stat().st_size
         if not classic:
             with opened(path) as content:  # before xarray, whose reader is noisy about damaged files
                 ours = str(content.attrs.get("format")) == FORMAT
+                held = [item for item in content.values() if getattr(item, "ndim", 0) == 1]
+                size = memory_of(held) if not ours else 0  # before xarray, which reads the dimensions at once
             if ours:
                 return _table_of_record(path)
+        require_room(f"the variables of '{path}'", size, "cut it into parts")
         how: dict[str, Any] = {"engine": "scipy", "mmap": False} if classic else {"engine": "h5netcdf"}
         with xr.open_dataset(path, decode_times=False, **how) as dataset:
             rows = {str(name): v for name, v in dataset.variables.items() if v.ndim == 1 and v.dtype.kind in "fiub"}
-            chunks = (max(v.size, *(v.encoding.get("chunksizes") or (0,))) for v in rows.values())
-            require_room(f"the variables of '{path}'", NUMBER * sum(chunks), "cut it into parts")
             series = {name: v.load() for name, v in rows.items()}
     along = [v.dims[0] for v in series.values()]
     if not along:
