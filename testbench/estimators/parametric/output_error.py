@@ -211,7 +211,7 @@ def _settled(likelihood: Likelihood, ends: list[_Found]) -> bool:
 def _looks_bad(likelihood: Likelihood, end: _Found) -> bool:
     if not (end.minimum.converged and end.settled) or np.any(end.minimum.at_bound):
         return True
-    residuals = [v for v, _ in likelihood.evaluate(end.minimum.point, end.params)]
+    residuals = likelihood.residuals(end.minimum.point, end.params)
     white = whiteness(residuals, [s.valid for s in likelihood.stretches], likelihood.size, end.R)
     return bool(np.any(white < _COLOURED))
 
@@ -273,7 +273,7 @@ def _search(likelihood: Likelihood, values: FloatArray, max_iterations: int) -> 
         point = minimum.point
         if settled or rounds == _ROUNDS:
             break
-        new = likelihood.noise([v for v, _ in likelihood.evaluate(point, values)])
+        new = likelihood.noise(likelihood.residuals(point, values))
         settled = bool(np.max(np.abs(np.diag(new) - np.diag(R)) / np.diag(R)) < _SETTLED)
         R = new
         if np.all(np.diag(R) <= (_EXACT * likelihood.size) ** 2):  # data without noise: nothing left to weigh
@@ -287,8 +287,7 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
     """Return diagnostics, the plain and the corrected covariance of the free parameters (f, f), and R."""
     layout, stretches, point = likelihood.layout, likelihood.stretches, found.minimum.point
     f, total = layout.chosen.size, int(likelihood.counts.sum())
-    parts = likelihood.evaluate(point, found.params)
-    residuals = [v for v, _ in parts]
+    residuals = likelihood.residuals(point, found.params)
     if np.any(np.diag(found.R) > likelihood.size**2) and not found.minimum.converged:
         raise EstimationError(
             "the search ended where the model fits worse than a constant; start from other values, e.g. those of "
@@ -297,7 +296,13 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
     R = found.R * total / (total - likelihood.unknowns)  # unknowns take degrees of freedom from the residuals
     prior_weight = np.concatenate([likelihood.prior_weight, np.zeros(likelihood.unknowns - f)])
     found_accuracy = accuracy(
-        residuals, [j for _, j in parts], R, prior_weight, ~found.minimum.at_bound, likelihood.names()
+        residuals,
+        lambda: (s for _, s in likelihood.evaluate(point, found.params)),
+        R,
+        prior_weight,
+        ~found.minimum.at_bound,
+        likelihood.names(),
+        np.arange(likelihood.unknowns) >= f,
     )
     white, corrected = found_accuracy.plain[:f, :f], found_accuracy.corrected[:f, :f]
     deviation = np.sqrt(np.diag(white))

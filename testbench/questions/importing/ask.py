@@ -24,8 +24,9 @@ from testbench.logs.foreign import looks_like_text, refuse_foreign
 from testbench.logs.layout import SUFFIXES, find_data_folder
 from testbench.logs.manoeuvres import QUIET_S, Manoeuvre, Search, find_manoeuvres
 from testbench.logs.paparazzi import is_paparazzi, read_paparazzi
-from testbench.logs.plausible import Question, implausible, refusal, to_set
+from testbench.logs.plausible import implausible, refusal, to_set
 from testbench.logs.px4 import px4_rules
+from testbench.logs.question import Question
 from testbench.logs.read import read_records
 from testbench.logs.resampling import common_rate, resample
 from testbench.logs.sidpac import read_columns
@@ -56,7 +57,7 @@ class Imported:
     @property
     def asked(self) -> tuple[str, ...]:
         """The questions in words, with what to set."""
-        return tuple(question.asked(self._to_set) for question in self.questions)
+        return (*(question.asked(self._to_set) for question in self.questions), *self.balance.disagree)
 
     def _to_set(self, name: str, unit: str) -> str:
         """Say how a channel of this log is read in another unit."""
