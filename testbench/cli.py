@@ -28,7 +28,8 @@ simulation lacks.
 
 {examples}
 
-Exit status: 0 done, 2 bad input, 3 the computation cannot be carried out (no trim, flight aborted, not identifiable).
+Exit status: 0 done, 2 bad input, 3 the computation cannot be carried out (no trim, flight aborted, not identifiable,
+disk full), 130 interrupted.
 """
 _INTERRUPTED = 130
 _PIPE_CLOSED = 141
