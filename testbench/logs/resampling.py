@@ -19,6 +19,7 @@ STOP_DB = 60.0  # what the filter leaves of what would fold down
 _PASS, _STOP = 0.4, 0.6  # of the new rate: what lies between folds down to above 0.4 of it only
 _SLOW = 0.8  # a channel below this part of the new rate is sampled where it was sampled
 _SMOOTH = 4.0  # longest over shortest step: beyond it a cubic through noise overshoots between the samples
+_SHORTEST_S = 1e-9  # no logger counts finer
 _EVEN = 0.01  # of a step: the steps of an even clock differ by less; a straight line does between its samples
 
 
@@ -26,10 +27,16 @@ def common_rate(channels: Sequence[Mapped]) -> float:
     """Return the rate for all of ``channels``: their own if they share one even clock, else the fastest's up to 50 Hz.
 
     Raises:
-        RecordError: there is no channel.
+        RecordError: there is no channel, or its times hardly move.
     """
     if not channels:
         raise RecordError("at least one channel must have been found to make a record, got none")
+    for c in channels:
+        if not c.step_s >= _SHORTEST_S:
+            raise RecordError(
+                f"times must run on by at least {_SHORTEST_S:g} s a sample, got steps of {c.step_s:g} s in {c.source}; "
+                "the times of the log are damaged, or in another unit"
+            )
     first = channels[0].t_s
     steps = np.diff(first)
     usual = float(np.median(steps))
@@ -142,6 +149,11 @@ def _lowpass(
     taps, beta = kaiserord(STOP_DB, 2.0 * (_STOP - _PASS) * ratio)
     taps |= 1
     half = taps // 2
+    require_room(
+        f"a channel with steps of {step:g} s from {t[0]:g} to {t[-1]:g} s",
+        NUMBER * (t[-1] - t[0]) / step,
+        "the times of the log are damaged",
+    )
     even = t[0] + step * np.arange(int(np.floor((t[-1] - t[0]) / step + 1e-6)) + 1)
     if even.size <= half:
         return None
