@@ -58,6 +58,12 @@ class DiskError(RecordError):
         self.place = ""  # no key of a file is at fault
 
 
+class BusyError(RecordError):
+    """Another process writes into the same folder of results."""
+
+    exit_status = 3
+
+
 class SizeError(RecordError):
     """What is asked for or read takes more memory than the limit of :mod:`testbench.core.sizes`."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import time
 
@@ -15,7 +16,8 @@ from testbench.core.errors import RecordError
 
 
 def test_what_is_noticed(monkeypatch):
-    monkeypatch.setattr(survive, "LONGEST_S", 1)
+    monkeypatch.setattr(survive, "LONGEST_S", 2)
+    monkeypatch.setattr(survive, "MOST_KB", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss + 100_000)
 
     def refused(folder):
         raise RecordError("as it should be")
@@ -24,10 +26,10 @@ def test_what_is_noticed(monkeypatch):
         "fine": lambda folder: (folder / "a").write_text("x"),
         "refused": refused,
         "raises": lambda folder: {}["missing"],
-        "sleeps": lambda folder: time.sleep(5),
+        "sleeps": lambda folder: time.sleep(9),
         "ends": lambda folder: os.kill(os.getpid(), signal.SIGKILL),
         "after the end": lambda folder: 1 / 0,
-        "large": lambda folder: np.ones(150_000_000).sum(),
+        "large": lambda folder: np.ones(25_000_000).sum(),
     }
     found = {line.partition(": ")[0]: line for line in survive.broken(cases)}
     assert sorted(found) == ["after the end", "ends", "large", "raises", "sleeps"]
