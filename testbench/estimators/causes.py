@@ -39,17 +39,26 @@ from testbench.core.advice import Advice, Severity, ranked
 from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators import feedback
-from testbench.estimators.coloured_fit import Regression, Stretch, Whitener, normal, regress, regress_from, solved
+from testbench.estimators.coloured_fit import (
+    Regression,
+    Stretch,
+    Whitener,
+    normal,
+    regress,
+    regress_from,
+    regress_plainly,
+    solved,
+)
 from testbench.estimators.discrete_transfer import TransferFunctionModel, in_free_run
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.prediction_error import predict
-from testbench.estimators.residuals import ljung_box
+from testbench.estimators.residuals import autoregression, ljung_box
 from testbench.estimators.state_space import StateSpaceModel
 from testbench.estimators.tangent import Direction, all_poles, directions, feeds_through, moved, moved_poles, slopes
 
 _CHANCE = 1e-4  # false-alarm probability of the tests of one round of causes together
-_CHANCE_LOOP = 0.01  # of the test of feedback, which white residuals do not reach
+_CHANCE_LOOP = 0.02  # at most, of the test of feedback, which is not made on held inputs or white residuals
 _SCREEN = 1e-3  # of all regressors at once, before any of them is looked at
 _LONGEST = 3000  # samples of all outputs looked at; of longer records the stretch where the inputs move most
 _SHARE = 0.5  # of what any linear response explains: from here on a delay or lag is the better name
@@ -614,14 +623,15 @@ def _loop(model: IdentifiedModel, data: _Data) -> Found | None:
     ]
     lines = [np.stack([np.ones(len(r)), np.linspace(-1.0, 1.0, len(r))], axis=1) for r in data.records]
     response, steady = _any_linear(model, data, 1), _own([_each(line, p) for line in lines])
-    left = regress(parts, _joined(response, steady))
+    # by ordinary least squares: a whole flight of gusts is not to be whitened away
+    b, left = regress_plainly(parts, _joined(response, steady))
     width = response[0].shape[2] // (m * p)
-    first = left.b[: m * width * p].reshape(m, width, p)[:, 0].T  # the response one sample later
+    first = b[: m * width * p].reshape(m, width, p)[:, 0].T  # the response one sample later
     f = feedback.strongest(
         [r.columns(model.inputs) for r in data.records],
-        [v[apart] for v in left.left],
+        [v[apart] for v in left],
         [s.good for s in parts],
-        left.noise,
+        autoregression([v.T for v in left]),
         first[apart],
     )
     if f is None or chi2.sf(f.statistic, f.degrees) * m > _CHANCE_LOOP:
@@ -662,7 +672,7 @@ def _coloured(model: IdentifiedModel, best: _Best) -> Found | None:
     lags = max(2, min(_LAGS_WHITE, min(len(e) for e in innovations) // 4))
     p = [min(ljung_box(e[:, i], lags) for e in innovations) for i in range(len(model.outputs))]
     tests = len(p) * len(innovations)
-    coloured = [name for name, chance in zip(model.outputs, p, strict=True) if chance * tests < _SCREEN]
+    coloured = [name for name, chance in zip(model.outputs, p, strict=True) if chance * tests < _CHANCE]
     if not coloured:
         return None
     return Found("coloured_residuals", ", ".join(coloured), 0.0, 0.0, np.nan, "", np.nan, np.nan, lags)
@@ -697,8 +707,8 @@ def _shift(model: IdentifiedModel, best: _Best, fit: Regression) -> tuple[float,
 
 
 def _bears_feedback(model: IdentifiedModel) -> bool:
-    """Return whether a loop does not bias the method: it estimates what moves the aircraft besides the inputs."""
-    return model.method == "filter_error" or any(model.settings.get(k) is True for k in ("disturbances", "closed_loop"))
+    """Return whether a loop does not bias the method: it estimates gusts and leaves nothing of them in what is new."""
+    return model.method == "filter_error" and "coloured_residuals" not in {a.code for a in ranked(model.advice)}
 
 
 def _in_words(model: IdentifiedModel, c: Found) -> Advice:
@@ -780,6 +790,7 @@ def _remedy(model: IdentifiedModel, c: Found) -> str:
     if c.code == "order_too_low":
         return "free what is fixed or take a structure with more states" if structured else "raise the order"
     return (
-        "take a method that is consistent in closed loop (filter_error with process noise, prediction_error with "
-        "disturbances, ssarx or pbsid_opt with closed_loop = true), and excite the loop by a signal of its own"
+        "take a method that is consistent in closed loop (filter_error with process noise; prediction_error with "
+        "disturbances, ssarx or pbsid_opt with closed_loop = true, of an order that holds the gusts as well), and "
+        "excite the loop by a signal of its own"
     )

@@ -65,14 +65,20 @@ def regress(parts: Sequence[Stretch], columns: Sequence[FloatArray]) -> Regressi
     first = regress_from(parts, columns, [s.v for s in parts])
     if columns[0].shape[2] == 0:
         return first
+    _, left = regress_plainly(parts, columns)
+    other = regress_from(parts, columns, left)
+    return min(first, other, key=lambda found: found.criterion)
+
+
+def regress_plainly(parts: Sequence[Stretch], columns: Sequence[FloatArray]) -> tuple[FloatArray, list[FloatArray]]:
+    """Return the coefficients (d,) of ordinary least squares, outputs of unit size, and what they leave (p, N)."""
     size = np.sqrt(np.sum([np.sum(s.v**2, axis=1) for s in parts], axis=0))
     size = np.where(size > 0.0, size, 1.0)[:, None]
     Z = np.vstack(
         [((X * s.good[:, None]) / size[:, :, None]).reshape(-1, X.shape[2]) for s, X in _both(parts, columns)]
     )
     b, _ = solved(normal(Z, np.concatenate([(s.v / size).ravel() for s in parts])))
-    other = regress_from(parts, columns, [s.v - s.good * (X @ b) for s, X in _both(parts, columns)])
-    return min(first, other, key=lambda found: found.criterion)
+    return b, [s.v - s.good * (X @ b) for s, X in _both(parts, columns)]
 
 
 def regress_from(parts: Sequence[Stretch], columns: Sequence[FloatArray], left: Sequence[FloatArray]) -> Regression:

@@ -65,7 +65,7 @@ def strongest(
     """
     if not len(noise.A):
         return None
-    rows = [settled(g, min(_PAST, len(g) // 8)) for g in good]
+    rows = [settled(g, min(2 * _PAST, len(g) // 8)) for g in good]
     lags = min(_PAST, min(len(g) for g in good) // 8)
     found = []
     for j in range(inputs[0].shape[1]):
