@@ -44,6 +44,7 @@ benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/output_error_speed.py
 	$(BIN)/python tests/benchmarks/gap_speed.py
 	$(BIN)/python tests/benchmarks/log_speed.py
+	$(BIN)/python tests/benchmarks/long_log.py
 
 # Every model that comes with JSBSim, into results/aircraft/stock.csv: some two minutes on two cores.
 stock: $(VENV)/installed-dev

@@ -19,11 +19,15 @@ _PASS, _STOP = 0.4, 0.6  # of the new rate: what lies between folds down to abov
 _SLOW = 0.8  # a channel below this part of the new rate is sampled where it was sampled
 _SMOOTH = 4.0  # longest over shortest step: beyond it a cubic through noise overshoots between the samples
 _EVEN = 0.01  # of a step: the steps of an even clock differ by less; a straight line does between its samples
+_LONG = 500_000  # samples from which on a log that shares one clock is put to the default rate too
 _MOST = 20_000_000  # samples of a record; above it the times are wrong rather than the flight long
 
 
 def common_rate(channels: Sequence[Mapped]) -> float:
     """Return the rate for all of ``channels``: their own if they share one even clock, else the fastest's up to 50 Hz.
+
+    A long log (half a million samples: an hour at 140 Hz) is put to 50 Hz too: rigid bodies move below 5 Hz, and what
+    lies above passes the filter of :func:`resample` and is not folded down. A rate of your own keeps every sample.
 
     Raises:
         RecordError: there is no channel.
@@ -34,7 +38,8 @@ def common_rate(channels: Sequence[Mapped]) -> float:
     steps = np.diff(first)
     usual = float(np.median(steps))
     even = np.abs(np.delete(steps, channels[0].lost) - usual) <= 0.01 * usual
-    if all(np.array_equal(c.t_s, first) for c in channels) and even.all():
+    brief = first.size <= _LONG or usual >= 1.0 / DEFAULT_RATE_HZ
+    if brief and all(np.array_equal(c.t_s, first) for c in channels) and even.all():
         return 1.0 / usual if abs(round(1.0 / usual) * usual - 1.0) > 1e-3 else float(round(1.0 / usual))
     fastest = max(c.rate_hz for c in channels)
     return min(DEFAULT_RATE_HZ, max(1.0, float(round(fastest))) if fastest > 1.0 else fastest)

@@ -44,6 +44,14 @@ def logged(t: np.ndarray, name: str = "q") -> Mapped:
     return Mapped(name, t, 0.1 * np.sin(2.0 * np.pi * 0.7 * (t - 3.0)), "", "")
 
 
+@pytest.mark.parametrize(
+    ("rate_hz", "samples", "expected"), [(400, 20_000, 400), (400, 600_000, 50), (20, 600_000, 20)]
+)
+def test_a_long_log_of_one_clock_is_put_to_50_hz(rate_hz, samples, expected):
+    t = np.arange(samples) / rate_hz
+    assert common_rate([logged(t), logged(t, "p")]) == expected
+
+
 @pytest.mark.parametrize("name", LOSSLESS)
 def test_a_clock_without_losses_gives_a_record_without_gaps(name):
     t = clock(name)

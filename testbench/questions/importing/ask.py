@@ -57,7 +57,7 @@ class Imported:
     @property
     def asked(self) -> tuple[str, ...]:
         """The questions in words, with what to set."""
-        return tuple(question.asked(self._to_set) for question in self.questions)
+        return (*(question.asked(self._to_set) for question in self.questions), *self.balance.disagree)
 
     def _to_set(self, name: str, unit: str) -> str:
         """Say how a channel of this log is read in another unit."""
