@@ -12,7 +12,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
   tests/questions/campaign/test_draws.py tests/questions/run/test_scenario.py tests/test_house_rules.py \
   tests/test_packaging.py
 
-.PHONY: demo quick lint test test-slow benchmarks stock blind-test docs campaign-cost design-study estimator-study reproduction clean
+.PHONY: demo quick lint test test-slow benchmarks stock blind-test docs campaign-cost design-study estimator-study advice-study reproduction clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -61,6 +61,9 @@ estimator-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/subspace_inputs.py
 	$(BIN)/python tests/studies/f16_prediction.py
 	$(BIN)/python tests/studies/estimator_study.py
+
+# Writes results/estimators/advice.csv; half an hour of processor time for 50 seeds. Interrupted: the same again.
+advice-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/advice_study.py
 
 env-study: $(VENV)/installed-rl

@@ -154,9 +154,19 @@ def with_causes(model: IdentifiedModel, records: Sequence[FlightRecord]) -> Iden
     if causes:  # a bend or a delay looks like feedback to the innovations of subspace methods, which know neither
         named.add("closed_loop")
     rest = [a for a in model.advice if getattr(a, "code", "") not in named]
+    if any(a.severity != "note" for a in advice):
+        rest = [_without_comfort(a) for a in ranked(rest)]
     return replace(
         model, advice=(*advice, *rest), diagnostics={**model.diagnostics, "causes": [c._asdict() for c in causes]}
     )
+
+
+def _without_comfort(advice: Advice) -> Advice:
+    """Return advice on coloured residuals without the word that errors are corrected: no correction holds a bias."""
+    if advice.code != "coloured_residuals" or "corrected" not in advice:
+        return advice
+    said = f"{advice.rpartition(': ')[0]}: no correction of standard errors holds what the cause above has done"
+    return Advice(said, advice.severity, advice.code)
 
 
 def _named(

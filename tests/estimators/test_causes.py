@@ -199,3 +199,11 @@ def test_a_transfer_function_in_free_run_is_not_biased_by_noise():
     assert abs(np.abs(alpha[0]) / WN - 1.0) < 0.03
     assert abs(np.abs(q[0]) / WN - 1.0) < 0.03
     assert abs(np.abs(biased.poles()["q"]).max() / WN - 1.0) > 0.3
+
+
+@pytest.mark.parametrize("method", ["output_error", "srivc"])
+def test_corrected_errors_are_no_comfort_beside_a_cause(method):
+    record = fly("delay", 11)
+    own = estimate(method, [record], INPUTS, OUTPUTS, **METHODS[method])
+    assert any("corrected" in a for a in own.advice if a.code == "coloured_residuals")
+    assert not any("corrected" in a for a in with_causes(own, [record]).advice)
