@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from testbench.questions.files import load
     from testbench.questions.gap.ask import run_gap
     from testbench.questions.gap.workflow import find_gap
+    from testbench.questions.identify.amend.ask import amend
     from testbench.questions.identify.ask import identify, load_description
     from testbench.questions.identify.pool.ask import identify_and_pool
     from testbench.questions.identify.pool.least_squares import LogCoefficients
@@ -69,6 +70,7 @@ _HOME = {
     "FlightCondition": "testbench.flight",
     "FlightRecord": "testbench.core.record",
     "Manoeuvre": "testbench.flight",
+    "amend": "testbench.questions.identify.amend.ask",
     "compare": "testbench.questions.compare.ask",
     "estimate": "testbench.estimators",
     "with_causes": "testbench.estimators.causes",
@@ -109,6 +111,7 @@ __all__ = [
     "LogCoefficients",
     "Manoeuvre",
     "Prior",
+    "amend",
     "compare",
     "estimate",
     "evaluate",

@@ -22,18 +22,17 @@ class Before:
 
     Attributes:
         aircraft: the model.
-        V_m_s, qbar_Pa: true airspeed and dynamic pressure of the records.
+        condition: airspeed and height of the records, which the model was trimmed at.
+        qbar_Pa: dynamic pressure of the records.
         derivatives: of the model there; empty if it cannot be trimmed there.
         notes: what was assumed, in sentences.
-        condition: that the model was trimmed at.
     """
 
     aircraft: Aircraft
-    V_m_s: float
+    condition: FlightCondition
     qbar_Pa: float
     derivatives: tuple[Derivative, ...] = ()
     notes: tuple[str, ...] = ()
-    condition: FlightCondition | None = None
 
 
 def before(aircraft: Aircraft, flown: FlownCondition) -> Before:
@@ -58,7 +57,7 @@ def before(aircraft: Aircraft, flown: FlownCondition) -> Before:
         notes.append(
             f"what {aircraft.name} said before is not known: it does not trim at {V:.3g} m/s, {h:.4g} m ({error})"
         )
-    return Before(aircraft, V, qbar, found, tuple(notes), condition)
+    return Before(aircraft, condition, qbar, found, tuple(notes))
 
 
 def servos_of(aircraft: Aircraft, inputs: Sequence[str]) -> dict[str, Servo]:

@@ -37,7 +37,7 @@ class Scaling:
 
 def scaling_of(flown: FlownCondition, known: Before | None) -> Scaling | None:
     """Return what coefficients are made with; the design condition of the aircraft stands in for what is not known."""
-    V = known.V_m_s if flown.V_m_s is None and known else flown.V_m_s
+    V = known.condition.V_m_s if flown.V_m_s is None and known else flown.V_m_s
     qbar = known.qbar_Pa if flown.qbar_Pa is None and known else flown.qbar_Pa
     if V is None or qbar is None or flown.geometry is None:
         return None

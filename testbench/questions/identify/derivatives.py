@@ -91,7 +91,7 @@ def found_derivatives(
         names = [p.name for p in model.structure.parameters if p.free]
         beliefs = _beliefs(model, names)
         units = {d.name: d.unit for d in known.derivatives} if known else {}
-        told = true_parameters(model.structure.name, known.derivatives, known.V_m_s) if known else {}
+        told = true_parameters(model.structure.name, known.derivatives, known.condition.V_m_s) if known else {}
         start: Mapping[str, float] = getattr(case.estimator, "start", {})
         for name in names:
             if name.endswith("_0"):

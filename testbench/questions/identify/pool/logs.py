@@ -184,7 +184,7 @@ def _lacking(name: str, mass: PartialMass) -> str:
 def _believed(found: Identified, model: ParametricModel, symbol_of: dict[str, str]) -> dict[str, float]:
     """Return coefficient -> value in the aircraft's model, by its own mass, where it was trimmed for this log."""
     known = found.before
-    if known is None or not known.derivatives or known.condition is None:
+    if known is None or not known.derivatives:
         return {}
     m, c = known.aircraft.mass, known.condition
     scaling = Scaling(c.V_m_s, c.qbar_Pa, known.aircraft.geometry, PartialMass(m.mass_kg, m.Ixx, m.Iyy, m.Izz, m.Ixz))
