@@ -21,7 +21,7 @@ from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
 from testbench.core.record import FloatArray
 from testbench.logs.rates import too_slow
-from testbench.logs.signals import AT_IMU, Log, Rule, Topic, placed, scaled
+from testbench.logs.signals import AT_IMU, Log, Rule, Topic, filters, placed, scaled
 
 _VANE = "the vane measures the flow at the centre of gravity"
 _DEMAND = "4500 is full command, positive nose up, right wing down, nose right"
@@ -98,6 +98,9 @@ _SIGN = {"de": -1.0, "da": 1.0, "dr": -1.0, "thr": 1.0}
 _USUAL = {"da": 1, "de": 2, "thr": 3, "dr": 4}
 """The output that drives a surface where no setting says so."""
 
+_FILTERS = {"INS_GYRO_FILTER": ("IMU", "p q r"), "INS_ACCEL_FILTER": ("IMU", "ax ay az")}
+"""Low passes of second order before IMU is logged (AP_InertialSensor); GYR and ACC are raw."""
+
 
 def split_mixes(full_span: bool, pitch: bool) -> Iterator[Mix]:
     """Return the mixes of split elevons (differential spoilers): inner and outer surface on each wing.
@@ -133,7 +136,9 @@ def ardupilot_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
     notes = [*strange, *too_slow(log, known, _BETTER)]
     places = {i: placed(log.parameters, f"INS_POS{i + 1}_") for i in range(_IMUS)}
     imu = {i: place for i, place in places.items() if place}
-    return replace(log, notes=(*log.notes, *notes), imu_m=imu), tuple(known)
+    return replace(log, notes=(*log.notes, *notes), imu_m=imu, filtered_hz=filters(log.parameters, _FILTERS)), tuple(
+        known
+    )
 
 
 _BETTER = (

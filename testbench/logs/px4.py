@@ -16,7 +16,7 @@ import numpy as np
 
 from testbench.core.record import FloatArray
 from testbench.logs.rates import too_slow
-from testbench.logs.signals import AT_IMU, Log, Rule, placed, scaled
+from testbench.logs.signals import AT_IMU, Log, Rule, filters, placed, scaled
 
 _COMMAND = "PX4 normalises commands to -1..1; positive turns right-handed about the body axis"
 _AXES = ("roll", "pitch", "yaw")
@@ -116,6 +116,12 @@ _BETTER = (
     "identification: acceleration), 25 with the default topics"
 )
 
+_FILTERS = {
+    "IMU_GYRO_CUTOFF": ("vehicle_angular_velocity", "p q r"),
+    "IMU_ACCEL_CUTOFF": ("vehicle_acceleration", "ax ay az"),
+}
+"""Low passes of second order before the topic is published (VehicleAngularVelocity, VehicleAcceleration)."""
+
 
 def px4_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
     """Return the log with what was chosen and what would serve better, and the rules for it by its own settings.
@@ -150,7 +156,7 @@ def px4_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
     notes += too_slow(log, rules, _BETTER)
     place = placed(log.parameters, "EKF2_IMU_POS_")
     imu = dict.fromkeys(range(_IMUS), place) if place else {}
-    return replace(log, notes=(*log.notes, *notes), imu_m=imu), rules
+    return replace(log, notes=(*log.notes, *notes), imu_m=imu, filtered_hz=filters(log.parameters, _FILTERS)), rules
 
 
 def _rate(log: Log, topic: str) -> float:

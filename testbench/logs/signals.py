@@ -6,6 +6,7 @@ Nothing is resampled here; a mapped channel keeps the times at which it was logg
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -69,6 +70,8 @@ class Log:
         preferred: topic with several instances -> the one that the autopilot used ("ARSP#1"), and how the log says so.
         imu_m: instance of the inertial unit -> its position from the centre of gravity by the autopilot's own settings,
             forward, right, down, m; only those that are set.
+        filtered_hz: (topic without its instance, channel) -> cut-off of the autopilot's own low pass of second order
+            before it was logged, Hz.
     """
 
     file: Path
@@ -83,6 +86,7 @@ class Log:
     notes: tuple[str, ...] = ()
     preferred: Mapping[str, tuple[str, str]] = field(default_factory=dict)
     imu_m: Mapping[int, tuple[float, float, float]] = field(default_factory=dict)
+    filtered_hz: Mapping[tuple[str, str], float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -165,6 +169,29 @@ class Found:
 def scaled(factor: float) -> Callable[[FloatArray], FloatArray]:
     """Return the conversion ``factor * x``."""
     return lambda x: factor * x
+
+
+def filter_delay_s(cut_hz: float) -> float:
+    """Return the delay, s, of a Butterworth low pass of second order well below its cut-off, Hz.
+
+    From 1 + sqrt(2) s/w + (s/w)^2: sqrt(2)/w. Its next term, which would widen a step, is zero.
+    """
+    return math.sqrt(2.0) / (2.0 * math.pi * cut_hz)
+
+
+def filters(parameters: Mapping[str, float], settings: Mapping[str, tuple[str, str]]) -> dict[tuple[str, str], float]:
+    """Return (topic, channel) -> cut-off, Hz, of the low passes that are set and on.
+
+    Args:
+        parameters: settings of the autopilot.
+        settings: setting -> topic, and its channels with spaces between.
+    """
+    return {
+        (topic, channel): float(parameters[name])
+        for name, (topic, channels) in settings.items()
+        if parameters.get(name, 0.0) > 0.0
+        for channel in channels.split()
+    }
 
 
 def placed(parameters: Mapping[str, float], setting: str) -> tuple[float, float, float] | None:
@@ -274,7 +301,15 @@ def _mapped(log: Log, rule: Rule, topic: Topic, source: str, throws: Mapping[str
         return f"{values.size} of {ok.size} samples can be converted, at least {MIN_SAMPLES} are needed"
     if rule.channel in _TURNING and np.max(np.abs(values)) <= ONE_TURN:
         values = np.unwrap(values)
-    return Mapped(rule.channel, topic.t_s[ok][finite], values, source, said, assumed)
+    t_s = topic.t_s[ok][finite]
+    cut_hz = log.filtered_hz.get((topic.name.partition("#")[0], rule.channel))
+    if cut_hz is not None:
+        late_s = filter_delay_s(cut_hz)
+        t_s = t_s - late_s
+        said += (
+            f"; taken {1e3 * late_s:.1f} ms earlier than logged: the low pass at {cut_hz:g} Hz of the log's settings"
+        )
+    return Mapped(rule.channel, t_s, values, source, said, assumed)
 
 
 def increasing(t: FloatArray) -> NDArray[np.intp]:

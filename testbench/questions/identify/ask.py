@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from testbench.core.advice import doubt
+from testbench.core.constants import DEG_RAD
 from testbench.core.errors import located
+from testbench.core.record import FlightRecord
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.structured import Servo
 from testbench.flight import load_aircraft
@@ -18,7 +22,7 @@ from testbench.questions.identify.coefficients import scaling_of
 from testbench.questions.identify.derivatives import found_derivatives
 from testbench.questions.identify.flown import flown_condition
 from testbench.questions.identify.result import Identified
-from testbench.questions.identify.scenario import RecordDescription
+from testbench.questions.identify.scenario import STATED_STD, RecordDescription
 from testbench.questions.identify.servo_cost import cost_in_words
 
 
@@ -58,6 +62,7 @@ def identify(
     inputs = description.identification.inputs
     servos = {} if aircraft is None else servos_of(aircraft, inputs)
     records = [(flight.name, flight.measured["recorded"]) for flight in flights]
+    met = _limits_met(servos, description.believes(servos), [record for _, record in records])
     questions = questions_of(records, description.file, strict)
     cases = identify_and_judge(
         flights,
@@ -84,13 +89,34 @@ def identify(
         before=known,
         flown=flown,
         notes=(*_notes(description, cases, servos), *(known.notes if known else ()), *flown.notes),
-        doubts=tuple(
-            doubt("servo_ignored", text)
-            for text in dict.fromkeys(cost_in_words(case, inputs) for case in cases)
-            if text is not None
+        doubts=(
+            *(
+                doubt("servo_ignored", text)
+                for text in dict.fromkeys(cost_in_words(case, inputs) for case in cases)
+                if text is not None
+            ),
+            *(doubt("rate_limit_met", text) for text in met),
         ),
         questions=questions,
     )
+
+
+def _limits_met(servos: Mapping[str, Servo], estimated: Sequence[str], records: Sequence[FlightRecord]) -> list[str]:
+    """Return sentences on stated rate limits that commands meet, of servos whose lag is estimated: it leaves them out.
+
+    A lag of first order turns at most at the command's whole range over the lag.
+    """
+    out = []
+    for name in estimated:
+        lag, limit = servos[name].lag_s, servos[name].rate_limit_deg_s
+        widest = max((float(np.ptp(r[name])) for r in records if name in r), default=0.0)
+        if limit and isinstance(lag, float) and widest > limit * DEG_RAD * lag:
+            out.append(
+                f"{name} steps by up to {widest / DEG_RAD:.3g} deg, which meets the rate limit of its servo, "
+                f"{limit:.3g} deg/s, and the estimated servo has none; give [servo.{name}] with lag_s = {lag:.3g} and "
+                f"rate_limit_deg_s = {limit:.3g}"
+            )
+    return out
 
 
 def _notes(description: RecordDescription, cases: Sequence[Case], servos: Mapping[str, Servo]) -> list[str]:
@@ -100,8 +126,14 @@ def _notes(description: RecordDescription, cases: Sequence[Case], servos: Mappin
         names = str(case.model.settings.get("held", "")).partition(" (recognised")
         if names[1]:
             out.append(f"recognised as held from sample to sample: {names[0]} (held = [] takes them as linear)")
+    believed = description.believes(servos)
     for name, servo in servos.items():
-        if name not in description.servo:
+        if name in believed and isinstance(servo.lag_s, float):
+            out.append(
+                f"the lag of {name} is believed to be {servo.lag_s:.3g} +- {STATED_STD * servo.lag_s:.2g} s, "
+                f"as {description.aircraft} states it; the records decide"
+            )
+        elif name not in description.servo:
             limit = f", at most {servo.rate_limit_deg_s:.3g} deg/s" if servo.rate_limit_deg_s else ""
             out.append(f"{name} passes the servo of {description.aircraft}: a lag of {servo.lag_s:.3g} s{limit}")
     for case in cases:

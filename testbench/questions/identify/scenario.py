@@ -52,6 +52,23 @@ class Pooling(Strict):
     method: Text | None = None
 
 
+STATED_STD = 0.2
+"""Share of its value by which the lag that an aircraft states may be off: load and voltage; judged."""
+
+
+def believed(estimator: Structured, servos: Mapping[str, Servo]) -> Structured:
+    """Return the estimator with the stated lags as start and prior of those that it estimates.
+
+    They count more than ``start`` and ``prior_std`` of the estimator, which import writes without knowing the aircraft.
+    """
+    start, spread = dict(estimator.start), dict(estimator.prior_std)
+    for name, servo in servos.items():
+        if name in estimator.servo and estimator.servo[name].lag_s == "estimate" and isinstance(servo.lag_s, float):
+            tau = f"tau_{name.removesuffix('_cmd')}"
+            start[tau], spread[tau] = servo.lag_s, STATED_STD * servo.lag_s
+    return estimator.model_copy(update={"start": start, "prior_std": spread})
+
+
 class RecordDescription(Recorded):
     """Recorded flights, and what to identify from them.
 
@@ -79,15 +96,26 @@ class RecordDescription(Recorded):
         return given or tuple(name for name in self.channels if name not in self.identification.inputs)
 
     def asked_of(self, servos: Mapping[str, Servo]) -> Identification:
-        """Return the identification with ``servos`` at every estimator of a structure that says nothing of its own."""
+        """Return the identification with ``servos`` at every estimator of a structure that says nothing of its own.
+
+        Where a lag is to be estimated, that of ``servos`` is what is believed of it (:func:`believed`).
+        """
         given = {**servos, **self.servo}
         estimators = tuple(
-            e.model_copy(update={"servo": {**{n: s for n, s in given.items() if n not in e.delays_s}, **e.servo}})
+            believed(
+                e.model_copy(update={"servo": {**{n: s for n, s in given.items() if n not in e.delays_s}, **e.servo}}),
+                servos,
+            )
             if isinstance(e, Structured)
             else e
             for e in self.identification.estimators
         )
         return self.identification.model_copy(update={"estimators": estimators})
+
+    def believes(self, servos: Mapping[str, Servo]) -> tuple[str, ...]:
+        """Return the commands whose lag is to be estimated though ``servos`` state it."""
+        asked = [*(e.servo for e in self.identification.estimators if isinstance(e, Structured)), self.servo]
+        return tuple(n for n in servos if any(n in own and own[n].lag_s == "estimate" for own in asked))
 
     @property
     def reference_values(self) -> dict[str, float | str]:

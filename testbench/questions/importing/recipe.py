@@ -25,6 +25,8 @@ LAG_S, LAG_STD_S = 0.05, 0.03
 delay, and lag and damping, are hard to tell apart: without this belief M_q and M_de are not decided."""
 Z_Q_STD_PER_V = 0.1
 """What is believed of Z_q over speed about zero: -rho S cbar CL_q / (4 m) is -0.08 for small models."""
+LIFT_PER_V_1_S = 30.0
+"""-Z_alpha over speed is rho V S CL_alpha / (2 m): 1 for an airliner, 6 for a model of 2 kg; above this none flies."""
 _STILL = {"V": 0.01}  # share of its size that a channel must move by, to be worth equations of its own
 
 
@@ -70,7 +72,7 @@ def propose(
     vane = bool({"alpha", "beta"} & set(measured))
     several = sum(bool(names) for names in moved.values()) > 1
     for axis, make in (("longitudinal", _longitudinal), ("lateral", _lateral)):
-        found = make(moving, "V" in measured) if moved[axis] else None
+        found = make(moving, "V" in measured, bool(_commanded(moved[axis]))) if moved[axis] else None
         if found is not None:
             remarks, own, settings = found
             outputs += own
@@ -85,8 +87,10 @@ def propose(
                 start["Z_q"], spread["Z_q"] = 0.0, float(f"{Z_Q_STD_PER_V * _speed(records):.2g}")
                 remarks = (
                     *remarks,
-                    "without alpha Z_q and Z_alpha are hard to tell apart: Z_q is believed to be small",
+                    "without alpha Z_q and Z_alpha are hard to tell apart: Z_q is believed to be small, and Z_alpha",
+                    "is below 0, as lift rises with alpha below the stall",
                 )
+                settings = {**settings, "bounds": {"Z_alpha": [float(f"{-LIFT_PER_V_1_S * _speed(records):.2g}"), 0.0]}}
             if spread:
                 settings = {**settings, "start": start, "prior_std": spread}
             apart = {"inputs": moved[axis], "label": axis} if several else {}
@@ -134,15 +138,19 @@ def _left(measured: Sequence[str], inputs: Sequence[str], outputs: Sequence[str]
     return tuple(n for n in measured if n not in (*inputs, *outputs))
 
 
+_BIASES = (
+    "gusts and the gyro's offset spoil trim values: every record has constants of its own in place of those of trim"
+)
 _Found = tuple[tuple[str, ...], list[str], dict[str, Any]]
 
 
-def _longitudinal(measured: Sequence[str], speed: bool) -> _Found | None:
+def _longitudinal(measured: Sequence[str], speed: bool, autopilot: bool) -> _Found | None:
     if "q" not in measured:
         return None
     has_alpha = "alpha" in measured
     whole = has_alpha and {"V", "theta"} <= set(measured)
     force = [] if has_alpha or "az" not in measured else ["az"]
+    biases: list[str] = []
     if not has_alpha and not (speed and force):
         return None  # of q alone what alpha does shows too weakly to begin from nothing
     remarks, fixed = [], []
@@ -160,18 +168,44 @@ def _longitudinal(measured: Sequence[str], speed: bool) -> _Found | None:
         remarks.append("V was not measured: alpha and q at constant speed, Z derivatives per speed")
     if not has_alpha:
         fixed.append("Z_0")
-        remarks.append("alpha was not measured: its trim value does what Z_0 does, so Z_0 stays zero")
+        if autopilot and not whole and force:
+            biases = outputs
+            fixed.append("M_0")
+            remarks.append(_BIASES)
+        else:
+            remarks.append("alpha was not measured: its trim value does what Z_0 does, so Z_0 stays zero")
         remarks.append("az is taken at the centre of gravity: give accelerometer_m if it is not")
-    return tuple(remarks), outputs, {**settings, **({"fixed": fixed} if fixed else {})}
+    return tuple(remarks), outputs, {**settings, **_constants(fixed, biases)}
 
 
-def _lateral(measured: Sequence[str], speed: bool) -> _Found | None:
+def _constants(fixed: Sequence[str], biases: Sequence[str]) -> dict[str, list[str]]:
+    """Return the settings for constants that stay zero, and outputs with a constant of their own in every record."""
+    found = {"fixed": list(fixed), "output_biases": list(biases)}
+    return {key: names for key, names in found.items() if names}
+
+
+def _lateral(measured: Sequence[str], speed: bool, autopilot: bool) -> _Found | None:
     if not speed or not {"p", "r"} <= set(measured):
         return None
     has_beta, has_phi = "beta" in measured, "phi" in measured
     force = [] if has_beta or "ay" not in measured else ["ay"]
     outputs = [n for n in ("beta", "p", "r", "phi", *force) if n in measured]
     remarks, fixed = [], []
+    if autopilot and force:
+        outputs = ["p", "r", *force]
+        remarks += [
+            "phi is not fitted: an autopilot integrates it from the gyro that p is, and adds a lag and a slow drift",
+            _BIASES,
+            "ay is taken at the centre of gravity: give accelerometer_m if it is not",
+        ]
+        return (
+            tuple(remarks),
+            outputs,
+            {
+                "structure": "lateral_directional",
+                **_constants(["Y_0", "L_0", "N_0"], outputs),
+            },
+        )
     if not has_phi:
         remarks.append("phi was not measured: its trim value does what Y_0 does, so Y_0 stays zero")
         fixed.append("Y_0")
@@ -183,7 +217,7 @@ def _lateral(measured: Sequence[str], speed: bool) -> _Found | None:
         else:
             fixed += ["Y_r", "Y_dr"]
             remarks.append("without beta and ay, Y_r and Y_dr do not show and stay zero")
-    return tuple(remarks), outputs, {"structure": "lateral_directional", **({"fixed": fixed} if fixed else {})}
+    return tuple(remarks), outputs, {"structure": "lateral_directional", **_constants(fixed, [])}
 
 
 def lines(recipe: Recipe, inputs: Sequence[str]) -> list[str]:

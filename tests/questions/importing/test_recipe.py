@@ -46,6 +46,7 @@ def test_all_four_states_give_the_whole_longitudinal_motion():
                 "fixed": ["Z_0"],
                 "start": {"Z_q": 0.0},
                 "prior_std": {"Z_q": 2.0},
+                "bounds": {"Z_alpha": [-600.0, 0.0]},
             },
         ),
         (("V", "alpha", "q"), (), ("alpha", "q"), {"structure": "longitudinal", "short": True}),
@@ -82,6 +83,17 @@ def test_lateral_channels_give_lateral_derivatives(channels, outputs, fixed):
     assert recipe.outputs == outputs
     assert found["structure"] == "lateral_directional"
     assert found.get("fixed") == fixed
+
+
+def test_an_autopilots_phi_is_not_fitted_and_every_record_has_constants_of_its_own():
+    recipe, found = entry(("da_cmd", "dr_cmd"), "V", "p", "r", "phi", "ay")
+    assert recipe.outputs == ("p", "r", "ay")
+    assert found["fixed"] == ["Y_0", "L_0", "N_0"]
+    assert found["output_biases"] == ["p", "r", "ay"]
+    recipe, found = entry(("de_cmd",), "V", "q", "theta", "az")
+    assert recipe.outputs == ("q", "az")
+    assert found["fixed"] == ["Z_0", "M_0"]
+    assert found["output_biases"] == ["q", "az"]
 
 
 def test_commands_get_servos_and_throttle_does_not():
