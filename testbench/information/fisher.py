@@ -57,7 +57,7 @@ class Experiment:
         samples: number N of samples of the fastest sensors.
         stride: samples of the inputs per sample of the fastest sensors.
         biases: sensors have an unknown constant offset each.
-        initial_states: the initial state is unknown.
+        initial_states: the initial state is unknown, but for the servos, which rest.
 
     Raises:
         EstimationError: a sensor without noise or with a rate that does not fit, sensors that are not the outputs, or
@@ -150,11 +150,9 @@ class Experiment:
         if self.biases:
             columns += [np.eye(p)[i] * weight for i in range(p)]
         if self.initial_states:
-            n, m = len(self.structure.states), len(self.structure.inputs)
-            u, held = np.zeros((N * self.stride, m)), np.ones(m, bool)
-            r = respond(self.structure, self.structure.true, (), u, self.dt_s, held, np.zeros(n))
-            sensed = np.stack([self._sensed(r.dx0[:, i], i) for i in range(p)], axis=1)[:: self.stride]
-            columns += [sensed[:, :, j] * weight for j in range(n)]
+            felt = start_responses(self.structure, N * self.stride, self.dt_s)
+            sensed = np.stack([self._sensed(felt[:, i], i) for i in range(p)], axis=1)[:: self.stride]
+            columns += [sensed[:, :, j] * weight for j in range(felt.shape[2])]
         if not columns:
             return np.zeros((N * p, 0))
         X = np.stack([c.ravel() for c in columns], axis=1)
@@ -215,6 +213,16 @@ class Experiment:
         shadow = self._nuisance.T @ W
         M = W.T @ W - shadow.T @ shadow
         return np.asarray(0.5 * (M + M.T))
+
+
+def start_responses(structure: AircraftStructure, n: int, dt_s: float) -> FloatArray:
+    """Return what unit initial states do to the outputs over n samples, (n, p, states); servos begin at rest."""
+    m = len(structure.inputs)
+    r = respond(
+        structure, structure.true, (), np.zeros((n, m)), dt_s, np.ones(m, bool), np.zeros(len(structure.states))
+    )
+    moving = [j for j, state in enumerate(structure.states) if state not in structure.followers]
+    return np.asarray(r.dx0[:, :, moving])
 
 
 def accuracy(information: FloatArray) -> Accuracy:

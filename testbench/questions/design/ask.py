@@ -1,6 +1,7 @@
 """A design from scenario to ranking.
 
 screen every family -> refine by information -> fly -> scale -> rank -> judge over the aircraft that it may be
+-> keep a margin for the air -> realise: fly, sense and identify the best many times
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.constants import PERCENT
 from testbench.core.errors import EstimationError, LimitError, located
 from testbench.core.record import FloatArray
 from testbench.flight import LinearModel, TrimmedFlight, linearise, load_aircraft
@@ -21,10 +23,14 @@ from testbench.information.modes import modes_of
 from testbench.line import Report, trim_for
 from testbench.questions.design.build import limits_of, onsets_of, problem_of
 from testbench.questions.design.draws import Draws, OverDraws, draw_aircraft, flown_in, kept_in_all, told
+from testbench.questions.design.elsewhere import elsewhere
 from testbench.questions.design.flown import Envelope, Flown, fly_designs
+from testbench.questions.design.identified import identified_by
 from testbench.questions.design.limits import Limits
+from testbench.questions.design.margins import with_margins
 from testbench.questions.design.obstacles import obstacles
 from testbench.questions.design.problem import Design, Problem, seen_in
+from testbench.questions.design.realise import Range, expected_air
 from testbench.questions.design.refine import minimum_time
 from testbench.questions.design.result import DesignResult, Ranked
 from testbench.questions.design.scenario import DesignScenario
@@ -73,7 +79,7 @@ def run_design(
     suites = [load_suite(name) for name in scenario.suites]
     with located(where, "limits"):
         limits = limits_of(scenario, aircraft, trimmed, onsets)
-        problem = problem_of(scenario, aircraft, trimmed, linear, modes, suites[0], limits)
+        problem = problem_of(scenario, aircraft, trimmed, linear, modes, suites[0], limits, starts=True)
         envelope = Envelope.of(limits, problem)
     say("screen every family by spectral energy and information")
     start = time.perf_counter()
@@ -94,10 +100,23 @@ def run_design(
         say(f"judge the designs over {draws.asked} drawn aircraft")
         admissible, over = _over(scenario, aircraft, trimmed, problem, admissible, envelope, draws, simulator, tally)
     shortest = None
+    with located(where, "suites"):
+        range_ = _range(scenario, aircraft, trimmed, problem, suites[0], simulator, tally)
+    if scenario.realise and range_.moves:
+        say("fly them in the air that is expected")
+        admissible, over = _kept(scenario, range_, admissible, over, envelope)
     if not scenario.robust:  # what the believed aircraft takes least time for is not known to be enough for the others
         say("find the shortest input that reaches the wanted accuracy")
-        shortest = _shortest(problem, ranked, admissible, aircraft, trimmed, envelope, simulator, tally)
+        shortest = _shortest(scenario, problem, ranked, admissible, range_, envelope)
     best = admissible[0].design
+    realised, there = {}, ()
+    if scenario.realise:
+        for f in admissible:
+            if f is admissible[0] or f.design.family in _CLASSICS:
+                words = "the best design" if f is admissible[0] else f"the {f.design.family}"
+                say(f"realise {words}: fly and identify it {scenario.realise} times")
+                realised[f.design.family] = range_.realised(f.design, scenario.realise, say, f is admissible[0])
+        there = elsewhere(scenario, range_, limits, best, scenario.realise, say)
     others = {
         suite.name: _through(scenario, aircraft, trimmed, linear, modes, suite, limits, best) for suite in suites[1:]
     }
@@ -122,7 +141,10 @@ def run_design(
         envelope,
         screened,
         families,
-        tuple(Ranked(f, bands.analyse(f.design.u), o) for f, o in zip(admissible, over, strict=True)),
+        tuple(
+            Ranked(f, bands.analyse(f.design.u), o, realised.get(f.design.family))
+            for f, o in zip(admissible, over, strict=True)
+        ),
         tuple(f for f in flown if not f.admissible),
         Ranked(shortest, bands.analyse(shortest.design.u)) if shortest else None,
         others,
@@ -130,7 +152,42 @@ def run_design(
         tuple(o for o in onsets if o.V_m_s is not None),
         draws,
         tally,
+        range_.identified,
+        range_.air if scenario.realise else None,
+        there,
     )
+
+
+def _range(
+    scenario: DesignScenario,
+    aircraft: Aircraft,
+    trimmed: TrimmedFlight,
+    problem: Problem,
+    suite: SensorSuite,
+    simulator: Simulator,
+    tally: Tally,
+) -> Range:
+    """Return where designs are flown and identified."""
+    assert problem.deflected is not None
+    identified = identified_by(problem.deflected, suite, problem.servo_lag_s, problem.experiment.samples)
+    air, h_m = expected_air(scenario, aircraft), scenario.condition.h_m
+    targets, seed = problem.targets, scenario.seed
+    return Range(aircraft, trimmed, problem, targets, suite, identified, air, h_m, seed, simulator, tally)
+
+
+def _kept(
+    scenario: DesignScenario,
+    range_: Range,
+    flown: list[Flown],
+    over: list[OverDraws | None],
+    envelope: Envelope,
+) -> tuple[list[Flown], list[OverDraws | None]]:
+    """Return the designs at amplitudes with a margin for the air, best first, each with what it is over the draws."""
+    kept = with_margins(range_, flown, envelope, scenario.realise, scenario.breach_percent * PERCENT)
+    pairs = list(zip(kept, over, strict=True))
+    if not scenario.robust:  # a robust order is by the worst draw, whose errors grow alike
+        pairs.sort(key=lambda pair: pair[0].design.cost)
+    return [f for f, _ in pairs], [o for _, o in pairs]
 
 
 def _over(
@@ -170,20 +227,19 @@ def _over(
 
 
 def _shortest(
+    scenario: DesignScenario,
     problem: Problem,
     ranked: Sequence[Any],
     flown: Sequence[Flown],
-    aircraft: Aircraft,
-    trimmed: TrimmedFlight,
+    range_: Range,
     envelope: Envelope,
-    simulator: Simulator,
-    tally: Tally,
 ) -> Flown | None:
-    """Return the shortest input that reaches the wanted accuracy in flight, or None.
+    """Return the shortest input that reaches the wanted accuracy in flight, with its margin for the air, or None.
 
     Its first aim allows for the amplitude that the best design lost in flight; if that was not enough, it aims again.
     """
     aim = min(1.0, flown[0].factor)
+    aircraft, trimmed, simulator, tally = range_.aircraft, range_.trimmed, range_.simulator, range_.tally
     for _ in range(2):
         design = minimum_time(problem, ranked, aim)
         if design is None:
@@ -191,6 +247,8 @@ def _shortest(
         (out,) = fly_designs(aircraft, trimmed, problem, [design], envelope, simulator, tally)
         if not out.admissible:
             return None
+        if scenario.realise and range_.moves:
+            (out,) = with_margins(range_, [out], envelope, scenario.realise, scenario.breach_percent * PERCENT)
         if out.design.cost <= 1.0:
             return out
         aim *= 0.97 / out.design.cost
@@ -208,5 +266,5 @@ def _through(
     design: Design,
 ) -> FloatArray:
     """Return the standard errors (t,) of the targets that a design gives through another suite."""
-    other = problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits)
+    other = problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, starts=True)
     return seen_in(other, design).errors

@@ -14,10 +14,11 @@ from testbench.core.errors import LimitError
 from testbench.evaluation.envelope import Onset, fly_envelope
 from testbench.evaluation.modes import roots_of
 from testbench.flight import LinearModel, TrimmedFlight
-from testbench.information.aircraft_structure import aircraft_structure, held_accelerations
+from testbench.information.aircraft_structure import AircraftStructure, aircraft_structure, held_accelerations
 from testbench.information.fisher import Experiment
 from testbench.information.modes import elastic_modes
 from testbench.information.targets import needed_parameters, targets
+from testbench.questions.design.identified import starts_free
 from testbench.questions.design.limits import Limits
 from testbench.questions.design.prediction import Prediction
 from testbench.questions.design.problem import Problem
@@ -75,10 +76,12 @@ def problem_of(
     suite: SensorSuite,
     limits: Limits,
     whole: Collection[str] = (),
+    starts: bool = False,
 ) -> Problem:
     """Return the design problem of a scenario for one suite.
 
-    The modes ``whole`` among the targets keep frequency and damping ratio where they split into two real roots.
+    The modes ``whole`` among the targets keep frequency and damping ratio where they split into two real roots. With
+    ``starts`` initial states are estimated too, where the estimator of the design does so.
 
     Raises:
         TestbenchError: sensors without noise, limits without room, or targets that do not exist.
@@ -106,23 +109,19 @@ def problem_of(
         for s in sensors
         if s.channel in ACCELEROMETERS or s.channel.startswith("az_wing_")
     }
-    structure = aircraft_structure(
-        model,
-        scenario.condition.V_m_s,
-        trimmed.alpha,
-        plane,
-        list(elastic),
-        inputs,
-        [s.channel for s in sensors],
-        free,
-        held,
-    )
+
+    def structure_by(driven: Sequence[str]) -> AircraftStructure:
+        V, alpha, outputs = scenario.condition.V_m_s, trimmed.alpha, [s.channel for s in sensors]
+        return aircraft_structure(model, V, alpha, plane, list(elastic), driven, outputs, free, held)
+
+    structure, deflected = structure_by(inputs), structure_by(scenario.controls)
     of_interest = aimed or {n: p for n, p in modes.items() if n not in elastic.values() and abs(p) > 0.3}
     band = _band(of_interest)
     rate = _input_rate(suite.rate_hz, trimmed.rate_hz, 12.0 * max(abs(p) for p in of_interest.values()) / (2.0 * np.pi))
     per_sample = round(rate / suite.rate_hz)
     samples = int(scenario.duration_s * suite.rate_hz + 1e-9)
-    experiment = Experiment(structure, sensors, 1.0 / rate, samples, per_sample)
+    free_start = starts and starts_free(structure)
+    experiment = Experiment(structure, sensors, 1.0 / rate, samples, per_sample, initial_states=free_start)
     at = {**trimmed.state, "alpha": trimmed.alpha, "V": scenario.condition.V_m_s, **trimmed.controls}
     prediction = Prediction(linear, scenario.controls, limits, at, 1.0 / rate, samples * per_sample)
     noise = {
@@ -145,7 +144,14 @@ def problem_of(
         scenario.by == "pilot",
         scenario.seed,
         bands,
+        deflected,
+        {c: -1.0 / float(model.A[at_servo, at_servo]) for c, at_servo in _servos(model, scenario.controls).items()},
     )
+
+
+def _servos(model: LinearModel, controls: Sequence[str]) -> dict[str, int]:
+    """Return control -> the state of its servo, of those that have one."""
+    return {c: model.states.index(f"servo_{c}") for c in controls if f"servo_{c}" in model.states}
 
 
 def _asked(asked: Any) -> tuple[str, ...]:

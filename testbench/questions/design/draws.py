@@ -194,7 +194,7 @@ def _draw(
     linear = linearise(aircraft, trimmed)
     modes = modes_of(linear, aircraft, scenario.plane)
     limits = limits_of(scenario, aircraft, trimmed, onsets)
-    problem = problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, whole)
+    problem = problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, whole, starts=True)
     wanted = dict(zip(believed.names, believed.wanted, strict=True))
     own = problem.targets
     same = np.array([wanted.get(name, w) for name, w in zip(own.names, own.wanted, strict=True)])

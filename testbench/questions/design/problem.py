@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import Control, Input
+from testbench.information.aircraft_structure import AircraftStructure
 from testbench.information.fisher import Criterion, Experiment, accuracy, cost
 from testbench.information.targets import Targets
 from testbench.questions.design.candidates import Candidate, sampled
@@ -32,6 +34,8 @@ class Problem:
         by_hand: a pilot flies.
         seed: of random starts.
         bands: the modes that candidates are screened for by spectral energy; None: by information alone.
+        deflected: the structure of the experiment, driven by deflections: without servos.
+        servo_lag_s: control -> time constant of its servo, of those that have one.
     """
 
     experiment: Experiment
@@ -46,6 +50,8 @@ class Problem:
     by_hand: bool
     seed: int = 0
     bands: ModeBands | None = None
+    deflected: AircraftStructure | None = None
+    servo_lag_s: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def rate_hz(self) -> float:
