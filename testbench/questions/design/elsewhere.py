@@ -1,8 +1,8 @@
 """What a design does if the aircraft is not the believed one: its fast mode lies 30 % lower or higher.
 
-One coefficient is scaled until the natural frequency of the short period, or of the Dutch roll, is that many times the
-believed one: Cm_alpha, or Cn_beta. The same commands are then predicted, flown and identified by the same estimator,
-which still believes the first aircraft.
+Cm_alpha, or Cn_beta, is changed about the trim until the natural frequency of the short period, or of the Dutch roll,
+is that many times the believed one; the trim stays. The same commands are then predicted, flown and identified by the
+same estimator, which still believes the first aircraft.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from testbench.aircraft import Aircraft
-from testbench.aircraft.vary import varied
+from testbench.aircraft.amend import Amendment, Increment
 from testbench.core.errors import EstimationError, TestbenchError
 from testbench.core.record import FloatArray
 from testbench.evaluation.modes import roots_of
@@ -28,8 +28,11 @@ from testbench.questions.design.scenario import DesignScenario
 
 FACTORS = (0.7, 1.3)
 """Natural frequency over the believed one."""
-_MODE = {"longitudinal": ("short period", "Cm_alpha"), "lateral": ("Dutch roll", "Cn_beta")}
-_STEP = 0.1  # of the coefficient, by which the slope of wn^2 is found
+_MODE = {
+    "longitudinal": ("short period", "Cm", "alpha", -1.0),
+    "lateral": ("Dutch roll", "Cn", "beta", 1.0),
+}  # mode, coefficient, its angle, and the sign that stiffens
+_STEP = 0.02  # 1/rad, by which the slope of wn^2 is found
 _TRIES, _NEAR = 6, 0.01
 
 
@@ -77,18 +80,14 @@ def elsewhere(
         say: called with a few words as each stage begins.
     """
     out = []
+    mode, coefficient, angle, _ = _MODE[scenario.plane]
     for factor in FACTORS:
-        mode, coefficient = _MODE[scenario.plane]
         what = f"{mode} at {factor:g} times its frequency"
         say(f"fly it with the {what}")
         try:
-            aircraft, scale = _with_mode(scenario, range_.aircraft, mode, coefficient, factor)
-            out.append(
-                replace(
-                    _flown(scenario, range_, envelope_limits, design, n, aircraft, factor),
-                    what=f"{what} ({coefficient} times {scale:.3g})",
-                )
-            )
+            aircraft, more = _with_mode(scenario, range_, factor)
+            one = _flown(scenario, range_, envelope_limits, design, n, aircraft, factor)
+            out.append(replace(one, what=f"{what}, {coefficient}_{angle} {more:+.3g}"))
         except TestbenchError as error:
             out.append(Elsewhere(factor, what, why_not=error.message))
     return tuple(out)
@@ -121,40 +120,45 @@ def _flown(
     return Elsewhere(factor, "", seen.errors, problem.targets.values, found, tightest, broken[0] if broken else "")
 
 
-def _with_mode(
-    scenario: DesignScenario, aircraft: Aircraft, mode: str, coefficient: str, factor: float
-) -> tuple[Aircraft, float]:
-    """Return the aircraft whose mode has ``factor`` times its frequency, and the factor on the coefficient.
+def _with_mode(scenario: DesignScenario, range_: Range, factor: float) -> tuple[Aircraft, float]:
+    """Return the aircraft whose mode has ``factor`` times its frequency, and what was added to the coefficient, 1/rad.
 
     The square of the frequency is nearly linear in the coefficient; the secant method finds the rest.
 
     Raises:
-        EstimationError: the mode has no frequency, or no factor gives the wanted one.
-        ModelError: the aircraft has no such coefficient.
+        EstimationError: the mode has no frequency, or nothing gives the wanted one.
+        TestbenchError: the aircraft cannot be changed or trimmed so.
     """
+    mode, coefficient, angle, stiffens = _MODE[scenario.plane]
+    aircraft = range_.aircraft
+    at_trim = range_.trimmed.alpha if angle == "alpha" else range_.trimmed.state.get("beta", 0.0)
+    about = f"<difference><property>aero/{angle}-rad</property><value>{float(at_trim)!r}</value></difference>"
 
-    def at(scale: float) -> tuple[Aircraft, float]:
+    def at(more: float) -> tuple[Aircraft, float]:
         one = aircraft
-        if scale != 1.0:
-            one = varied(
-                aircraft, {f"coefficient.{coefficient}": scale}, f"{coefficient} times {scale:g}", "model error"
+        if more != 0.0:
+            change = Increment(
+                coefficient, f"aero/coefficient/{coefficient}_model_error", (f"<value>{more!r}</value>", about)
             )
+            one = aircraft.amended(Amendment("model error", f"another {coefficient}_{angle}", (change,)))
         found = modes_of(linearise(one, trim_for(scenario, one)), one, scenario.plane)
-        roots = list(roots_of(found, mode).values())
-        square = (roots[0] * (roots[1] if len(roots) == 2 else roots[0].conjugate())).real if roots else math.nan
+        square = math.nan
+        if any(name.startswith(mode) for name in found):
+            roots = list(roots_of(found, mode).values())
+            square = (roots[0] * (roots[1] if len(roots) == 2 else roots[0].conjugate())).real
         if not square > 0.0:
             raise EstimationError(f"the {mode} has no frequency")
         return one, square
 
-    _, now = at(1.0)
+    _, now = at(0.0)
     wanted = now * factor**2
-    old, scale = (1.0, now), 1.0 + math.copysign(_STEP, factor - 1.0)
+    old, more = (0.0, now), math.copysign(_STEP, stiffens * (factor - 1.0))
     for _ in range(_TRIES):
-        one, square = at(scale)
+        one, square = at(more)
         if abs(math.sqrt(square / wanted) - 1.0) < _NEAR:
-            return one, scale
-        slope = (square - old[1]) / (scale - old[0])
+            return one, more
+        slope = (square - old[1]) / (more - old[0])
         if slope == 0.0:
             break
-        old, scale = (scale, square), scale + (wanted - square) / slope
-    raise EstimationError(f"no factor on {coefficient} was found that gives the {mode} {factor:g} times its frequency")
+        old, more = (more, square), more + (wanted - square) / slope
+    raise EstimationError(f"no {coefficient}_{angle} was found that gives the {mode} {factor:g} times its frequency")

@@ -16,6 +16,7 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import TrimmedFlight
 from testbench.flight.batch.jobs import Job, Simulator, Tally
 from testbench.line import manoeuvre_of
+from testbench.questions.design.candidates import sampled
 from testbench.questions.design.limits import Breach, Limits, breaches
 from testbench.questions.design.problem import Design, Problem, rescaled
 
@@ -210,7 +211,7 @@ def fly_designs(
     Raises:
         TestbenchError: of the first that cannot be flown at all.
     """
-    searches = [_scaled(problem, design) for design in designs]
+    searches = [_scaled(problem, design, _command_room(problem, design, trimmed.rate_hz)) for design in designs]
     wanted = {i: next(search) for i, search in enumerate(searches)}
     out: dict[int, Flown] = {}
     while wanted:
@@ -225,13 +226,13 @@ def fly_designs(
     return [out[i] for i in range(len(designs))]
 
 
-def _scaled(problem: Problem, design: Design) -> Generator[Design, Flight, Flown]:
+def _scaled(problem: Problem, design: Design, room: float) -> Generator[Design, Flight, Flown]:
     """Ask for flights of a design, one after the other, until an amplitude uses up the limits; return the best.
 
     The response is taken as proportional to the amplitude from one flight to the next. For deflections, commands and
     rates this is exact, because servos are linear; the amplitude never grows beyond what they allow.
     """
-    top = _linear_room(problem, design)
+    top = min(_linear_room(problem, design), room)
     factor, low, high, said = min(1.0, top), 0.0, np.inf, ""
     tried = []
     for attempt in range(_FLIGHTS):
@@ -310,6 +311,19 @@ def _judged(record: FlightRecord, job: Job, limits: Envelope) -> Flight:
         text = f"the flight leaves the aircraft's limits at t = {end_s:.2f} s: {record.reason}"
         return Flight(record, [text], Tightest("", 1.0 / ABORTED, end_s))
     return Flight(record, limits.broken(record), limits.tightest(record))
+
+
+def _command_room(problem: Problem, design: Design, rate_hz: float) -> float:
+    """Return by how much the amplitude may grow before a command meets its limit at the rate that it is flown at.
+
+    Between the samples of the design a multisine or a sweep rises above them.
+    """
+    u, room = sampled(design.specs, problem.controls, design.duration_s, rate_hz), np.inf
+    for j, name in enumerate(problem.controls):
+        k = problem.prediction.names.index(f"command of {name}")
+        top, bottom = max(float(u[:, j].max()), 1e-12), min(float(u[:, j].min()), -1e-12)
+        room = min(room, problem.prediction.high[k] / top, problem.prediction.low[k] / bottom)
+    return float(room) * (1.0 - 1e-5)  # amplitudes are rounded to 1e-6 deg
 
 
 def _linear_room(problem: Problem, design: Design) -> float:

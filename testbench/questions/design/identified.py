@@ -174,7 +174,7 @@ def _terms(structure: AircraftStructure) -> tuple[list[list[Terms]], list[list[T
         row = []
         for j in range(output.shape[1]):
             entry: Terms = {"": float(output[o, j])}
-            for i in np.flatnonzero(structure.P[o]):
+            for i in np.flatnonzero(structure.P[o]).tolist():
                 if set(change[i][j]) - {""}:  # what the parameters change, and the output holds
                     weight = float(structure.P[o, i])
                     entry[""] -= weight * float(base[i, j])

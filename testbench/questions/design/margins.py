@@ -1,4 +1,4 @@
-"""Amplitudes with a margin that the air asks for: extremes over flights in turbulence, and the factor that keeps them in.
+"""Amplitudes with a margin that the air asks for, from extremes over flights in turbulence.
 
 A design flies several times in turbulence. Of every limit the share used by each flight's extreme has a mean and a
 standard deviation; the amplitude is lowered until mean + k deviations stays inside. With k = t(n - 1, 1 - P)

@@ -16,7 +16,7 @@ from testbench.questions.design.identified import toml_of
 if TYPE_CHECKING:
     from testbench.page.page import Content
     from testbench.questions.design.problem import Design
-    from testbench.questions.design.result import DesignResult
+    from testbench.questions.design.result import DesignResult, Ranked
 
 _DEFAULTS = {"start_s", "repeats", "spacing", "fade_s", "periods", "stride", "first", "powers", "bits", "seed"}
 
@@ -53,7 +53,7 @@ def scenario_toml(result: DesignResult, design: Design) -> str:
     wings = [] if s.wings == "flexible" else [f'wings = "{s.wings}"']
     rate = [] if s.simulation.rate_hz is None else [f"rate_hz = {s.simulation.rate_hz:g}"]
     lines = [
-        f"# Designed input: {family_label(design.family)}, {design.words}. Predicted standard errors:",
+        f"# Designed input: {family_label(design.family)}, {design.words}. {_told(result, design)} errors:",
         *(f"#   {text}" for text in _error_lines(result, design)),
         f"title = {quoted(f'{s.title}: {family_label(design.family)}')}",
         f'aircraft = "{s.aircraft}"',
@@ -87,11 +87,23 @@ def scenario_toml(result: DesignResult, design: Design) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _entry_of(result: DesignResult, design: Design) -> Ranked | None:
+    entries = [*result.ranking, *([result.shortest] if result.shortest else [])]
+    return next((e for e in entries if e.design is design), None)
+
+
+def _told(result: DesignResult, design: Design) -> str:
+    entry = _entry_of(result, design)
+    realised = entry is not None and entry.realised is not None and bool(entry.realised.differs.any())
+    return "Realised standard" if realised else "Predicted standard"
+
+
 def _error_lines(result: DesignResult, design: Design) -> list[str]:
-    t = result.problem.targets
+    t, entry = result.problem.targets, _entry_of(result, design)
+    errors = design.errors if entry is None else entry.errors
     return [
         f"{name}: {number(100 * e / abs(v))} %" if is_ratio(name) else f"{name}: {number(e)}"
-        for name, e, v in zip(t.names, design.errors, t.values, strict=True)
+        for name, e, v in zip(t.names, errors, t.values, strict=True)
     ]
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -44,6 +45,7 @@ MORE = 2
 """Further flights, in units of those asked for, that make a realised error that counts more certain: from 20 flights
 it is known to 16 %, from 60 to 9 %."""
 _SMALL = 0.25  # of the amplitude, at which curvature is a quarter of what it is, or less
+_LOST = 0.1  # of the flights without an estimate, beyond which the error is not worth knowing better
 _FEWEST = 3  # estimates below which nothing is said
 _SYSTEMATIC: Mapping[str, Any] = {
     "bias": 0.0,
@@ -109,9 +111,12 @@ class Errors:
         return self.rms * np.sqrt(self.n / high), self.rms * np.sqrt(self.n / low)
 
     def departs(self, promised: FloatArray) -> np.ndarray:
-        """Return for which targets (t,) the errors contradict the promised standard errors, at ``FALSE_ALARM``."""
+        """Return for which targets (t,) the errors contradict the promised standard errors, at ``FALSE_ALARM``.
+
+        Too few estimates contradict every promise.
+        """
         if self.n < _FEWEST:
-            return np.zeros(promised.size, bool)
+            return np.ones(promised.size, bool)
         share = FALSE_ALARM / promised.size
         with np.errstate(all="ignore"):
             ratio = self.n * self.rms**2 / promised**2
@@ -145,8 +150,11 @@ class Realised:
 
     @property
     def headline(self) -> FloatArray:
-        """(t,) the errors to plan with: realised where they contradict the promise, else promised."""
-        return np.where(self.differs, self.found.rms, self.promised)
+        """(t,) the errors to plan with: realised where they contradict the promise, else promised.
+
+        Infinite where too few flights give an estimate.
+        """
+        return np.where(self.differs, np.nan_to_num(self.found.rms, nan=np.inf), self.promised)
 
     def cause(self, k: int) -> str:
         """Return the cause that adds most to the error of target ``k``; "" if none is known."""
@@ -223,8 +231,6 @@ class Range:
     ) -> Errors:
         """Sense and identify flights; number ``first`` is that of the noise of the first one."""
         errors, stated, failed = [], [], []
-        deflected = self.problem.deflected
-        assert deflected is not None
         for i, truth in enumerate(truths):
             say(i + 1)
             try:
@@ -254,24 +260,33 @@ class Range:
             out.append((high - low) / (2.0 * step[k]))
         return np.stack(out, axis=1)
 
-    def realised(self, design: Design, n: int, say: Callable[[str], None], causes: bool = True) -> Realised:
-        """Return the errors of a design over ``n`` flights, over more where they contradict the promise.
+    def realised(self, design: Design, n: int, say: Callable[[str], None]) -> Realised:
+        """Return the errors of a design over ``n`` flights.
 
         Args:
             design: at the amplitude that is flown.
             n: flights.
-            say: called with a few words as each stage begins.
-            causes: look for what the excess comes from.
+            say: called with a few words as the flights are identified.
         """
         found = self._errors(design, 0, n, say)
-        differs = found.departs(design.errors)
-        if not np.any(differs):
-            return Realised(design.errors, found, differs)
-        found = found.and_(self._errors(design, n, MORE * n, say)) if causes else found
-        larger = differs & (found.rms > design.errors)
-        parts = self._causes(design, n, found, say) if causes and np.any(larger) else []
-        told = tuple(p if big else {} for p, big in zip(parts, larger, strict=True)) if parts else ()
-        return Realised(design.errors, found, differs, told)
+        return Realised(design.errors, found, found.departs(design.errors))
+
+    def explained(self, design: Design, n: int, first: Realised, say: Callable[[str], None]) -> Realised:
+        """Return the same with more flights where they contradict the promise, and the causes of the excess.
+
+        More flights are not worth their time where many give no estimate.
+        """
+        if not np.any(first.differs):
+            return first
+        found = first.found
+        if len(found.failed) <= _LOST * n:
+            found = found.and_(self._errors(design, n, MORE * n, say))
+        larger = first.differs & (np.nan_to_num(found.rms, nan=np.inf) > design.errors)
+        if not np.any(larger) or found.n < _FEWEST:
+            return Realised(design.errors, found, first.differs)
+        parts = self._causes(design, n, found, say)
+        told = tuple(p if big else {} for p, big in zip(parts, larger, strict=True))
+        return Realised(design.errors, found, first.differs, told)
 
     def _errors(self, design: Design, first: int, n: int, say: Callable[[str], None]) -> Errors:
         truths = self.fly(design, self.airs(first, n)) if self.moves else self.fly(design, self.airs(0, 1)) * n
@@ -294,7 +309,7 @@ class Range:
             rms = again.rms
             squares.append(np.where(np.isnan(rms), squares[-1], rms**2))
         squares.append(np.minimum(design.errors**2, squares[-1]))
-        gains = [np.maximum(a - b, 0.0) for a, b in zip(squares[:-1], squares[1:], strict=True)]
+        gains = [np.maximum(a - b, 0.0) for a, b in pairwise(squares)]
         return [dict(zip(CAUSES, (float(g[k]) for g in gains), strict=True)) for k in range(design.errors.size)]
 
 
