@@ -29,7 +29,7 @@ FILE = SCENARIOS / "design" / "taurus_short_period.toml"
 
 def scenario(aircraft: object = "taurus", **changes: object) -> DesignScenario:
     content = tomllib.loads(FILE.read_text(encoding="utf-8"))
-    return DesignScenario.of({**content, "aircraft": str(aircraft), "duration_s": 10.0, **changes}, None)
+    return DesignScenario.of({**content, "aircraft": str(aircraft), "duration_s": 10.0, "realise": 0, **changes}, None)
 
 
 @pytest.fixture(scope="module")
