@@ -20,6 +20,7 @@ from testbench.core.lazily import lazily
 if TYPE_CHECKING:
     from testbench.core.record import FlightRecord, load_record
     from testbench.estimators import METHODS, estimate
+    from testbench.estimators.causes import with_causes
     from testbench.estimators.parametric.structures.written import structure_from_equations
     from testbench.evaluation import evaluate
     from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
@@ -66,6 +67,7 @@ _HOME = {
     "Manoeuvre": "testbench.flight",
     "compare": "testbench.questions.compare.ask",
     "estimate": "testbench.estimators",
+    "with_causes": "testbench.estimators.causes",
     "evaluate": "testbench.evaluation",
     "find_gap": "testbench.questions.gap.workflow",
     "fly": "testbench.flight",
@@ -127,6 +129,7 @@ __all__ = [
     "tangents",
     "trim",
     "trim_many",
+    "with_causes",
     "write_results",
 ]
 

@@ -19,7 +19,7 @@ from testbench.core.errors import TestbenchError, located
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.base import Condition, FlownAt, FlownInAir, Preparation, Simulation
 from testbench.core.scenario.inputs import Input
-from testbench.estimators import estimate, estimate_alone
+from testbench.estimators import estimate
 from testbench.estimators.identification import Estimator, Identification, estimator_name
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
@@ -224,7 +224,7 @@ def identify_and_judge(
     progress: Report | None = None,
     truth: Truth | None = None,
     noise: Mapping[str, Mapping[str, float]] | None = None,
-    causes: bool = True,
+    causes: bool = False,
 ) -> tuple[Case, ...]:
     """Prepare the records of every suite, run every estimator on them, and judge the models.
 
@@ -237,7 +237,7 @@ def identify_and_judge(
         progress: called with a few words as each stage begins.
         truth: what estimates are compared with; None for recorded flights.
         noise: suite -> channel -> standard deviation, from which the error by noise alone follows.
-        causes: look for what the residuals of each model come from.
+        causes: look for what the residuals of each model come from, which takes a second or so for each.
 
     Raises:
         TestbenchError: with file and key.
@@ -253,7 +253,11 @@ def identify_and_judge(
         for k, spec in enumerate(identification.estimators):
             say(f"identify {suite} with {short(spec.method)}")
             with located(where, f"identification.estimators[{k}]"):
-                model = (estimate if causes else estimate_alone)(spec, fit, identification.inputs, outputs, judge)
+                model = estimate(spec, fit, identification.inputs, outputs, judge)
+                if causes:
+                    from testbench.estimators.causes import with_causes
+
+                    model = with_causes(model, fit)
                 scores = evaluate(model, fit, judge, noise_std=noise.get(suite), **told_of(truth, model, fit))
             cases.append(Case(suite, spec, tuple(fit), tuple(judge), model, scores))
     return tuple(cases)

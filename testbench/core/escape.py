@@ -8,14 +8,13 @@ files come from :func:`testbench.page.labels.file_stem`.
 from __future__ import annotations
 
 import re
-import unicodedata
 
 _NUMERIC = re.compile(r"[-+][\d.eE+\-±% ]*")
 
 
 def one_line(text: str) -> str:
-    """Return text without control characters and line ends, each run of them and of blanks as one blank."""
-    return " ".join("".join(" " if unicodedata.category(c) in ("Cc", "Zl", "Zp") else c for c in text).split())
+    """Return text as one line: each run of blanks, line ends and what cannot be printed becomes one blank."""
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())
 
 
 def lua_comment(text: str) -> str:

@@ -213,24 +213,7 @@ def estimate(
         >>> tb.estimate("dsr_e", [record], ["de_cmd"], ["q"], past_horizon=20, future_horizon=20)  # doctest: +SKIP
         >>> tb.estimate("my_method.py:estimate", [record], ["de_cmd"], ["q"])  # doctest: +SKIP
     """
-    from testbench.estimators.causes import with_causes
-
-    entry = settings_of(method, settings)
-    model = estimate_alone(entry, records, inputs, outputs, validation)
-    return model if isinstance(entry, OwnMethod) else with_causes(model, records)
-
-
-def estimate_alone(
-    entry: Any,  # Settings of a method: each has fields of its own
-    records: Sequence[FlightRecord],
-    inputs: Sequence[str],
-    outputs: Sequence[str],
-    validation: Sequence[FlightRecord] = (),
-) -> IdentifiedModel:
-    """Return what :func:`estimate` does, without the causes of its residuals.
-
-    A search for causes takes 0.1 to 1 s for each model: too much for thousands of models whose advice nobody reads.
-    """
+    entry: Any = settings_of(method, settings)
     if not outputs:
         raise EstimationError("an estimate needs at least one output channel, got none; name outputs or add sensors")
     if isinstance(entry, OwnMethod):

@@ -40,7 +40,7 @@ from testbench.estimators.tangent import Direction, all_poles, directions, moved
 _CHANCE = 1e-4  # false-alarm probability of each test of a regression
 _CHANCE_LOOP = 0.01  # of the test of feedback, which white residuals do not reach
 _SCREEN = 1e-3  # of all regressors at once, before any of them is looked at
-_LONGEST = 6000  # samples looked at; of longer records the stretch where the inputs move most
+_LONGEST = 3000  # samples of all outputs looked at; of longer records the stretch where the inputs move most
 _SHARE = 0.5  # of what any linear response explains: from here on a delay or lag is the better name
 _PER_UNKNOWN = 10.0  # valid output samples per unknown below which data are few
 _NAMED = 2  # causes at most
@@ -110,13 +110,19 @@ def with_causes(model: IdentifiedModel, records: Sequence[FlightRecord]) -> Iden
     Args:
         model: of any method.
         records: those it was identified from.
+
+    Example:
+        >>> import testbench as tb
+        >>> model = tb.estimate("dsr_e", [record], ["de"], ["q"], past_horizon=20, future_horizon=20)  # doctest: +SKIP
+        >>> [a.code for a in tb.with_causes(model, [record]).advice]  # doctest: +SKIP
+        ['delay']
     """
     found = directions(model)
     if not found:
         return model
     try:
         advice, causes = _named(model, list(records), found)
-    except TestbenchError:  # a model that diverges over its records has advice of its own
+    except TestbenchError:  # it diverges over its records, as its own advice says, or too few samples follow each other
         return model
     if not advice:
         return model
@@ -135,7 +141,9 @@ def _named(
     advice = _few(model, records, len(found))
     if advice:
         return advice, []
-    data = _gather(model, [_busiest(r, model.inputs, _LONGEST // len(records)) for r in records], found)
+    data = _gather(
+        model, [_busiest(r, model.inputs, _LONGEST // (len(records) * len(model.outputs))) for r in records], found
+    )
     size = np.sqrt(np.mean(np.hstack([s.v for s in data.parts]) ** 2, axis=1))
     moved = np.sqrt(np.mean(np.vstack(data.simulated) ** 2, axis=0))
     if not np.all(np.isfinite(size)) or np.all(size <= _ROUNDING * moved):

@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.estimators.residuals import LARGEST_ORDER, Autoregression, autoregression
 
@@ -68,9 +69,17 @@ def regress(parts: Sequence[Stretch], columns: Sequence[FloatArray]) -> Regressi
 
 
 def regress_from(parts: Sequence[Stretch], columns: Sequence[FloatArray], left: Sequence[FloatArray]) -> Regression:
-    """Return the same with the noise that is in ``left`` (p, N) per record as a start."""
+    """Return the same with the noise that is in ``left`` (p, N) per record as a start.
+
+    Raises:
+        EstimationError: no more samples are left than there are columns, as where outputs have other rates.
+    """
     p, lost = parts[0].v.shape[0], samples_lost(parts)
     rows = [settled(s.good, lost) for s in parts]
+    if sum(r.size for r in rows) <= columns[0].shape[2]:
+        raise EstimationError(
+            "residuals of coloured noise need samples of all outputs one after the other, got too few"
+        )
     for _ in range(_ROUNDS if columns[0].shape[2] else 1):
         noise = autoregression([r.T for r in left], lost)
         whiten = np.linalg.inv(np.linalg.cholesky(noise.S + 1e-12 * np.trace(noise.S) * np.eye(p)))

@@ -17,9 +17,10 @@ from testbench.aircraft.adapter import THROTTLE, Adapter
 from testbench.aircraft.model import Geometry, MassProperties
 from testbench.aircraft.sketch import sketch
 from testbench.aircraft.source import Source
+from testbench.core.atmosphere import air_density
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, JSBSIM_LENGTH_M, LBF_N
 from testbench.core.errors import ModelError, TrimError
-from testbench.flight.condition import FlightCondition, TrimmedFlight, air_density
+from testbench.flight.condition import FlightCondition, TrimmedFlight
 from testbench.flight.executive import Executive
 from testbench.flight.mass import geometry_flown, mass_flown
 from testbench.flight.probe import NO_SURFACES, Probe, probe, undefined

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from testbench.core.atmosphere import air_density
 from testbench.core.record import FloatArray
-
-_LAPSE_K_M, _T0_K, _RHO0_KG_M3 = 0.0065, 288.15, 1.225  # ISO 2533:1975 standard atmosphere, troposphere
 
 
 @dataclass(frozen=True)
@@ -31,11 +30,6 @@ class FlightCondition:
 
     def __str__(self) -> str:
         return f"{self.V_m_s:g} m/s, {self.h_m:g} m"
-
-
-def air_density(h_m: float) -> float:
-    """Return the density of the standard atmosphere below 11 km, kg/m3 (ISO 2533:1975)."""
-    return _RHO0_KG_M3 * (1.0 - _LAPSE_K_M * h_m / _T0_K) ** 4.2558797
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,16 +36,21 @@ _LONG = 0.9  # of the longest instance
 _APART = 3.0  # an instance this many times further from the median than the median instance does not agree
 _MOVES = 0.3  # of the movement: what instances may differ by, besides their biases
 _COMPARED = 2000  # samples
+_ABOVE_NOISE = 3.0  # movement over noise of a column by which two instances can be told apart
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The instance of a topic that was taken, and (topic, why not) of the others."""
+    """The instance of a topic that was taken, and (topic, why not) of the others.
+
+    ``doubt`` says that two healthy instances disagree, so that one of them is wrong; "" if they agree.
+    """
 
     kind: str
     taken: str
     others: tuple[tuple[str, str], ...]
     said: str
+    doubt: str = ""
 
 
 def instances_of(topic: str, topics: Iterable[str]) -> list[str]:
@@ -96,8 +101,11 @@ def choose_instances(
         best = min(names, key=lambda name: ([bool(f) for f in faults[name]], name != used_one, _number(name)))
         kind = _kind(topic)
         wanted = next((name for name in names if _number(name) == asked.get(kind)), None)
+        choice = _choice(kind, wanted or best, names, faults, wanted is not None, how if best == used_one else "")
+        healthy = [topics[name] for name in names if not any(faults[name])]
+        doubt = _disagree(healthy[0], healthy[1], list(columns)) if len(healthy) == 2 else ""
         choices.append(
-            _choice(kind, wanted or best, names, faults, wanted is not None, how if best == used_one else "")
+            replace(choice, doubt=doubt and f"{kind}: {doubt}; {choice.taken} is read: is it the right one?")
         )
     return tuple(choices)
 
@@ -156,6 +164,29 @@ def _unhealthy(topic: Topic) -> str:
         if column is not None and column.size and np.mean(np.asarray(column, dtype=np.float64) >= least) < _SHARE:
             return f"{flag} is {float(np.median(np.asarray(column, dtype=np.float64))):g}, not {least:g}"
     return ""
+
+
+def _disagree(one: Topic, other: Topic, columns: list[str]) -> str:
+    """Say in which column two instances move differently, by more than their noise; "" if in none.
+
+    The noise is told by the changes from sample to sample. A column in which neither moves tells nothing.
+    """
+    start, end = max(float(one.t_s[0]), float(other.t_s[0])), min(float(one.t_s[-1]), float(other.t_s[-1]))
+    if not start < end:
+        return ""
+    at = np.linspace(start, end, _COMPARED)
+    worst, where = _MOVES, ""
+    for column in columns:
+        if column not in one.columns or column not in other.columns:
+            continue
+        a, b = (np.nan_to_num(np.asarray(topic.columns[column], dtype=np.float64)) for topic in (one, other))
+        noise = max(float(np.std(np.diff(x))) / np.sqrt(2.0) for x in (a, b))
+        rows = np.array([np.interp(at, topic.t_s, x) for topic, x in ((one, a), (other, b))])
+        moves = float(rows.std(axis=1).max())
+        apart = float(np.std(rows[0] - rows[1])) / moves if moves > _ABOVE_NOISE * noise else 0.0
+        if apart > worst:
+            worst, where = apart, column
+    return f"{one.name} and {other.name} differ in {where} by {worst:.2g} times what they move" if where else ""
 
 
 def _apart(topics: Mapping[str, Topic], columns: list[str]) -> dict[str, str]:

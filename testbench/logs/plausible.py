@@ -7,8 +7,7 @@ Nothing is changed here; a question says what was got, what it would mean and wh
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,61 +17,8 @@ from testbench.core.channels import CONTROLS, UNITS, channel
 from testbench.core.constants import DEG_RAD, G0_M_S2
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
-
-Signals = Mapping[str, tuple[FloatArray, FloatArray]]
-"""Channel -> its times, s, and its samples in SI units, (n,) each, without those that were not taken."""
-
-
-@dataclass(frozen=True)
-class Criteria:
-    """Where a value is questioned. All are judged: beyond what aircraft with instruments on board do."""
-
-    slowest_hz: float = 0.2
-    fastest_hz: float = 20_000.0
-    flow_angle_rad: float = 0.5 * np.pi  # air from behind
-    pitch_rad: float = 0.51 * np.pi  # by the definition of Euler angles, and rounding
-    turns_rad: float = 16.0 * np.pi  # of bank and heading, which count on
-    roll_rate_rad_s: float = 20.0
-    rate_rad_s: float = 10.0
-    angular_rad_s2: float = 1000.0
-    force_m_s2: float = 32.0 * G0_M_S2  # the range of the widest inertial units in autopilots
-    fastest_m_s: float = 700.0
-    slowest_m_s: float = 3.0  # nothing that is flown for identification flies slower
-    surface_rad: float = np.pi / 3.0
-    throttle: float = 1.5
-    lowest_m: float = -500.0
-    highest_m: float = 40_000.0
-    pressure_pa: float = 2.5e5
-    few: float = 0.01  # share of samples beyond: below it they are damaged, above it the unit is wrong
-    one_g: tuple[float, float] = (0.7, 1.3)  # median of |a|, m/s2, that is one g in g
-    moving_rad_s: float = 0.01  # spread of a rate of an aircraft that is not standing
-    unit_match: float = 1.5  # a unit is wrong if another one brings two channels within this ratio
-    thinnest: float = 0.05  # density over that at sea level; at 20 km a fourteenth
-    frozen: int = 8  # samples
-    chance: float = 1e-6  # that a stretch without change is chance
-    jump: float = 5.0  # of the usual change between samples, into and out of a stretch without change
-    crossed: float = 0.25  # of the range of the channel, where the stretch lies at an end of the record
-
-
-CRITERIA = Criteria()
-_SEA_LEVEL_KG_M3 = 1.225  # ISO 2533
-
-
-@dataclass(frozen=True)
-class Question:
-    """A value that is hardly meant: of which channel ("t" for the times), what was got, what it means, what to set.
-
-    ``unit`` is the unit in which the values would make sense, "" if none does.
-    """
-
-    channel: str
-    got: str
-    means: str
-    unit: str = ""
-
-    def asked(self, how: Callable[[str, str], str]) -> str:
-        """Return the question in words; ``how(channel, unit)`` says what to set at this door."""
-        return f"{self.channel}: {self.got}; {self.means}? {how(self.channel, self.unit)}".strip()
+from testbench.logs.question import CRITERIA, Criteria, Question, Signals, in_unit, short, shown
+from testbench.logs.speeds import against_airspeed
 
 
 def signals_of(record: FlightRecord) -> dict[str, tuple[FloatArray, FloatArray]]:
@@ -90,7 +36,7 @@ def implausible(signals: Signals, criteria: Criteria = CRITERIA) -> tuple[Questi
     """
     held = {name: (t, x) for name, (t, x) in signals.items() if x.size > 1}
     rates = _clock(held, criteria)
-    out = [] if rates else [*_angles_against_rates(held, criteria), *_against_airspeed(held, criteria)]
+    out = [] if rates else [*_angles_against_rates(held, criteria), *against_airspeed(held, criteria)]
     named = {question.channel for question in out}
     out += [q for q in _forces(held, criteria) if q.channel not in named]
     for name, (_, x) in held.items():
@@ -160,7 +106,7 @@ def _clock(signals: Signals, c: Criteria) -> list[Question]:
     if fastest < c.slowest_hz:
         unit = next((u for u, f in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)) if 1.0 <= fastest * f <= 2000.0), "")
     means = f"are the times in {unit}" if unit else "what is the unit of the times"
-    return [Question("t", f"{_short(fastest)} Hz over {_short(span)} s", means, unit)]
+    return [Question("t", f"{short(fastest)} Hz over {short(span)} s", means, unit)]
 
 
 def _range(name: str, x: FloatArray, c: Criteria) -> list[Question]:
@@ -174,11 +120,11 @@ def _range(name: str, x: FloatArray, c: Criteria) -> list[Question]:
     if not count:
         return []
     worst = float(x[np.argmax(np.where(beyond, np.abs(x), -1.0))])
-    got = f"{_shown(name, worst)} in {count} of {x.size} samples"
+    got = f"{shown(name, worst)} in {count} of {x.size} samples"
     if count < c.few * x.size:
         return [Question(name, got, "are these samples damaged")]
     unit = next((u for u, f in _units(name) if low <= f * x.min() and f * x.max() <= high), "")
-    return [Question(name, got, _in_unit(name, worst, unit) if unit else "which unit is it in, or is it damaged", unit)]
+    return [Question(name, got, in_unit(name, worst, unit) if unit else "which unit is it in, or is it damaged", unit)]
 
 
 def _limits(name: str, c: Criteria) -> tuple[float, float] | None:
@@ -199,10 +145,6 @@ def _limits(name: str, c: Criteria) -> tuple[float, float] | None:
 def _units(name: str) -> list[tuple[str, float]]:
     """Return the other units of a channel that make its values smaller, and their factors to SI."""
     return [(unit, factor) for unit, factor in UNITS.get(channel(name).unit, {}).items() if factor < 1.0]
-
-
-def _in_unit(name: str, value: float, unit: str) -> str:
-    return f"is it in {unit} ({value:.3g} {unit}, read as {value:.3g} {channel(name).unit})"
 
 
 def _angles_against_rates(signals: Signals, c: Criteria) -> list[Question]:
@@ -234,36 +176,8 @@ def _angles_against_rates(signals: Signals, c: Criteria) -> list[Question]:
 
 def _degrees(name: str, unit: str, ratio: float, other: str, x: FloatArray) -> Question:
     largest = float(x[np.argmax(np.abs(x))])
-    got = f"up to {_shown(name, largest)}, {ratio:.0f} times what {other} says"
-    return Question(name, got, _in_unit(name, largest, unit), unit)
-
-
-def _against_airspeed(signals: Signals, c: Criteria) -> list[Question]:
-    """Question dynamic pressure that airspeed contradicts by the factor of a unit, and airspeed too slow to fly."""
-    out: list[Question] = []
-    if "V" not in signals:
-        return out
-    V = signals["V"][1]
-    typical = float(np.median(V))
-    if 0.0 < typical < c.slowest_m_s and float(np.min(V)) > 0.5 * typical and _moves(signals, c):
-        got = f"{typical:.3g} m/s while the aircraft moves"
-        out.append(Question("V", got, "is it in km/s, a Mach number or a fraction, or was the pitot tube covered"))
-    if "qbar" in signals and c.slowest_m_s < typical < c.fastest_m_s:
-        ratio = float(np.median(signals["qbar"][1])) / (0.5 * _SEA_LEVEL_KG_M3 * typical**2)
-        if 0.0 < ratio < c.thinnest:
-            fits = {u: f * ratio for u, f in UNITS["Pa"].items() if 0.1 < f * ratio < 1.5}
-            unit = min(fits, key=lambda u: abs(np.log(fits[u])), default="")
-            pressure = np.median(signals["qbar"][1])
-            got = f"{pressure:.3g} Pa at {typical:.3g} m/s, {ratio:.2g} of what air at sea level gives"
-            out.append(Question("qbar", got, f"is it in {unit}" if unit else "which unit is it in", unit))
-    return out
-
-
-def _moves(signals: Signals, c: Criteria) -> bool:
-    """Say whether rates or angles of the aircraft move, or nothing tells."""
-    rates = [np.std(signals[name][1]) > c.moving_rad_s for name in ("p", "q", "r") if name in signals]
-    angles = [np.ptp(signals[name][1]) > 5.0 * c.moving_rad_s for name in ("phi", "theta", "alpha") if name in signals]
-    return any([*rates, *angles]) or not (rates or angles)
+    got = f"up to {shown(name, largest)}, {ratio:.0f} times what {other} says"
+    return Question(name, got, in_unit(name, largest, unit), unit)
 
 
 def _forces(signals: Signals, c: Criteria) -> list[Question]:
@@ -288,7 +202,7 @@ _ALIVE = ("V", "alpha", "beta", "p", "q", "r", "ax", "ay", "az", "qbar")
 def _frozen_throughout(signals: Signals, c: Criteria) -> list[Question]:
     still = [n for n in _ALIVE if n in signals and signals[n][1].size >= c.frozen and np.ptp(signals[n][1]) == 0.0]
     return [
-        Question(name, f"{_shown(name, float(signals[name][1][0]))} throughout", "is the instrument frozen")
+        Question(name, f"{shown(name, float(signals[name][1][0]))} throughout", "is the instrument frozen")
         for name in still
     ]
 
@@ -317,7 +231,7 @@ def _frozen_stretch(name: str, t: FloatArray, x: FloatArray, c: Criteria) -> lis
     least = c.jump * usual if len(jumps) == 2 else max(c.jump * usual, c.crossed * float(np.ptp(x)))
     if x.size * repeats ** (b - a) > c.chance or min(jumps) <= least:
         return []
-    got = f"{_shown(name, float(x[a]))} from {t[a]:.6g} to {t[b]:.6g} s, in {b - a + 1} samples without any change"
+    got = f"{shown(name, float(x[a]))} from {t[a]:.6g} to {t[b]:.6g} s, in {b - a + 1} samples without any change"
     return [Question(name, got, "is this stretch damaged or the sensor frozen")]
 
 
@@ -325,15 +239,3 @@ def _runs(same: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return first and last sample of each stretch without change; ``same`` compares each sample with the next."""
     edges = np.flatnonzero(np.diff(np.r_[False, same, False].astype(np.int8)))
     return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def _shown(name: str, value: float) -> str:
-    """Return a value with its unit, degrees for angles."""
-    unit = channel(name).unit
-    if unit.startswith("rad"):
-        return f"{_short(value / DEG_RAD)} {unit.replace('rad', 'deg')}"
-    return f"{_short(value)}" + ("" if unit == "1" else f" {unit}")
-
-
-def _short(value: float) -> str:
-    return f"{value:.3g}"

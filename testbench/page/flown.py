@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from testbench.flight.batch.jobs import BOTH, Tally
+from typing import TYPE_CHECKING
+
 from testbench.page.labels import number
 from testbench.page.tables import Column, Table
 from testbench.page.words import counted
+
+if TYPE_CHECKING:
+    from testbench.flight.batch.jobs import Tally
 
 
 def flown_words(tally: Tally, one: str = "flight") -> str:
@@ -15,6 +19,8 @@ def flown_words(tally: Tally, one: str = "flight") -> str:
         tally: number of flights by what flew them.
         one: what is counted, "flight" or "run".
     """
+    from testbench.flight.batch.jobs import BOTH  # help imports pages, and nothing that takes time
+
     parts = []
     if tally.batch:
         both = f"one flight in {BOTH} is flown by both"
@@ -31,6 +37,8 @@ def flown_words(tally: Tally, one: str = "flight") -> str:
 
 def flown_table(tally: Tally, one: str = "flight") -> Table:
     """Return the same as a table."""
+    from testbench.flight.batch.jobs import BOTH
+
     columns = (Column("by", "flown by"), Column("count", f"{one}s"), Column("why", "why"))
     rows = [("batch", tally.batch, "JSBSim has judged the translated model equal")] if tally.batch else []
     rows += [("JSBSim", n, reason) for reason, n in sorted(tally.reasons.items())]

@@ -49,7 +49,7 @@ SPECS = {
     ),
     "equation_error": EquationError(method="equation_error", **BUILT),
     "output_error": OutputError(method="output_error", **BUILT),
-    "filter_error": FilterError(method="filter_error", **BUILT),
+    "filter_error": FilterError(method="filter_error", process_noise_model="diagonal", **BUILT),
     "ekf": ExtendedFilter(method="ekf", **BUILT),
     "ukf": UnscentedFilter(method="ukf", **BUILT),
 }

@@ -5,6 +5,7 @@ import pytest
 
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
+from testbench.estimators.causes import with_causes
 from testbench.estimators.coloured_fit import Stretch, regress
 from tests.studies.advice_cases import INPUTS, OUTPUTS, fly
 
@@ -23,7 +24,8 @@ METHODS = {
 
 def serious(case, method, seed):
     """Return the codes of what is wrong or doubtful, worst first, and the causes that were measured."""
-    model = estimate(method, [fly(case, seed)], INPUTS, OUTPUTS, **METHODS[method])
+    record = fly(case, seed)
+    model = with_causes(estimate(method, [record], INPUTS, OUTPUTS, **METHODS[method]), [record])
     return [a.code for a in model.advice if a.severity != "note"], model.diagnostics.get("causes", [])
 
 
@@ -51,7 +53,9 @@ def test_drift_is_named(method):
 
 
 def test_too_few_samples_are_said_before_anything_else():
-    model = estimate("dsr_e", [fly("short", 11)], INPUTS, OUTPUTS, order=2, past_horizon=3, future_horizon=3)
+    record = fly("short", 11)
+    model = estimate("dsr_e", [record], INPUTS, OUTPUTS, order=2, past_horizon=3, future_horizon=3)
+    model = with_causes(model, [record])
     assert model.advice[0].code == "few_data"
 
 
@@ -83,7 +87,7 @@ def test_inputs_of_another_flight_are_no_feedback():
             noise[k] = 0.97 * noise[k - 1] + 0.002 * rng.standard_normal(2)
         data = np.column_stack([de, record.columns(OUTPUTS) + noise])
         flown = FlightRecord(record.t_s, (*INPUTS, *OUTPUTS), data, "measured")
-        codes = [a.code for a in estimate("dsr_e", [flown], INPUTS, OUTPUTS, **HORIZONS).advice]
+        codes = [a.code for a in with_causes(estimate("dsr_e", [flown], INPUTS, OUTPUTS, **HORIZONS), [flown]).advice]
         named += "closed_loop" in codes
     assert named <= 1  # each errs in 1 % of flights: two of eight by chance in 0.3 %
 

@@ -74,6 +74,24 @@ def test_the_unit_asked_for_is_read_even_if_it_is_worse(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("second", "differs"),
+    [
+        (unit(1), ""),
+        (unit(1, seed=5), ""),
+        (unit(1, GyrY=0.2 * np.sin(2.0 * T) * 57.3), "GyrY"),
+        (unit(1, GyrY=-0.2 * np.sin(2.0 * T)), "GyrY"),
+        (unit(1, AccZ=-1.0 + 0.2 * np.sin(2.0 * T)), "AccZ"),
+        (unit(1, GyrY=0.2 * np.sin(2.0 * (T - 0.3))), "GyrY"),
+        (unit(1, AH=0.0, GyrY=9.0 * np.sin(2.0 * T)), ""),  # it is unhealthy, and that is said
+    ],
+)
+def test_of_two_healthy_units_that_disagree_one_is_doubted(tmp_path, second, differs):
+    found = find_channels(log_of(tmp_path, unit(0), second), RULES)
+    doubt = found.choices[0].doubt
+    assert (f"IMU and IMU#1 differ in {differs} by" in doubt) if differs else doubt == ""
+
+
+@pytest.mark.parametrize(
     ("sensors", "law"),
     [
         ({"imu": 2}, r"instance of imu .* got 2; it holds 0, 1"),

@@ -24,6 +24,7 @@ from studies.advice_cases import CASES, INPUTS, OUTPUTS, TRUTH, WN, ZETA, fly
 
 from testbench.core.errors import EstimationError
 from testbench.estimators import estimate
+from testbench.estimators.causes import with_causes
 
 TABLE = Path(__file__).resolve().parents[2] / "results" / "estimators" / "advice.csv"
 FIRST_SEED = 101
@@ -64,7 +65,9 @@ def judge(case: str, method: str, seed: int) -> tuple[bool, bool, bool] | None:
     """Return whether an estimate is wrong, flagged, and flagged with its cause among the first two; None if refused."""
     try:
         settings = methods(case)[method]
-        model = estimate(method, [fly(case, seed)], INPUTS, OUTPUTS, [fly(case, seed + 50_000)], **settings)
+        record = fly(case, seed)
+        model = estimate(method, [record], INPUTS, OUTPUTS, [fly(case, seed + 50_000)], **settings)
+        model = with_causes(model, [record])
     except EstimationError:
         return None
     serious = [a.code for a in model.advice if a.severity != "note"]

@@ -285,7 +285,7 @@ def _prepare(
     truth: Truth | None = _TRUTHS.get(key, lambda: true_model(aircraft, trimmed)) if spec.truth else None
     needed = dict.fromkeys(name for suite in suites for sensor in suite.sensors for name in sensor.needs)
     channels = None if spec.records else tuple(needed)
-    run_.ready = Prepared(aircraft, suites, trimmed, truth, channels, causes=False)
+    run_.ready = Prepared(aircraft, suites, trimmed, truth, channels)
     run_.flights = wanted_flights(run_.scenario, run_.ready, run_.seed)
 
 

@@ -58,7 +58,13 @@ def identify(
     records = [(flight.name, flight.measured["recorded"]) for flight in flights]
     questions = questions_of(records, description.file, strict)
     cases = identify_and_judge(
-        flights, ["recorded"], description.preparation, description.asked_of(servos), description.file, say
+        flights,
+        ["recorded"],
+        description.preparation,
+        description.asked_of(servos),
+        description.file,
+        say,
+        causes=True,
     )
     known = None if aircraft is None else before(aircraft, cases[0].identification)
     say("weigh the derivatives")

@@ -10,13 +10,13 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.adapter import SURFACES
+from testbench.core.atmosphere import air_density
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightRecord
 from testbench.estimators.structured import Servo
 from testbench.evaluation.derivatives import Derivative, dimensional_derivatives
 from testbench.flight import FlightCondition, linearise, trim
-from testbench.flight.condition import air_density
 
 
 @dataclass(frozen=True, eq=False)

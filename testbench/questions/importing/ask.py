@@ -15,6 +15,7 @@ import numpy as np
 from testbench.core.channels import CONTROLS, channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError
+from testbench.core.escape import one_line
 from testbench.core.files import write_file
 from testbench.core.record import FlightRecord
 from testbench.logs.ardupilot import ardupilot_rules
@@ -23,8 +24,9 @@ from testbench.logs.foreign import looks_like_text, refuse_foreign
 from testbench.logs.layout import SUFFIXES, find_data_folder
 from testbench.logs.manoeuvres import QUIET_S, Manoeuvre, Search, find_manoeuvres
 from testbench.logs.paparazzi import is_paparazzi, read_paparazzi
-from testbench.logs.plausible import Question, implausible, refusal, to_set
+from testbench.logs.plausible import implausible, refusal, to_set
 from testbench.logs.px4 import px4_rules
+from testbench.logs.question import Question
 from testbench.logs.read import read_records
 from testbench.logs.resampling import common_rate, resample
 from testbench.logs.sidpac import read_columns
@@ -55,7 +57,7 @@ class Imported:
     @property
     def asked(self) -> tuple[str, ...]:
         """The questions in words, with what to set."""
-        return tuple(question.asked(self._to_set) for question in self.questions)
+        return (*(question.asked(self._to_set) for question in self.questions), *self.balance.disagree)
 
     def _to_set(self, name: str, unit: str) -> str:
         """Say how a channel of this log is read in another unit."""
@@ -298,9 +300,9 @@ def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvr
     q = json.dumps
     head = [
         "# Written by testbench import. Edit it: uses, inputs, outputs and estimators are proposals.",
-        *(f"# Log: {_line(text)}" for text in log.warnings),
-        *(f"# Assumed: {_line(text)}" for text in log.assumed),
-        *(f"# Question: {_line(text)}" for text in imported.asked),
+        *(f"# Log: {one_line(text)}" for text in log.warnings),
+        *(f"# Assumed: {one_line(text)}" for text in log.assumed),
+        *(f"# Question: {one_line(text)}" for text in imported.asked),
         *_balance_lines(imported, held),
         f"title = {q(f'{log.file.name}: {axis} manoeuvres' if cut_out else f'{log.file.name}: the whole record')}",
         f"source = {q(f'{log.file.name}, {log.kind}')}",
@@ -320,8 +322,8 @@ def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvr
         head += [f"name = {q(name)}", f"file = {q(name + '.nc')}", f"use = {q(use)}"]
     for c in imported.channels:
         if c.name in held:
-            head += ["", f"# {_line(c.source)}: {_line(c.said)}"]
-            head += [f"# assumed: {_line(c.assumed)}"] if c.assumed else []
+            head += ["", f"# {one_line(c.source)}: {one_line(c.said)}"]
+            head += [f"# assumed: {one_line(c.assumed)}"] if c.assumed else []
             head += ["[[channel]]", f"name = {q(c.name)}", f"column = {q(c.name)}", f"unit = {q(channel(c.name).unit)}"]
             head.append('missing = "mask"')
     head += ["", "[preparation]", f'bias = "{"trim" if trim >= QUIET_S else "mean"}"', *lines(recipe, inputs)]
@@ -332,11 +334,11 @@ def _balance_lines(imported: Imported, held: Sequence[str]) -> list[str]:
     """Return the balance as remarks: what was kept, chosen and left out, and what this file does not name."""
     balance = imported.balance
     out = ["# Balance (channel, source, samples, rate, share of the record's samples that were taken):"]
-    out += [f"#   {_line('  '.join(filter(None, row)))}" for row in balance_rows(balance.kept)]
-    out += [f"# Sensor: {_line(text)}" for text in balance.sensors]
+    out += [f"#   {one_line('  '.join(filter(None, row)))}" for row in balance_rows(balance.kept)]
+    out += [f"# Sensor: {one_line(text)}" for text in balance.sensors]
     if balance.left_out:
         out.append("# Left out:")
-        out += [f"#   {_line(f'{s.channel} from {s.source}: {s.reason}')}" for s in balance.left_out]
+        out += [f"#   {one_line(f'{s.channel} from {s.source}: {s.reason}')}" for s in balance.left_out]
     absent = [s.channel for s in balance.kept if s.channel not in held]
     if absent:
         out.append(f"# In whole.nc and not named below, because a record here holds no sample: {', '.join(absent)}")
@@ -351,8 +353,3 @@ def _uses(members: Mapping[str, tuple[Manoeuvre | None, FlightRecord]]) -> list[
         out.append("split" if total[group] == 1 else ("identification", "validation")[seen[group] % 2])
         seen[group] += 1
     return out
-
-
-def _line(text: str) -> str:
-    """Return text from a log for a comment of one line."""
-    return " ".join("".join(c if c.isprintable() else " " for c in text).split())

@@ -47,6 +47,8 @@ class Signal:
 class Balance:
     """What was found in a log, kept in the record and left out, and which of several sensors was read (``sensors``).
 
+    ``disagree`` names pairs of sensors of which one must be wrong.
+
     Example:
         >>> import testbench as tb
         >>> for signal in tb.import_log("flight.ulg").balance.left_out:  # doctest: +SKIP
@@ -55,6 +57,7 @@ class Balance:
 
     signals: tuple[Signal, ...]
     sensors: tuple[str, ...] = ()
+    disagree: tuple[str, ...] = ()
 
     @property
     def kept(self) -> tuple[Signal, ...]:
@@ -110,7 +113,8 @@ def balance_of(log: Log, found: Found, record: FlightRecord) -> Balance:
             out.append(Signal(name, topic.t_s.size, _rate(topic.t_s), reason=UNKNOWN))
     rest = {name: count for name, count in log.unread.items() if name not in log.reasons}
     out += [Signal(name, count, np.nan, reason=UNKNOWN) for name, count in rest.items()]
-    return Balance(tuple(out), tuple(choice.said for choice in found.choices))
+    disagree = tuple(choice.doubt for choice in found.choices if choice.doubt)
+    return Balance(tuple(out), tuple(choice.said for choice in found.choices), disagree)
 
 
 def _thin(t: FloatArray, step: float, record: FlightRecord, valid: float) -> str:

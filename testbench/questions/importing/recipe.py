@@ -67,7 +67,9 @@ def propose(inputs: Sequence[str], records: Sequence[FlightRecord], rate_hz: flo
         if not outputs:
             return None
         horizon = int(np.clip(round(0.2 * rate_hz), 5, 20))
-        remarks = ("no structure: its axis needs q, or p, r and V, as channels; a model without derivatives",)
+        remarks = (
+            "no structure: its axis needs q with alpha, or with az and V; or p, r and V: a model without derivatives",
+        )
         order = max(2, len(outputs))
         estimators.append(
             (remarks, {"method": "dsr_e", "order": order, "past_horizon": horizon, "future_horizon": horizon})
@@ -103,6 +105,8 @@ def _longitudinal(measured: Sequence[str], speed: bool) -> _Found | None:
     has_alpha = "alpha" in measured
     whole = has_alpha and {"V", "theta"} <= set(measured)
     force = [] if has_alpha or "az" not in measured else ["az"]
+    if not has_alpha and not (speed and force):
+        return None  # of q alone what alpha does shows too weakly to begin from nothing
     remarks, fixed = [], []
     if whole:
         outputs = ["V", "alpha", "q", "theta"]
@@ -116,15 +120,10 @@ def _longitudinal(measured: Sequence[str], speed: bool) -> _Found | None:
         outputs = [n for n in ("alpha", "q") if n in measured]
         settings = {"structure": "short_period"}
         remarks.append("V was not measured: alpha and q at constant speed, Z derivatives per speed")
-        force = []
     if not has_alpha:
         fixed.append("Z_0")
         remarks.append("alpha was not measured: its trim value does what Z_0 does, so Z_0 stays zero")
-        if force and settings["structure"] == "longitudinal":
-            remarks.append("az is taken at the centre of gravity: give accelerometer_m if it is not")
-        else:
-            fixed += ["Z_q", "Z_de"]
-            remarks.append("without alpha and az, Z_q and Z_de do not show and stay zero")
+        remarks.append("az is taken at the centre of gravity: give accelerometer_m if it is not")
     return tuple(remarks), outputs, {**settings, **({"fixed": fixed} if fixed else {})}
 
 

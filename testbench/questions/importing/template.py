@@ -16,6 +16,7 @@ import numpy as np
 
 from testbench.core.channels import CHANNELS, UNITS, channel
 from testbench.core.errors import RecordError
+from testbench.core.escape import one_line
 from testbench.core.files import write_file
 from testbench.core.record import FloatArray
 from testbench.logs.foreign import HEAD, refuse_foreign
@@ -78,7 +79,7 @@ def description_template(path: Path | str, folder: str = ".") -> str:
     clock = _clock(table, columns)
     q = json.dumps
     lines = [
-        f"# {_plain(path.name)}: {len(table)} rows, {len(columns)} columns.",
+        f"# {one_line(path.name)}: {len(table)} rows, {len(columns)} columns.",
         "# To fill in: remove the # before the columns that are channels, give each its name and unit, and name inputs",
         "# and outputs below. Then:",
         "#   testbench check THIS_FILE       says what is still missing",
@@ -99,7 +100,7 @@ def description_template(path: Path | str, folder: str = ".") -> str:
         'use = "split"  # the first part identifies, the rest judges',
     ]
     if variable:
-        lines.append(f"variable = {q(variable)}" + (f"  # or {_plain(', '.join(others))}" if others else ""))
+        lines.append(f"variable = {q(variable)}" + (f"  # or {one_line(', '.join(others))}" if others else ""))
     lines += _text_keys(table)
     if clock and len(clock.pieces) > 1:
         lines.append("# times jump here; each piece becomes a record of its own")
@@ -183,13 +184,13 @@ def _time_lines(table: Table, columns: Sequence[FloatArray], clock: _Clock | Non
         dates = holds_stamps(table.cells[i])
         t = clock.t_s if dates else columns[i]
         step = float(np.median(np.diff(t)))
-        from_first = f"dates, {_plain(table.cell(i + 1, 0))} is 0 s; " if dates else ""
+        from_first = f"dates, {one_line(table.cell(i + 1, 0))} is 0 s; " if dates else ""
         runs = f"runs from {t[0]:.6g} to {t[-1]:.6g} in steps of {step:.6g}"
         return [f"column = {_key(table, i)}  # {from_first}{runs}", *([] if dates else [f'unit = "{clock.unit}"'])]
     for name, values in zip(table.names, columns, strict=True):
         given = values[np.isfinite(values)]
         if name.strip().lower() in _RATES and given.size and np.all(given == given[0]) and given[0] > 0.0:
-            return [f"rate_hz = {float(given[0])!r}  # no column counts time; column '{_plain(name)}' says this"]
+            return [f"rate_hz = {float(given[0])!r}  # no column counts time; column '{one_line(name)}' says this"]
     return ["# no column counts time: say how many rows there are in a second", "# rate_hz = 100.0"]
 
 
@@ -197,7 +198,7 @@ def _column_lines(table: Table, i: int, values: FloatArray) -> list[str]:
     """Return the entry of one column, as a remark unless its name is that of a channel."""
     taken = values[np.isfinite(values)]
     name, stated = table.names[i], table.units[i].strip()
-    head = f"# column {i + 1}" + (f", {_plain(name)}" if name else "") + (f" [{_plain(stated)}]" if stated else "")
+    head = f"# column {i + 1}" + (f", {one_line(name)}" if name else "") + (f" [{one_line(stated)}]" if stated else "")
     if not taken.size:
         return ["", f"{head}: no numbers"]
     extent = f"{taken.min():.5g} to {taken.max():.5g}" if taken.min() < taken.max() else f"{taken[0]:.5g} throughout"
@@ -240,8 +241,3 @@ def _channel_list() -> list[str]:
         "# column; minus_column = N subtracts another one (da from left and right).",
         "",
     ]
-
-
-def _plain(text: str) -> str:
-    """Return text from a file for a remark of one line."""
-    return " ".join("".join(c if c.isprintable() else " " for c in text).split())

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from testbench.core.atmosphere import air_density
 from testbench.core.constants import G0_M_S2
-from testbench.flight.condition import air_density
 from testbench.page.labels import file_stem, number, shown_unit, symbol
 from testbench.questions.plan.airspace import leg_of
 from testbench.questions.plan.injection.lua import WATCHED, injectable

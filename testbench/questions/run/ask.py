@@ -39,7 +39,6 @@ class Prepared:
         truth: of this aircraft and trim, or None if estimates are not compared with the truth.
         channels: of the truth to log; all if None.
         flown: truth of each manoeuvre, if they have been flown already; see :func:`wanted_flights`.
-        causes: look for what the residuals of each model come from, which takes up to a second per model.
     """
 
     aircraft: Aircraft
@@ -48,7 +47,6 @@ class Prepared:
     truth: Truth | None = None
     channels: tuple[str, ...] | None = None
     flown: tuple[FlightRecord, ...] = ()
-    causes: bool = True
 
 
 def run(
@@ -86,7 +84,7 @@ def run(
     noise = {s.name: s.noise_std for s in ready.suites} if scenario.preparation.lowpass_hz is None else {}
     names = [s.name for s in ready.suites]
     cases = identify_and_judge(
-        flights, names, scenario.preparation, scenario.identification, scenario.file, say, known, noise, ready.causes
+        flights, names, scenario.preparation, scenario.identification, scenario.file, say, known, noise
     )
     return RunResult(
         scenario.name, scenario.title, scenario.question, scenario, seed, flights, cases, known, ready.suites

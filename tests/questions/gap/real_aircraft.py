@@ -16,11 +16,11 @@ import numpy as np
 from scipy.io import loadmat
 
 from testbench.aircraft import Aircraft
+from testbench.core.atmosphere import air_density
 from testbench.core.constants import DEG_RAD, FT_M, G0_M_S2, LBF_N
 from testbench.core.paths import AIRCRAFT_MODELS
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import FlightCondition, load_aircraft
-from testbench.flight.condition import air_density
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.sensors import Sensor, SensorSuite

@@ -9,7 +9,7 @@ import pytest
 from commands import command
 from recorded import flight_data, shared
 from test_importing import T, short_period, sidpac, table
-from writers import dataflash_bin, ulog
+from writers import DATAFLASH, dataflash_bin, dataflash_of, elevator, ulog
 
 import testbench as tb
 from testbench.core.errors import RecordError
@@ -223,6 +223,27 @@ def test_the_command_prints_the_balance_questions_and_refuses_when_strict(tmp_pa
     done = command("import", path, "--imu", 1)
     assert done.returncode == 2
     assert "instance of imu" in done.stderr
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_two_inertial_units_that_disagree_are_questioned_and_refused_when_strict(tmp_path, sign):
+    times = np.arange(0.0, 35.0, 0.01)
+    rng = np.random.default_rng(0)
+    messages = []
+    for t, up, q, az in zip(times, elevator(times), *(short_period(times)[i] for i in (0, 2)), strict=True):
+        us = round((20.0 + t) * 1e6)
+        noise = 0.003 * rng.normal(size=4)
+        messages += [("IMU", (us, 0, 0.0, q + noise[0], 0.0, 0.0, 0.0, az + noise[1]))]
+        messages += [("IMU", (us, 1, 0.0, sign * q + noise[2], 0.0, 0.0, 0.0, az + noise[3]))]
+        messages += [("RCOU", (us, 1500, round(1500 - 400 * float(up)), 1300, 1500))]
+    path = tmp_path / "two.bin"
+    path.write_bytes(dataflash_of(DATAFLASH, messages))
+    found = import_log(path)
+    said = "imu: IMU and IMU#1 differ in GyrY by 2 times what they move; IMU is read: is it the right one?"
+    assert found.asked == (() if sign > 0.0 else (said,))
+    if sign < 0.0:
+        with pytest.raises(RecordError, match="IMU and IMU#1 differ"):
+            import_log(path, strict=True)
 
 
 def test_identify_asks_the_same_questions_as_import(tmp_path):

@@ -38,7 +38,6 @@ def test_all_four_states_give_the_whole_longitudinal_motion():
         (("V", "alpha", "q"), (), ("alpha", "q"), {"structure": "longitudinal", "short": True}),
         (("V", "alpha", "q", "theta"), ("V",), ("alpha", "q"), {"structure": "longitudinal", "short": True}),
         (("alpha", "q", "theta"), (), ("alpha", "q"), {"structure": "short_period"}),
-        (("q", "theta", "az"), (), ("q",), {"structure": "short_period", "fixed": ["Z_0", "Z_q", "Z_de"]}),
     ],
 )
 def test_what_is_missing_makes_the_structure_smaller_and_constants_that_do_not_show_are_fixed(
@@ -47,6 +46,13 @@ def test_what_is_missing_makes_the_structure_smaller_and_constants_that_do_not_s
     recipe, found = entry(("de",), *channels, still=still)
     assert recipe.outputs == outputs
     assert found == {"method": "output_error", **settings}
+
+
+@pytest.mark.parametrize("channels", [("q", "theta"), ("q", "theta", "az"), ("V", "q", "theta")])
+def test_without_alpha_or_az_and_speed_a_model_without_derivatives_is_proposed(channels):
+    recipe, found = entry(("de",), *channels)
+    assert found["method"] == "dsr_e"
+    assert recipe.outputs == tuple(n for n in channels if n != "V")
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,10 @@ import math
 from pathlib import Path
 
 from testbench.aircraft import Aircraft
+from testbench.core.atmosphere import air_density
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import LimitError
 from testbench.core.escape import one_line
-from testbench.flight.condition import air_density
 from testbench.questions.plan.injection.lua import SURFACE_NAMES, injectable, lift_curve, rows_of, watched_limits
 from testbench.questions.plan.injection.signal_table import SURFACES
 from testbench.questions.plan.result import Card

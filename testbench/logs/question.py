@@ -1,0 +1,87 @@
+"""A question at the door, and the criteria by which values are questioned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from testbench.core.channels import channel
+from testbench.core.constants import DEG_RAD, G0_M_S2
+from testbench.core.record import FloatArray
+
+Signals = Mapping[str, tuple[FloatArray, FloatArray]]
+"""Channel -> its times, s, and its samples in SI units, (n,) each, without those that were not taken."""
+
+
+@dataclass(frozen=True)
+class Criteria:
+    """Where a value is questioned. All are judged: beyond what aircraft with instruments on board do."""
+
+    slowest_hz: float = 0.2
+    fastest_hz: float = 20_000.0
+    flow_angle_rad: float = 0.5 * np.pi  # air from behind
+    pitch_rad: float = 0.51 * np.pi  # by the definition of Euler angles, and rounding
+    turns_rad: float = 16.0 * np.pi  # of bank and heading, which count on
+    roll_rate_rad_s: float = 20.0
+    rate_rad_s: float = 10.0
+    angular_rad_s2: float = 1000.0
+    force_m_s2: float = 32.0 * G0_M_S2  # the range of the widest inertial units in autopilots
+    fastest_m_s: float = 700.0
+    slowest_m_s: float = 3.0  # nothing that is flown for identification flies slower
+    surface_rad: float = np.pi / 3.0
+    throttle: float = 1.5
+    lowest_m: float = -500.0
+    highest_m: float = 40_000.0
+    pressure_pa: float = 2.5e5
+    few: float = 0.01  # share of samples beyond: below it they are damaged, above it the unit is wrong
+    one_g: tuple[float, float] = (0.7, 1.3)  # median of |a|, m/s2, that is one g in g
+    moving_rad_s: float = 0.01  # spread of a rate of an aircraft that is not standing
+    unit_match: float = 1.5  # a unit is wrong if another one brings two channels within this ratio
+    speed_match: float = 1.35  # the same for speeds, whose units lie closer: knots 1.94, ft/s 3.28, km/h 3.6
+    follows: float = 0.9  # share of the variance that one channel must explain of another to tell its unit
+    turned_rad: float = 0.75 * np.pi  # of heading, over which wind is no constant difference
+    thinnest: float = 0.05  # density over that at sea level; at 20 km a fourteenth
+    frozen: int = 8  # samples
+    chance: float = 1e-6  # that a stretch without change is chance
+    jump: float = 5.0  # of the usual change between samples, into and out of a stretch without change
+    crossed: float = 0.25  # of the range of the channel, where the stretch lies at an end of the record
+
+
+CRITERIA = Criteria()
+
+
+@dataclass(frozen=True)
+class Question:
+    """A value that is hardly meant: of which channel ("t" for the times), what was got, what it means, what to set.
+
+    ``unit`` is the unit in which the values would make sense, "" if none does.
+    """
+
+    channel: str
+    got: str
+    means: str
+    unit: str = ""
+
+    def asked(self, how: Callable[[str, str], str]) -> str:
+        """Return the question in words; ``how(channel, unit)`` says what to set at this door."""
+        return f"{self.channel}: {self.got}; {self.means}? {how(self.channel, self.unit)}".strip()
+
+
+def shown(name: str, value: float) -> str:
+    """Return a value of a channel with its unit, degrees for angles."""
+    unit = channel(name).unit
+    if unit.startswith("rad"):
+        return f"{short(value / DEG_RAD)} {unit.replace('rad', 'deg')}"
+    return f"{short(value)}" + ("" if unit == "1" else f" {unit}")
+
+
+def in_unit(name: str, value: float, unit: str) -> str:
+    """Ask whether a value of a channel, read in SI units, is in another unit."""
+    return f"is it in {unit} ({value:.3g} {unit}, read as {value:.3g} {channel(name).unit})"
+
+
+def short(value: float) -> str:
+    """Return a number with three digits."""
+    return f"{value:.3g}"
