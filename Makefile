@@ -55,9 +55,10 @@ campaign-cost: $(VENV)/installed-dev
 design-study: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/design_study.py
 
-# Writes results/design/promise.csv; about half an hour of processor time. Interrupted: it goes on where it stopped.
+# Writes results/design/promise.csv and robust.csv; about half an hour of processor time. Interrupted: it goes on where it stopped.
 promise-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/promise_study.py
+	$(BIN)/python tests/studies/robust_study.py
 
 # Writes results/estimators/*.csv; about an hour of processor time. Interrupted: estimator_study.py --resume.
 estimator-study: $(VENV)/installed-dev

@@ -54,6 +54,7 @@ def _lateral(aircraft: str, suite: str, V: float, h: float, seconds: float) -> d
         "duration_s": seconds,
         "condition": {"V_m_s": V, "h_m": h},
         "air": AIR,
+        "simulation": {"rate_hz": 500.0},
         "targets": {"parameters": LATERAL},
         "limits": {"bank_deg": 30.0, "beta_deg": 8.0},
     }

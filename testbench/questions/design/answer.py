@@ -243,6 +243,16 @@ def _over_draws(result: DesignResult) -> list[str]:
             f"reached in {over.told.reached} of {n}"
         )
         out += _limits_over_draws(result, over)
+        nominal = None if result.nominal is None else result.ranking[result.nominal]
+        if nominal is not None and nominal.over is not None:
+            more = float(nominal.over.told.costs.max() / over.told.costs.max())
+            out.append(
+                "It is the one that the believed aircraft alone would get, too"
+                if nominal is result.best
+                else f"The design for the believed aircraft alone, the {family_label(nominal.design.family)} "
+                f"({nominal.design.words}), has {number(more, 2)} times its error in the worst of them, within the "
+                "same limits"
+            )
         out.append(
             "No prior is counted in these errors, because output error has none: they are what the flight itself tells"
         )

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from testbench.questions.design.flown import Envelope, Flown, fly_designs
 from testbench.questions.design.identified import identified_by
 from testbench.questions.design.limits import Limits
 from testbench.questions.design.margins import with_margins
+from testbench.questions.design.maximin import for_the_worst
 from testbench.questions.design.misled import weighed
 from testbench.questions.design.obstacles import obstacles
 from testbench.questions.design.problem import Design, Problem, seen_in
@@ -83,6 +85,7 @@ def run_design(
     suites = [load_suite(name) for name in scenario.suites]
     with located(where, "limits"):
         limits = limits_of(scenario, aircraft, trimmed, onsets)
+        _check_rates(scenario, trimmed, suites[0])
         problem = problem_of(scenario, aircraft, trimmed, linear, modes, suites[0], limits, starts=True)
         envelope = Envelope.of(limits, problem)
     say("screen every family by spectral energy and information")
@@ -91,14 +94,18 @@ def run_design(
     screened = (len(ranked), time.perf_counter() - start)
     with located(where, "targets"):
         designs = search(problem, say, ranked)
+    with located(where, "draws"):
+        draws = draw_aircraft(scenario, aircraft, problem, suites[0], onsets, designs[0], simulator, tally)
+    further = (
+        for_the_worst(problem, designs, draws, say) if draws is not None and scenario.robust and draws.judged else ()
+    )
     say("fly the designs")
-    taken = [d for k, d in enumerate(designs) if k < _FLOWN or d.family in _CLASSICS]
+    taken = [*(d for k, d in enumerate(designs) if k < _FLOWN or d.family in _CLASSICS), *further]
     flown = fly_designs(aircraft, trimmed, problem, taken, envelope, simulator, tally)
     admissible = sorted((f for f in flown if f.admissible), key=lambda f: f.design.cost)
     if not admissible:
         raise LimitError(f"no design keeps the limits when it is flown: {flown[0].breach}; widen them")
-    with located(where, "draws"):
-        draws = draw_aircraft(scenario, aircraft, problem, suites[0], onsets, admissible[0].design, simulator, tally)
+    believed = next((f.predicted for f in admissible if not any(f.predicted is d for d in further)), None)
     over: list[OverDraws | None] = [None] * len(admissible)
     if draws is not None:
         say(f"judge the designs over {draws.asked} drawn aircraft")
@@ -156,7 +163,18 @@ def run_design(
         range_.identified,
         range_.air if scenario.realise else None,
         there,
+        next((k for k, f in enumerate(admissible) if f.predicted is believed), None) if scenario.robust else None,
     )
+
+
+def _check_rates(scenario: DesignScenario, trimmed: TrimmedFlight, suite: SensorSuite) -> None:
+    """Check that what is designed can be flown and sensed."""
+    rate, wanted = trimmed.rate_hz, suite.rate_hz
+    if scenario.realise and abs(rate / wanted - round(rate / wanted)) > 1e-9:
+        raise LimitError(
+            f"the rate of the suite {suite.name} must divide that of the simulation, {rate:g} Hz, got {wanted:g} Hz; "
+            f"give [simulation] rate_hz = {ceil(rate / wanted) * wanted:g}"
+        )
 
 
 def range_of(

@@ -31,6 +31,7 @@ from testbench.sensors import Sensor, SensorSuite
 from testbench.sensors.sensor import ACCELEROMETERS
 
 _LOWEST_RATE_HZ = 40.0  # of the inputs
+_FELT = 1e-9  # of an output's unit per unit of a state or input: less is rounding
 
 
 def outputs_of(suite: SensorSuite, aircraft: Aircraft) -> tuple[Sensor, ...]:
@@ -118,7 +119,12 @@ def problem_of(
         V, alpha, outputs = scenario.condition.V_m_s, trimmed.alpha, [s.channel for s in sensors]
         return aircraft_structure(model, V, alpha, plane, list(elastic), driven, outputs, free, held)
 
-    structure, deflected = structure_by(inputs), structure_by(scenario.controls)
+    structure = structure_by(inputs)
+    felt = np.abs(np.hstack([structure.C0, structure.D0])).max(axis=1) > _FELT
+    if starts and not felt.all():  # the other plane's sensors would cost the estimator time and tell it nothing
+        sensors = tuple(s for s, moves in zip(sensors, felt, strict=True) if moves)
+        structure = structure_by(inputs)
+    deflected = structure_by(scenario.controls)
     of_interest = aimed or {n: p for n, p in modes.items() if n not in elastic.values() and abs(p) > 0.3}
     band = _band(of_interest)
     rate = _input_rate(suite.rate_hz, trimmed.rate_hz, 12.0 * max(abs(p) for p in of_interest.values()) / (2.0 * np.pi))

@@ -81,7 +81,7 @@ class Design:
         information: (k, k) Fisher information.
         end_s: when the last input ends, s.
         duration_s: when the record ends, s.
-        off: (t,) what the estimates of the targets are off by without any noise; None: not asked.
+        off: (k,) what the estimates of the parameters are off by without any noise; None: not asked.
     """
 
     family: str
@@ -167,8 +167,8 @@ def misled(problem: Problem, design: Design, off: FloatArray) -> Design:
     M, targets = design.information, problem.targets
     by = targets.jacobian @ off
     variance = targets.errors(accuracy(M))
-    square = cost(_less(M, off), targets.gradient, problem.criterion)
-    return replace(design, cost=square, errors=np.hypot(variance, by), off=by)
+    square = cost(with_off(M, off), targets.gradient, problem.criterion)
+    return replace(design, cost=square, errors=np.hypot(variance, by), off=off)
 
 
 def best_share(problem: Problem, design: Design, off: FloatArray) -> float:
@@ -178,13 +178,15 @@ def best_share(problem: Problem, design: Design, off: FloatArray) -> float:
     """
     shares = np.geomspace(1.0, 0.1, 24)
     costs = [
-        cost(_less(r**2 * design.information, r * off), problem.targets.gradient, problem.criterion) for r in shares
+        cost(with_off(r**2 * design.information, r * off), problem.targets.gradient, problem.criterion) for r in shares
     ]
     return float(shares[int(np.argmin(costs))])
 
 
-def _less(M: FloatArray, off: FloatArray) -> FloatArray:
-    """Return the inverse of M^-1 + off off' (Sherman and Morrison)."""
+def with_off(M: FloatArray, off: FloatArray | None) -> FloatArray:
+    """Return the inverse of M^-1 + off off' (Sherman and Morrison); M if it is not known."""
+    if off is None:
+        return M
     felt = M @ off
     return np.asarray(M - np.outer(felt, felt) / (1.0 + float(off @ felt)))
 

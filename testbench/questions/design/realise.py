@@ -297,8 +297,8 @@ class Range:
         noise = targets.errors(accuracy(alone)) ** 2
         random = targets.errors(accuracy(design.information)) ** 2
         (small, _), (whole, _) = self.off([rescaled(self.problem, design, _SMALL, design.limit), design])
-        off, tenth = (np.zeros(noise.size) if d.off is None else d.off for d in (whole, small))
-        bends = (off - tenth) / (1.0 - _SMALL)
+        off, little = (np.zeros(noise.size) if d.off is None else targets.jacobian @ d.off for d in (whole, small))
+        bends = (off - little) / (1.0 - _SMALL)
         square, mean = found.rms**2, found.bias**2
         known = random + off**2
         more = np.where(differs, np.maximum(square - known, 0.0), 0.0)

@@ -69,6 +69,7 @@ class DesignResult:
         identified: the estimator of the scenarios that it writes.
         air: in which designs were realised; None if they were not.
         elsewhere: the best design where the aircraft is another than believed.
+        nominal: of a robust design, the index in the ranking of the one that the believed aircraft alone would get.
     """
 
     scenario: DesignScenario
@@ -93,6 +94,7 @@ class DesignResult:
     identified: Identified | None = None
     air: AirSpec | None = None
     elsewhere: tuple[Elsewhere, ...] = ()
+    nominal: int | None = None
 
     @property
     def name(self) -> str:
