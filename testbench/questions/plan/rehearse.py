@@ -1,0 +1,79 @@
+"""A campaign rehearsed: the runs of a plan flown in the simulator, in turbulence, and logged as the aircraft's log is.
+
+One log per flight, with what the sensors of the plan read and what was commanded. `testbench plan close` takes it as it
+takes a real one, so that the way from the card to derivatives can be tried before anybody flies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from testbench.aircraft import Aircraft
+from testbench.core.errors import RecordError
+from testbench.core.record import FlightRecord
+from testbench.core.scenario.air import LOWEST_M, AirSpec
+from testbench.flight import FlightCondition, trim
+from testbench.flight.air import air_of
+from testbench.line import fly_and_measure
+from testbench.questions.plan.result import Card, Plan
+
+_QUIET_S = 3.0  # of undisturbed flight before the settling time of every run
+
+
+def rehearse(
+    plan: Plan, aircraft: Aircraft | None = None, seed: int = 0, say: Callable[[str], None] = lambda text: None
+) -> dict[int, FlightRecord]:
+    """Return flight -> its log.
+
+    Args:
+        plan: with its runs.
+        aircraft: what flies instead of the aircraft of the plan: one that is not as it is believed to be.
+        seed: of turbulence and noise; every run has its own.
+        say: called with a few words as each run begins.
+
+    Raises:
+        RecordError: the plan has no run.
+        TestbenchError: an aircraft that does not trim there, or a run that leaves its limits.
+    """
+    if not plan.runs:
+        raise RecordError("a rehearsal needs a card that can be flown, but every card of the plan is refused")
+    flown: dict[int, list[FlightRecord]] = {}
+    for run in plan.runs:
+        say(f"fly run {run.number} of {len(plan.runs)}")
+        flown.setdefault(run.flight, []).append(_measured(plan, run.card, aircraft, seed + 1000 * run.number))
+    return {flight: _joined(parts) for flight, parts in flown.items()}
+
+
+def _measured(plan: Plan, card: Card, other: Aircraft | None, seed: int) -> FlightRecord:
+    """Return what is logged of one run: the sensors, and the commands that they do not read."""
+    point, suite = card.point, plan.suite
+    trimmed = point.trimmed
+    if other is not None:
+        trimmed = trim(other, FlightCondition(point.V_m_s, point.h_m), point.trimmed.rate_hz)
+    rms = plan.scenario.turbulence_rms_m_s
+    air = air_of(AirSpec(turbulence_rms_m_s=rms, height_m=max(point.h_m, LOWEST_M)), point.h_m, seed) if rms else None
+    settle = card.spec.settle_s + _QUIET_S
+    flight = fly_and_measure(
+        other or plan.aircraft,
+        trimmed,
+        card.spec.name,
+        card.signal,
+        log_rate_hz=trimmed.rate_hz,
+        settle_s=settle,
+        suites=[suite],
+        seed=seed,
+        air=air,
+    )
+    record, truth = flight.measured[suite.name], flight.flown
+    told = [f"{c}_cmd" for c in plan.aircraft.controls if f"{c}_cmd" in truth and f"{c}_cmd" not in record]
+    rows = np.minimum(np.searchsorted(truth.t_s, record.t_s - 1e-9), len(truth) - 1)
+    return record.with_columns({name: truth[name][rows] for name in told})
+
+
+def _joined(parts: list[FlightRecord]) -> FlightRecord:
+    """Return the runs of one flight one after the other."""
+    rows, valid = np.concatenate([p.data for p in parts]), np.concatenate([p.valid for p in parts])
+    t_s = parts[0].dt_s * np.arange(len(rows), dtype=float)
+    return FlightRecord(t_s, parts[0].channels, rows, "measured", valid)
