@@ -30,7 +30,7 @@ from testbench.questions.design.limits import Limits
 from testbench.questions.design.margins import with_margins
 from testbench.questions.design.obstacles import obstacles
 from testbench.questions.design.problem import Design, Problem, seen_in
-from testbench.questions.design.realise import Range, Realised, expected_air
+from testbench.questions.design.realise import Range, Realised, expected_air, repeats
 from testbench.questions.design.refine import minimum_time
 from testbench.questions.design.result import DesignResult, Ranked
 from testbench.questions.design.scenario import DesignScenario
@@ -113,7 +113,7 @@ def run_design(
     there: tuple[Elsewhere, ...] = ()
     if scenario.realise:
         admissible, over, realised = _realised(scenario, range_, admissible, over, shortest, say)
-        there = elsewhere(scenario, range_, limits, admissible[0].design, scenario.realise, say)
+        there = elsewhere(scenario, range_, limits, admissible[0].design, repeats(scenario.realise), say)
     best = admissible[0].design
     others = {
         suite.name: _through(scenario, aircraft, trimmed, linear, modes, suite, limits, best) for suite in suites[1:]

@@ -17,7 +17,7 @@ import numpy as np
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.schema import parse
-from testbench.estimators import estimate_alone
+from testbench.estimators import estimate
 from testbench.estimators.identification import Identification
 from testbench.information.aircraft_structure import AircraftStructure
 from testbench.information.fisher import start_responses
@@ -58,7 +58,7 @@ class Identified:
             EstimationError: no estimate.
         """
         outputs = tuple(n for n in record.channels if n not in self.inputs)
-        model: Any = estimate_alone(self.asked.estimators[0], [record], self.inputs, outputs)
+        model: Any = estimate(self.asked.estimators[0], [record], self.inputs, outputs)
         at = [model.structure.parameter_names.index(name) for name in self.structure.parameter_names]
         if not np.all(np.isfinite(model.params[at])):
             raise EstimationError("the estimate is not finite")

@@ -44,6 +44,8 @@ INTERVAL = 0.95
 MORE = 2
 """Further flights, in units of those asked for, that make a realised error that counts more certain: from 20 flights
 it is known to 16 %, from 60 to 9 %."""
+_REPEATS = 0.5  # of the flights asked for, by which each cause is sought: ten give its error to 22 %,
+_AT_LEAST = 8  # and no fewer than these, or all that are asked for
 _SMALL = 0.25  # of the amplitude, at which curvature is a quarter of what it is, or less
 _LOST = 0.1  # of the flights without an estimate, beyond which the error is not worth knowing better
 _FEWEST = 3  # estimates below which nothing is said
@@ -284,7 +286,7 @@ class Range:
         larger = first.differs & (np.nan_to_num(found.rms, nan=np.inf) > design.errors)
         if not np.any(larger) or found.n < _FEWEST:
             return Realised(design.errors, found, first.differs)
-        parts = self._causes(design, n, found, say)
+        parts = self._causes(design, repeats(n), found, say)
         told = tuple(p if big else {} for p, big in zip(parts, larger, strict=True))
         return Realised(design.errors, found, first.differs, told)
 
@@ -311,6 +313,11 @@ class Range:
         squares.append(np.minimum(design.errors**2, squares[-1]))
         gains = [np.maximum(a - b, 0.0) for a, b in pairwise(squares)]
         return [dict(zip(CAUSES, (float(g[k]) for g in gains), strict=True)) for k in range(design.errors.size)]
+
+
+def repeats(n: int) -> int:
+    """Return how many flights seek one cause, or fly another aircraft, beside ``n`` of the believed one."""
+    return max(min(n, _AT_LEAST), round(_REPEATS * n))
 
 
 def noise_alone(suite: SensorSuite, inputs: Sequence[str], share: float) -> SensorSuite:
