@@ -390,7 +390,15 @@ def _diagnose(choice: Choice, layout: Layout) -> tuple[dict[str, Any], FloatArra
     residuals = [part.v for part in parts]
     R = found.R * total / (total - likelihood.unknowns)  # unknowns take degrees of freedom from the innovations
     names, moving = likelihood.names(), ~found.minimum.at_bound
-    a = accuracy(residuals, [part.dv for part in parts], np.diag(R), likelihood.prior_weight, moving, names)
+    a = accuracy(
+        residuals,
+        lambda: (part.dv for part in parts),
+        np.diag(R),
+        likelihood.prior_weight,
+        moving,
+        names,
+        likelihood.alone,
+    )
     white, corrected = a.plain[:f, :f], a.corrected[:f, :f]
     deviation = np.sqrt(np.diag(white))
     share = np.mean([1.0 / np.mean(np.diag(part.gain.S) / found.R) for part in parts])

@@ -44,8 +44,8 @@ def first_points(
 def _miss(likelihood: Likelihood, values: FloatArray) -> float:
     """Return the log likelihood of the outputs as simulated, less what all points share; smaller is better."""
     with np.errstate(all="ignore"):
-        parts = likelihood.evaluate(likelihood.start(values), values)
-        squares = np.sum(np.vstack([v for v, _ in parts]) ** 2, axis=0) / likelihood.counts
+        residuals = likelihood.residuals(likelihood.start(values), values)
+        squares = np.sum(np.vstack(residuals) ** 2, axis=0) / likelihood.counts
         miss = float(likelihood.counts @ np.log(squares + (1e-12 * likelihood.size) ** 2))
     return miss if np.isfinite(miss) else np.inf
 
