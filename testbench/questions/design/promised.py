@@ -32,10 +32,11 @@ class Promise:
     Attributes:
         names: (t,) targets: parameters such as "M_q", and "wn of MODE", "zeta of MODE".
         values: (t,) of the believed aircraft.
-        wanted: (t,) standard errors that were asked for.
+        wanted: (t,) standard errors that were asked for; NaN where none was.
         promised: (t,) standard errors by information.
         modes: mode -> its believed pole, or its two real roots.
         V_m_s: true airspeed of the design.
+        h_m: its height above sea level.
         air: in which it was flown in simulation, in words; "" if it was not.
         realised: over simulated flights; None if it was not computed.
     """
@@ -46,6 +47,7 @@ class Promise:
     promised: FloatArray
     modes: Modes
     V_m_s: float
+    h_m: float
     air: str = ""
     realised: Realised | None = None
 
@@ -65,13 +67,14 @@ def promise_of(result: DesignResult, entry: Ranked) -> Promise:
         entry.design.errors,
         dict(t.modes),
         result.scenario.condition.V_m_s,
+        result.scenario.condition.h_m,
         air_words(result) if entry.realised is not None else "",
         entry.realised,
     )
 
 
 def promise_text(promise: Promise) -> str:
-    """Return the text of the file; an error without bound is null."""
+    """Return the text of the file; an error without bound, or that nobody wanted, is null."""
     r = promise.realised
     realised = None
     if r is not None:
@@ -85,10 +88,11 @@ def promise_text(promise: Promise) -> str:
     content = {
         "targets": list(promise.names),
         "believed": promise.values.tolist(),
-        "wanted": promise.wanted.tolist(),
-        "promised": [float(e) if np.isfinite(e) else None for e in promise.promised],
+        "wanted": _finite(promise.wanted),
+        "promised": _finite(promise.promised),
         "modes": {name: [[z.real, z.imag] for z in _roots(pole)] for name, pole in promise.modes.items()},
         "V_m_s": promise.V_m_s,
+        "h_m": promise.h_m,
         "air": promise.air,
         "realised": realised,
     }
@@ -117,7 +121,8 @@ def read_promise(design: Path) -> Promise | None:
 def _read(found: Mapping[str, Any]) -> Promise:
     names, realised = tuple(str(n) for n in found["targets"]), None
     t = len(names)
-    values, wanted = (_row(found[key], t) for key in ("believed", "wanted"))
+    values = _row(found["believed"], t)
+    wanted = _row([np.nan if e is None else e for e in found["wanted"]], t)
     promised = _row([np.inf if e is None else e for e in found["promised"]], t)
     modes: Modes = {}
     for name, roots in found["modes"].items():
@@ -128,7 +133,12 @@ def _read(found: Mapping[str, Any]) -> Promise:
         errors, stated = (np.array(r[key], float).reshape(-1, t) for key in ("errors", "stated"))
         counts = np.array(r["counts"], bool).reshape(t)
         realised = Realised(promised, Errors(errors, stated, tuple(r["failed"])), counts, tuple(r["causes"]))
-    return Promise(names, values, wanted, promised, modes, float(found["V_m_s"]), str(found["air"]), realised)
+    V_m_s, h_m = float(found["V_m_s"]), float(found["h_m"])
+    return Promise(names, values, wanted, promised, modes, V_m_s, h_m, str(found["air"]), realised)
+
+
+def _finite(values: FloatArray) -> list[float | None]:
+    return [float(e) if np.isfinite(e) else None for e in values]
 
 
 def _row(values: Any, t: int) -> FloatArray:

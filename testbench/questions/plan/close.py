@@ -190,31 +190,46 @@ def _whole(record: FlightRecord, card: Card, x: FloatArray) -> Iterator[_Match]:
             k = int(worth.argmax())
             off = _off_speed(record, card, k) + _REVERSED * turned
             same = 2.0 * float(found.products[k].sum()) / found.wanted - float(found.energy[k]) / found.wanted
-            yield _Match(best - off, card, k, len(u), same, float(gain[k]) * (-1.0 if turned else 1.0))
+            whole = _Match(best - off, card, k, len(u), same, float(gain[k]) * (-1.0 if turned else 1.0))
+            broken = _cut_short(record, card, x, u, k) if not turned and same < _FAITHFUL else None
+            yield whole if broken is None else broken._replace(rank=whole.rank)
             worth[max(k - len(u) + 1, 0) : k + len(u)] = -np.inf
 
 
 def _broken(record: FlightRecord, card: Card, x: FloatArray) -> Iterator[_Match]:
     """Yield the stretches that have the beginning of a card's command, and then no more of it."""
     u = _target(record, card)
-    energy = np.cumsum(np.sum((u - u.mean(axis=0)) ** 2, axis=1))
-    first = int(np.searchsorted(energy, _BROKEN * energy[-1])) + 1
+    first = _recognised(u)
     found = _compare(x, u[:first])
     if not found.wanted > 0.0:
         return
     likeness = 2.0 * found.products.sum(axis=1) / found.wanted - found.energy / found.wanted
     while likeness.size and float(likeness.max()) > _FAITHFUL:
         k = int(likeness.argmax())
-        same, length = float(likeness[k]), first
-        for n in range(first, min(len(u), len(x) - k) + 1):
-            more = _compare(x[k : k + n], u[:n])
-            here = float(2.0 * more.products[0].sum() - more.energy[0]) / more.wanted
-            if here < _FAITHFUL:
-                break
-            same, length = here, n
-        if _given_back(record, card, x, k, length):
-            yield _Match(same - _off_speed(record, card, k), card, k, length, same, 1.0)
+        match = _cut_short(record, card, x, u, k)
+        if match is not None:
+            yield match
         likeness[max(k - first + 1, 0) : k + first] = -np.inf
+
+
+def _recognised(u: FloatArray) -> int:
+    """Return how many samples of a command it takes to recognise a run that was broken off."""
+    energy = np.cumsum(np.sum((u - u.mean(axis=0)) ** 2, axis=1))
+    return int(np.searchsorted(energy, _BROKEN * energy[-1])) + 1
+
+
+def _cut_short(record: FlightRecord, card: Card, x: FloatArray, u: FloatArray, k: int) -> _Match | None:
+    """Return the run at sample ``k`` whose command (n, m) stops early; None if it is none, or goes on otherwise."""
+    same = length = None
+    for n in range(_recognised(u), min(len(u), len(x) - k) + 1):
+        more = _compare(x[k : k + n], u[:n])
+        here = float(2.0 * more.products[0].sum() - more.energy[0]) / more.wanted
+        if here < _FAITHFUL:
+            break
+        same, length = here, n
+    if same is None or length is None or length == len(u) or not _given_back(record, card, x, k, length):
+        return None
+    return _Match(same - _off_speed(record, card, k), card, k, length, same, 1.0)
 
 
 def _given_back(record: FlightRecord, card: Card, x: FloatArray, start: int, n: int) -> bool:

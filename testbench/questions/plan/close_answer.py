@@ -41,14 +41,10 @@ def _all(campaign: Campaign, *verdicts: str) -> list[tuple[JudgedCard, Target]]:
 
 
 def _verdicts(campaign: Campaign) -> Sentences:
-    kept = _all(campaign, "reached")
-    if kept:
-        words = (
-            "known as well as promised"
-            if any(c.flown.promise for c, _ in kept)
-            else "found, where nothing was promised"
-        )
-        yield "finding", f"{words}: {some([_value(c, t) for c, t in kept], _MOST, ', ')}"
+    for verdict, words in (("reached", "known as well as promised"), ("found", "found, of which nothing was promised")):
+        told = [_value(c, t) for c, t in _all(campaign, verdict)]
+        if told:
+            yield "finding", f"{words}: {some(told, _MOST, ', ')}"
     for c, t in _first(_all(campaign, "not reached")):
         why = f": {t.causes[0]}" if t.causes else ""
         limit = error_words(t, t.allowed)
@@ -62,17 +58,19 @@ def _verdicts(campaign: Campaign) -> Sentences:
         if c.flown.runs and c.flown.reason and not c.targets:
             yield "doubt", f"card {c.card.number} is not identified: {c.flown.reason}"
     for c in campaign.cards:
-        if c.flown.distrusted and any(t.verdict == "reached" for t in c.targets):
+        if c.flown.distrusted and any(t.verdict in ("reached", "found") for t in c.targets):
             assert c.flown.case is not None
-            yield (
-                "doubt",
-                f"card {c.card.number}: the estimator distrusts its model: {c.flown.case.model.advice[0]}; the errors "
-                "of the simulated flights of the design, which hold the like, are counted above",
-            )
-    changed = [(c, t) for c, t in _all(campaign, "reached", "not reached") if abs(t.differs) > _CHANGED]
+            told_of = "; its like may be in the simulated flights, whose errors are counted" if _simulated(c) else ""
+            advice = c.flown.case.model.advice[0]
+            yield "doubt", f"card {c.card.number}: the estimator distrusts its model: {advice}{told_of}"
+    changed = [(c, t) for c, t in _all(campaign, "reached", "found", "not reached") if abs(t.differs) > _CHANGED]
     if changed:
         texts = [f"{_value(c, t)}, believed {number(t.here, 3)}" for c, t in changed]
         yield "finding", f"not as believed: {some(texts, _MOST)}"
+
+
+def _simulated(c: JudgedCard) -> bool:
+    return c.flown.promise is not None and c.flown.promise.realised is not None
 
 
 def _first(found: list[tuple[JudgedCard, Target]]) -> Iterable[tuple[JudgedCard, Target]]:

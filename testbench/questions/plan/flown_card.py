@@ -21,11 +21,13 @@ from testbench.core.errors import TestbenchError
 from testbench.core.escape import one_line
 from testbench.core.files import write_file
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.scenario.base import Preparation
 from testbench.core.toml_text import table_lines
 from testbench.estimators import estimate
 from testbench.estimators.parametric.model import ParametricModel
+from testbench.estimators.prepare import prepared
 from testbench.evaluation.derivatives import dimensional_derivatives
-from testbench.flight import FlightCondition, linearise, trim
+from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linearise, trim
 from testbench.information.modes import modes_of
 from testbench.information.targets import Targets, needed_parameters
 from testbench.line import Case
@@ -80,6 +82,8 @@ class FlownCard:
         by_design: whether the promise is that of a design.
         reason: why nothing was identified, in words; "" if it was.
         estimates: target -> what was found; empty if nothing was identified.
+        bends: target -> what the estimator finds in the expected response of the card, free of noise and gusts, less
+            the believed value; only where no flights of a design were simulated.
         here: target -> believed value over that of the card, at the recorded speed and height; empty if unknown.
         V_m_s: mean airspeed of the runs before their inputs; None if it was not logged.
         V_offset_m_s: offset that the file of the airspeed sensor states.
@@ -95,6 +99,7 @@ class FlownCard:
     by_design: bool
     reason: str = ""
     estimates: Mapping[str, Estimate] = field(default_factory=dict)
+    bends: Mapping[str, float] = field(default_factory=dict)
     here: Mapping[str, float] = field(default_factory=dict)
     V_m_s: float | None = None
     V_offset_m_s: float = 0.0
@@ -107,6 +112,11 @@ class FlownCard:
     def case(self) -> Case | None:
         """The identified case."""
         return None if self.found is None else self.found.cases[0]
+
+    @property
+    def asked(self) -> bool:
+        """Whether a design or the plan promised an accuracy; if not, what information says is told, not judged."""
+        return self.by_design or bool(self.card.spec.accuracy_percent)
 
     @property
     def distrusted(self) -> bool:
@@ -139,7 +149,11 @@ def _flown(closed: Closed, card: Card, folder: Path) -> FlownCard:
     design = design_file(plan, card)
     promise = None if design is None else read_promise(design)
     by_design = promise is not None
-    promise = _scaled(promise, card) if promise is not None else _promised_by_plan(plan, card)
+    notes: tuple[str, ...] = ()
+    if promise is None:
+        promise = _promised_by_plan(plan, card)
+    else:
+        promise, notes = _at_card(plan, card, _scaled(promise, card))
     flown = FlownCard(card, runs, promise, by_design, "no run was flown as the card says")
     if not runs:
         return flown
@@ -151,15 +165,16 @@ def _flown(closed: Closed, card: Card, folder: Path) -> FlownCard:
         write_file(file, description_text(plan, card, runs, names, recipe))
         found = identify(RecordDescription.load(file), data_folder=folder / RECORDS)
     except TestbenchError as error:
-        notes = recipe.notes if recipe else ()
+        notes = (*notes, *(recipe.notes if recipe else ()))
         return replace(flown, reason=one_line(error.message), recipe=recipe, file=file, notes=notes)
     case = found.cases[0]
     V, h = (_at_trim(case.identification, name) for name in ("V", "h"))
-    here, notes = _elsewhere(plan, card, V, h)
+    here, told = _recorded(plan, card, V, h)
     estimates = _estimates(case, found.derivatives, promise)
-    notes = (*recipe.notes, *notes)
+    notes = (*notes, *recipe.notes, *told)
     offset = max((abs(s.bias) for s in plan.suite.sensors if s.channel == "V"), default=0.0)
-    return FlownCard(card, runs, promise, by_design, "", estimates, here, V, offset, recipe, found, file, notes)
+    bends = _bends(card, case, promise) if promise is not None and promise.realised is None else {}
+    return FlownCard(card, runs, promise, by_design, "", estimates, bends, here, V, offset, recipe, found, file, notes)
 
 
 def description_text(
@@ -228,18 +243,14 @@ def _promised_by_plan(plan: Plan, card: Card) -> Promise | None:
         _, reached = reach(card.point, asked, inputs, plan.suite, modes, held)
     except TestbenchError:
         return None
-    believed = {d.name: d.held if d.static is None else d.static for d in _derivatives(card)}
+    believed = _read(card.point.model, card.point.trimmed, plan, card)
     rows = [r for r in reached if believed.get(r.name)]
     if not rows:
         return None
     values = np.array([believed[r.name] for r in rows])
     goal = np.array([wanted.get(r.name, np.nan) / 100.0 for r in rows]) * np.abs(values)
     one = np.array([r.one for r in rows]) * np.abs(values)
-    return Promise(tuple(r.name for r in rows), values, goal, one, {}, card.point.V_m_s)
-
-
-def _derivatives(card: Card) -> list[Any]:
-    return dimensional_derivatives(card.point.model, card.point.trimmed)
+    return Promise(tuple(r.name for r in rows), values, goal, one, {}, card.point.V_m_s, card.point.h_m)
 
 
 def _at_trim(records: Sequence[FlightRecord], name: str) -> float | None:
@@ -248,28 +259,56 @@ def _at_trim(records: Sequence[FlightRecord], name: str) -> float | None:
     return float(np.mean(values)) if values else None
 
 
-def _elsewhere(plan: Plan, card: Card, V: float | None, h: float | None) -> tuple[dict[str, float], tuple[str, ...]]:
+def _recorded(plan: Plan, card: Card, V: float | None, h: float | None) -> tuple[dict[str, float], tuple[str, ...]]:
     """Return target -> believed value at the recorded speed and height over that at the card's, and notes."""
     if V is None:
         return {}, ("no airspeed was logged: values are compared with those believed at the speed of the card",)
-    h = card.point.h_m if h is None else h
     try:
-        trimmed = trim(plan.aircraft, FlightCondition(V, h))
-        model = linearise(plan.aircraft, trimmed)
+        there = _believed(plan, card, V, card.point.h_m if h is None else h)
     except TestbenchError as error:
         return {}, (f"{plan.aircraft.name} does not trim at the recorded {V:.3g} m/s ({one_line(error.message)})",)
-    out = {}
-    for there, now in zip(_derivatives(card), dimensional_derivatives(model, trimmed), strict=True):
-        if there.held:
-            out[there.name] = now.held / there.held
-    planned = modes_of(card.point.model, plan.aircraft, card.spec.plane)
+    return _ratios(there, _read(card.point.model, card.point.trimmed, plan, card)), ()
+
+
+def _at_card(plan: Plan, card: Card, promise: Promise) -> tuple[Promise, tuple[str, ...]]:
+    """Return the promise of a design at the speed and height of a card, relative errors as they are, and notes."""
+    V, h = promise.V_m_s, promise.h_m
+    if card.point.V_m_s == V and h == card.point.h_m:
+        return promise, ()
+    told = f"its design is for {V:g} m/s and {h:g} m: what it promises is taken in proportion"
+    try:
+        ratios = _ratios(_read(card.point.model, card.point.trimmed, plan, card), _believed(plan, card, V, h))
+    except TestbenchError:
+        return promise, (told,)
+    by = np.array([ratios.get(name, 1.0) for name in promise.names])
+    size, realised = np.abs(by), promise.realised
+    if realised is not None:
+        found = replace(realised.found, errors=realised.found.errors * by, stated=realised.found.stated * size)
+        realised = replace(realised, promised=realised.promised * size, found=found)
+    changed = {"values": promise.values * by, "wanted": promise.wanted * size, "promised": promise.promised * size}
+    return replace(promise, **changed, realised=realised), (told,)
+
+
+def _believed(plan: Plan, card: Card, V: float, h: float) -> dict[str, float]:
+    """Return derivatives and modes of the believed aircraft at a speed and height.
+
+    Raises:
+        TestbenchError: it does not trim there.
+    """
+    trimmed = trim(plan.aircraft, FlightCondition(V, h))
+    return _read(linearise(plan.aircraft, trimmed), trimmed, plan, card)
+
+
+def _read(model: LinearModel, trimmed: TrimmedFlight, plan: Plan, card: Card) -> dict[str, float]:
+    """Return name -> value of the derivatives, and of frequency and damping ratio of the modes of a card's motion."""
+    out = {d.name: d.held if d.static is None else d.static for d in dimensional_derivatives(model, trimmed)}
     for name, pole in modes_of(model, plan.aircraft, card.spec.plane).items():
-        if name in planned:
-            a, b = planned[name], pole
-            out[f"wn of {name}"] = abs(b) / abs(a)
-            if a.real:
-                out[f"zeta of {name}"] = (b.real / abs(b)) / (a.real / abs(a))
-    return out, ()
+        out[f"wn of {name}"], out[f"zeta of {name}"] = abs(pole), -pole.real / max(abs(pole), 1e-300)
+    return out
+
+
+def _ratios(values: Mapping[str, float], of: Mapping[str, float]) -> dict[str, float]:
+    return {name: value / of[name] for name, value in values.items() if of.get(name)}
 
 
 def _estimates(case: Case, derivatives: Sequence[FoundDerivative], promise: Promise | None) -> dict[str, Estimate]:
@@ -318,6 +357,37 @@ class _Reading:
         if not self.modes:
             return params[[structure.parameter_names.index(n) for n in self.names]]
         return Targets(self.names, zeros, zeros, np.zeros((zeros.size, params.size)), self.modes).at(structure, params)
+
+
+def _bends(card: Card, case: Case, promise: Promise) -> dict[str, float]:
+    """Return target -> what the estimator finds in the expected response less the believed value.
+
+    The simulator has all the aircraft's nonlinearity, and the speed changes in it; instruments are perfect, the air is
+    still. Nothing is known where the response lacks what was logged, or gives no estimate.
+    """
+    truth = card.expected
+    told = {}
+    for name in case.model.inputs:
+        control = name.removesuffix("_cmd")
+        if name.endswith("_cmd") and control in card.signal.channels:
+            rows = np.clip((card.t_s / card.signal.dt_s + 1e-6).astype(int), 0, len(card.signal.u) - 1)
+            u = card.signal.u[rows, card.signal.channels.index(control)]
+            told[name] = card.point.trimmed.controls[control] + np.where(card.t_s >= 0.0, u, 0.0)
+    record = replace(truth.with_columns(told), kind="measured")
+    assert isinstance(case.model, ParametricModel)
+    names = tuple(n for n in promise.names if n in case.model.structure.parameter_names)
+    if not names or any(n not in record for n in (*case.model.inputs, *case.model.outputs)):
+        return {}
+    still = max(card.spec.settle_s, 2.0 * truth.dt_s)
+    try:
+        model = estimate(
+            case.estimator, [prepared(record, still, Preparation())], case.model.inputs, case.model.outputs
+        )
+    except TestbenchError:
+        return {}
+    assert isinstance(model, ParametricModel)
+    believed = dict(zip(promise.names, promise.values.tolist(), strict=True))
+    return {n: model.values[n] - believed[n] for n in names}
 
 
 def _scatter(case: Case, read: _Reading, values: FloatArray) -> FloatArray:

@@ -14,8 +14,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord
+from testbench.estimators.structured import Servo
 from testbench.page.words import listed
 from testbench.questions.identify.before import servos_of
 from testbench.questions.importing.recipe import measured_in, propose
@@ -157,6 +161,17 @@ def _driven(equations: Mapping[str, Any], renamed: Mapping[str, str]) -> dict[st
     return out
 
 
+def _never_limited(card: Card, name: str, servo: Servo) -> bool:
+    """Return whether a servo with a rate limit never meets it on a card: it is linear then.
+
+    A lag moves the surface at (command - surface) / lag, and the two differ by at most the span of the command.
+    """
+    if servo.rate_limit_deg_s is None or not isinstance(servo.lag_s, float):
+        return False
+    u = card.signal.u[:, card.signal.channels.index(name.removesuffix("_cmd"))]
+    return float(np.ptp(np.append(u, 0.0))) / servo.lag_s < servo.rate_limit_deg_s * DEG_RAD
+
+
 def _proposed(
     plan: Plan, card: Card, records: Sequence[FlightRecord], measured: Sequence[str], notes: tuple[str, ...]
 ) -> FlownRecipe:
@@ -172,7 +187,8 @@ def _proposed(
         )
     said, entry = entries[0]
     known = servos_of(plan.aircraft, inputs)
-    servo = {name: {"lag_s": "estimate"} for name in recipe.servos if name not in known}
+    servo: dict[str, Any] = {name: {"lag_s": "estimate"} for name in recipe.servos if name not in known}
+    servo |= {name: {"lag_s": s.lag_s} for name, s in known.items() if _never_limited(card, name, s)}
     table = {"inputs": inputs, "outputs": list(recipe.outputs), "estimators": [dict(entry)]}
     along = [n for n in ("V", "h", "qbar") if n in measured]
     channels = tuple(dict.fromkeys([*inputs, *recipe.outputs, *along]))

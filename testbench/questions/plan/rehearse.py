@@ -6,6 +6,7 @@ takes a real one, so that the way from the card to derivatives can be tried befo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -17,6 +18,8 @@ from testbench.core.scenario.air import LOWEST_M, AirSpec
 from testbench.flight import FlightCondition, trim
 from testbench.flight.air import air_of
 from testbench.line import fly_and_measure
+from testbench.questions.plan.commanded import commanded
+from testbench.questions.plan.response import scaled
 from testbench.questions.plan.result import Card, Plan
 
 _QUIET_S = 3.0  # of undisturbed flight before the settling time of every run
@@ -48,20 +51,21 @@ def rehearse(
 
 def _measured(plan: Plan, card: Card, other: Aircraft | None, seed: int) -> FlightRecord:
     """Return what is logged of one run: the sensors, and the commands that they do not read."""
-    point, suite = card.point, plan.suite
-    trimmed = point.trimmed
-    if other is not None:
-        trimmed = trim(other, FlightCondition(point.V_m_s, point.h_m), point.trimmed.rate_hz)
-    rms = plan.scenario.turbulence_rms_m_s
+    point, suite, scenario = card.point, plan.suite, plan.scenario
+    rate = suite.rate_hz * math.ceil(point.trimmed.rate_hz / suite.rate_hz - 1e-9)  # the sensors' rate divides it
+    aircraft, trimmed = other or plan.aircraft, point.trimmed
+    if other is not None or rate != trimmed.rate_hz:
+        trimmed = trim(aircraft, FlightCondition(point.V_m_s, point.h_m), rate)
+    rms = scenario.turbulence_rms_m_s
     air = air_of(AirSpec(turbulence_rms_m_s=rms, height_m=max(point.h_m, LOWEST_M)), point.h_m, seed) if rms else None
-    settle = card.spec.settle_s + _QUIET_S
+    spec = card.spec
     flight = fly_and_measure(
-        other or plan.aircraft,
+        aircraft,
         trimmed,
-        card.spec.name,
-        card.signal,
-        log_rate_hz=trimmed.rate_hz,
-        settle_s=settle,
+        spec.name,
+        commanded(scaled(spec.input, card.factor), spec.duration_s, rate, scenario.held_ms),
+        log_rate_hz=rate,
+        settle_s=spec.settle_s + _QUIET_S,
         suites=[suite],
         seed=seed,
         air=air,
@@ -69,7 +73,8 @@ def _measured(plan: Plan, card: Card, other: Aircraft | None, seed: int) -> Flig
     record, truth = flight.measured[suite.name], flight.flown
     told = [f"{c}_cmd" for c in plan.aircraft.controls if f"{c}_cmd" in truth and f"{c}_cmd" not in record]
     rows = np.minimum(np.searchsorted(truth.t_s, record.t_s - 1e-9), len(truth) - 1)
-    return record.with_columns({name: truth[name][rows] for name in told})
+    record = record.with_columns({name: truth[name][rows] for name in told})
+    return record.between(0.0, _QUIET_S + card.length_s)  # without the sample at its end, which begins the next run
 
 
 def _joined(parts: list[FlightRecord]) -> FlightRecord:

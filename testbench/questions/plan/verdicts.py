@@ -7,8 +7,9 @@ stays. The flown error is
 
 with s stated by the estimator, c the scatter of the runs and k what the scatter of simulated errors exceeds the stated
 ones; m, c - 1 and k - 1 are zero where they may be chance. It keeps the promise below the value that it has with the
-stated error that simulated flights pass with a probability of one in a hundred, or, where none were flown, within a
-quarter of the promise.
+stated error that simulated flights pass with a probability of one in a hundred. Where no flights of a design were
+simulated, m is what the estimator makes of the expected response of the card, k = 1, and s may be a quarter larger than
+promised.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ from testbench.questions.plan.close import Closed, FlownRun, command_of
 from testbench.questions.plan.flown_card import Estimate, FlownCard
 from testbench.questions.plan.result import Card, Plan
 
-Verdict = Literal["reached", "not reached", "not identifiable", "not flown"]
+Verdict = Literal["reached", "not reached", "found", "not identifiable", "not flown"]
+"""Found: known, and nothing was promised or wanted of it."""
 CHANCE = 0.01
 """Probability that a flown error as the simulated ones is said to break the promise."""
 SLACK = 1.25
@@ -185,15 +187,15 @@ def _targets(closed: Closed, f: FlownCard) -> Iterator[Target]:
         for name, found in f.estimates.items():
             yield _unpromised(name, found, n)
         return
-    causes = None if f.case is None else tuple(causes_of(closed, f))
+    causes = tuple(causes_of(closed, f)) if f.runs else ()
     for k, name in enumerate(promise.names):
-        yield _target(f, k, name, f.estimates.get(name), causes or ())
+        yield _target(f, k, name, f.estimates.get(name), causes)
 
 
 def _unpromised(name: str, found: Estimate, runs: int) -> Target:
-    """Return a derivative of which nothing was promised: found if the data decide it."""
-    known = found.believed == "determined"
-    verdict: Verdict = "reached" if known else "not identifiable"
+    """Return a derivative of which nothing is known before: found if the data decide it."""
+    known = found.believed in ("determined", "in doubt")
+    verdict: Verdict = "found" if known else "not identifiable"
     why, none = () if known else (_undecided(found),), math.nan
     return Target(name, none, none, none, none, None, runs, found, found.error, none, none, verdict, why, 0)
 
@@ -207,10 +209,10 @@ def _target(f: FlownCard, k: int, name: str, found: Estimate | None, causes: tup
     promised = one / math.sqrt(runs)
     realised = None if promise.realised is None else _realised_of(promise.realised, k, runs)
     factor = 1.0 if promise.realised is None else excess(promise.realised, k)
-    lasting = _lasting(promise.realised, k)
-    allowed = SLACK * promised
+    lasting = abs(f.bends.get(name, 0.0)) if promise.realised is None else lasting_error(promise.realised, k)
+    allowed = math.hypot(SLACK * promised, lasting)
     if promise.realised is not None:
-        allowed = max(allowed, math.hypot(factor * _limit(promise.realised, k) / math.sqrt(runs), lasting))
+        allowed = max(SLACK * promised, math.hypot(factor * _limit(promise.realised, k) / math.sqrt(runs), lasting))
     wanted = float(promise.wanted[k])
     base = (name, believed, here, wanted, promised, realised, runs)
     if not f.runs:
@@ -222,8 +224,10 @@ def _target(f: FlownCard, k: int, name: str, found: Estimate | None, causes: tup
     error = math.hypot(found.error * factor, lasting)
     spread = math.hypot(error, _speed_doubt(f, here))
     differs = (found.value - here) / spread if spread > 0.0 else math.nan
+    if not f.asked:
+        return Target(*base, found, error, math.nan, differs, "found", tuple(_distrust(f)), 0)
     unsure = f.distrusted and promise.realised is None  # simulated errors would hold what the model lacks
-    reached = error <= allowed and not unsure
+    reached = error <= np.nanmax([allowed, wanted]) and not unsure
     told = causes if not reached else ()
     if found.scatter > 1.0 and not reached:
         told = (
@@ -231,8 +235,14 @@ def _target(f: FlownCard, k: int, name: str, found: Estimate | None, causes: tup
             *told,
         )
     goal = wanted if math.isfinite(wanted) else allowed
-    more = 0 if reached and not math.isfinite(wanted) else _more(error, goal, runs, promise.realised, k)
+    more = 0 if reached and not math.isfinite(wanted) else more_runs(error, goal, runs, lasting)
     return Target(*base, found, error, allowed, differs, "reached" if reached else "not reached", told, more)
+
+
+def _distrust(f: FlownCard) -> Iterator[str]:
+    """Yield why the estimator says of its model that it must not be used."""
+    if f.case is not None:
+        yield from (str(a) for a in f.case.model.advice if getattr(a, "severity", "doubt") == "wrong")
 
 
 def _undecided(found: Estimate) -> str:
@@ -244,12 +254,12 @@ def _realised_of(realised: Realised, k: int, runs: int) -> tuple[float, float, f
     rms = float(realised.found.rms[k])
     if not math.isfinite(rms) or rms == 0.0:
         return None
-    share = _after(rms, _lasting(realised, k), runs) / rms
+    share = _after(rms, lasting_error(realised, k), runs) / rms
     low, high = realised.found.interval()
     return rms * share, float(low[k]) * share, float(high[k]) * share
 
 
-def _lasting(realised: Realised | None, k: int) -> float:
+def lasting_error(realised: Realised | None, k: int) -> float:
     """Return the mean error of the simulated flights if it is no chance (1 %), else 0: no number of runs removes it."""
     if realised is None or realised.found.n < 3:
         return 0.0
@@ -272,7 +282,7 @@ def excess(realised: Realised, k: int) -> float:
     found = realised.found
     if found.n < 3:
         return 1.0
-    e = found.errors[:, k] - (float(found.bias[k]) if _lasting(realised, k) else 0.0)
+    e = found.errors[:, k] - (float(found.bias[k]) if lasting_error(realised, k) else 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         total = float(np.sum((e / found.stated[:, k]) ** 2))
     if not math.isfinite(total):
@@ -291,11 +301,10 @@ def _limit(realised: Realised | None, k: int) -> float:
     return float(np.exp(s.mean() + t.ppf(1.0 - CHANCE, n - 1) * s.std(ddof=1) * math.sqrt(1.0 + 1.0 / n)))
 
 
-def _more(error: float, goal: float, runs: int, realised: Realised | None, k: int) -> int | None:
+def more_runs(error: float, goal: float, runs: int, lasting: float) -> int | None:
     """Return how many more runs reach a goal; None if no number does, or more than :data:`MOST`."""
     if error <= goal * (1.0 + 1e-9):
         return 0
-    lasting = _lasting(realised, k)
     room = goal**2 - lasting**2
     if not room > 0.0:
         return None
@@ -315,8 +324,6 @@ def _speed_doubt(f: FlownCard, here: float) -> float:
 def causes_of(closed: Closed, f: FlownCard) -> Iterator[str]:
     """Yield what may have made the errors of a card larger than promised, in sentences."""
     case, plan = f.case, closed.plan
-    assert case is not None
-    assert isinstance(case.model, ParametricModel)
     if f.recipe is not None and f.recipe.missing:
         yield f"not logged: {listed(f.recipe.missing)}, which the design identifies from"
     gain = float(np.mean([r.gain for r in f.runs]))
@@ -325,6 +332,9 @@ def causes_of(closed: Closed, f: FlownCard) -> Iterator[str]:
     for control in f.card.spec.controls:
         if any(_clipped(r, control) for r in f.runs):
             yield f"{control} stayed at an extreme where the card goes beyond it: saturated"
+    if case is None:
+        return
+    assert isinstance(case.model, ParametricModel)
     yield from _slower(plan, f)
     yield from _noisier(plan, f, case.identification, case.model)
     for advice in case.model.advice:

@@ -157,6 +157,12 @@ def test_the_command_reads_a_log_and_writes_what_it_found(plan, tmp_path):
     assert "1 run of 2 found in 1 log" in done.stdout
     assert len(list((tmp_path / "close_plan" / "records").glob("*_run_1.nc"))) == 1
     assert (tmp_path / "close_plan" / "report.html").is_file()
+    assert "testbench identify" in done.stdout
+    other = tmp_path / "other.csv"
+    other.write_text("t [s],q [rad/s]\n" + "\n".join(f"{0.02 * i},{0.01 * (i % 7)}" for i in range(200)), "utf-8")
+    strange = command("plan", "close", file, other, "-o", tmp_path)
+    assert strange.returncode == 2
+    assert "must hold a control of its cards (de_cmd), got none in other.csv" in strange.stderr.replace("\n", " ")
     lost = command("plan", "close", file, tmp_path / "nothing.bin", "-o", tmp_path)
     assert lost.returncode == 2
     assert "Traceback" not in lost.stderr
