@@ -12,7 +12,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
   tests/questions/campaign/test_draws.py tests/questions/run/test_scenario.py tests/test_house_rules.py \
   tests/test_packaging.py
 
-.PHONY: demo quick lint test test-slow benchmarks stock blind-test docs campaign-cost design-study estimator-study reproduction clean
+.PHONY: demo quick lint test test-slow benchmarks stock blind-test docs campaign-cost design-study estimator-study reproduction autopilot-log-study clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -44,6 +44,7 @@ benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/output_error_speed.py
 	$(BIN)/python tests/benchmarks/gap_speed.py
 	$(BIN)/python tests/benchmarks/log_speed.py
+	$(BIN)/python tests/benchmarks/long_log.py
 
 # Every model that comes with JSBSim, into results/aircraft/stock.csv: some two minutes on two cores.
 stock: $(VENV)/installed-dev
@@ -61,6 +62,10 @@ estimator-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/f16_prediction.py
 	$(BIN)/python tests/studies/estimator_study.py
 	$(BIN)/python tests/studies/advice_study.py
+
+# From simulated PX4 and ArduPilot logs to derivatives, 100 seeds: hours on one core; it goes on where it stopped.
+autopilot-log-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/autopilot_logs.py
 
 env-study: $(VENV)/installed-rl
 	for task in eolo:6 taurus:2; do name=$${task%:*}; \

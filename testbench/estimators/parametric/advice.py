@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.core.advice import Advice, doubt, wrong
 from testbench.core.record import FloatArray
@@ -30,6 +31,16 @@ def null_directions(J: FloatArray, size: FloatArray, names: Sequence[str]) -> st
     _, sigma, Vt = np.linalg.svd(np.linalg.qr(J / size, mode="r"))
     lost = Vt[sigma <= _LOST * sigma[0]]
     return ", ".join(name for name, column in zip(names, lost.T, strict=True) if np.any(np.abs(column) > _NAMED))
+
+
+def own_poles(model: Any) -> NDArray[np.complex128]:
+    """Return the poles (n,), rad/s, of a model without those of its servos.
+
+    A delay that is estimated is a Pade approximation, with poles at 3.5 over the delay: fast, and nothing that moves.
+    """
+    A = model.linear().A
+    n = len(model.structure.states) - len(model.structure.followers)
+    return np.asarray(np.linalg.eigvals(A[:n, :n]), complex)
 
 
 def advice_in_words(model: Any) -> Any:
@@ -70,7 +81,7 @@ def advice_in_words(model: Any) -> Any:
                 f"these data say little about {', '.join(vague)}: fix them at a believed value, or excite them more",
             )
         )
-    fast = [abs(s) for s in np.linalg.eigvals(model.linear().A) if abs(s) > np.pi / model.dt_s]
+    fast = [abs(s) for s in own_poles(model) if abs(s) > np.pi / model.dt_s]
     if fast:
         out.append(
             doubt(
