@@ -21,6 +21,7 @@ from testbench.flight import LinearModel, TrimmedFlight, linearise, load_aircraf
 from testbench.flight.batch.jobs import Simulator, Tally
 from testbench.information.modes import modes_of
 from testbench.line import Report, trim_for
+from testbench.questions.design.air import expected_air
 from testbench.questions.design.build import limits_of, onsets_of, problem_of
 from testbench.questions.design.draws import Draws, OverDraws, draw_aircraft, flown_in, kept_in_all, told
 from testbench.questions.design.elsewhere import Elsewhere, elsewhere
@@ -28,9 +29,10 @@ from testbench.questions.design.flown import Envelope, Flown, fly_designs
 from testbench.questions.design.identified import identified_by
 from testbench.questions.design.limits import Limits
 from testbench.questions.design.margins import with_margins
+from testbench.questions.design.misled import weighed
 from testbench.questions.design.obstacles import obstacles
 from testbench.questions.design.problem import Design, Problem, seen_in
-from testbench.questions.design.realise import Range, Realised, expected_air, repeats
+from testbench.questions.design.realise import Range, Realised, repeats
 from testbench.questions.design.refine import minimum_time
 from testbench.questions.design.result import DesignResult, Ranked
 from testbench.questions.design.scenario import DesignScenario
@@ -39,6 +41,7 @@ from testbench.sensors import SensorSuite, load_suite
 
 _FLOWN = 7  # designs that are flown,
 _CLASSICS = ("doublet", "3211")  # and these for comparison
+_REALISED = 3  # designs that are realised, at most
 _CLEARLY = 0.7  # of the best design's realised criterion: less is beyond the chance of 20 flights
 
 
@@ -102,8 +105,8 @@ def run_design(
         admissible, over = _over(scenario, aircraft, trimmed, problem, admissible, envelope, draws, simulator, tally)
     shortest = None
     with located(where, "suites"):
-        range_ = _range(scenario, aircraft, trimmed, problem, suites[0], simulator, tally)
-    if scenario.realise and range_.moves:
+        range_ = range_of(scenario, aircraft, trimmed, problem, suites[0], simulator, tally)
+    if scenario.realise:
         say("fly them in the air that is expected")
         admissible, over = _kept(scenario, range_, admissible, over, envelope)
     if not scenario.robust:  # what the believed aircraft takes least time for is not known to be enough for the others
@@ -112,7 +115,7 @@ def run_design(
     realised: dict[int, Realised] = {}
     there: tuple[Elsewhere, ...] = ()
     if scenario.realise:
-        admissible, over, realised = _realised(scenario, range_, admissible, over, shortest, say)
+        admissible, over, realised = _realised(scenario, range_, admissible, over, say)
         there = elsewhere(scenario, range_, limits, admissible[0].design, repeats(scenario.realise), say)
     best = admissible[0].design
     others = {
@@ -144,9 +147,7 @@ def run_design(
             for f, o in zip(admissible, over, strict=True)
         ),
         tuple(f for f in flown if not f.admissible),
-        Ranked(shortest, bands.analyse(shortest.design.u), None, realised.get(id(shortest.design)))
-        if shortest
-        else None,
+        Ranked(shortest, bands.analyse(shortest.design.u)) if shortest else None,
         others,
         obstacles(problem, best),
         tuple(o for o in onsets if o.V_m_s is not None),
@@ -158,7 +159,7 @@ def run_design(
     )
 
 
-def _range(
+def range_of(
     scenario: DesignScenario,
     aircraft: Aircraft,
     trimmed: TrimmedFlight,
@@ -169,8 +170,9 @@ def _range(
 ) -> Range:
     """Return where designs are flown and identified."""
     assert problem.deflected is not None
-    identified = identified_by(problem.deflected, suite, problem.servo_lag_s, problem.experiment.samples)
     air, h_m = expected_air(scenario, aircraft), scenario.condition.h_m
+    moves = air.turbulence_rms_m_s > 0.0
+    identified = identified_by(problem.deflected, suite, problem.servo_lag_s, problem.experiment.samples, moves)
     targets, seed = problem.targets, scenario.seed
     return Range(aircraft, trimmed, problem, targets, suite, identified, air, h_m, seed, simulator, tally)
 
@@ -182,12 +184,30 @@ def _kept(
     over: list[OverDraws | None],
     envelope: Envelope,
 ) -> tuple[list[Flown], list[OverDraws | None]]:
-    """Return the designs at amplitudes with a margin for the air, best first, each with what it is over the draws."""
-    kept = with_margins(range_, flown, envelope, scenario.realise, scenario.breach_percent * PERCENT)
-    pairs = list(zip(kept, over, strict=True))
+    """Return the designs at amplitudes that mislead least and with a margin for the air, best first, each with what it
+    is over the draws.
+    """
+    told = weighed(range_, flown, envelope)
+    pairs = list(zip(told, over, strict=True))
     if not scenario.robust:  # a robust order is by the worst draw, whose errors grow alike
         pairs.sort(key=lambda pair: pair[0].design.cost)
+    head = pairs[:_REALISED]  # margins take many flights: those have them that may be recommended
+    kept = _with_margins(scenario, range_, [f for f, _ in head], envelope)
+    head = [(f, o) for f, (_, o) in zip(kept, head, strict=True)]
+    if not scenario.robust:
+        head.sort(key=lambda pair: pair[0].design.cost)
+    pairs = [*head, *pairs[_REALISED:]]
     return [f for f, _ in pairs], [o for _, o in pairs]
+
+
+def _with_margins(scenario: DesignScenario, range_: Range, flown: Sequence[Flown], envelope: Envelope) -> list[Flown]:
+    """Return designs at amplitudes that keep the limits in the air that is expected, and what they are off by there."""
+    if not range_.moves:
+        return list(flown)
+    kept = with_margins(range_, flown, envelope, scenario.realise, scenario.breach_percent * PERCENT)
+    lower = [k.design is not f.design for k, f in zip(kept, flown, strict=True)]
+    again = iter(range_.off([k.design for k, changed in zip(kept, lower, strict=True) if changed]))
+    return [replace(k, design=next(again)[0]) if changed else k for k, changed in zip(kept, lower, strict=True)]
 
 
 def _realised(
@@ -195,28 +215,28 @@ def _realised(
     range_: Range,
     flown: list[Flown],
     over: list[OverDraws | None],
-    shortest: Flown | None,
     say: Report,
 ) -> tuple[list[Flown], list[OverDraws | None], dict[int, Realised]]:
     """Return the designs, the best by realised errors first, what each is over the draws, and what was realised.
 
-    The best by information, the pilots' usual inputs and the shortest are realised. Their order is that of the errors
-    that they have; the others keep theirs behind. A robust order stays.
+    Designs are realised in the order of their promises, until no promise of a further one is clearly better than what
+    has been realised, or a few have been. The others keep their order behind. A robust order stays.
     """
     n, found = scenario.realise, {}
-    for f in [*(f for f in flown if f is flown[0] or f.design.family in _CLASSICS), *([shortest] if shortest else [])]:
-        say(f"realise the {f.design.family}: fly and identify it {n} times")
-        found[id(f.design)] = range_.realised(f.design, n, say)
-    pairs = list(zip(flown, over, strict=True))
-
-    def cost(pair: tuple[Flown, OverDraws | None]) -> float:
-        return float(np.max(found[id(pair[0].design)].headline / range_.targets.wanted))
-
-    first = min((p for p in pairs if id(p[0].design) in found), key=cost)
-    if not scenario.robust and first is not pairs[0] and cost(first) < _CLEARLY * cost(pairs[0]):
-        pairs = [first, *(p for p in pairs if p is not first)]
+    pairs, first = list(zip(flown, over, strict=True)), None
+    for pair in pairs[:_REALISED]:
+        design = pair[0].design
+        if first is not None and (scenario.robust or design.cost > _CLEARLY * first[0]):
+            break
+        say(f"realise the {design.family}: fly and identify it {n} times")
+        found[id(design)] = range_.realised(design, n, say)
+        cost = float(np.max(found[id(design)].headline / range_.targets.wanted))
+        if first is None or cost < _CLEARLY * first[0]:
+            first = cost, pair
+    assert first is not None
+    pairs = [first[1], *(p for p in pairs if p is not first[1])]
     best = pairs[0][0].design
-    found[id(best)] = range_.explained(best, n, found[id(best)], say)
+    found[id(best)] = range_.certain(best, n, found[id(best)], say)
     return [f for f, _ in pairs], [o for _, o in pairs], found
 
 
@@ -277,8 +297,8 @@ def _shortest(
         (out,) = fly_designs(aircraft, trimmed, problem, [design], envelope, simulator, tally)
         if not out.admissible:
             return None
-        if scenario.realise and range_.moves:
-            (out,) = with_margins(range_, [out], envelope, scenario.realise, scenario.breach_percent * PERCENT)
+        if scenario.realise:
+            (out,) = _with_margins(scenario, range_, weighed(range_, [out], envelope), envelope)
         if out.design.cost <= 1.0:
             return out
         aim *= 0.97 / out.design.cost

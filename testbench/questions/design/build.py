@@ -11,6 +11,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.errors import LimitError
+from testbench.core.record import FloatArray
 from testbench.evaluation.envelope import Onset, fly_envelope
 from testbench.evaluation.modes import roots_of
 from testbench.flight import LinearModel, TrimmedFlight
@@ -18,6 +19,8 @@ from testbench.information.aircraft_structure import AircraftStructure, aircraft
 from testbench.information.fisher import Experiment
 from testbench.information.modes import elastic_modes
 from testbench.information.targets import needed_parameters, targets
+from testbench.information.turbulence import Turbulence
+from testbench.questions.design.air import expected_air
 from testbench.questions.design.identified import starts_free
 from testbench.questions.design.limits import Limits
 from testbench.questions.design.prediction import Prediction
@@ -81,7 +84,8 @@ def problem_of(
     """Return the design problem of a scenario for one suite.
 
     The modes ``whole`` among the targets keep frequency and damping ratio where they split into two real roots. With
-    ``starts`` initial states are estimated too, where the estimator of the design does so.
+    ``starts`` initial states are estimated too, where the estimator of the design does so, and the information is that
+    of the turbulence in which the design will be realised.
 
     Raises:
         TestbenchError: sensors without noise, limits without room, or targets that do not exist.
@@ -121,7 +125,14 @@ def problem_of(
     per_sample = round(rate / suite.rate_hz)
     samples = int(scenario.duration_s * suite.rate_hz + 1e-9)
     free_start = starts and starts_free(structure)
-    experiment = Experiment(structure, sensors, 1.0 / rate, samples, per_sample, initial_states=free_start)
+    turbulence = None
+    if starts and scenario.realise:
+        air, V, h = expected_air(scenario, aircraft), scenario.condition.V_m_s, scenario.condition.h_m
+        driven = _noise_of_inputs(deflected, structure, suite)
+        turbulence = Turbulence.of(structure, sensors, air, h, V, trimmed.theta, driven)
+    experiment = Experiment(
+        structure, sensors, 1.0 / rate, samples, per_sample, initial_states=free_start, turbulence=turbulence
+    )
     at = {**trimmed.state, "alpha": trimmed.alpha, "V": scenario.condition.V_m_s, **trimmed.controls}
     prediction = Prediction(linear, scenario.controls, limits, at, 1.0 / rate, samples * per_sample)
     noise = {
@@ -147,6 +158,19 @@ def problem_of(
         deflected,
         {c: -1.0 / float(model.A[at_servo, at_servo]) for c, at_servo in _servos(model, scenario.controls).items()},
     )
+
+
+def _noise_of_inputs(deflected: AircraftStructure, structure: AircraftStructure, suite: SensorSuite) -> FloatArray:
+    """Return (states, m) what white noise of unit intensity does through sensed deflections; servos do not feel it."""
+    out = np.zeros((len(structure.states), len(deflected.inputs)))
+    for sensor in suite.sensors:
+        if sensor.channel in deflected.inputs:
+            j = deflected.inputs.index(sensor.channel)
+            density = np.hypot(sensor.noise_std, sensor.quantum / np.sqrt(12.0)) / np.sqrt(
+                sensor.rate_hz or suite.rate_hz
+            )
+            out[: len(deflected.states), j] = density * deflected.B0[:, j]
+    return out
 
 
 def _servos(model: LinearModel, controls: Sequence[str]) -> dict[str, int]:

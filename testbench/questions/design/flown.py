@@ -79,6 +79,7 @@ class Flown:
         breach: what broke at the predicted amplitude, with its moment; "" if nothing did.
         admissible: whether the flight kept all limits; False after several attempts that did not.
         margin: what flights in turbulence say; None where the air is still.
+        curbed: amplitude over the one that the limits allow: a larger one would mislead the estimator.
     """
 
     design: Design
@@ -88,6 +89,7 @@ class Flown:
     breach: str
     admissible: bool
     margin: Margin | None = None
+    curbed: float = 1.0
 
     @property
     def factor(self) -> float:

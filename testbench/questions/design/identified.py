@@ -1,9 +1,12 @@
 """What a design is identified by: the table ``identification`` of the scenario that it writes.
 
 The design predicts the errors of the linearised aircraft whose chosen derivatives are free and whose other numbers are
-those believed. That very structure is written as equations, so that output error estimates the targets and nothing
-else. Commands pass the servos that the aircraft is believed to have; deflections that the suite senses drive it
-themselves. Outputs have offsets of their own, and initial states are free where nothing elastic moves.
+those believed. That very structure is written as equations, so that the targets are estimated and nothing else.
+Commands pass the servos that the aircraft is believed to have; deflections that the suite senses drive it themselves.
+Outputs pass the lags of their sensors, and a delay as (1 - T s / 2) / (1 + T s / 2). They have offsets of their own,
+and initial states are free where nothing elastic moves. In still air output error estimates. In turbulence it is filter
+error, whose process noise lies on the velocities through the air: a gust of Dryden's form changes them like white
+noise.
 """
 
 from __future__ import annotations
@@ -19,14 +22,19 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.schema import parse
 from testbench.estimators import estimate
 from testbench.estimators.identification import Identification
+from testbench.estimators.parametric.likelihood import held_inputs
+from testbench.estimators.parametric.response import respond
+from testbench.estimators.parametric.start import of_servos
+from testbench.estimators.parametric.structures.build import build
 from testbench.information.aircraft_structure import AircraftStructure
 from testbench.information.fisher import start_responses
-from testbench.sensors import SensorSuite
+from testbench.sensors import Sensor, SensorSuite
 
 STRUCTURE = "designed_for"
 """Name of the structure in the scenario."""
 _OWN = 0.03  # share of an offset that no initial state explains, from which both can be estimated
 _NOTHING = 1e-12  # of the largest entry: left of a zero after differences
+_TRUE = "motion_"  # before the name of a state whose sensor shows it late
 _SAME = 1e-6  # by which a linearised output that is a state departs from it
 Terms = dict[str, float]
 """An entry of a matrix: product of parameters ("" for a constant) -> its factor."""
@@ -47,6 +55,11 @@ class Identified:
     asked: Identification
 
     @property
+    def words(self) -> str:
+        """The method, in words."""
+        return str(self.asked.estimators[0].method).replace("_", " ")
+
+    @property
     def inputs(self) -> tuple[str, ...]:
         """Channels that drive it."""
         return self.asked.inputs
@@ -64,9 +77,17 @@ class Identified:
             raise EstimationError("the estimate is not finite")
         return model.params[at], model.covariance[np.ix_(at, at)]
 
+    def modelled(self, record: FlightRecord) -> FloatArray:
+        """Return the outputs (N, p) that its model has at the believed parameters, driven by a prepared record."""
+        entry: Any = of_servos(self.asked.estimators[0])
+        structure = build(entry, self.inputs, self.structure.outputs, [record])
+        held, _ = held_inputs(structure.inputs, entry.held, [record])
+        u, start = record.columns(structure.inputs), np.zeros(len(structure.states))
+        return respond(structure, structure.values, (), u, record.dt_s, held, start).y
+
 
 def identified_by(
-    structure: AircraftStructure, suite: SensorSuite, servo_lag_s: Mapping[str, float], samples: int
+    structure: AircraftStructure, suite: SensorSuite, servo_lag_s: Mapping[str, float], samples: int, moves: bool
 ) -> Identified:
     """Return the estimator of a design.
 
@@ -75,23 +96,31 @@ def identified_by(
         suite: what senses; a control that it does not sense is driven by its command.
         servo_lag_s: control -> time constant of its servo; none for one without.
         samples: of the suite in the record.
+        moves: whether turbulence is expected.
     """
     inputs = [c if c in suite.channels else f"{c}_cmd" for c in structure.inputs]
     free = starts_free(structure)
+    late = {
+        s.channel: s for s in suite.sensors if s.channel in structure.outputs and (s.lag_s > 0.0 or s.delay_s > 0.0)
+    }
+    named = [f"{_TRUE}{s}" if s in late else s for s in structure.states]
+    # the noise of a sensed deflection turns the aircraft in the model's flight, and not in the real one
+    felt = ("u", "v", "w") if all(i.endswith("_cmd") for i in inputs) else ("u", "v", "w", "p", "q", "r")
+    shaken = [n for n, s in zip(named, structure.states, strict=True) if s in felt]
+    air = {"process_noise": shaken, "process_noise_model": "diagonal"}
     entry: dict[str, Any] = {
-        "method": "output_error",
+        **({"method": "filter_error", **air} if moves else {"method": "output_error", "starts": 1}),
         "structure": STRUCTURE,
         "outputs": list(structure.outputs),
         "initial_states": "free" if free else "zero",
         "output_biases": _offsets(structure, samples / suite.rate_hz, free),
-        "starts": 1,
     }
     servos = {i: {"lag_s": servo_lag_s[c]} for i, c in zip(inputs, structure.inputs, strict=True) if c in servo_lag_s}
     servos = {i: servo for i, servo in servos.items() if i.endswith("_cmd")}
     still = {i: {"ignore": True} for i in inputs if i.endswith("_cmd") and i not in servos}
     if servos or still:
         entry["servo"] = {**servos, **still}
-    equations = _equations(structure, inputs)
+    equations = _equations(structure, named, inputs, late)
     table = {"inputs": inputs, "structures": {STRUCTURE: equations}, "estimators": [entry]}
     asked, faults = parse(Identification, table, None)
     if asked is None or faults:
@@ -123,24 +152,44 @@ def _offsets(structure: AircraftStructure, duration_s: float, free: bool) -> lis
     return out
 
 
-def _equations(structure: AircraftStructure, inputs: Sequence[str]) -> dict[str, Any]:
-    """Return the equations of a structure as text, with its parameters at their believed values."""
-    names = (*structure.states, *inputs)
+def _equations(
+    structure: AircraftStructure, named: Sequence[str], inputs: Sequence[str], late: Mapping[str, Sensor]
+) -> dict[str, Any]:
+    """Return the equations of a structure as text, with its parameters at their believed values.
+
+    Args:
+        structure: the linearised aircraft.
+        named: what its states are called.
+        inputs: what its inputs are called.
+        late: output -> its sensor, of those with a lag or a delay.
+    """
+    names = (*named, *inputs)
     rates, shown = _terms(structure)
     parameters: dict[str, Any] = dict(zip(structure.parameter_names, structure.true.tolist(), strict=True))
-    equations = {f"{s}_dot": _sum(row, names) for s, row in zip(structure.states, rates, strict=True)}
-    states = set(structure.states)
-    outputs = {}
+    equations = {f"{s}_dot": _sum(row, names) for s, row in zip(named, rates, strict=True)}
+    states, more, outputs = set(structure.states), [], {}
     for i, (name, row) in enumerate(zip(structure.outputs, shown, strict=True)):
-        if name not in states:
-            outputs[name] = _sum(row, names)
+        if name not in late:
+            if name not in states:
+                outputs[name] = _sum(row, names)
+                continue
+            unit = np.array([s == name for s in names], float)
+            if not np.allclose(np.hstack([structure.C0[i], structure.D0[i]]), unit, atol=_SAME):
+                raise EstimationError(f"the output {name} must be the state of that name, got {_sum(row, names)}")
             continue
-        unit = np.array([s == name for s in names], float)
-        if not np.allclose(np.hstack([structure.C0[i], structure.D0[i]]), unit, atol=_SAME):
-            raise EstimationError(f"the output {name} must be the state of that name, got {_sum(row, names)}")
+        text, sensor = _sum(row, names), late[name]
+        if sensor.lag_s > 0.0:
+            equations[f"{name}_lag_dot"] = f"({text} - {name}_lag)*{1.0 / sensor.lag_s:.15g}"
+            more.append(f"{name}_lag")
+            text = f"{name}_lag"
+        if sensor.delay_s > 0.0:
+            equations[f"{name}_late_dot"] = f"({text} - {name}_late)*{2.0 / sensor.delay_s:.15g}"
+            more.append(f"{name}_late")
+            text = f"2*{name}_late - ({text})"
+        outputs[name] = text
     return {
         "title": f"the {structure.name}: deviations from trim, SI units and radians",
-        "states": list(structure.states),
+        "states": [*named, *more],
         "inputs": list(inputs),
         "equations": equations,
         "outputs": outputs,

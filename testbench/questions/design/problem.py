@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -58,6 +58,13 @@ class Problem:
         """Rate of the inputs, Hz."""
         return 1.0 / self.experiment.dt_s
 
+    def until(self, duration_s: float) -> Experiment:
+        """Return the experiment that ends after a time, or with the manoeuvre."""
+        experiment = self.experiment
+        if duration_s < self.duration_s:
+            return experiment.until(round(duration_s / experiment.dt_s / experiment.stride))
+        return experiment
+
 
 @dataclass(frozen=True, eq=False)
 class Design:
@@ -70,10 +77,11 @@ class Design:
         u: (samples, m) what is commanded, deviation from trim.
         limit: the limit that binds.
         cost: the criterion, in wanted errors; 1 or less reaches them.
-        errors: (t,) predicted standard errors of the targets.
+        errors: (t,) predicted errors of the targets: standard errors, and what they are off by if that is known.
         information: (k, k) Fisher information.
         end_s: when the last input ends, s.
         duration_s: when the record ends, s.
+        off: (t,) what the estimates of the targets are off by without any noise; None: not asked.
     """
 
     family: str
@@ -87,6 +95,7 @@ class Design:
     information: FloatArray
     end_s: float
     duration_s: float
+    off: FloatArray | None = None
 
     @property
     def peak(self) -> FloatArray:
@@ -150,13 +159,40 @@ def seen_in(problem: Problem, design: Design) -> Design:
     return _told(problem, design.family, design.words, design.specs, u, design.limit, design.duration_s)
 
 
+def misled(problem: Problem, design: Design, off: FloatArray) -> Design:
+    """Return a design that tells of estimates that are off by ``off`` (k,), parameters, without any noise.
+
+    Errors and criterion are those of the mean square M^-1 + off off', M the information.
+    """
+    M, targets = design.information, problem.targets
+    by = targets.jacobian @ off
+    variance = targets.errors(accuracy(M))
+    square = cost(_less(M, off), targets.gradient, problem.criterion)
+    return replace(design, cost=square, errors=np.hypot(variance, by), off=by)
+
+
+def best_share(problem: Problem, design: Design, off: FloatArray) -> float:
+    """Return the share of a design's amplitude at which its criterion is least, if ``off`` (k,) grows with it.
+
+    Sensitivities grow with the amplitude, what bends with its square.
+    """
+    shares = np.geomspace(1.0, 0.1, 24)
+    costs = [
+        cost(_less(r**2 * design.information, r * off), problem.targets.gradient, problem.criterion) for r in shares
+    ]
+    return float(shares[int(np.argmin(costs))])
+
+
+def _less(M: FloatArray, off: FloatArray) -> FloatArray:
+    """Return the inverse of M^-1 + off off' (Sherman and Morrison)."""
+    felt = M @ off
+    return np.asarray(M - np.outer(felt, felt) / (1.0 + float(off @ felt)))
+
+
 def _told(
     problem: Problem, family: str, words: str, specs: tuple[Input, ...], u: FloatArray, limit: str, duration_s: float
 ) -> Design:
-    experiment = problem.experiment
-    if duration_s < problem.duration_s:
-        experiment = experiment.until(round(duration_s / experiment.dt_s / experiment.stride))
-    M = experiment.information(u)
+    M = problem.until(duration_s).information(u)
     moving = np.flatnonzero(np.any(u != 0.0, axis=1))
     return Design(
         family,

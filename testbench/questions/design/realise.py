@@ -2,16 +2,15 @@
 
 The flights go through the simulator with all its nonlinearity and the air that is expected, the records through the
 suite with all that its files say, and the estimator of the written scenario estimates the targets. If the promised
-standard error s is right, sum e^2 / s^2 of N flights is chi-square with N degrees of freedom. Where it is not, the
-realised root-mean-square error counts, and repeats say where the excess comes from: without turbulence, without the
-sensors' systematic errors, and at a fraction of the amplitude with as much less noise, where curvature is gone.
+error s is right, sum e^2 / s^2 of N flights is chi-square with N degrees of freedom. Where it contradicts, the realised
+root-mean-square error counts, of twice as many flights. Elsewhere promise and flights are pooled, the promise with the
+weight of a few flights, because neither is exact.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -20,55 +19,51 @@ from scipy.stats import chi2
 from testbench.aircraft import Aircraft
 from testbench.core.errors import EstimationError, TestbenchError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.core.scenario.air import LOWEST_M, AirSpec
+from testbench.core.scenario.air import AirSpec
 from testbench.core.scenario.base import Preparation
 from testbench.estimators.prepare import prepared
 from testbench.flight import TrimmedFlight
 from testbench.flight.air import Air, air_of
 from testbench.flight.batch.jobs import Job, Simulator, Tally
+from testbench.information.fisher import accuracy
 from testbench.information.targets import Targets
 from testbench.line import manoeuvre_of
 from testbench.questions.design.identified import Identified
-from testbench.questions.design.problem import Design, Problem, rescaled
-from testbench.questions.design.scenario import DesignScenario
+from testbench.questions.design.problem import Design, Problem, misled, rescaled
 from testbench.sensors import Sensor, SensorSuite
 
-LIGHT_KG = 25.0
-"""Mass below which light turbulence is expected if a scenario does not say."""
-LIGHT_RMS_M_S = 0.3
-"""Vertical rms of that turbulence: a tenth of a wind of 3 m/s at 20 ft (MIL-F-8785C), a calm morning."""
 FALSE_ALARM = 0.01
 """Probability that a right promise is called wrong for some target of a design."""
 INTERVAL = 0.95
 """Probability of the interval about a realised error."""
-MORE = 2
+MORE = 1
 """Further flights, in units of those asked for, that make a realised error that counts more certain: from 20 flights
-it is known to 16 %, from 60 to 9 %."""
-_REPEATS = 0.5  # of the flights asked for, by which each cause is sought: ten give its error to 22 %,
-_AT_LEAST = 8  # and no fewer than these, or all that are asked for
-_SMALL = 0.25  # of the amplitude, at which curvature is a quarter of what it is, or less
+it is known to 16 %, from 40 to 11 %."""
+TRUST = 8
+"""Flights that a promise is worth which the flights do not contradict: as many as tell an error to 25 %, by which
+promises depart where linear theory holds (judged)."""
+_REPEATS = 0.25  # of the flights asked for that another aircraft flies,
+_AT_LEAST = 6  # and no fewer than these, or all that are asked for
 _LOST = 0.1  # of the flights without an estimate, beyond which the error is not worth knowing better
-_FEWEST = 3  # estimates below which nothing is said
-_SYSTEMATIC: Mapping[str, Any] = {
-    "bias": 0.0,
-    "scale": 1.0,
-    "lag_s": 0.0,
-    "delay_s": 0.0,
+_SMALL = 0.25  # of the amplitude, at which curvature is a quarter of what it is
+_RANDOM: Mapping[str, Any] = {
+    "noise_std": 0.0,
+    "quantum": 0.0,
     "dropout": 0.0,
     "bias_walk": 0.0,
     "drift_std": 0.0,
     "drift_time_s": None,
-    "recorder": "",
-    "clock_offset_s": 0.0,
-    "clock_ppm": 0.0,
 }
+_FEWEST = 3  # estimates below which nothing is said
 CAUSES = {
-    "air": "turbulence, which colours the residuals",
-    "sensors": "what the sensors do beside noise: lag, delay, scale, clock, and noise of a measured deflection",
+    "noise": "noise of the sensors",
+    "air": "turbulence",
     "curvature": "curvature: at this amplitude the aircraft is not linear",
-    "commands": "servo, commands between samples, and what the estimator's equations leave out",
+    "equations": "what the estimator's equations leave out of sensors, servos and commands between samples",
+    "bias": "a bias that linear theory does not have",
+    "scatter": "scatter that linear theory does not have",
 }
-"""Cause of an excess -> in words."""
+"""What an error is made of -> in words."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,10 +134,10 @@ class Realised:
     """One design, flown and identified.
 
     Attributes:
-        promised: (t,) standard errors of the information.
+        promised: (t,) errors by information, and by what the estimates are off by without noise.
         found: over the flights.
-        differs: (t,) whether the realised error counts.
-        causes: per target, cause -> mean square error that it adds, where the realised error is larger; else empty.
+        differs: (t,) whether the flights contradict the promise.
+        causes: per target, cause -> mean square error that it makes; without flights that could tell, empty.
     """
 
     promised: FloatArray
@@ -152,24 +147,19 @@ class Realised:
 
     @property
     def headline(self) -> FloatArray:
-        """(t,) the errors to plan with: realised where they contradict the promise, else promised.
+        """(t,) the errors to plan with: realised where they contradict the promise, else pooled with it.
 
         Infinite where too few flights give an estimate.
         """
-        return np.where(self.differs, np.nan_to_num(self.found.rms, nan=np.inf), self.promised)
+        n, rms = self.found.n, np.nan_to_num(self.found.rms, nan=np.inf)
+        with np.errstate(all="ignore"):
+            pooled = np.sqrt((TRUST * self.promised**2 + n * rms**2) / (TRUST + n))
+        return np.where(self.differs, rms, pooled)
 
     def cause(self, k: int) -> str:
-        """Return the cause that adds most to the error of target ``k``; "" if none is known."""
+        """Return the cause that makes most of the error of target ``k``; "" if none is known."""
         parts = self.causes[k] if k < len(self.causes) else {}
         return max(parts, key=lambda c: parts[c]) if parts and max(parts.values()) > 0.0 else ""
-
-
-def expected_air(scenario: DesignScenario, aircraft: Aircraft) -> AirSpec:
-    """Return the air that a scenario expects: as given, else light turbulence for a light aircraft, else still."""
-    if "air" in scenario.model_fields_set or aircraft.mass.mass_kg >= LIGHT_KG:
-        return scenario.air
-    height = None if scenario.condition.h_m >= LOWEST_M else LOWEST_M
-    return AirSpec(turbulence_rms_m_s=LIGHT_RMS_M_S, height_m=height)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,12 +201,16 @@ class Range:
 
     def fly(self, design: Design, airs: Sequence[Air | None]) -> list[FlightRecord | str]:
         """Return the truth of a design's flights through several airs; why, of one that did not end well."""
+        return self.fly_each([design], airs)[0]
+
+    def fly_each(self, designs: Sequence[Design], airs: Sequence[Air | None]) -> list[list[FlightRecord | str]]:
+        """Return the truth of several designs' flights, each through the same airs."""
         from testbench.flight.batch.fly import FEWEST, fly_jobs
 
         rate = self.trimmed.rate_hz
-        manoeuvre = manoeuvre_of(design.family, design.specs, design.duration_s, 0.0, rate)
         wanted = tuple(dict.fromkeys(name for s in self.suite.sensors for name in s.needs))
-        jobs = [Job(self.aircraft, self.trimmed, manoeuvre, self.problem.rate_hz, wanted, air) for air in airs]
+        flown = [manoeuvre_of(d.family, d.specs, d.duration_s, 0.0, rate) for d in designs]
+        jobs = [Job(self.aircraft, self.trimmed, m, self.problem.rate_hz, wanted, air) for m in flown for air in airs]
         fewest = 1 if self.tally.batch else FEWEST
         out: list[FlightRecord | str] = []
         for found in fly_jobs(jobs, self.simulator, self.tally, fewest):
@@ -226,7 +220,8 @@ class Range:
                 out.append(f"the flight ends early: {found.reason}")
             else:
                 out.append(found)
-        return out
+        n = len(airs)
+        return [out[i * n : (i + 1) * n] for i in range(len(designs))]
 
     def estimate(
         self, truths: Sequence[FlightRecord | str], suite: SensorSuite, first: int, say: Callable[[int], None]
@@ -239,7 +234,8 @@ class Range:
                 if isinstance(truth, str):
                     raise EstimationError(truth)
                 record = prepared(suite.measure(truth, self.seed + first + i), self.problem.start_s, Preparation())
-                params, covariance = self.identified.estimate(record)
+                with np.errstate(all="ignore"):  # a search may pass values at which it overflows, and turns back
+                    params, covariance = self.identified.estimate(record)
                 value = self.targets.at(self.identified.structure, params)
                 if not np.all(np.isfinite(value)):
                     raise EstimationError("a mode of the estimate has no frequency")
@@ -270,49 +266,70 @@ class Range:
             n: flights.
             say: called with a few words as the flights are identified.
         """
-        found = self._errors(design, 0, n, say)
+        found = self.errors(design, 0, n, say)
         return Realised(design.errors, found, found.departs(design.errors))
 
-    def explained(self, design: Design, n: int, first: Realised, say: Callable[[str], None]) -> Realised:
-        """Return the same with more flights where they contradict the promise, and the causes of the excess.
+    def certain(self, design: Design, n: int, first: Realised, say: Callable[[str], None]) -> Realised:
+        """Return the same with more flights where they contradict the promise, and with causes.
 
         More flights are not worth their time where many give no estimate.
         """
-        if not np.any(first.differs):
-            return first
-        found = first.found
-        if len(found.failed) <= _LOST * n:
-            found = found.and_(self._errors(design, n, MORE * n, say))
-        larger = first.differs & (np.nan_to_num(found.rms, nan=np.inf) > design.errors)
-        if not np.any(larger) or found.n < _FEWEST:
-            return Realised(design.errors, found, first.differs)
-        parts = self._causes(design, repeats(n), found, say)
-        told = tuple(p if big else {} for p, big in zip(parts, larger, strict=True))
-        return Realised(design.errors, found, first.differs, told)
+        found, differs = first.found, first.differs
+        if np.any(differs) and len(found.failed) <= _LOST * n:
+            found = found.and_(self.errors(design, n, MORE * n, say))
+        if found.n < _FEWEST:
+            return Realised(design.errors, found, differs)
+        return Realised(design.errors, found, differs, self._causes(design, found, differs))
 
-    def _errors(self, design: Design, first: int, n: int, say: Callable[[str], None]) -> Errors:
+    def errors(self, design: Design, first: int, n: int, say: Callable[[str], None] = lambda text: None) -> Errors:
+        """Return the errors over ``n`` flights, the first with number ``first`` of noise and air."""
         truths = self.fly(design, self.airs(first, n)) if self.moves else self.fly(design, self.airs(0, 1)) * n
         return self.estimate(truths, self.suite, first, _counting(say, "identify flight", n))
 
-    def _causes(self, design: Design, n: int, found: Errors, say: Callable[[str], None]) -> list[dict[str, float]]:
-        """Return what each cause adds to the mean square error of each target, from repeats without it."""
-        still = replace(self, air=self.air.model_copy(update={"turbulence_rms_m_s": 0.0}))
-        small = rescaled(self.problem, design, _SMALL, design.limit)
-        clean = noise_alone(self.suite, self.identified.inputs, 1.0)
-        quiet = noise_alone(self.suite, self.identified.inputs, _SMALL)
-        squares = [found.rms**2]
-        for of, suite, words in (
-            (design, self.suite, "without turbulence"),
-            (design, clean, "and with noise alone"),
-            (small, quiet, "and at a quarter of amplitude and noise"),
-        ):
-            (truth,) = still.fly(of, still.airs(0, 1))
-            again = still.estimate([truth] * n, suite, 0, _counting(say, f"repeat {words}:", n))
-            rms = again.rms
-            squares.append(np.where(np.isnan(rms), squares[-1], rms**2))
-        squares.append(np.minimum(design.errors**2, squares[-1]))
-        gains = [np.maximum(a - b, 0.0) for a, b in pairwise(squares)]
-        return [dict(zip(CAUSES, (float(g[k]) for g in gains), strict=True)) for k in range(design.errors.size)]
+    def _causes(self, design: Design, found: Errors, differs: np.ndarray) -> tuple[dict[str, float], ...]:
+        """Return what each cause makes of the mean square error of each target.
+
+        What bends the estimates grows with the amplitude, what the equations leave out does not.
+        """
+        targets = self.problem.targets
+        still = replace(self.problem.experiment, turbulence=None)
+        alone = replace(self.problem, experiment=still).until(design.duration_s).information(design.u)
+        noise = targets.errors(accuracy(alone)) ** 2
+        random = targets.errors(accuracy(design.information)) ** 2
+        (small, _), (whole, _) = self.off([rescaled(self.problem, design, _SMALL, design.limit), design])
+        off, tenth = (np.zeros(noise.size) if d.off is None else d.off for d in (whole, small))
+        bends = (off - tenth) / (1.0 - _SMALL)
+        square, mean = found.rms**2, found.bias**2
+        known = random + off**2
+        more = np.where(differs, np.maximum(square - known, 0.0), 0.0)
+        bias = np.minimum(more, np.maximum(mean - off**2, 0.0))
+        parts = (noise, np.maximum(random - noise, 0.0), bends**2, (off - bends) ** 2, bias, more - bias)
+        return tuple(dict(zip(CAUSES, (float(x[k]) for x in parts), strict=True)) for k in range(noise.size))
+
+    def off(self, designs: Sequence[Design]) -> list[tuple[Design, FloatArray | None]]:
+        """Return designs that tell what their estimates are off by without any noise, and that (k,).
+
+        None if a flight does not end well.
+        """
+        records = replace(self, air=AirSpec()).fly_each(designs, [None])
+        out: list[tuple[Design, FloatArray | None]] = []
+        for design, (truth,) in zip(designs, records, strict=True):
+            by = None if isinstance(truth, str) else self._off(design, truth)
+            out.append((design if by is None else misled(self.problem, design, by), by))
+        return out
+
+    def _off(self, design: Design, truth: FlightRecord) -> FloatArray | None:
+        problem = self.problem
+        try:
+            record = prepared(without_noise(self.suite).measure(truth, self.seed), problem.start_s, Preparation())
+            difference = record.columns(problem.experiment.structure.outputs) - self.identified.modelled(record)
+        except TestbenchError:
+            return None
+        whole = np.zeros((problem.experiment.samples, difference.shape[1]))
+        n = min(len(whole), len(difference))
+        whole[:n] = difference[:n]
+        by = problem.until(design.duration_s).misled(design.u, whole)
+        return by if np.all(np.isfinite(by)) else None
 
 
 def repeats(n: int) -> int:
@@ -320,15 +337,11 @@ def repeats(n: int) -> int:
     return max(min(n, _AT_LEAST), round(_REPEATS * n))
 
 
-def noise_alone(suite: SensorSuite, inputs: Sequence[str], share: float) -> SensorSuite:
-    """Return a suite whose outputs have white noise (``share`` of it) and nothing else, and whose inputs are exact."""
+def without_noise(suite: SensorSuite) -> SensorSuite:
+    """Return a suite that is not random, with all else that its files say."""
 
     def one(sensor: Sensor) -> Sensor:
-        known = {k: v for k, v in _SYSTEMATIC.items() if hasattr(sensor, k)}
-        quiet = 0.0 if sensor.channel in inputs else share
-        # noise of quantisation is white where the signal crosses many steps, and is taken so in the information
-        std = float(np.hypot(sensor.noise_std, sensor.quantum / np.sqrt(12.0)))
-        return replace(sensor, **known, noise_std=quiet * std, quantum=0.0)
+        return replace(sensor, **{k: v for k, v in _RANDOM.items() if hasattr(sensor, k)})
 
     return replace(suite, sensors=tuple(one(s) for s in suite.sensors))
 

@@ -9,7 +9,7 @@ import numpy as np
 from testbench.page.labels import number, symbol
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.design.answer import air_words, family_label, is_ratio, peak_words
-from testbench.questions.design.realise import FALSE_ALARM, INTERVAL
+from testbench.questions.design.realise import FALSE_ALARM, INTERVAL, TRUST
 
 if TYPE_CHECKING:
     from testbench.questions.design.draws import OverDraws
@@ -69,8 +69,8 @@ def ranking_table(result: DesignResult) -> Table:
     caption = (
         f"Each design has its largest admissible amplitude in the nonlinear simulator. Criterion "
         f"{result.scenario.criterion}, in units of the wanted errors: at 1 or less they are reached. Standard errors "
-        "are Cramér-Rao bounds for these sensors in still air; sensor offsets, initial states of a rigid aircraft and "
-        "all other free parameters are estimated too. What is realised of them stands in its own table."
+        "are Cramér-Rao bounds for these sensors in the air that is expected; sensor offsets, initial states of a "
+        "rigid aircraft and all other free parameters are estimated too. What is realised stands in its own table."
     )
     if drawn:
         caption += " Median and worst: the criterion of the same commands over the drawn aircraft" + (
@@ -149,11 +149,11 @@ def realised_table(result: DesignResult) -> Table:
         Column("flights", "estimates"),
         Column("failed", "none"),
         Column("counts", "counts"),
-        Column("cause", "most of the excess"),
+        Column("headline", "to plan with", digits=2),
+        Column("cause", "most of it"),
     )
     rows: list[tuple[Value, ...]] = []
     entries = [(family_label(e.design.family), e) for e in result.ranking]
-    entries += [("shortest", result.shortest)] if result.shortest is not None else []
     for label, entry in entries:
         r = entry.realised
         if r is None:
@@ -161,17 +161,17 @@ def realised_table(result: DesignResult) -> Table:
         low, high = r.found.interval()
         for k, name in enumerate(t.names):
             shown = 100.0 / abs(t.values[k]) if is_ratio(name) else 1.0
-            errors = (t.wanted, r.promised, r.found.rms, low, high, r.found.bias, r.found.claimed)
-            cells = (float(shown * e[k]) if np.isfinite(e[k]) else None for e in errors)
-            counts = "realised" if r.differs[k] else "promised"
-            rows.append(
-                (label, name, "%" if is_ratio(name) else "", *cells, r.found.n, len(r.found.failed), counts, r.cause(k))
-            )
+            errors = (t.wanted, r.promised, r.found.rms, low, high, r.found.bias, r.found.claimed, r.headline)
+            *cells, head = (float(shown * e[k]) if np.isfinite(e[k]) else None for e in errors)
+            counts = "realised" if r.differs[k] else "both"
+            unit, flights = "%" if is_ratio(name) else "", (r.found.n, len(r.found.failed))
+            rows.append((label, name, unit, *cells, *flights, counts, head, r.cause(k)))
     caption = (
-        f"Each design is flown in {air_words(result)}, sensed by the suite and identified by the estimator of its "
-        f"scenario. The interval holds {100 * INTERVAL:g} % for normal errors. Realised errors count where they "
-        f"contradict the promise: chi-square, probability of a false alarm {100 * FALSE_ALARM:g} % per design. The "
-        "cause is what the repeats without it lack most: air, sensors, curvature, commands."
+        f"Flown in {air_words(result)}, sensed by the suite and identified by the estimator of the scenario. Promised: "
+        "by information in that air, and by what the estimates are off by without noise. The interval holds "
+        f"{100 * INTERVAL:g} % for normal errors. Realised errors count where they contradict the promise: chi-square, "
+        f"probability of a false alarm {100 * FALSE_ALARM:g} % per design. Elsewhere both count, the promise like "
+        f"{TRUST} flights."
     )
     return Table("realised", "Promised and realised", caption, columns, tuple(rows), wide=True)
 

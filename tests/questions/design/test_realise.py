@@ -15,12 +15,13 @@ from testbench.flight import linearise, load_aircraft
 from testbench.flight.batch.jobs import Tally
 from testbench.information.modes import modes_of
 from testbench.line import trim_for
+from testbench.questions.design.air import expected_air
 from testbench.questions.design.answer import design_sentences
-from testbench.questions.design.ask import _range, run_design
+from testbench.questions.design.ask import range_of, run_design
 from testbench.questions.design.build import limits_of, problem_of
 from testbench.questions.design.identified import STRUCTURE, identified_by
 from testbench.questions.design.page import design_page
-from testbench.questions.design.realise import FALSE_ALARM, Errors, Realised, expected_air, noise_alone
+from testbench.questions.design.realise import FALSE_ALARM, TRUST, Errors, Realised, without_noise
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.design.tables import elsewhere_table, realised_table
 from testbench.questions.run.scenario import Scenario
@@ -42,23 +43,32 @@ def problem(name, aircraft=None):
 def test_the_written_equations_are_the_linearised_aircraft_at_any_parameters(name):
     """The text and the structure that information is computed of agree, elastic modes and accelerometers included."""
     p, suite = problem(name)
-    found = identified_by(p.deflected, suite, p.servo_lag_s, p.experiment.samples)
+    found = identified_by(p.deflected, suite, p.servo_lag_s, p.experiment.samples, False)
     law = written(found.asked.structures[STRUCTURE], "x", p.deflected.outputs)
     assert type(law).__name__ == "LinearWrittenStructure"
     params = law.values * (1.0 + 0.1 * np.cos(np.arange(law.values.size)))
     order = [law.parameter_names.index(k) for k in p.deflected.parameter_names]
-    for mine, theirs in zip(law.matrices(params)[:4], p.deflected.matrices(params[order])[:4], strict=True):
-        np.testing.assert_allclose(mine, theirs, rtol=1e-9, atol=max(1e-7 * np.abs(theirs).max(), 1e-9))
+    mine, theirs = law.matrices(params), p.deflected.matrices(params[order])
+    n = len(p.deflected.states)
+    np.testing.assert_allclose(mine.A[:n, :n], theirs.A, rtol=1e-9, atol=max(1e-7 * np.abs(theirs.A).max(), 1e-9))
+    for omega in (0.3, 3.0, 30.0):
+        shown, true = (m.C @ np.linalg.solve(1j * omega * np.eye(len(m.A)) - m.A, m.B) + m.D for m in (mine, theirs))
+        for i, name in enumerate(p.deflected.outputs):
+            sensor = next(s for s in suite.sensors if s.channel == name)
+            late = 0.5j * omega * sensor.delay_s
+            seen = true[i] / (1.0 + 1j * omega * sensor.lag_s) * (1.0 - late) / (1.0 + late)
+            np.testing.assert_allclose(shown[i], seen, rtol=1e-5, atol=1e-7 * np.abs(true).max())
 
 
 def test_commands_pass_the_servo_and_sensed_deflections_do_not():
     p, suite = problem("taurus_short_period")
-    (entry,) = identified_by(p.deflected, suite, p.servo_lag_s, p.experiment.samples).table["estimators"]
+    (entry,) = identified_by(p.deflected, suite, p.servo_lag_s, p.experiment.samples, False).table["estimators"]
     assert entry["servo"]["de_cmd"]["lag_s"] == pytest.approx(1.0 / 33.0, rel=1e-6)
     assert "h" not in entry["output_biases"]  # its offset is what an initial height does
     assert set(entry["output_biases"]) == {"theta", "q", "u"}
+    assert entry["method"] == "output_error"
     p, suite = problem("eolo_short_period")
-    table = identified_by(p.deflected, suite, p.servo_lag_s, p.experiment.samples).table
+    table = identified_by(p.deflected, suite, p.servo_lag_s, p.experiment.samples, False).table
     assert table["inputs"] == ["de"]
     assert "servo" not in table["estimators"][0]
 
@@ -100,7 +110,8 @@ def test_wrong_promises_are_found_and_the_realised_error_counts():
     found = errors_of(sigma, 20, 1, scale=np.array([1.0, 3.0]))
     realised = Realised(sigma, found, found.departs(sigma))
     assert realised.differs.tolist() == [False, True]
-    assert realised.headline[0] == 1.0
+    pooled = np.sqrt((TRUST + 20 * found.rms[0] ** 2) / (TRUST + 20))
+    assert realised.headline[0] == pytest.approx(pooled)
     assert realised.headline[1] == found.rms[1]
     low, high = found.interval()
     assert low[1] < 0.3 < high[1]
@@ -122,13 +133,17 @@ def test_the_air_that_is_expected(taurus):
     assert expected_air(still, taurus) == AirSpec()
 
 
-def test_noise_alone_is_what_the_information_takes():
+def test_a_suite_without_noise_keeps_all_else_that_its_files_say():
     suite = load_suite("eolo_alpha")
-    quiet = noise_alone(suite, ["de"], 0.25)
+    quiet = without_noise(suite)
     for before, after in zip(suite.sensors, quiet.sensors, strict=True):
-        assert after.bias == after.lag_s == after.delay_s == after.quantum == 0.0
-        share = 0.0 if after.channel == "de" else 0.25
-        assert after.noise_std == pytest.approx(share * suite.noise_std[before.channel])
+        assert after.noise_std == after.quantum == after.dropout == 0.0
+        assert (after.bias, after.lag_s, after.delay_s, after.scale) == (
+            before.bias,
+            before.lag_s,
+            before.delay_s,
+            before.scale,
+        )
 
 
 @pytest.mark.parametrize("n", [1, 4])
@@ -203,7 +218,7 @@ def test_where_only_noise_disturbs_a_small_input_the_promise_is_kept(small):
     assert best.found.n == 20
     assert not best.found.failed
     assert not best.differs.any()
-    np.testing.assert_array_equal(small.best.errors, small.best.design.errors)
+    np.testing.assert_allclose(small.best.errors, small.best.design.errors, rtol=0.3)
     assert any("it has the promised errors within what 20 flights can tell" in s for s in design_sentences(small))
     assert small.best.flown.margin is None  # still air has no extremes of its own
 
@@ -230,28 +245,10 @@ def test_the_aircraft_elsewhere_has_the_frequency_that_it_should(small):
     assert len(elsewhere_table(small).rows) == 6
 
 
-def test_lag_and_turbulence_are_named(small):
-    """A gyro with a lag of 0.1 s: sensors. Turbulence of 0.5 m/s: air, with margins of the amplitude."""
-    design = small.best.design
-    r = _range(small.scenario, small.aircraft, small.trimmed, small.problem, small.suite, "auto", Tally())
-    slow = replace(small.suite, sensors=tuple(replace(s, lag_s=0.1 * (s.channel == "q")) for s in small.suite.sensors))
-    lagged = replace(r, suite=slow)
-    first = lagged.realised(design, 8, lambda text: None)
-    found = lagged.explained(design, 8, first, lambda text: None)
-    k = small.problem.targets.names.index("M_q")
-    assert found.differs[k]
-    assert found.cause(k) == "sensors"
-    windy = replace(r, air=AirSpec(turbulence_rms_m_s=0.5))
-    found = windy.explained(design, 8, windy.realised(design, 8, lambda text: None), lambda text: None)
-    larger = [i for i in range(3) if found.differs[i] and found.found.rms[i] > found.promised[i]]
-    assert larger
-    assert all(found.cause(i) == "air" for i in larger)
-
-
 def test_amplitudes_keep_a_margin_in_turbulence(small):
     from testbench.questions.design.margins import with_margins
 
-    r = _range(small.scenario, small.aircraft, small.trimmed, small.problem, small.suite, "auto", Tally())
+    r = range_of(small.scenario, small.aircraft, small.trimmed, small.problem, small.suite, "auto", Tally())
     windy = replace(r, air=AirSpec(turbulence_rms_m_s=0.1))
     flown = small.best.flown
     (kept,) = with_margins(windy, [flown], small.envelope, 10, 0.05)
