@@ -41,10 +41,8 @@ def fly_the_whole_way(more: str = "", run: Callable[..., Any] = command) -> list
     lines, said = lines_of("## The whole way in six commands", "\n## 1."), []
     assert len(lines) == 6
     for line in lines:
-        if "close_short_period/identify/" in line:  # named after the input that the design chose
-            (file,) = Path("results/close_short_period/identify").glob("*.toml")
-            line = f"testbench identify {file}"
-        done = run(*shlex.split(line)[1:])
+        words = [str(file) for word in shlex.split(line)[1:] for file in (Path().glob(word) if "*" in word else [word])]
+        done = run(*words)
         assert done.returncode == 0, f"{line}: {done.stderr}"
         said.append(done.stdout)
     assert list(Path("results/plan_short_period/cards").glob("*.pdf"))
@@ -86,7 +84,6 @@ def test_the_whole_way_as_the_guide_has_it_keeps_its_promise_in_five_minutes(tmp
     for row in rows.values():
         assert float(row["realised"]) > float(row["promised"])
         assert abs(float(row["differs"])) < 4.0
-    assert Path("results/close_short_period/identify/01_3-2-1-1_14mps_100m.toml").is_file()  # as the guide names it
 
 
 def test_the_guide_s_way_to_scripts_runs(tmp_path, monkeypatch):

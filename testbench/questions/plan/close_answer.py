@@ -96,7 +96,8 @@ def _more_runs(campaign: Campaign) -> Sentences:
         if short:
             t = max(short, key=lambda t: t.more or 0)
             goal = error_words(t, t.goal)
-            yield "finding", f"{counted(t.more or 0, 'more run')} of card {c.card.number} bring {t.name} to {goal}"
+            verb = "brings" if t.more == 1 else "bring"
+            yield "finding", f"{counted(t.more or 0, 'more run')} of card {c.card.number} {verb} {t.name} to {goal}"
         never = [t for t in c.targets if t.verdict in ("reached", "not reached") and t.more is None]
         if never:
             names = listed([f"{t.name} to {error_words(t, t.goal)}" for t in never])
