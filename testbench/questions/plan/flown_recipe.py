@@ -72,7 +72,13 @@ def recipe_of(plan: Plan, card: Card, records: Sequence[FlightRecord]) -> FlownR
     measured = measured_in(records)
     design, notes = design_file(plan, card), []
     if design is not None:
-        found = _designed(plan, card, design, measured)
+        try:
+            found = _designed(plan, card, design, measured)
+        except (KeyError, TypeError, AttributeError) as error:
+            raise RecordError(
+                f"the table identification of '{design}', the design of card {card.number}, must be as `testbench "
+                f"design` writes it, got {type(error).__name__}: {error}"
+            ) from error
         if found is not None:
             return found
         notes.append(f"{design.name} names no estimator with a structure: the logged channels decide")

@@ -117,6 +117,23 @@ def test_a_run_that_is_not_as_its_card_says_must_be_repeated(plan):
     assert run.V_m_s == pytest.approx(17.0, abs=0.1)
 
 
+def test_two_controls_are_one_run_and_each_has_its_sign():
+    doublet = {"signal": "doublet", "amplitude_deg": 1.5, "period_s": 1.6}
+    entries = [{**doublet, "control": "da", "start_s": 0.5}, {**doublet, "control": "dr", "start_s": 2.5}]
+    both = {"name": "both", "duration_s": 5.0, "repeats": 2, "input": entries}
+    plan = make_plan(PlanScenario.model_validate({**CONTENT, "manoeuvre": [both], "speeds_m_s": [13.0]}))
+    (card,) = plan.cards
+    log = log_of([(card, 1.0), (card, 1.0)])
+    assert [r.faults for r in close_plan(plan, [("x", log)]).runs] == [(), ()]
+    dr, half = np.array(log["dr_cmd"]), len(log) // 2
+    turned = np.where(np.arange(dr.size) < half, 2.0 * dr[0] - dr, dr)
+    first, second = close_plan(plan, [("x", log.with_columns({"dr_cmd": turned}))]).runs
+    assert first.gain == pytest.approx(-1.0, abs=0.05)
+    assert "other sign" in first.faults[0]
+    assert not second.faults
+    assert close_plan(plan, [("x", log.with_columns({"da_cmd": np.zeros(dr.size)}))]).runs[0].faults
+
+
 def test_quiet_flight_and_noise_are_no_runs_and_dropouts_no_faults(plan):
     slow = plan.cards[0]
     record = log_of([(slow, 0.0)])

@@ -13,6 +13,7 @@ from writers import dataflash_of, ulog_of
 
 from testbench.core.errors import RecordError
 from testbench.evaluation.derivatives import dimensional_derivatives
+from testbench.information.modes import modes_of
 from testbench.questions.design.promised import Promise, promise_text, read_promise
 from testbench.questions.design.realise import Errors, Realised
 from testbench.questions.identify.ask import identify
@@ -132,6 +133,25 @@ def test_the_description_identifies_the_same_again(flown):
         if d.name in NAMES:
             assert d.value == pytest.approx(first.estimates[d.name].value, rel=1e-9)
             assert d.std == pytest.approx(first.estimates[d.name].stated, rel=1e-6)
+
+
+def test_frequency_and_damping_are_targets_too(flown, tmp_path):
+    plan, _, closed, _, folder = flown
+    card, file = plan.cards[0], folder / "promises" / "1_x.json"
+    pole = modes_of(card.point.model, plan.aircraft, "longitudinal")["short period"]
+    text, promise = file.read_text(encoding="utf-8"), promise_of(card, 0.3, realised=False)
+    names, values = ("wn of short period", "zeta of short period"), np.array([abs(pole), -pole.real / abs(pole)])
+    told = replace(promise, names=names, values=values, wanted=0.3 * values, promised=0.3 * values)
+    file.write_text(promise_text(replace(told, modes={"short period": pole})), encoding="utf-8")
+    alone = replace(closed, plan=replace(plan, cards=(card,)), runs=tuple(closed.of(card)))
+    cards = identify_cards(alone, tmp_path)
+    file.write_text(text, encoding="utf-8")
+    wn, zeta = judge(alone, cards).cards[0].targets
+    (mode,) = [m for m in cards[0].case.model.modes() if abs(m.wn_rad_s - wn.estimate.value) < 1e-6]
+    assert wn.estimate.stated == pytest.approx(mode.wn_std, rel=1e-3)
+    assert (zeta.estimate.value, zeta.estimate.stated) == pytest.approx((mode.zeta, mode.zeta_std), rel=1e-3)
+    assert abs(wn.estimate.value / wn.here - 1.0) < 0.15
+    assert (wn.verdict, zeta.verdict) == ("reached", "reached")
 
 
 def with_promise(card, **promise):
@@ -300,10 +320,15 @@ def test_a_lost_design_and_a_damaged_promise_are_said(flown, tmp_path):
     assert "gone/designs/2.toml was not found" in recipe.notes[0]
     assert recipe.identification["estimators"][0]["structure"] == "longitudinal"
     broken = folder / "broken.toml"
-    broken.write_text("[identification", encoding="utf-8")
     card = replace(card, spec=card.spec.model_copy(update={"design": str(broken)}))
-    with pytest.raises(RecordError, match="cannot be read"):
-        recipe_of(plan, card, [r.record for r in closed.of(plan.cards[0])])
+    for bad, words in (
+        ("[identification", "cannot be read"),
+        ('[[identification.estimators]]\nstructure = "longitudinal"', "must be as `testbench design` writes it"),
+        ("identification = 3", "must be as `testbench design` writes it"),
+    ):
+        broken.write_text(bad, encoding="utf-8")
+        with pytest.raises(RecordError, match=words):
+            recipe_of(plan, card, [r.record for r in closed.of(plan.cards[0])])
 
 
 def test_equations_of_a_design_are_driven_by_what_was_logged(flown):
