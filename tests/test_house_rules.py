@@ -26,6 +26,7 @@ RANKS = (
     {"questions"},
     {"envs"},
     {"cli"},
+    {"__main__"},
 )
 RANK = {room: rank for rank, rooms in enumerate(RANKS) for room in rooms}
 # A question imports another only if it asks it.

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.sizes import NUMBER, require_room
 from testbench.logs.clocks import shortest_step
 from testbench.logs.signals import Mapped
 
@@ -18,9 +19,9 @@ STOP_DB = 60.0  # what the filter leaves of what would fold down
 _PASS, _STOP = 0.4, 0.6  # of the new rate: what lies between folds down to above 0.4 of it only
 _SLOW = 0.8  # a channel below this part of the new rate is sampled where it was sampled
 _SMOOTH = 4.0  # longest over shortest step: beyond it a cubic through noise overshoots between the samples
+_SHORTEST_S = 1e-9  # no logger counts finer
 _EVEN = 0.01  # of a step: the steps of an even clock differ by less; a straight line does between its samples
 _LONG = 500_000  # samples from which on a log that shares one clock is put to the default rate too
-_MOST = 20_000_000  # samples of a record; above it the times are wrong rather than the flight long
 
 
 def common_rate(channels: Sequence[Mapped]) -> float:
@@ -30,10 +31,16 @@ def common_rate(channels: Sequence[Mapped]) -> float:
     lies above passes the filter of :func:`resample` and is not folded down. A rate of your own keeps every sample.
 
     Raises:
-        RecordError: there is no channel.
+        RecordError: there is no channel, or its times hardly move.
     """
     if not channels:
         raise RecordError("at least one channel must have been found to make a record, got none")
+    for c in channels:
+        if not c.step_s >= _SHORTEST_S:
+            raise RecordError(
+                f"times must run on by at least {_SHORTEST_S:g} s a sample, got steps of {c.step_s:g} s in {c.source}; "
+                "the times of the log are damaged, or in another unit"
+            )
     first = channels[0].t_s
     steps = np.diff(first)
     usual = float(np.median(steps))
@@ -72,7 +79,8 @@ def resample(
             until the one after it, so that a step between two samples keeps its time.
 
     Raises:
-        RecordError: the rate is not positive, there is no channel, or the times span more than can be meant.
+        RecordError: the rate is not positive, there is no channel, or there is no stretch without gaps.
+        SizeError: the times span more than the limit of :mod:`testbench.core.sizes` holds.
     """
     if not 0.0 < rate_hz < np.inf:
         raise RecordError(f"the rate of a record must be > 0 Hz and finite, got {rate_hz:g}")
@@ -80,12 +88,12 @@ def resample(
         raise RecordError("at least one channel must have been found to make a record, got none")
     zero = min(float(c.t_s[0]) for c in channels)
     end = max(float(c.t_s[-1]) for c in channels)
+    require_room(
+        f"a record from {zero:g} to {end:g} s at {rate_hz:g} Hz",
+        NUMBER * len(channels) * (end - zero) * rate_hz,
+        "the times of the log are damaged, or give a lower rate",
+    )
     count = int(np.floor((end - zero) * rate_hz + 1e-3)) + 1
-    if count > _MOST:
-        raise RecordError(
-            f"a record must hold at most {_MOST} samples, got {count} from {zero:g} to {end:g} s at {rate_hz:g} Hz; "
-            "the times of the log are damaged, or give a lower rate"
-        )
     grid = np.arange(count) / rate_hz
     kept, data, valid = [], [], []
     for c in channels:
@@ -168,6 +176,11 @@ def _lowpass(
     taps, beta = kaiserord(STOP_DB, 2.0 * (_STOP - _PASS) * ratio)
     taps |= 1
     half = taps // 2
+    require_room(
+        f"a channel with steps of {step:g} s from {t[0]:g} to {t[-1]:g} s",
+        NUMBER * (t[-1] - t[0]) / step,
+        "the times of the log are damaged",
+    )
     even = t[0] + step * np.arange(int(np.floor((t[-1] - t[0]) / step + 1e-6)) + 1)
     if even.size <= half:
         return None

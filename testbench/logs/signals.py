@@ -20,6 +20,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray
 from testbench.logs.clocks import gaps, usual_step
 from testbench.logs.instances import Choice, choose_instances, instances_of, number_of
+from testbench.logs.names import LARGEST
 
 MIN_SAMPLES = 4
 ZERO = "zero throughout"
@@ -267,7 +268,7 @@ def _mapped(log: Log, rule: Rule, topic: Topic, source: str, throws: Mapping[str
         values = values * throw
         known = "as given" if surface in throws else "assumed, the log does not hold it"
         assumed = "; ".join(filter(None, [assumed, f"full command is {throw / DEG_RAD:g} deg ({known})"]))
-    finite = np.isfinite(values)
+    finite = np.abs(values) <= LARGEST
     values = values[finite]
     if values.size < MIN_SAMPLES:
         return f"{values.size} of {ok.size} samples can be converted, at least {MIN_SAMPLES} are needed"

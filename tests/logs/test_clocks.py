@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from testbench.core.errors import RecordError, SizeError
 from testbench.logs.clocks import gaps, usual_step
 from testbench.logs.resampling import common_rate, resample
 from testbench.logs.signals import Mapped
@@ -110,6 +111,18 @@ def test_what_would_fold_down_is_filtered_at_the_finest_step_of_the_clock():
         fast = Mapped("q", t, np.sin(2.0 * np.pi * frequency * t), "", "")
         record = resample([fast], 50.0, {})
         assert np.abs(record["q"][50:-50]).max() < left  # 80 Hz has 2.5 samples of the thin part of the clock
+
+
+@pytest.mark.parametrize("step_s", [1e-310, 1e-12])
+def test_times_that_hardly_move_are_damaged(step_s):
+    with pytest.raises(RecordError, match=r"must run on by at least 1e-09 s a sample.*damaged"):
+        common_rate([logged(step_s * np.arange(50.0))])
+
+
+def test_a_channel_that_counts_too_finely_for_its_length_is_refused():
+    t = np.cumsum(np.tile([1e-12, 1e-12, 1e-12, 1.0], 300))
+    with pytest.raises(SizeError, match="damaged"):
+        resample([logged(t)], 0.1, {})
 
 
 def test_a_held_command_keeps_the_area_of_its_steps_on_any_clock():

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from testbench.core.advice import Advice, doubt, wrong
+from testbench.core.advice import Advice, doubt, note, wrong
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import LinearStructure
 
@@ -17,6 +17,7 @@ _LOST = 1e-7  # smallest over largest singular value of the scaled sensitivities
 _NAMED = 0.3  # share of a null direction that makes a parameter worth naming
 _TOGETHER = 0.98  # correlation beyond which two estimates stand for one another
 _VAGUE = 0.5  # standard error relative to the value
+_MANY = 0.5  # share of the estimates that are vague beyond which the flight, not one small effect, is the reason
 _EXACT = 1e-9  # median standard error relative to the value below which the records are free of noise
 _COLOURED = 1e-3  # false-alarm probability of the whiteness test
 _BIASED = 5.0  # corrected over plain errors beyond which residuals are no noise but what the model misses (judged)
@@ -75,8 +76,10 @@ def advice_in_words(model: Any) -> Any:
         if noisy and e > _VAGUE * abs(v) and e > 0.0 and not (linear and n.endswith("_0"))
     ]
     if vague:
+        asked = sum(not (linear and n.endswith("_0")) for n in names)
+        rank = doubt if len(vague) > _MANY * asked else note  # an error that is stated misleads nobody
         out.append(
-            doubt(
+            rank(
                 "weakly_identifiable",
                 f"these data say little about {', '.join(vague)}: fix them at a believed value, or excite them more",
             )
@@ -120,8 +123,9 @@ def advice_in_words(model: Any) -> Any:
             )
         else:
             errors_hold = f"standard errors are corrected for it, by up to a factor {factor:.2g}"
+        own = model.method == "equation_error" and not why  # its low pass colours the residuals of any flight
         out.append(
-            doubt(
+            (note if own else doubt)(
                 "coloured_residuals",
                 f"the residuals of {', '.join(coloured)} are not white (turbulence, filtered noise or something "
                 f"missing in the model): {errors_hold}",

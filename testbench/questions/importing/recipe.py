@@ -123,7 +123,7 @@ def _taken(record: FlightRecord, name: str) -> FloatArray:
 
 
 def _speed(records: Sequence[FlightRecord]) -> float:
-    return float(np.mean([np.mean(_taken(record, "V")) for record in records]))
+    return float(np.mean([np.mean(np.abs(_taken(record, "V"))) for record in records]))
 
 
 def _size(record: FlightRecord, name: str) -> float:

@@ -189,6 +189,7 @@ def close(
     identified together, by the estimator of its design. Records lie in records/, descriptions for `testbench identify`
     in identify/. Example: `testbench plan close my_plan.toml flight_1.bin flight_2.bin`.
     """
+    from testbench.page.write import check_folder
     from testbench.questions.files import find
     from testbench.questions.importing.ask import import_log, parse_throws
     from testbench.questions.plan.ask import make_plan
@@ -200,6 +201,7 @@ def close(
 
     loaded = PlanScenario.load(find(scenario, "plan"))
     folder = out / f"close_{loaded.name}"
+    check_folder(folder)
     with stages() as say:
         plan = make_plan(loaded, progress=say)
         full = {c: control.full for c, control in plan.aircraft.controls.items() if c != "thr"}
