@@ -39,7 +39,12 @@ if TYPE_CHECKING:
     from testbench.questions.files import load
     from testbench.questions.gap.ask import run_gap
     from testbench.questions.gap.workflow import find_gap
+    from testbench.questions.identify.amend.ask import amend
     from testbench.questions.identify.ask import identify, load_description
+    from testbench.questions.identify.pool.ask import identify_and_pool
+    from testbench.questions.identify.pool.least_squares import LogCoefficients
+    from testbench.questions.identify.pool.pooling import pool
+    from testbench.questions.identify.pool.prior import Prior
     from testbench.questions.importing.ask import import_log
     from testbench.questions.modes.ask import fly_modes
     from testbench.questions.plan.ask import make_plan
@@ -65,6 +70,7 @@ _HOME = {
     "FlightCondition": "testbench.flight",
     "FlightRecord": "testbench.core.record",
     "Manoeuvre": "testbench.flight",
+    "amend": "testbench.questions.identify.amend.ask",
     "compare": "testbench.questions.compare.ask",
     "estimate": "testbench.estimators",
     "with_causes": "testbench.estimators.causes",
@@ -74,6 +80,10 @@ _HOME = {
     "fly_and_measure": "testbench.line",
     "fly_campaign": "testbench.questions.campaign.ask",
     "identify": "testbench.questions.identify.ask",
+    "identify_and_pool": "testbench.questions.identify.pool.ask",
+    "LogCoefficients": "testbench.questions.identify.pool.least_squares",
+    "pool": "testbench.questions.identify.pool.pooling",
+    "Prior": "testbench.questions.identify.pool.prior",
     "import_log": "testbench.questions.importing.ask",
     "linearise": "testbench.flight",
     "load": "testbench.questions.files",
@@ -98,7 +108,10 @@ __all__ = [
     "FlightRecord",
     "InputSignal",
     "Job",
+    "LogCoefficients",
     "Manoeuvre",
+    "Prior",
+    "amend",
     "compare",
     "estimate",
     "evaluate",
@@ -110,6 +123,7 @@ __all__ = [
     "fly_modes",
     "fly_stream",
     "identify",
+    "identify_and_pool",
     "import_log",
     "linearise",
     "load",
@@ -120,6 +134,7 @@ __all__ = [
     "load_scenario",
     "load_suite",
     "make_plan",
+    "pool",
     "read_records",
     "run",
     "run_design",

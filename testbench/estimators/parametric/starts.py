@@ -12,6 +12,7 @@ from testbench.estimators.parametric import equation_error
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
 from testbench.estimators.parametric.kalman.search import search
 from testbench.estimators.parametric.likelihood import Likelihood
+from testbench.estimators.parametric.reconstructed import with_flow_angle
 from testbench.estimators.parametric.structure import ModelStructure
 
 _SPREAD = 0.5  # of the values that others scatter about, relative
@@ -26,11 +27,14 @@ def first_points(
 ) -> list[FloatArray]:
     """Return the structure's values and, where all its states are measured, those of equation error, (k,) each.
 
+    A flow angle that was not measured is reconstructed from rates and accelerations for it.
+
     The one that follows the records better as it stands comes first.
     """
     structure = likelihood.structure
     points = [structure.values]
     measured = structure.states[: len(structure.states) - len(structure.followers)]
+    records = [with_flow_angle(structure, record) for record in records]
     if all(state in record for state in measured for record in records):
         try:
             found = equation_error.estimate(records, structure, delays_s=delays_s, held=held).params
