@@ -100,9 +100,8 @@ def identified_by(
     """
     inputs = [c if c in suite.channels else f"{c}_cmd" for c in structure.inputs]
     free = starts_free(structure)
-    late = {
-        s.channel: s for s in suite.sensors if s.channel in structure.outputs and (s.lag_s > 0.0 or s.delay_s > 0.0)
-    }
+    late = {s.channel: _late_s(s, suite) for s in suite.sensors if s.channel in structure.outputs}
+    late = {name: times for name, times in late.items() if any(times)}
     named = [f"{_TRUE}{s}" if s in late else s for s in structure.states]
     # the noise of a sensed deflection turns the aircraft in the model's flight, and not in the real one
     felt = ("u", "v", "w") if all(i.endswith("_cmd") for i in inputs) else ("u", "v", "w", "p", "q", "r")
@@ -152,8 +151,15 @@ def _offsets(structure: AircraftStructure, duration_s: float, free: bool) -> lis
     return out
 
 
+def _late_s(sensor: Sensor, suite: SensorSuite) -> tuple[float, float]:
+    """Return lag and delay of a sensor, s; zero where their pole lies beyond the Nyquist frequency of the suite."""
+    fastest = np.pi * suite.rate_hz
+    lag, delay = sensor.lag_s, sensor.delay_s
+    return lag if lag * fastest > 1.0 else 0.0, delay if delay * fastest > 2.0 else 0.0
+
+
 def _equations(
-    structure: AircraftStructure, named: Sequence[str], inputs: Sequence[str], late: Mapping[str, Sensor]
+    structure: AircraftStructure, named: Sequence[str], inputs: Sequence[str], late: Mapping[str, tuple[float, float]]
 ) -> dict[str, Any]:
     """Return the equations of a structure as text, with its parameters at their believed values.
 
@@ -161,7 +167,7 @@ def _equations(
         structure: the linearised aircraft.
         named: what its states are called.
         inputs: what its inputs are called.
-        late: output -> its sensor, of those with a lag or a delay.
+        late: output -> lag and delay of its sensor, s, of those that have some.
     """
     names = (*named, *inputs)
     rates, shown = _terms(structure)
@@ -177,13 +183,13 @@ def _equations(
             if not np.allclose(np.hstack([structure.C0[i], structure.D0[i]]), unit, atol=_SAME):
                 raise EstimationError(f"the output {name} must be the state of that name, got {_sum(row, names)}")
             continue
-        text, sensor = _sum(row, names), late[name]
-        if sensor.lag_s > 0.0:
-            equations[f"{name}_lag_dot"] = f"({text} - {name}_lag)*{1.0 / sensor.lag_s:.15g}"
+        text, (lag_s, delay_s) = _sum(row, names), late[name]
+        if lag_s > 0.0:
+            equations[f"{name}_lag_dot"] = f"({text} - {name}_lag)*{1.0 / lag_s:.15g}"
             more.append(f"{name}_lag")
             text = f"{name}_lag"
-        if sensor.delay_s > 0.0:
-            equations[f"{name}_late_dot"] = f"({text} - {name}_late)*{2.0 / sensor.delay_s:.15g}"
+        if delay_s > 0.0:
+            equations[f"{name}_late_dot"] = f"({text} - {name}_late)*{2.0 / delay_s:.15g}"
             more.append(f"{name}_late")
             text = f"2*{name}_late - ({text})"
         outputs[name] = text

@@ -55,7 +55,7 @@ def scenario_toml(result: DesignResult, design: Design) -> str:
     wings = [] if s.wings == "flexible" else [f'wings = "{s.wings}"']
     rate = [] if s.simulation.rate_hz is None else [f"rate_hz = {s.simulation.rate_hz:g}"]
     lines = [
-        f"# Designed input: {family_label(design.family)}, {design.words}. {_told(result, design)} errors:",
+        f"# Designed input: {family_label(design.family)}, {design.words}. {_told(result, design)}:",
         *(f"#   {text}" for text in _error_lines(result, design)),
         f"title = {quoted(f'{s.title}: {family_label(design.family)}')}",
         f'aircraft = "{s.aircraft}"',
@@ -71,6 +71,7 @@ def scenario_toml(result: DesignResult, design: Design) -> str:
         "[simulation]",
         *rate,
         f"log_rate_hz = {result.problem.rate_hz!r}",
+        *_air_lines(result),
     ]
     for use, one in (("identification", design), ("validation", judge)):
         start = result.problem.start_s
@@ -89,6 +90,14 @@ def scenario_toml(result: DesignResult, design: Design) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _air_lines(result: DesignResult) -> list[str]:
+    """Return the table of the air in which the design was realised, if it moves."""
+    if result.air is None:
+        return []
+    given = result.air.model_dump(exclude_defaults=True)
+    return ["", "[air]", *(f"{k} = {v!r}" for k, v in given.items() if k != "gust")] if given else []
+
+
 def _entry_of(result: DesignResult, design: Design) -> Ranked | None:
     entries = [*result.ranking, *([result.shortest] if result.shortest else [])]
     return next((e for e in entries if e.design is design), None)
@@ -96,8 +105,8 @@ def _entry_of(result: DesignResult, design: Design) -> Ranked | None:
 
 def _told(result: DesignResult, design: Design) -> str:
     entry = _entry_of(result, design)
-    realised = entry is not None and entry.realised is not None and bool(entry.realised.differs.any())
-    return "Realised standard" if realised else "Predicted standard"
+    realised = entry is not None and entry.realised is not None
+    return "Errors to plan with, promised and realised" if realised else "Predicted standard errors"
 
 
 def _error_lines(result: DesignResult, design: Design) -> list[str]:
