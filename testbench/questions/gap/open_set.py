@@ -53,6 +53,20 @@ _WORDS = {
     "thr": "throttle",
     TIME: "time",
 }
+_MISTAKEN = {
+    "thr": "thrust, its line, or the wash of the propeller",
+    "de": "the elevator's effectiveness, linkage or servo",
+    "da": "the aileron's effectiveness, linkage or servo",
+    "dr": "the rudder's effectiveness, linkage or servo",
+    "alpha": "a vane whose scale bends",
+    "beta": "a vane whose scale bends",
+    "V": "an airspeed that is off",
+    "p": "a damper or a gyro that is off",
+    "q": "a damper or a gyro that is off",
+    "r": "a damper or a gyro that is off",
+    "alphadot": "downwash that comes late, or a damper",
+    TIME: "fuel that burns, a battery that empties or a sensor that drifts",
+}
 _MORE = 3.0  # the flown size may be so many times what regression says
 _INSTEAD = 2  # terms in the place of each that are fitted beside it
 
@@ -79,8 +93,11 @@ class FirstLook:
     @property
     def sentences(self) -> tuple[str, ...]:
         """That in words."""
+        if self.found is None:
+            return (f"forces and moments were not looked at: {self.why_not}",) if self.why_not else ()
         if not self.terms:
-            return ()
+            tried = f"{self.found.tried} terms of motion, controls and time"
+            return (f"forces and moments at every sample follow none of {tried}",)
         told = "; ".join(told_of(f) for f in self.terms)
         return (f"forces and moments at every sample, before anything is flown, follow {told}",)
 
@@ -117,7 +134,10 @@ def title_of(coefficient: str, term: Term) -> str:
         word = f"{word} as it lags by {f.lag_s:g} s" if f.lag_s else word
         power = term.factors.count(f)
         said.append(word if power == 1 else f"the {'square' if power == 2 else 'cube'} of {word}")
-    return f"a {PLACES[coefficient]} that grows with {' times '.join(said)}"
+    place = PLACES[coefficient]
+    if coefficient == "CD" and "thr" in term.quantities:
+        place = "drag (or lack of thrust)"  # along the path the two are one force
+    return f"a {place} that grows with {' times '.join(said)}"
 
 
 def effect_of(coefficient: str, term: Term, size: float) -> Effect:
@@ -130,7 +150,7 @@ def effect_of(coefficient: str, term: Term, size: float) -> Effect:
         physics="No effect of the library does this. Forces and moments follow it at every sample of the records.",
         parameters=(Parameter("size", "1", -most, most, (size,), none=0.0),),
         amend=partial(_amend, coefficient, term),
-        mistaken_for="any other quantity that moves alike in these flights",
+        mistaken_for=" or ".join(dict.fromkeys(_MISTAKEN[f.quantity] for f in term.factors)),
         separated_by=f"flights in which {', '.join(_WORDS[q] for q in sorted(term.quantities))} moves by itself",
         flown=True,
         lateral=coefficient in ("CY", "Cl", "Cn"),
@@ -215,6 +235,7 @@ def named_openly(
     found = confirmed(name_effect(believed, records, say, proposals(first, believed)), believed, held_out)
     if not found.names:
         return naming
-    return replace(
-        found, sentence=f"no effect of the library explains the gap; what does is {found.sentence}", open_set=True
-    )
+    best = found.best
+    mistaken = "" if best is None else f". It could be mistaken for {best.effect.mistaken_for}"
+    sentence = f"no effect of the library explains the gap; what does is {found.sentence}{mistaken}"
+    return replace(found, sentence=sentence, open_set=True)

@@ -125,6 +125,43 @@ def regress(believed: Believed, flights: Sequence[Felt]) -> Regression:
 
 
 @dataclass(frozen=True, eq=False)
+class Followed:
+    """How an error of a coefficient follows what was found, in one record; of both, what is slower than the cut-off.
+
+    Attributes:
+        name: of the manoeuvre.
+        t_s: (n,) time.
+        error: (n,) felt less that of the model, about its mean.
+        terms: (n,) the terms found in that coefficient, about their mean.
+        noise: standard deviation of what the sensors' noise makes of the error.
+    """
+
+    name: str
+    t_s: FloatArray
+    error: FloatArray
+    terms: FloatArray
+    noise: float
+
+
+def followed(
+    believed: Believed, flights: Sequence[Felt], found: Sequence[FoundTerm], coefficient: str
+) -> list[Followed]:
+    """Return how the error of a coefficient follows what was found of it, in each record."""
+    own = [f for f in found if f.coefficient == coefficient]
+    out = []
+    for flight in flights:
+        record, c = flight.motion.record, flight.coefficients.index(coefficient)
+        slow = _Slow.of(record.dt_s)
+        y = slow(flight.errors[..., c], 1)
+        Z = slow(columns(tuple(f.term for f in own), quantities(believed, flight), record.dt_s)[:1], 1)[0]
+        terms = Z @ np.array([f.size for f in own])
+        t = slow(record.t_s - record.t_s[0], 0)
+        noise = float(np.std(y[1:] - y[0]))
+        out.append(Followed(flight.name, t, y[0] - y[0].mean(), terms - terms.mean(), noise))
+    return out
+
+
+@dataclass(frozen=True, eq=False)
 class _Scan:
     """Of every term (m,): estimate, standard error, |t|, and by how much it would lower chi-square."""
 
