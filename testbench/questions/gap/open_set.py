@@ -102,8 +102,19 @@ class FirstLook:
         return (f"forces and moments at every sample, before anything is flown, follow {told}",)
 
 
-def look(believed: Believed, records: Mapping[str, FlightRecord]) -> FirstLook:
-    """Return what forces and moments of records say of the believed model."""
+def first_look(believed: Believed, records: Mapping[str, FlightRecord]) -> FirstLook:
+    """Return what forces and moments of records say of the believed model; nothing is flown for that.
+
+    Args:
+        believed: aircraft, sensors and condition as believed.
+        records: name -> measured record, all with V, alpha, q and theta.
+
+    Example:
+        >>> import testbench as tb
+        >>> first = tb.first_look(believed, {"doublet": record, "sweep": other})  # doctest: +SKIP
+        >>> first.flights[0].felt, first.flights[0].std  # (n, coefficients), standard errors  # doctest: +SKIP
+        >>> first.sentences  # doctest: +SKIP
+    """
     try:
         flights = felt(believed, records, COPIES)
         if len({f.coefficients for f in flights}) > 1:

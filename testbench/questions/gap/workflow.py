@@ -37,7 +37,7 @@ from testbench.questions.gap.evidence.locate import (
     structure,
 )
 from testbench.questions.gap.flights import flights
-from testbench.questions.gap.open_set import look, named_openly
+from testbench.questions.gap.open_set import first_look, named_openly
 from testbench.questions.gap.parameters import wrong_parameters
 from testbench.questions.gap.plan import separate
 from testbench.questions.gap.result import GapFinding, Shrink
@@ -101,7 +101,7 @@ def find_gap(
             ahead.begin("check", instruments)  # the search needs nothing of it
             checked = ahead.take("check", instruments) if ahead.most == 1 else None
         say("look at forces and moments")
-        first = look(believed, records)
+        first = first_look(believed, records)
         say("listen to the air")
         air = listen(believed, naming_records)
         believed, naming, air = search(believed, naming_records, air, say, effects)

@@ -16,7 +16,7 @@ from testbench.questions.gap.evidence.check import DataCheck
 from testbench.questions.gap.evidence.felt import felt
 from testbench.questions.gap.evidence.stepwise import FoundTerm, Regression
 from testbench.questions.gap.evidence.vocabulary import Factor, Term, columns, quantities
-from testbench.questions.gap.open_set import FirstLook, effect_of, look, proposals, title_of, told_of
+from testbench.questions.gap.open_set import FirstLook, effect_of, first_look, proposals, title_of, told_of
 
 THR, ALPHA, DR = Factor("thr"), Factor("alpha"), Factor("dr", modulus=True)
 LIBRARY = {n: EFFECTS[n] for n in ("drag_increment", "alpha_dot")}
@@ -74,7 +74,7 @@ def test_what_instruments_say_of_each_other_forbids_a_force(monkeypatch):
 
 def test_records_without_the_channels_say_why_nothing_was_looked_at():
     few = {n: r.select([c for c in r.channels if c != "q"]) for n, r in list(records().items())[:1]}
-    said = look(believe("taurus"), few)
+    said = first_look(believe("taurus"), few)
     assert said.terms == ()
     assert "need V, alpha, q, theta, 'm0' lacks q" in said.sentences[0]
 
