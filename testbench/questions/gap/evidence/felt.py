@@ -22,7 +22,7 @@ from testbench.core.errors import ChannelError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.batch.along import ForcesAlong, Lane, forces_along
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.evidence.motion import NEEDED, Motion, motion_of
+from testbench.questions.gap.evidence.motion import NEEDED, Motion, motion_of, smooth
 
 COEFFICIENTS = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
 _LATERAL = ("CY", "Cl", "Cn")
@@ -126,11 +126,12 @@ def _coefficients(
     believed: Believed, motion: Motion, version: int, force: FloatArray, moment: FloatArray, qbar_Pa: FloatArray
 ) -> FloatArray:
     """Return CL, CD, CY (wind axes), Cl, Cm, Cn (body axes), (n, 6), of a force and moment in body axes."""
-    a, b = motion.state["alpha"][version], motion.state["beta"][version]
+    dt_s = motion.record.dt_s  # noise of angles and airspeed times that of the forces would be noise of a third kind
+    a, b = (smooth(motion.state[n][version], dt_s) for n in ("alpha", "beta"))
     x, y, z = force.T
     along, up = np.cos(a) * x + np.sin(a) * z, np.sin(a) * x - np.cos(a) * z
     drag, side = -(np.cos(b) * along + np.sin(b) * y), np.cos(b) * y - np.sin(b) * along
     geometry = believed.aircraft.geometry
     lengths = np.array([geometry.b_m, geometry.cbar_m, geometry.b_m])
-    scale = qbar_Pa * geometry.S_m2
+    scale = smooth(qbar_Pa, dt_s) * geometry.S_m2
     return np.column_stack([up / scale, drag / scale, side / scale, moment / (scale[:, None] * lengths)])

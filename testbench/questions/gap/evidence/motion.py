@@ -1,10 +1,10 @@
 """The motion of an aircraft as a record tells it, with copies that hold more of the sensors' noise.
 
 Readings are freed of what is certain of their sensors (scale, lag, delay, position) and differentiated by central
-differences of sixth order, which are right within 0.1 % up to a tenth of the sample rate. Nothing is smoothed: what
-is faster than that is filtered out of the forces, on both sides of the equation alike (stepwise.py). What noise does
-to everything that is computed from readings, the copies show: in each of them noise as large as that of the sensors
-is added once more, and all is done again (simulation and extrapolation; J. R. Cook and L. A. Stefanski, 1994).
+differences of sixth order, which are right within 0.1 % up to a tenth of the sample rate. Neither side of the equation
+is smoothed: what is faster than that is filtered out of both alike (stepwise.py). What noise does to everything that is
+computed from readings, the copies show: in each of them noise as large as that of the sensors is added once more, and
+all is done again (simulation and extrapolation; J. R. Cook and L. A. Stefanski, 1994).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
-from scipy.ndimage import correlate1d
+from scipy.ndimage import correlate1d, gaussian_filter1d
 
 from testbench.core.constants import G0_M_S2
 from testbench.core.record import FlightRecord, FloatArray
@@ -29,6 +29,7 @@ NEEDED = ("V", "alpha", "q", "theta")
 _LATERAL = ("beta", "p", "r", "phi")
 _STATES = (*NEEDED, *_LATERAL, "h")
 _FORCES = ("ax", "ay", "az")
+_SMOOTH_S = 0.05  # deviation of Gauss's filter
 _SIXTH_ORDER = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
 _ROUNDS = 2  # of taking out what is certain of the sensors
 
@@ -140,6 +141,11 @@ def slope(x: FloatArray, dt_s: float) -> FloatArray:
     return np.asarray(correlate1d(ends, _SIXTH_ORDER, axis=-1)[..., 3:-3] / dt_s)
 
 
+def smooth(x: FloatArray, dt_s: float) -> FloatArray:
+    """Return signals (..., n) without most of their noise, by Gauss's filter: for what only turns or multiplies."""
+    return np.asarray(gaussian_filter1d(x, _SMOOTH_S / dt_s, axis=-1))
+
+
 def _state(
     believed: Believed, read: Mapping[str, FloatArray], dt_s: float, lateral: bool
 ) -> tuple[dict[str, FloatArray], FloatArray]:
@@ -174,6 +180,7 @@ def _accelerations(raw: Mapping[str, FloatArray], state: dict[str, FloatArray], 
             out[..., i] = raw[name]
             state[f"{'uvw'[i]}dot"] = out[..., i] + known[..., i]
         else:
-            state[f"{'uvw'[i]}dot"] = slope(speed, dt_s)
-            out[..., i] = state[f"{'uvw'[i]}dot"] - known[..., i]
+            rate = slope(speed, dt_s)
+            out[..., i] = rate - known[..., i]
+            state[f"{'uvw'[i]}dot"] = smooth(rate, dt_s)  # its noise would be that of alpha-dot
     return out

@@ -44,6 +44,7 @@ _LEFT = 0.01  # share of a term's square about its means that must be left besid
 _SEEN = 1e-3  # of the noise: a coefficient that moves an error by less is not in it
 _SINGULAR = 1e-9  # smallest eigenvalue of a correlation that is inverted
 _FOLLOWS = 0.1  # in proportion to a quantity but for so much, rms
+_TRUE = 0.7  # share of what is left of a term beside the others that must not be noise
 _MOST = 6  # terms
 _START_S = 0.3  # of each record is left out: servos and engines settle
 
@@ -113,6 +114,7 @@ def regress(believed: Believed, flights: Sequence[Felt]) -> Regression:
         problems[c].exchange()
     terms = []
     for c, p in problems.items():
+        p.prune()
         terms += p.found(c, before[c])
     terms.sort(key=lambda f: -abs(f.size) / f.error)
     left = {c: p.chi2 / p.samples for c, p in problems.items()}
@@ -261,10 +263,10 @@ class _Problem:
         square = np.diag(m.corrected)[k:] - (cross * W).sum(axis=0)
         spread = m.raw + m.noise / self._copies
         scatter = np.diag(spread)[k:] - 2.0 * (spread[i, k:] * W).sum(axis=0) + (W * (spread[i][:, i] @ W)).sum(axis=0)
-        good = self.open & (square > _LEFT * self._about_means) & (square > _RELIABLE * scatter)
+        good = self.open & (square > _LEFT * self._about_means) & (square > _TRUE * scatter)
         safe = np.where(good, square, 1.0)
         size = np.where(good, (with_y - W.T @ m.with_y[i]) / safe, 0.0)
-        gain = size**2 * safe
+        gain = np.where(good, (size * safe) ** 2 / np.where(good, scatter, 1.0), 0.0)
         freedom = max(self.samples - int(i.sum()) - 1, 1)
         scale = np.sqrt(np.maximum((self.chi2 - gain) / freedom, 1.0))
         error = np.where(good, scale * np.sqrt(np.maximum(scatter, 0.0)) / safe, np.inf)
@@ -284,6 +286,20 @@ class _Problem:
         for i in list(self._taken):
             self._without(i)
             self.take(int(np.argmax(self.scan().gain)))
+
+    def prune(self) -> None:
+        """Take out the terms that are no longer sure beside the others, the least sure one first."""
+        while self._taken:
+            sure = []
+            for i, scatter in zip(list(self._taken), self._scatter(), strict=True):
+                self._without(i)
+                scan = self.scan()
+                sure.append((abs(float(scan.size[i])) / max(float(scan.error[i]), float(scatter)), i))
+                self.take(i)
+            least, i = min(sure)
+            if least > CRITERIA.sure:
+                return
+            self._without(i)
 
     def _scatter(self) -> FloatArray:
         """Return standard errors (terms that entered,) from what the copies' noise makes of the estimates.
