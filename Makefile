@@ -12,7 +12,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
   tests/questions/campaign/test_draws.py tests/questions/run/test_scenario.py tests/test_house_rules.py \
   tests/test_packaging.py
 
-.PHONY: demo quick lint test test-slow benchmarks stock blind-test docs campaign-cost design-study estimator-study reproduction clean
+.PHONY: demo quick lint test fuzz test-slow benchmarks stock blind-test docs campaign-cost design-study promise-study estimator-study advice-study reproduction autopilot-log-study clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -27,6 +27,11 @@ lint: $(VENV)/installed-dev
 
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -m "not slow" -n 2 --dist worksteal
+
+# Damaged files of every format, 2000 of each: some twenty minutes on an idle machine.
+FUZZ_SEEDS ?= 2000
+fuzz: $(VENV)/installed-dev
+	FUZZ_SEEDS=$(FUZZ_SEEDS) $(BIN)/python -m pytest tests/fuzz -n 2 --dist worksteal
 
 test-slow: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -m slow
@@ -44,6 +49,7 @@ benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/output_error_speed.py
 	$(BIN)/python tests/benchmarks/gap_speed.py
 	$(BIN)/python tests/benchmarks/log_speed.py
+	$(BIN)/python tests/benchmarks/long_log.py
 
 # Every model that comes with JSBSim, into results/aircraft/stock.csv: some two minutes on two cores.
 stock: $(VENV)/installed-dev
@@ -55,12 +61,24 @@ campaign-cost: $(VENV)/installed-dev
 design-study: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/design_study.py
 
+# Writes results/design/promise.csv and robust.csv; about half an hour of processor time. Interrupted: it goes on where it stopped.
+promise-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/promise_study.py
+	$(BIN)/python tests/studies/robust_study.py
+
 # Writes results/estimators/*.csv; about an hour of processor time. Interrupted: estimator_study.py --resume.
 estimator-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/subspace_inputs.py
 	$(BIN)/python tests/studies/f16_prediction.py
 	$(BIN)/python tests/studies/estimator_study.py
+
+# Writes results/estimators/advice.csv; half an hour of processor time for 50 seeds. Interrupted: the same again.
+advice-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/advice_study.py
+
+# From simulated PX4 and ArduPilot logs to derivatives, 100 seeds: hours on one core; it goes on where it stopped.
+autopilot-log-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/autopilot_logs.py
 
 env-study: $(VENV)/installed-rl
 	for task in eolo:6 taurus:2; do name=$${task%:*}; \

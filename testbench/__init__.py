@@ -40,7 +40,12 @@ if TYPE_CHECKING:
     from testbench.questions.gap.ask import run_gap
     from testbench.questions.gap.open_set import first_look
     from testbench.questions.gap.workflow import find_gap
+    from testbench.questions.identify.amend.ask import amend
     from testbench.questions.identify.ask import identify, load_description
+    from testbench.questions.identify.pool.ask import identify_and_pool
+    from testbench.questions.identify.pool.least_squares import LogCoefficients
+    from testbench.questions.identify.pool.pooling import pool
+    from testbench.questions.identify.pool.prior import Prior
     from testbench.questions.importing.ask import import_log
     from testbench.questions.modes.ask import fly_modes
     from testbench.questions.plan.ask import make_plan
@@ -66,6 +71,7 @@ _HOME = {
     "FlightCondition": "testbench.flight",
     "FlightRecord": "testbench.core.record",
     "Manoeuvre": "testbench.flight",
+    "amend": "testbench.questions.identify.amend.ask",
     "compare": "testbench.questions.compare.ask",
     "estimate": "testbench.estimators",
     "with_causes": "testbench.estimators.causes",
@@ -76,6 +82,10 @@ _HOME = {
     "fly_and_measure": "testbench.line",
     "fly_campaign": "testbench.questions.campaign.ask",
     "identify": "testbench.questions.identify.ask",
+    "identify_and_pool": "testbench.questions.identify.pool.ask",
+    "LogCoefficients": "testbench.questions.identify.pool.least_squares",
+    "pool": "testbench.questions.identify.pool.pooling",
+    "Prior": "testbench.questions.identify.pool.prior",
     "import_log": "testbench.questions.importing.ask",
     "linearise": "testbench.flight",
     "load": "testbench.questions.files",
@@ -100,7 +110,10 @@ __all__ = [
     "FlightRecord",
     "InputSignal",
     "Job",
+    "LogCoefficients",
     "Manoeuvre",
+    "Prior",
+    "amend",
     "compare",
     "estimate",
     "evaluate",
@@ -113,6 +126,7 @@ __all__ = [
     "fly_modes",
     "fly_stream",
     "identify",
+    "identify_and_pool",
     "import_log",
     "linearise",
     "load",
@@ -123,6 +137,7 @@ __all__ = [
     "load_scenario",
     "load_suite",
     "make_plan",
+    "pool",
     "read_records",
     "run",
     "run_design",

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from testbench.core.errors import ScenarioError, TestbenchError
-from testbench.page.terminal import console, print_rows
+from testbench.page.terminal import console, print_rows, show_all
 from testbench.questions import QUESTIONS, Question
 from testbench.questions.options import UsageError
 
@@ -28,9 +28,12 @@ simulation lacks.
 
 {examples}
 
-Exit status: 0 done, 2 bad input, 3 the computation cannot be carried out (no trim, flight aborted, not identifiable).
+Exit status: 0 done, 2 bad input, 3 the computation cannot be carried out (no trim, flight aborted, not identifiable,
+disk full), 130 interrupted.
 """
 _INTERRUPTED = 130
+_PIPE_CLOSED = 141
+"""What a shell says of a process that wrote to a pipe that nobody reads: 128 and the number of SIGPIPE."""
 
 
 def application(questions: Sequence[Question] = QUESTIONS) -> typer.Typer:
@@ -125,21 +128,42 @@ def main() -> None:
     # Before numpy is imported: for matrices this small, threads cost more than they give.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     warnings.showwarning = _say_warning
+    show_all()
     try:
-        status = app(prog_name="testbench", standalone_mode=False)
-    except UsageError as error:
-        _say_usage(error)
-        sys.exit(2)
-    except TestbenchError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(error.exit_status)
-    except OSError as error:
-        print(f"error: cannot read or write {error.filename or 'a file'}: {error.strerror or error}", file=sys.stderr)
-        sys.exit(3)
+        status = _status()
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        status = _INTERRUPTED
+    except BrokenPipeError:
+        status = _PIPE_CLOSED
+    if status == _PIPE_CLOSED:  # whoever read has read enough; what is still buffered has nowhere to go
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     if status == _INTERRUPTED:
         print("interrupted; what was written so far is kept", file=sys.stderr)
     if status:
         sys.exit(status)
+
+
+def _status() -> int:
+    """Run a command and return its exit status; say what is wrong."""
+    try:
+        return app(prog_name="testbench", standalone_mode=False) or 0
+    except SystemExit as end:  # by click, with 1, if standard output is a pipe that was closed
+        return _PIPE_CLOSED if end.code == 1 else int(end.code or 0)
+    except UsageError as error:
+        _say_usage(error)
+        return 2
+    except TestbenchError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return error.exit_status
+    except MemoryError as error:
+        print(f"error: the memory of this machine does not suffice: {error or 'no more is given'}", file=sys.stderr)
+        return 3
+    except BrokenPipeError:
+        return _PIPE_CLOSED
+    except OSError as error:
+        print(f"error: cannot read or write {error.filename or 'a file'}: {error.strerror or error}", file=sys.stderr)
+        return 3
 
 
 def _say_warning(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:

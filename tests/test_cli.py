@@ -162,9 +162,7 @@ def test_the_wrong_command_or_name_says_which_is_right(arguments, message):
 def test_a_folder_that_cannot_be_written(tmp_path):
     blocker = tmp_path / "file"
     blocker.write_text("in the way", encoding="utf-8")
-    assert_fails(
-        command("run", "taurus_doublet", "-o", blocker), 2, "must be written to a folder that can be written to"
-    )
+    assert_fails(command("run", "taurus_doublet", "-o", blocker), 2, "must go to a folder that can be written to")
 
 
 def test_recorded_flight_with_damaged_data(tmp_path):

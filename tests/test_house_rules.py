@@ -26,11 +26,12 @@ RANKS = (
     {"questions"},
     {"envs"},
     {"cli"},
+    {"__main__"},
 )
 RANK = {room: rank for rank, rooms in enumerate(RANKS) for room in rooms}
 # A question imports another only if it asks it.
 ASKS = {
-    "identify": {"run", "importing"},  # of a log it identifies what import writes
+    "identify": {"run", "importing", "aircraft"},  # of a log what import writes; it amends what adopt writes
     "response": {"identify", "run"},
     "compatibility": {"identify"},
     "modes": {"identify"},

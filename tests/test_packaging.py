@@ -165,7 +165,7 @@ def test_what_a_user_brings_is_flown_by_the_installed_package(installed, tmp_pat
 
 def test_the_command_has_the_name_of_the_readme(installed):
     (points,) = installed.glob("*.dist-info/entry_points.txt")
-    assert "testbench = testbench.cli:main" in points.read_text(encoding="utf-8")
+    assert "testbench = testbench.__main__:main" in points.read_text(encoding="utf-8")
     assert (installed / "bin" / "testbench").is_file() or (installed / "Scripts" / "testbench.exe").is_file()
 
 

@@ -6,6 +6,7 @@ import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 
+import h5py
 import numpy as np
 
 G0 = 9.80665
@@ -214,3 +215,44 @@ def dataflash_log(duration_s: float = 35.0, motion: Motion = calm) -> str:
                              else str(value))  # fmt: skip
         lines.append(", ".join([name, *cells]))
     return "\n".join(lines) + "\n"
+
+
+def write_73(path, content):
+    """Write variables as MATLAB's -v7.3 does: transposed arrays, text as codes, references for cells and arrays."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        references = file.create_group("#refs#")
+
+        def put(group, name, value):
+            if isinstance(value, dict):
+                inner = group.create_group(name)
+                inner.attrs["MATLAB_class"] = np.bytes_("struct")
+                for key, part in value.items():
+                    put(inner, key, part)
+            elif isinstance(value, str):
+                codes = np.array([[ord(c)] for c in value], np.uint16)
+                group.create_dataset(name, data=codes).attrs["MATLAB_class"] = np.bytes_("char")
+            elif isinstance(value, np.ndarray) and value.dtype.names:
+                inner = group.create_group(name)
+                inner.attrs["MATLAB_class"] = np.bytes_("struct")
+                for key in value.dtype.names:
+                    inner.create_dataset(key, data=refer([row[key] for row in value[0]]), dtype=h5py.ref_dtype)
+            elif isinstance(value, np.ndarray) and value.dtype == object:
+                made = group.create_dataset(name, data=refer(list(value[0])), dtype=h5py.ref_dtype)
+                made.attrs["MATLAB_class"] = np.bytes_("cell")
+            else:
+                numbers = np.atleast_2d(value)
+                numbers = numbers if np.ndim(value) > 1 else numbers.T  # vectors are columns
+                group.create_dataset(name, data=numbers.T).attrs["MATLAB_class"] = np.bytes_("double")
+
+        def refer(items):
+            out = np.empty((len(items), 1), h5py.ref_dtype)
+            for i, item in enumerate(items):
+                name = str(len(references))
+                put(references, name, item)
+                out[i, 0] = references[name].ref
+            return out
+
+        for name, value in content.items():
+            put(file, name, value)
+    with open(path, "r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64, HDF5 schema 1.00 .".ljust(124) + b"\x00\x02IM")

@@ -134,6 +134,9 @@ class Adapter:
                 servo = _RIGID if link.lag_rad_s is None else _SERVO
                 for element in ET.fromstring(f"<channel>{servo.replace('WORD', link.word)}</channel>"):
                     channel.append(element)
+            # What was added to coefficients by a deflection follows the surface, whatever servo it has by now.
+            for name in {link.command, f"{PREFIX}{link.word}-pos-rad"} - {link.surface}:
+                _read_instead(tree, name, link.surface)
         renamed = _own_names(tree)
         for name, terms in _by_property(self.links).items():
             target = f"{PREFIX}{name.replace('/', '-')}" if name in renamed else name
@@ -157,11 +160,13 @@ def _first_system(tree: ET.Element) -> int:
 
 
 def declare(tree: ET.Element, properties: Mapping[str, float]) -> None:
-    """Declare properties before anything that reads them."""
-    if not properties:
+    """Declare properties before anything that reads them, but for those that are declared already."""
+    known = {(e.text or "").strip() for e in tree.iter("property") if "value" in e.attrib}
+    missing = {name: value for name, value in properties.items() if name not in known}
+    if not missing:
         return
     system = ET.Element("system", {"name": "testbench properties"})
-    for name, value in properties.items():
+    for name, value in missing.items():
         ET.SubElement(system, "property", {"value": repr(float(value))}).text = name
     tree.insert(_first_system(tree), system)
 

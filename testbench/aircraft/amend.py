@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from testbench.aircraft.elastic import ElasticMode, ElasticModel
+from testbench.aircraft.paths import path_of, read_by_aerodynamics
 from testbench.aircraft.reactions import COEFFICIENTS, MOTIONS, THRUST, WHOLE, number, quantity, react
 from testbench.core.constants import FT_M, SLUG_KG
 from testbench.core.errors import ModelError
@@ -147,6 +148,66 @@ class ScaleCoefficient:
 
 
 @dataclass(frozen=True)
+class AddCoefficient:
+    """Add ``value`` (x - ``about``) to the coefficient of a derivative: CL_alpha, Cm_q, Cn_dr ...
+
+    x is the angle or deflection, rad, or the nondimensional rate p b/2V, q cbar/2V, r b/2V. Where x is ``about`` the
+    coefficient stays what it was, and so does an equilibrium there.
+
+    In a model in the testbench's own form the numbers of ``aero/coefficient/NAME`` and of the constant change; where it
+    has no one number, a function ``aero/increment/NAME`` is added. Any other model gets a reaction.
+    """
+
+    name: str
+    value: float
+    about: float = 0.0
+
+    def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
+        """Change ``tree`` in place; ModelError if the aircraft lacks the control, or its model the axis."""
+        coefficient, _, variable = self.name.partition("_")
+        constant = -self.value * self.about
+        if aircraft.adapter is not None:
+            react(tree, coefficient, [number(self.value), *_variable(self.name, tree, aircraft)], _centre(aircraft))
+            if constant:
+                react(tree, coefficient, [number(constant)], _centre(aircraft))
+            return
+        _add_number(tree, coefficient, variable, self.value, _variable(self.name, tree, aircraft), aircraft)
+        if constant:
+            _add_number(tree, coefficient, "0", constant, [], aircraft)
+
+
+def _variable(name: str, tree: ET.Element, aircraft: Aircraft) -> list[ET.Element]:
+    """Return the factors whose product is the variable of a derivative.
+
+    Raises:
+        ModelError: the aircraft has no such control.
+    """
+    variable = name.partition("_")[2]
+    if variable not in {"de", "da", "dr"}:
+        return [quantity(n) for n in MOTIONS[variable]]
+    path = path_of(aircraft.adapter, variable) if variable in aircraft.controls else None
+    if path is None:
+        raise ModelError(f"{name} needs the control {variable}, {aircraft.name} has none")
+    return [quantity(path.servo if aircraft.adapter is not None else read_by_aerodynamics(tree, path))]
+
+
+def _add_number(
+    tree: ET.Element, coefficient: str, variable: str, value: float, terms: list[ET.Element], aircraft: Aircraft
+) -> None:
+    """Add to the one number of a function in the testbench's own form, or add a function that has one."""
+    name = f"{coefficient}0" if variable == "0" else f"{coefficient}_{variable}"
+    label = f"aero/increment/{name}"
+    for function in tree.iter("function"):
+        if function.get("name") in (f"aero/coefficient/{name}", label):
+            numbers = function.findall("product/value")
+            if len(numbers) == 1:
+                numbers[0].text = repr(float(numbers[0].text or "nan") + value)
+                return
+    factors = tuple(ET.tostring(t, encoding="unicode") for t in (*terms, number(value)))
+    Increment(coefficient, label, factors).apply(tree, aircraft)
+
+
+@dataclass(frozen=True)
 class Thrust:
     """Add a share of all forces and moments of the engines, at a model of any form.
 
@@ -196,7 +257,9 @@ class AddInertia:
         element.text = repr(float(element.text or "nan") + self.kg_m2 / _UNITS_KG_M2[unit])
 
 
-Change = SetProperty | SetText | Insert | Increment | ScaleCoefficient | Thrust | ThrustLine | AddInertia
+Change = (
+    SetProperty | SetText | Insert | Increment | ScaleCoefficient | AddCoefficient | Thrust | ThrustLine | AddInertia
+)
 
 
 def _centre(aircraft: Aircraft) -> tuple[float, float, float]:

@@ -79,6 +79,14 @@ THRUST = tuple(n for n in _REACTIONS if n.startswith("thrust-") and n != "thrust
 """Reactions in proportion to all forces and moments of the engines."""
 
 
+_LABEL = "testbench-"
+
+
+def reacts(xml: str) -> bool:
+    """Return whether reactions of coefficients are written in a model itself."""
+    return any(f'name="{_LABEL}{name}"' in xml for name in COEFFICIENTS)
+
+
 def react(tree: ET.Element, name: str, terms: Sequence[ET.Element], at_in: tuple[float, float, float]) -> None:
     """Add terms to a reaction of a model in place: a coefficient, ``THRUST`` or "thrust-line".
 
@@ -96,7 +104,7 @@ def react(tree: ET.Element, name: str, terms: Sequence[ET.Element], at_in: tuple
         reactions = ET.Element("external_reactions")
         tags = [e.tag for e in tree]
         tree.insert(tags.index("aerodynamics") if "aerodynamics" in tags else len(tags), reactions)
-    label = f"testbench-{name}"
+    label = f"{_LABEL}{name}"
     element = next((e for e in reactions if e.get("name") == label), None)
     if element is None:
         element = ET.SubElement(reactions, reaction.tag, {"name": label, "frame": reaction.frame})

@@ -5,6 +5,10 @@ from __future__ import annotations
 _LAPSE_K_M, _T0_K, _RHO0_KG_M3 = 0.0065, 288.15, 1.225  # the troposphere
 
 
-def air_density(h_m: float) -> float:
-    """Return the density of the standard atmosphere below 11 km, kg/m3 (ISO 2533:1975)."""
-    return _RHO0_KG_M3 * (1.0 - _LAPSE_K_M * h_m / _T0_K) ** 4.2558797
+def air_density(h_m: float, temperature_K: float | None = None) -> float:
+    """Return the density of the standard atmosphere below 11 km, kg/m3 (ISO 2533:1975).
+
+    With a temperature it is that of air at the standard pressure of the height.
+    """
+    density = _RHO0_KG_M3 * (1.0 - _LAPSE_K_M * h_m / _T0_K) ** 4.2558797
+    return density if temperature_K is None else density * (_T0_K - _LAPSE_K_M * h_m) / temperature_K

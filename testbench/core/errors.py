@@ -48,6 +48,26 @@ class RecordError(TestbenchError):
     """A record file cannot be read, or a record breaks its own rules."""
 
 
+class DiskError(RecordError):
+    """A file cannot be written for want of space, or because its disk fails; nothing new stands under its name."""
+
+    exit_status = 3
+
+    def __init__(self, path: Path, error: OSError, fix: str) -> None:
+        super().__init__(f"the disk must have room for '{path}', got: {error.strerror or error}; {fix}")
+        self.place = ""  # no key of a file is at fault
+
+
+class BusyError(RecordError):
+    """Another process writes into the same folder of results."""
+
+    exit_status = 3
+
+
+class SizeError(RecordError):
+    """What is asked for or read takes more memory than the limit of :mod:`testbench.core.sizes`."""
+
+
 class LimitError(TestbenchError):
     """An input exceeds a limit of the aircraft; inputs are never clipped in silence."""
 

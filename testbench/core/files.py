@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import contextlib
+import errno
+import io
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from testbench.core.errors import RecordError
+from testbench.core.errors import DiskError, RecordError, TestbenchError
+
+_OF_THE_DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
+"""What the system says if the disk and not the path is at fault."""
+_LONGEST = 200  # letters of a reason
 
 
 def write_file(
@@ -17,7 +24,8 @@ def write_file(
 ) -> Path:
     """Write a file under another name, rename it to ``path`` and return ``path``; its folder is made if it is missing.
 
-    A process that is killed while it writes leaves the file that was there before, or none.
+    A process that is killed while it writes leaves the file that was there before, or none. If writing fails, what was
+    written of it is removed, so that it does not fill the disk.
 
     Args:
         path: the file.
@@ -26,7 +34,7 @@ def write_file(
         fix: what to do, as the error says it.
 
     Raises:
-        RecordError: the file cannot be written.
+        RecordError: the file cannot be written; a :class:`DiskError` if that is for want of space.
     """
     part = path.with_name(path.name + ".part")
     try:
@@ -37,9 +45,61 @@ def write_file(
         else:
             part.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
         part.replace(path)
-    except OSError as error:
-        raise RecordError(f"{law}, got '{path}': {error.strerror or error}; {fix}") from error
+    except BaseException as error:
+        with contextlib.suppress(OSError):
+            part.unlink()
+        if isinstance(error, OSError):
+            if error.errno in _OF_THE_DISK:
+                raise DiskError(path, error, fix) from error
+            raise RecordError(f"{law}, got '{path}': {error.strerror or error}; {fix}") from error
+        raise
     return path
+
+
+def netcdf_bytes(fill: Callable[[Any], object]) -> bytes:
+    """Return a NetCDF file that ``fill`` fills, given an open ``h5netcdf.File``.
+
+    It is made in memory and written by Python: HDF5 ends the process if the disk fills while it writes.
+    """
+    import h5netcdf
+
+    buffer = io.BytesIO()
+    with h5netcdf.File(buffer, "w") as file:
+        fill(file)
+    return buffer.getvalue()
+
+
+@contextlib.contextmanager
+def parsed(path: Path | str, what: str) -> Iterator[None]:
+    """Turn whatever a parser raises at a file that it cannot read into an error that names the file.
+
+    What a file holds decides what a parser trips over, so that its exceptions cannot be listed: HDF5's attributes of
+    an unknown type raise AttributeError, JSON of many brackets RecursionError. Only calls of parsers, and what takes
+    their results apart, belong inside.
+
+    Args:
+        path: the file.
+        what: it must be, as "a NetCDF record".
+
+    Raises:
+        RecordError: the parser failed. Errors of the testbench pass.
+    """
+    try:
+        yield
+    except TestbenchError:
+        raise
+    except Exception as error:
+        raise RecordError(f"'{path}' must be {what}, but it is damaged or none: {reason_of(error)}") from error
+
+
+def reason_of(error: BaseException) -> str:
+    """Return the first line of what an exception says, or its kind if it says nothing that can be understood alone."""
+    text = str(error).strip("'\"").strip()
+    line = text.splitlines()[0] if text else ""
+    if isinstance(error, OSError) and error.strerror:
+        line = error.strerror
+    told = line[:_LONGEST] + ("..." if len(line) > _LONGEST else "")
+    return told if len(told.split()) > 1 else f"{type(error).__name__} {told}".strip()
 
 
 def mat_bytes(content: Mapping[str, Any], what: str = "", **options: Any) -> bytes:

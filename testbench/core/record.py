@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 
 from testbench.core.channels import channel, require
 from testbench.core.errors import RecordError, TestbenchError, located
-from testbench.core.files import mat_bytes, write_file
+from testbench.core.files import mat_bytes, netcdf_bytes, parsed, write_file
+from testbench.core.hdf5 import memory_of, opened
+from testbench.core.sizes import require_room
 
 FORMAT = "testbench-record-1"
 Kind = Literal["truth", "measured"]
@@ -271,17 +273,14 @@ class FlightRecord:
             RecordError: the file cannot be written.
         """
 
-        def write(part: Path) -> None:
-            """Write the NetCDF file ``part``."""
-            import h5netcdf  # directly, because xarray's writer takes several times as long on many small variables
+        def fill(file: Any) -> None:
+            """Fill the NetCDF file; by h5netcdf, because xarray takes several times as long on many small variables."""
+            file.dimensions = {"t": len(self)}
+            file.attrs.update(self._attributes())
+            for name, (values, attributes) in {"t": (self.t_s, _TIME), **self._variables()}.items():
+                file.create_variable(name, ("t",), data=values).attrs.update(attributes)
 
-            with h5netcdf.File(part, "w") as file:
-                file.dimensions = {"t": len(self)}
-                file.attrs.update(self._attributes())
-                for name, (values, attributes) in {"t": (self.t_s, _TIME), **self._variables()}.items():
-                    file.create_variable(name, ("t",), data=values).attrs.update(attributes)
-
-        return _write(Path(path), write)
+        return _write(Path(path), netcdf_bytes(fill))
 
     def save_csv(self, path: Path | str) -> Path:
         """Write time and channels as CSV, units in the header (``q [rad/s]``), 17 significant digits; return the path.
@@ -341,42 +340,37 @@ def load_record(path: Path | str) -> FlightRecord:
 
     Raises:
         RecordError: the file is missing, damaged or not a record of the testbench; the message names the file.
+        SizeError: it takes more memory than the limit of :mod:`testbench.core.sizes`.
 
     Example:
         >>> import testbench as tb
         >>> record = tb.load_record("results/eolo_alpha/records/doublet_eolo_alpha.nc")  # doctest: +SKIP
         >>> record.channels, record.dt_s  # doctest: +SKIP
     """
-    # h5py directly, because xarray's reader leaves tracebacks on stderr when the file is cut short
-    import h5py  # type: ignore[import-untyped]
-
     path = Path(path)
     if not path.is_file():
         raise RecordError(f"a record file must exist, got '{path}'")
-    try:
-        with h5py.File(path, "r") as file:
-            attributes = {key: file.attrs[key] for key in file.attrs}
-            values = {name: file[name][()] for name in file}
-    except (OSError, ValueError, KeyError, RuntimeError, TypeError) as error:
-        reason = str(error).strip("'\"").splitlines()[0]
-        raise RecordError(f"'{path}' must be a NetCDF record, but it is damaged or none: {reason}") from error
-    if attributes.get("format") != FORMAT:
-        raise RecordError(f"'{path}' must carry format = '{FORMAT}', got {attributes.get('format')!r}")
-    try:
-        names = tuple(attributes["channels"].split())
+    with parsed(path, "a NetCDF record"), opened(path) as file:
+        form = file.attrs.get("format")
+        if not isinstance(form, str) or form != FORMAT:
+            raise RecordError(f"'{path}' must carry format = '{FORMAT}', got {str(form)[:60]!r}")
+        stated: dict[str, Any] = {key: str(file.attrs[key]) for key in ("kind", "outcome", "reason")}
+        provenance = dict(json.loads(file.attrs["provenance"]))
+        names = tuple(file.attrs["channels"].split())
+        wanted = [n for name in ("t", *names) for n in (name, name + _MASK) if n == name or n in file]
+        require_room(f"the record '{path}'", memory_of(file[n] for n in wanted), "cut it into parts")
+        values = {name: file[name][()] for name in wanted}
+    with located(path, "record"):
         t = values["t"]
+        if any(np.shape(column) != np.shape(t) for column in values.values()):
+            raise RecordError(f"every channel must hold {np.size(t)} samples, as t does")
+        if any(np.asarray(column).dtype.kind not in "fiub" for column in values.values()):
+            raise RecordError("every channel must hold real numbers")
+        if len(set(names)) != len(names):
+            raise RecordError("channel names must differ")
         masks = [values.get(name + _MASK) for name in names]
         columns = [values.pop(name) for name in names]
-        provenance = json.loads(attributes["provenance"])
-        kind, outcome, reason = (attributes[key] for key in ("kind", "outcome", "reason"))
-    except (KeyError, AttributeError, ValueError) as error:
-        raise RecordError(f"'{path}' must be a complete record, but it is damaged: {error}") from error
-    with located(path, "record"):
-        shape = (t.size, len(names))
-        if any(np.shape(column) != t.shape for column in (*columns, *(m for m in masks if m is not None))):
-            raise RecordError(f"every channel must hold {t.size} samples, as t does")
-        if any(column.dtype.kind not in "fiub" for column in columns):
-            raise RecordError("every channel must hold real numbers")
+        shape = (np.size(t), len(names))
         data, valid = np.empty(shape), np.ones(shape, bool)
         for i, mask in enumerate(masks):
             data[:, i], columns[i] = columns[i], None  # an hour at a high rate is not held twice
@@ -386,11 +380,9 @@ def load_record(path: Path | str) -> FlightRecord:
             t_s=t,
             channels=names,
             data=data,
-            kind=kind,
             valid=valid,
             provenance=provenance,
-            outcome=outcome,
-            reason=reason,
+            **stated,
         )
 
 

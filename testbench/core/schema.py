@@ -50,7 +50,8 @@ def parse(schema: type[Model], content: Mapping[str, Any], file: Path | str | No
 
     Unknown keys do not keep the object from being built, so that a caller can go on and report deeper faults too.
     """
-    broken = [_line_fault(where, text, file) for where, text in _texts(content) if not _one_line(where, text)]
+    laws = ((where, text, _broken_law(where, text)) for where, text in _texts(content))
+    broken = [_text_fault(where, text, law, file) for where, text, law in laws if law]
     if broken:
         return None, broken
     beside = {"file": file}  # what a file names by a path is looked for beside it: core/paths.py, core/bring.py
@@ -67,6 +68,7 @@ def parse(schema: type[Model], content: Mapping[str, Any], file: Path | str | No
         return None, faults
 
 
+_LONGEST = 255  # bytes of the name of a file on every system in use
 _PROSE = frozenset({"question", "source", "rights", "note"})
 """Keys whose text is for people and may have several lines; every other text becomes a name somewhere."""
 _EXPRESSIONS = frozenset({"equations", "definitions", "outputs", "initial"})
@@ -86,16 +88,25 @@ def _texts(content: Any, where: str = "") -> Iterator[tuple[str, str]]:
             yield from _texts(value, f"{where}[{i}]")
 
 
-def _one_line(where: str, text: str) -> bool:
-    """Say whether a text holds no control character; prose and expressions may have line ends and tabs."""
+def _broken_law(where: str, text: str) -> str:
+    """Return the law that a text breaks, or "": one line, short enough to name a file; prose and expressions are free.
+
+    They may have line ends and tabs, and any length.
+    """
     *_, table, key = ("", *where.split("."))
-    allowed = "\n\r\t" if key in _PROSE or table in _EXPRESSIONS else ""
-    return not any(unicodedata.category(c) in ("Cc", "Zl", "Zp") and c not in allowed for c in text)
+    free = key in _PROSE or table in _EXPRESSIONS
+    allowed = "\n\r\t" if free else ""
+    if any(unicodedata.category(c) in ("Cc", "Zl", "Zp") and c not in allowed for c in text):
+        return "must be one line without control characters"
+    if not free and any(len(part.encode("utf-8", "replace")) > _LONGEST for part in text.split("/")):
+        return f"must be at most {_LONGEST} bytes, as names of files are"
+    return ""
 
 
-def _line_fault(where: str, text: str, file: Path | str | None) -> str:
+def _text_fault(where: str, text: str, law: str, file: Path | str | None) -> str:
     shown = text if len(text) <= 60 else f"{text[:60]}..."
-    return f"{f'{file}, ' if file else ''}{where}: must be one line without control characters, got {shown!r}"
+    where = where if len(where) <= 200 else f"{where[:60]}..."
+    return f"{f'{file}, ' if file else ''}{where}: {law}, got {shown!r}"
 
 
 def _follows_from_another(item: Any) -> bool:
@@ -144,13 +155,19 @@ def _fault(schema: type[Strict], content: Mapping[str, Any], item: Any, file: Pa
             return f"{prefix}unknown {tag} '{context['tag']}'{nearest(context['tag'], valid)}"
         valid = context["expected"].replace("'", "").replace(" or ", ", ").split(", ")
         hint = nearest(str(got), valid) if str(got) not in valid else ""
-        return f"{prefix}must be one of {', '.join(valid)}, got {got!r}{hint}"
+        return f"{prefix}must be one of {', '.join(valid)}, got {_shown(got)}{hint}"
     if kind == "union_tag_not_found":
         return f"{prefix}the key {context['discriminator'].removesuffix('()')} is required and missing"
     message = item["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:].replace("Input should be", "must be")
     message = message.replace("input should be", "must be").replace("input should have", "must have")
-    return f"{prefix}{message}" + ("" if kind == "value_error" else f", got {got!r}")
+    return f"{prefix}{message}" + ("" if kind == "value_error" else f", got {_shown(got)}")
+
+
+def _shown(got: Any) -> str:
+    """Return a value as Python writes it, at most 200 letters of it."""
+    text = repr(got)
+    return text if len(text) <= 200 else f"{text[:200]}..."
 
 
 def _variants(model: Any) -> dict[str, Any]:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import ComplexArray, IdentifiedModel, continuous_poles
 from testbench.estimators.state_space import check_sample_time, description, free_run, unit_circle
 from testbench.estimators.state_variable import shifted
+
+_TURNS = 12  # of least squares and filter: short periods settle in six
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -96,6 +100,48 @@ class TransferFunctionModel(IdentifiedModel):
 def discrete_poles(a: FloatArray) -> ComplexArray:
     """Return the roots of 1 + a1 / z + ... + an / z^n, without zeros that only fill up the array."""
     return np.roots(np.trim_zeros(a, "b")).astype(np.complex128)
+
+
+def in_free_run(model: TransferFunctionModel, records: Sequence[FlightRecord]) -> TransferFunctionModel:
+    """Return the model whose coefficients minimise the errors of the free run, where the search converges.
+
+    Least squares of the equation on data filtered by 1 / A, in turns with A (K. Steiglitz and L. E. McBride, IEEE
+    Transactions on Automatic Control 10, 1965): noise on the outputs does not bias its end. Poles outside the unit
+    circle are mirrored into it. Initial states are left to the filter, samples that are not valid to their last value.
+    """
+    above, below = model.numerators.copy(), model.denominators.copy()
+    for i, output in enumerate(model.outputs):
+        num, den = np.flatnonzero(above[i]), 1 + np.flatnonzero(below[i, 1:])
+        a = below[i]
+        for _ in range(_TURNS):
+            a = _inside(a)
+            rows, right = [], []
+            for record in records:
+                u, y = record[model.inputs[0]], record[output]
+                u, y = (lfilter([1.0], a, x - x[0]) for x in (shifted(u, model.delays[i]), y))
+                one = lfilter([1.0], a, np.ones(len(y)))
+                first = len(a) - 1
+                late = [np.concatenate([np.zeros(k), -y[:-k]])[first:] for k in den]
+                given = [np.concatenate([np.zeros(k + 1), u[: -(k + 1)]])[first:] for k in num]
+                rows.append(np.stack([*late, *given, one[first:]], axis=1))
+                right.append(y[first:])
+            X = np.vstack(rows)
+            size = np.maximum(np.sqrt(np.sum(X**2, axis=0)), 1e-300)
+            found = np.linalg.lstsq(X / size, np.concatenate(right), rcond=1e-10)[0] / size
+            a = np.zeros_like(a)
+            a[0], a[den] = 1.0, found[: len(den)]
+        below[i] = _inside(a)
+        above[i, num] = found[len(den) : len(den) + len(num)]
+    return replace(model, numerators=above, denominators=below)
+
+
+def _inside(a: FloatArray) -> FloatArray:
+    """Return the polynomial with roots outside the unit circle mirrored into it."""
+    z = discrete_poles(a)
+    z = np.where(np.abs(z) > 1.0, 1.0 / np.conj(np.where(z == 0.0, 1.0, z)), z)
+    out = np.zeros_like(a)
+    out[: len(z) + 1] = np.real(np.poly(z))
+    return out
 
 
 def simulate_one(b: FloatArray, a: FloatArray, delay: int, u: FloatArray, y: FloatArray, valid: Any) -> FloatArray:

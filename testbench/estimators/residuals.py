@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.stats import chi2
 
@@ -14,6 +15,8 @@ from testbench.core.record import FloatArray
 LARGEST_ORDER = 20
 LAG_SHARE = 5  # with gaps, autocorrelations are taken up to a fifth of the record (Klein and Morelli 2006, section 5.2)
 _GAPS = 0.95  # share of samples that count below which an autoregression would take gaps for whiteness
+_BLOCK = 2**16  # samples of a record that are shaped at a time
+_FORGOTTEN, _ENDLESS = 1e-13, 2**60  # what is left of an impulse that has died away; samples of one that has not
 _RIDGE = 1e-9  # of the variance, so that residuals of no noise at all can be inverted
 
 
@@ -58,6 +61,47 @@ def autoregression(residuals: Sequence[FloatArray], largest: int = LARGEST_ORDER
     return Autoregression(np.asarray(best.A * size[:, None] / size), best.S * np.outer(size, size))
 
 
+class Colour(NamedTuple):
+    """How residuals are correlated in time: as an autoregression; where samples are missing, as autocovariances.
+
+    ``autocovariance`` (lags + 1, p, p) comes from pairs of valid samples.
+    """
+
+    model: Autoregression | None
+    autocovariance: FloatArray
+
+    @classmethod
+    def of(cls, residuals: Sequence[FloatArray]) -> Colour:
+        """Return the colour of residuals, per record (N, p), zero where not valid.
+
+        It comes from an autoregression: sample autocorrelations, cut or tapered, are too small at just those
+        frequencies that the fit has taken out of the residuals, and intervals then cover too little.
+        """
+        share = sum(np.count_nonzero(v) for v in residuals) / max(sum(v.size for v in residuals), 1)
+        if share < _GAPS:
+            return cls(None, _over_gaps(residuals))
+        return cls(autoregression(residuals), np.zeros((0, 0, 0)))
+
+    def score(self, W: FloatArray) -> FloatArray:
+        """Return the covariance (k, k) of sum_i W[i]' v[i] over a record, W (N, p, k), but for rounding symmetric."""
+        if self.model is None:
+            return _score_over_gaps(W, self.autocovariance)
+        lead = _settles(self.model)
+        if lead + _BLOCK > len(W):
+            return _score(W, self.model)
+        # Later samples act on earlier ones: before the first sample too, and for as long as the model rings.
+        p, k = W.shape[1:]
+        out = np.zeros((k, k))
+        for start in range(-lead, len(W), _BLOCK):
+            block = np.zeros((_BLOCK + lead, p, k))
+            seen = W[max(start, 0) : start + _BLOCK + lead]
+            block[max(-start, 0) :][: len(seen)] = seen
+            size = next_fast_len(_BLOCK + 2 * lead, real=True)
+            g = irfft(_shaped(block, self.model, size), size, axis=0)[: min(_BLOCK, len(W) - start)]
+            out += np.einsum("iak,ab,ibl->kl", g, self.model.S, g, optimize=True)
+        return out
+
+
 def coloured_information(weighted: Sequence[FloatArray], residuals: Sequence[FloatArray]) -> FloatArray:
     """Return the covariance of the score sum_i W[i]' v[i] of residuals v that are correlated in time.
 
@@ -65,40 +109,55 @@ def coloured_information(weighted: Sequence[FloatArray], residuals: Sequence[Flo
 
     with the autocorrelation R of the residuals, all records together (E. A. Morelli and V. Klein, "Accuracy of
     aerodynamic model parameters estimated from flight test data", Journal of Guidance, Control, and Dynamics 20(1),
-    1997). R comes from an autoregression: sample autocorrelations, cut or tapered, are too small at just those
-    frequencies that the fit has taken out of the residuals, and intervals then cover too little. For residuals that are
-    white this is the information matrix W' R W.
+    1997), as :class:`Colour` finds it. For residuals that are white this is the information matrix W' R W.
 
     Args:
         weighted: per record (N, p, k), sensitivities times the inverse noise covariance; zero where not valid.
         residuals: per record (N, p); zero where not valid.
     """
-    share = sum(np.count_nonzero(v) for v in residuals) / max(sum(v.size for v in residuals), 1)
-    if share < _GAPS:
-        return _with_gaps(weighted, residuals)
-    model, k = autoregression(residuals), weighted[0].shape[2]
-    p = len(model.S)
-    out = np.zeros((k, k))
-    for W in weighted:
-        size = next_fast_len(2 * len(W), real=True)
-        F = rfft(W, size, axis=0)
-        shift = np.exp(-2j * np.pi * np.arange(len(F))[:, None] * np.arange(1, len(model.A) + 1) / size)
-        whiten = np.eye(p) - np.einsum("fj,jab->fab", shift, model.A)
-        # spectrum of the residuals: inverse of whiten, times S, times its conjugate transpose
-        G = np.linalg.solve(np.conj(whiten).transpose(0, 2, 1), F)
-        twice = np.full(len(F), 2.0)  # of the two-sided spectrum only one half is here
-        twice[0] = 1.0
-        if size % 2 == 0:
-            twice[-1] = 1.0
-        part = np.einsum("fak,ab,fbl->kl", np.conj(G) * twice[:, None, None], model.S, G, optimize=True)
-        out += part.real / size
-    return 0.5 * (out + out.T)
+    colour = Colour.of(residuals)
+    out = np.sum([colour.score(W) for W in weighted], axis=0)
+    return np.asarray(0.5 * (out + out.T))
 
 
-def _with_gaps(weighted: Sequence[FloatArray], residuals: Sequence[FloatArray]) -> FloatArray:
-    """Return the same from sample autocovariances over pairs of valid samples, tapered by Parzen's window (1961)."""
+def _settles(model: Autoregression) -> int:
+    """Return the samples after which an impulse through 1 / (1 - sum A z^-j) is forgotten; very many if it is not."""
+    order, p = model.A.shape[:2]
+    if not order:
+        return 1
+    companion = np.eye(order * p, k=-p)
+    companion[:p] = model.A.transpose(1, 0, 2).reshape(p, -1)
+    slowest = float(np.abs(np.linalg.eigvals(companion)).max())
+    if slowest >= 1.0:
+        return _ENDLESS
+    return min(_ENDLESS, order + int(np.ceil(np.log(_FORGOTTEN) / np.log(max(slowest, 1e-3)))))
+
+
+def _shaped(W: FloatArray, model: Autoregression, size: int) -> NDArray[np.complex128]:
+    """Return the spectrum (f, p, k) of W (N, p, k) through the conjugate transpose of 1 / (1 - sum A z^-j)."""
+    F = rfft(W, size, axis=0)
+    shift = np.exp(-2j * np.pi * np.arange(len(F))[:, None] * np.arange(1, len(model.A) + 1) / size)
+    whiten = np.eye(len(model.S)) - np.einsum("fj,jab->fab", shift, model.A)
+    # spectrum of the residuals: inverse of whiten, times S, times its conjugate transpose
+    return np.asarray(np.linalg.solve(np.conj(whiten).transpose(0, 2, 1), F))
+
+
+def _score(W: FloatArray, model: Autoregression) -> FloatArray:
+    """Return the covariance of the score over a record that is short enough to be taken as one."""
+    size = next_fast_len(2 * len(W), real=True)
+    G = _shaped(W, model, size)
+    twice = np.full(len(G), 2.0)  # of the two-sided spectrum only one half is here
+    twice[0] = 1.0
+    if size % 2 == 0:
+        twice[-1] = 1.0
+    part = np.einsum("fak,ab,fbl->kl", np.conj(G) * twice[:, None, None], model.S, G, optimize=True)
+    return np.asarray(part.real / size)
+
+
+def _over_gaps(residuals: Sequence[FloatArray]) -> FloatArray:
+    """Return sample autocovariances over pairs of valid samples, tapered by Parzen's window (1961)."""
     lags = [max(1, len(v) // LAG_SHARE) for v in residuals]
-    p, k = weighted[0].shape[1:]
+    p = residuals[0].shape[1]
     R, pairs = (np.zeros((max(lags) + 1, p, p)) for _ in range(2))
     for v, lag in zip(residuals, lags, strict=True):
         R[: lag + 1] += autocovariance(v, lag) * len(v)
@@ -106,16 +165,19 @@ def _with_gaps(weighted: Sequence[FloatArray], residuals: Sequence[FloatArray]) 
     R = np.divide(R, pairs, out=np.zeros_like(R), where=pairs > 0.5)
     x = np.arange(len(R)) / len(R)
     R *= np.where(x < 0.5, 1.0 - 6.0 * x**2 * (1.0 - x), 2.0 * (1.0 - x) ** 3)[:, None, None]
-    out = np.zeros((k, k))
-    for W, lag in zip(weighted, lags, strict=True):
-        size = next_fast_len(len(W) + lag + 1, real=True)
-        kernel = np.zeros((size, p, p))
-        kernel[: lag + 1] = R[: lag + 1]
-        kernel[-lag:] = R[1 : lag + 1][::-1].transpose(0, 2, 1)
-        spectrum = np.conj(rfft(kernel, size, axis=0))  # correlation, not convolution: sum_j R(j - i) W[j]
-        smoothed = irfft(np.einsum("fab,fbk->fak", spectrum, rfft(W, size, axis=0)), size, axis=0)[: len(W)]
-        out += np.einsum("iak,ial->kl", W, smoothed)
-    return 0.5 * (out + out.T)
+    return np.asarray(R)
+
+
+def _score_over_gaps(W: FloatArray, R: FloatArray) -> FloatArray:
+    """Return the covariance of the score over a record from autocovariances R (lags + 1, p, p)."""
+    lag = max(1, len(W) // LAG_SHARE)
+    size = next_fast_len(len(W) + lag + 1, real=True)
+    kernel = np.zeros((size, *R.shape[1:]))
+    kernel[: lag + 1] = R[: lag + 1]
+    kernel[-lag:] = R[1 : lag + 1][::-1].transpose(0, 2, 1)
+    spectrum = np.conj(rfft(kernel, size, axis=0))  # correlation, not convolution: sum_j R(j - i) W[j]
+    smoothed = irfft(np.einsum("fab,fbk->fak", spectrum, rfft(W, size, axis=0)), size, axis=0)[: len(W)]
+    return np.asarray(np.einsum("iak,ial->kl", W, smoothed))
 
 
 def corrected_covariance(plain: FloatArray, score: FloatArray) -> FloatArray:

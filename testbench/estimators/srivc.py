@@ -36,7 +36,7 @@ _STEP = 1e-6  # converged: the output moves by less than this share of what one 
 _EXACT = 1e-12  # or by less than this share of itself
 _UPHILL = 1.001  # a fixed point of the instruments need not be the minimum of the output error to the last digit
 _NUDGE = 0.02  # samples; central differences in the delay
-WHITE = 0.01  # Ljung-Box probability below which residuals count as coloured
+WHITE = 1e-3  # Ljung-Box probability below which residuals count as coloured
 
 
 @with_settings(Srivc)

@@ -11,13 +11,14 @@ by least squares, with x_k(j) as read.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.aircraft.reactions import reacts
 from testbench.core.constants import FT_M
 from testbench.core.errors import TrimError
 from testbench.core.record import FloatArray
@@ -28,6 +29,8 @@ from testbench.flight.trim import horizon_rates, place_at_trim, trim
 COEFFICIENTS = ("CL", "CD", "CY", "Cl", "Cm", "Cn")
 _FORCES = ("forces/fwz-aero-lbs", "forces/fwx-aero-lbs", "forces/fwy-aero-lbs")
 _MOMENTS = ("moments/l-aero-lbsft", "moments/m-aero-lbsft", "moments/n-aero-lbsft")
+_ADDED_FORCES = ("forces/fbx-external-lbs", "forces/fby-external-lbs", "forces/fbz-external-lbs")
+_ADDED_MOMENTS = ("moments/l-external-lbsft", "moments/m-external-lbsft", "moments/n-external-lbsft")
 _VARIABLES = ("alpha", "beta", "p", "q", "r", "de", "da", "dr", "alphadot")
 _STEPS = {"alpha": 2e-3, "beta": 2e-3, "p": 1e-2, "q": 1e-2, "r": 1e-2, "de": 2e-3, "da": 2e-3, "dr": 2e-3}
 _ATTITUDE = 1.0  # rad
@@ -41,7 +44,8 @@ def coefficients(aircraft: Aircraft, trimmed: TrimmedFlight) -> dict[str, float]
 
     Derivatives are per rad of angles and deflections, and per nondimensional rate: p b/2V, q cbar/2V, r b/2V and
     alphadot cbar/2V. Those of lift, drag and pitching moment by lateral motions, and the others by longitudinal ones,
-    are included; a symmetric aircraft has none. What the model does not have is zero.
+    are included; a symmetric aircraft has none. What the model does not have is zero. Reactions that were
+    written into the model by an amendment belong to its coefficients.
 
     Args:
         aircraft: its elastic modes take their static deflection.
@@ -76,6 +80,7 @@ class _Bench:
     def __init__(self, aircraft: Aircraft, trimmed: TrimmedFlight) -> None:
         self._fdm, self._trimmed = Executive(aircraft, trimmed.rate_hz, trimmed.condition), trimmed
         self._geometry = aircraft.geometry
+        self._added = reacts(aircraft.xml)
         place_at_trim(self._fdm, trimmed)
 
     def at(self, change: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
@@ -91,9 +96,13 @@ class _Bench:
         fdm.place(t.condition.h_m, t.theta + change.get("theta", 0.0), t.phi, uvw, rates)
         fdm.evaluate(to_rest=True, held=True)
         qS = fdm.get("aero/qbar-psf") * fdm.get("metrics/Sw-sqft")
-        forces = np.array([fdm.get(n) for n in _FORCES]) / qS  # lift and drag as such, JSBSim turns their signs
+        forces = np.array([fdm.get(n) for n in _FORCES])  # lift and drag as such, JSBSim turns their signs
         lengths = np.array([g.b_m, g.cbar_m, g.b_m]) / FT_M
-        moments = np.array([fdm.get(n) for n in _MOMENTS]) / (qS * lengths)
+        moments = np.array([fdm.get(n) for n in _MOMENTS])
+        if self._added:
+            forces = forces + _lift_drag_side([fdm.get(n) for n in _ADDED_FORCES], alpha, beta)
+            moments = moments + np.array([fdm.get(n) for n in _ADDED_MOMENTS])
+        forces, moments = forces / qS, moments / (qS * lengths)
         per_span, per_chord = g.b_m / (2.0 * V), g.cbar_m / (2.0 * V)
         p, q, r = (fdm.get(f"velocities/{n}-aero-rad_sec") for n in "pqr")
         alphadot = fdm.get(_ALPHADOT) if self._uses_alphadot else 0.0
@@ -104,6 +113,19 @@ class _Bench:
     @cached_property
     def _uses_alphadot(self) -> bool:
         return self._fdm.reads(_ALPHADOT)
+
+
+def _lift_drag_side(body: Sequence[float], alpha: float, beta: float) -> FloatArray:
+    """Return lift, drag and side force of a force in body axes."""
+    x, y, z = body
+    forward, side = np.cos(alpha) * x + np.sin(alpha) * z, y
+    return np.array(
+        [
+            np.sin(alpha) * x - np.cos(alpha) * z,
+            -np.cos(beta) * forward - np.sin(beta) * side,
+            -np.sin(beta) * forward + np.cos(beta) * side,
+        ]
+    )
 
 
 @dataclass(frozen=True, eq=False)

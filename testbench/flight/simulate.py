@@ -12,10 +12,11 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.aircraft.airframe import station_sources, with_stations
-from testbench.core.channels import channel, station_channels
+from testbench.core.channels import CHANNELS, CONTROLS, channel, station_channels
 from testbench.core.constants import DEG_RAD, FT_M
 from testbench.core.errors import ChannelError, LimitError, nearest
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
+from testbench.core.sizes import NUMBER, require_room
 from testbench.flight.air import Air
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import Executive
@@ -61,6 +62,19 @@ def stride(rate_hz: float, log_rate_hz: float) -> int:
             f"nearest: {' or '.join(f'{n:g}' for n in near)} Hz"
         )
     return round(ratio)
+
+
+def require_room_to_fly(duration_s: float, rate_hz: float, log_rate_hz: float) -> None:
+    """Check that a flight's commands, and all its channels as logged, may be held in memory.
+
+    Raises:
+        SizeError: they take more than the limit of :mod:`testbench.core.sizes`.
+    """
+    require_room(
+        f"a flight of {duration_s:g} s at {rate_hz:g} Hz, logged at {log_rate_hz:g} Hz,",
+        NUMBER * duration_s * (rate_hz * len(CONTROLS) + log_rate_hz * len(CHANNELS)),
+        "shorten it (duration_s, settle_s) or log it at a lower rate",
+    )
 
 
 def commands(aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre) -> FloatArray:
@@ -148,6 +162,7 @@ def checked(
 
     Raises:
         LimitError: a rate, a command or the air breaks its law.
+        SizeError: the flight takes more memory than the limit of :mod:`testbench.core.sizes`.
     """
     rate = trimmed.rate_hz
     if abs(manoeuvre.signal.dt_s * rate - 1.0) > 1e-6:
@@ -155,6 +170,7 @@ def checked(
             f"a signal must be sampled at the simulation rate of {rate:g} Hz, got {1 / manoeuvre.signal.dt_s:g} Hz"
         )
     step = stride(rate, log_rate_hz)
+    require_room_to_fly(manoeuvre.duration_s, rate, log_rate_hz)
     u = commands(aircraft, trimmed, manoeuvre)
     return step, u, None if air is None else _moving_air(air, trimmed, u.shape[0], manoeuvre.settle_s)
 

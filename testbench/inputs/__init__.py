@@ -11,6 +11,7 @@ from testbench.core.channels import CONTROLS
 from testbench.core.errors import ScenarioError
 from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import Input
+from testbench.core.sizes import NUMBER, require_room
 from testbench.inputs import binary, multisine, multistep, sweep
 from testbench.inputs.signal import InputSignal, band_share, energy_spectrum, frequency_below, total_energy
 
@@ -55,14 +56,20 @@ def build(inputs: Sequence[Input], duration_s: float, rate_hz: float) -> InputSi
     Raises:
         ScenarioError: no input, a manoeuvre shorter than two samples, or an input that breaks a law of its family;
             the faults of all inputs are listed, each with its number.
+        SizeError: the signal takes more memory than the limit of :mod:`testbench.core.sizes`.
     """
     if not inputs:
         raise ScenarioError(["a manoeuvre must have at least one input, got none"])
+    names = tuple(name for name in CONTROLS if any(spec.control == name for spec in inputs))
+    require_room(
+        f"an input of {duration_s:g} s at {rate_hz:g} Hz",
+        NUMBER * duration_s * rate_hz * (len(names) + 1),
+        "shorten it (duration_s)",
+    )
     if not (rate_hz > 0.0 and multistep.sample_count(duration_s, rate_hz) >= 2):
         raise ScenarioError(
             [f"a manoeuvre must last at least 2 samples, got duration_s = {duration_s:g} at a rate of {rate_hz:g} Hz"]
         )
-    names = tuple(name for name in CONTROLS if any(spec.control == name for spec in inputs))
     n = multistep.sample_count(duration_s, rate_hz)
     u = np.zeros((n, len(names)))
     faults: list[str] = []

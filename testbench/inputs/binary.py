@@ -7,8 +7,10 @@ import numpy as np
 from testbench.core.errors import ScenarioError
 from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import BinaryNoise, Prbs
+from testbench.core.sizes import require_room
 from testbench.inputs.multistep import sample_intervals
 
+_EDGE = 200  # bytes of a step while the signal is made
 _TAPS = {
     2: (2, 1),
     3: (3, 2),
@@ -56,7 +58,7 @@ def prbs(spec: Prbs, duration_s: float, rate_hz: float) -> FloatArray:
     Raises:
         ScenarioError: ``prbs_s`` is shorter than a step, a step is shorter than one sample, or it ends too late.
     """
-    count = _steps(spec.prbs_s, spec.step_s, "prbs_s")
+    count = _steps(spec.prbs_s, spec.step_s, "prbs_s", rate_hz)
     return _clocked(prbs_bits(spec.bits, spec.seed, count), spec, duration_s, rate_hz)
 
 
@@ -69,13 +71,19 @@ def binary_noise(spec: BinaryNoise, duration_s: float, rate_hz: float) -> FloatA
     Raises:
         ScenarioError: ``gbn_s`` is shorter than a step, a step is shorter than one sample, or it ends too late.
     """
-    count = _steps(spec.gbn_s, spec.step_s, "gbn_s")
+    count = _steps(spec.gbn_s, spec.step_s, "gbn_s", rate_hz)
     change = np.random.default_rng(spec.seed).random(count) < spec.switching
     change[0] = False
     return _clocked(np.where(np.cumsum(change) % 2 == 0, 1.0, -1.0), spec, duration_s, rate_hz)
 
 
-def _steps(length_s: float, step_s: float, key: str) -> int:
+def _steps(length_s: float, step_s: float, key: str, rate_hz: float) -> int:
+    if step_s * rate_hz < 1.0 - 1e-6:
+        raise ScenarioError(
+            [f"a step must last at least one sample ({1.0 / rate_hz:g} s at {rate_hz:g} Hz), got {step_s:g} s"]
+        )
+    size = length_s / step_s
+    require_room(f"a sequence of {length_s:g} s ({key}) in steps of {step_s:g} s", _EDGE * size, "shorten it")
     count = int(np.floor(length_s / step_s + 1e-9))
     if count < 1:
         raise ScenarioError([f"{key} >= step_s must hold, got {length_s:g} and {step_s:g} s"])

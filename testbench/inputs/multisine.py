@@ -13,10 +13,12 @@ import numpy as np
 from testbench.core.errors import ScenarioError
 from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import Multisine
+from testbench.core.sizes import NUMBER, require_room
 from testbench.inputs.multistep import end_fault, sample_count
 
 SAMPLES_PER_CYCLE = 10
 """The least number of samples per cycle of the highest harmonic, as for the sweep."""
+_HARMONIC = 1000  # bytes of a harmonic while its phase is sought
 _OVERSAMPLING = 16  # grid points per cycle of the highest harmonic on which the peak is minimised
 _DOUBLINGS = (2, 3, 4, 5, 6)  # the norms that approach the peak have the exponents 2 ** (1 + doublings)
 
@@ -27,6 +29,11 @@ def harmonics(spec: Multisine) -> tuple[int, ...]:
     Raises:
         ScenarioError: no harmonic lies between ``f_min_hz`` and ``f_max_hz``, or ``powers`` has another length.
     """
+    require_room(
+        f"a multisine of {spec.f_max_hz * spec.period_s:g} harmonics",
+        _HARMONIC * spec.f_max_hz * spec.period_s / spec.stride,
+        "shorten its period or lower f_max_hz",
+    )
     low = int(np.ceil(spec.f_min_hz * spec.period_s - 1e-9))
     high = int(np.floor(spec.f_max_hz * spec.period_s + 1e-9))
     numbers = tuple(range(max(low, 1), high + 1))[spec.first :: spec.stride]
@@ -138,6 +145,11 @@ def multisine(spec: Multisine, duration_s: float, rate_hz: float) -> FloatArray:
     if faults:
         raise ScenarioError(faults)
     numbers = harmonics(spec)
+    require_room(
+        f"a period of {per_period:g} samples with {len(numbers)} harmonics",
+        NUMBER * per_period * len(numbers),
+        "shorten it or lower f_max_hz",
+    )
     k = np.array(numbers)
     P = np.array(spec.powers) if spec.powers else np.ones(k.size)
     t = np.arange(round(per_period)) / per_period * 2.0 * np.pi

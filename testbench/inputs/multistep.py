@@ -17,6 +17,7 @@ from testbench.core.scenario.inputs import Doublet, Multistep, Pulse, StandardMu
 from testbench.inputs.pilot import by_hand
 
 _TIE = 1e-9  # samples; edges computed to lie halfway round alike in spite of the last digit
+_FAR = 1e15  # samples; a time beyond it lies after every manoeuvre, and is no whole number of floats
 PATTERNS = {"3211": (3.0, -2.0, 1.0, -1.0), "211": (2.0, -1.0, 1.0), "123": (1.0, -2.0, 3.0)}
 """The standard multisteps in units of their step; the sign is the direction."""
 
@@ -70,6 +71,8 @@ def doublet(spec: Doublet, duration_s: float, rate_hz: float) -> FloatArray:
                 "leave spacing_s out for twice the period"
             ]
         )
+    if spec.repeats > sample_count(duration_s, rate_hz):  # too many to list
+        raise ScenarioError([end_fault(spec.start_s + (spec.repeats - 1) * spacing + spec.period_s, duration_s)])
     intervals = []
     for k in range(spec.repeats):
         begin = spec.start_s + k * spacing
@@ -149,4 +152,4 @@ def _pattern(
 
 def _sample(time_s: float, rate_hz: float) -> int:
     """Return the number of the sample nearest to ``time_s``."""
-    return int(np.floor(time_s * rate_hz + 0.5 + _TIE))
+    return int(np.floor(min(time_s * rate_hz, _FAR) + 0.5 + _TIE))

@@ -21,9 +21,8 @@ from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
 from testbench.core.record import FloatArray
 from testbench.logs.rates import too_slow
-from testbench.logs.signals import Log, Rule, Topic, scaled
+from testbench.logs.signals import AT_IMU, Log, Rule, Topic, placed, scaled
 
-_AT_IMU = "the inertial unit sits at the centre of gravity"
 _VANE = "the vane measures the flow at the centre of gravity"
 _DEMAND = "4500 is full command, positive nose up, right wing down, nose right"
 _ONE, _MINUS, _DEG = scaled(1.0), scaled(-1.0), scaled(DEG_RAD)
@@ -32,8 +31,8 @@ RULES = (
     *(Rule(n, "IMU", (f"Gyr{a}",), _ONE, "rad/s, as logged", takes="rad/s") for n, a in zip("pqr", "XYZ", strict=True)),
     *(Rule(n, "GYR", (f"Gyr{a}",), _ONE, "rad/s, as logged", takes="rad/s") for n, a in zip("pqr", "XYZ", strict=True)),
     *(Rule(n, "ATT", (f,), _DEG, "deg", takes="deg") for n, f in (("phi", "Roll"), ("theta", "Pitch"), ("psi", "Yaw"))),
-    *(Rule(f"a{a.lower()}", "IMU", (f"Acc{a}",), _ONE, "m/s2, as logged", _AT_IMU, takes="m/s/s") for a in "XYZ"),
-    *(Rule(f"a{a.lower()}", "ACC", (f"Acc{a}",), _ONE, "m/s2, as logged", _AT_IMU, takes="m/s/s") for a in "XYZ"),
+    *(Rule(f"a{a.lower()}", "IMU", (f"Acc{a}",), _ONE, "m/s2, as logged", AT_IMU, takes="m/s/s") for a in "XYZ"),
+    *(Rule(f"a{a.lower()}", "ACC", (f"Acc{a}",), _ONE, "m/s2, as logged", AT_IMU, takes="m/s/s") for a in "XYZ"),
     Rule("alpha", "AOA", ("AOA",), _DEG, "deg", _VANE, takes="deg"),
     Rule("beta", "AOA", ("SSA",), _DEG, "deg", _VANE, takes="deg"),
     Rule("V", "ARSP", ("Airspeed",), _ONE, "m/s, airspeed as logged", "true airspeed is the airspeed logged, which is "
@@ -92,6 +91,7 @@ MIXES = (
 )
 """By preference: a surface of its own before one that is mixed. Signs are those of the demands."""
 _SPLIT = (16, 17, 86, 87)  # left and right outer, left and right inner surfaces of split elevons
+_IMUS = 3  # of which positions are set
 _IN_USE = 0.5  # of the time that a sensor says it is in use: below it another one is looked for
 _SIGN = {"de": -1.0, "da": 1.0, "dr": -1.0, "thr": 1.0}
 """From the demand, positive nose up, right wing down, nose right, to the channel table."""
@@ -130,7 +130,10 @@ def ardupilot_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
     rules = (*_ordered(log), *servo_rules(log, True), *_demands(log), *servo_rules(log, False))
     strange: list[str] = []
     known = [adapted for rule in rules if (adapted := _in_unit(log, rule, strange)) is not None]
-    return replace(log, notes=(*log.notes, *strange, *too_slow(log, known, _BETTER))), tuple(known)
+    notes = [*strange, *too_slow(log, known, _BETTER)]
+    places = {i: placed(log.parameters, f"INS_POS{i + 1}_") for i in range(_IMUS)}
+    imu = {i: place for i, place in places.items() if place}
+    return replace(log, notes=(*log.notes, *notes), imu_m=imu), tuple(known)
 
 
 _BETTER = (

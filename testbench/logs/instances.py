@@ -56,10 +56,11 @@ class Choice:
 def instances_of(topic: str, topics: Iterable[str]) -> list[str]:
     """Return the names of the instances of ``topic`` among ``topics``, the first instance first."""
     pattern = re.compile(re.escape(topic) + r"(#\d+)?")
-    return sorted((name for name in topics if pattern.fullmatch(name)), key=_number)
+    return sorted((name for name in topics if pattern.fullmatch(name)), key=number_of)
 
 
-def _number(name: str) -> int:
+def number_of(name: str) -> int:
+    """Return the number of the instance that a topic's name says: 1 for "IMU#1", 0 for "IMU"."""
     return int(name.partition("#")[2] or 0)
 
 
@@ -87,7 +88,7 @@ def choose_instances(
     for kind, number in asked.items():
         if kind not in KINDS:
             raise RecordError(f"a kind of sensor must be one of {', '.join(KINDS)}, got '{kind}'")
-        held = {_number(name) for topic in used if _kind(topic) == kind for name in instances_of(topic, topics)}
+        held = {number_of(name) for topic in used if _kind(topic) == kind for name in instances_of(topic, topics)}
         if number not in held:
             there = f"holds {', '.join(map(str, sorted(held)))}" if held else "holds none"
             raise RecordError(f"the instance of {kind} must be one that the log holds, got {number}; it {there}")
@@ -98,9 +99,9 @@ def choose_instances(
             continue
         faults = _faults({name: topics[name] for name in names}, list(columns))
         used_one, how = preferred.get(topic, ("", ""))
-        best = min(names, key=lambda name: ([bool(f) for f in faults[name]], name != used_one, _number(name)))
+        best = min(names, key=lambda name: ([bool(f) for f in faults[name]], name != used_one, number_of(name)))
         kind = _kind(topic)
-        wanted = next((name for name in names if _number(name) == asked.get(kind)), None)
+        wanted = next((name for name in names if number_of(name) == asked.get(kind)), None)
         choice = _choice(kind, wanted or best, names, faults, wanted is not None, how if best == used_one else "")
         healthy = [topics[name] for name in names if not any(faults[name])]
         doubt = _disagree(healthy[0], healthy[1], list(columns)) if len(healthy) == 2 else ""
@@ -117,7 +118,7 @@ def _choice(
     option = f" (--{kind} {{}} reads this one)" if kind in KINDS else ""
     fine = "not asked for" if asked else "as good as the one read"
     others = tuple(
-        (name, f"{said[name] or fine}; {taken} is read instead{option.format(_number(name))}")
+        (name, f"{said[name] or fine}; {taken} is read instead{option.format(number_of(name))}")
         for name in names
         if name != taken
     )

@@ -85,10 +85,43 @@ class TimeColumn(Strict):
         return self
 
 
+class RecordCondition(Strict):
+    """What a record does not hold of the condition that it was flown at; what is given goes before what is recorded.
+
+    Airspeed is true. The air is that of ``density_kg_m3``, else of the height in the standard atmosphere, at
+    ``temperature_degC`` if that is given. Mass and inertia about the centre of gravity are the aircraft's where they
+    are not given; Ixz is positive as in JSBSim's file.
+    """
+
+    V_m_s: Positive | None = None
+    h_m: Annotated[float, Field(ge=-500.0, le=11000.0)] | None = None
+    temperature_degC: Annotated[float, Field(gt=-100.0, lt=70.0)] | None = None
+    density_kg_m3: Positive | None = None
+    mass_kg: Positive | None = None
+    Ixx_kg_m2: Positive | None = None
+    Iyy_kg_m2: Positive | None = None
+    Izz_kg_m2: Positive | None = None
+    Ixz_kg_m2: float | None = None
+
+    @model_validator(mode="after")
+    def _one_air(self) -> RecordCondition:
+        if self.density_kg_m3 is not None and self.temperature_degC is not None:
+            raise ValueError("give either density_kg_m3 or temperature_degC (with a height), got both")
+        return self
+
+    def within(self, other: RecordCondition) -> RecordCondition:
+        """Return this condition with what it does not give taken from ``other``."""
+        own = {key: value for key, value in self.model_dump().items() if value is not None}
+        air = ("density_kg_m3", "temperature_degC")
+        rest = other.model_dump(exclude=set(air) if any(key in own for key in air) else None)
+        return RecordCondition(**{**rest, **own})
+
+
 class RecordFile(Strict):
     """One file, how it is read, and what it is used for.
 
     ``segments`` are [first, last] times in s, both included, that must not be joined: each becomes a record of its own.
+    ``condition`` goes before the condition of the description.
     """
 
     name: Text
@@ -101,6 +134,7 @@ class RecordFile(Strict):
     delimiter: Annotated[str, Field(min_length=1, max_length=1)] | None = None
     decimal: Literal[".", ","] | None = None
     segments: Annotated[tuple[Segment, ...], Field(strict=False)] = ()
+    condition: RecordCondition = RecordCondition()
 
     @model_validator(mode="after")
     def _readable(self) -> RecordFile:
@@ -167,6 +201,7 @@ class Recorded(Asked):
     rights: Text
     folder: Text = "."
     trim_s: NonNegative = 0.0
+    condition: RecordCondition = RecordCondition()
     time: TimeColumn
     record: Annotated[tuple[RecordFile, ...], Field(min_length=1, strict=False)]
     channel: Annotated[tuple[ChannelColumn, ...], Field(min_length=1, strict=False)]

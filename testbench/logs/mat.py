@@ -8,14 +8,19 @@ from __future__ import annotations
 import math
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from testbench.core.files import parsed
+from testbench.core.hdf5 import memory_of, opened
+from testbench.core.sizes import NUMBER, require_room
+
 _DEEP = 32  # structures in structures; a file of references may go round in circles
+_OBJECT = 500  # bytes that an array, a text or a structure takes beside what it holds
 
 
 @dataclass(frozen=True)
@@ -45,30 +50,69 @@ def read_mat(path: Path) -> dict[str, Any]:
     """Return the variables of a MAT file of version 5 or 7.3, as :func:`mat_variables` describes them.
 
     Raises:
-        ValueError: the file is of another format, damaged or cut short.
+        RecordError: the file is of another format, damaged or cut short.
+        SizeError: it unpacks to more than the limit of :mod:`testbench.core.sizes`.
     """
-    with path.open("rb") as file:
-        head = file.read(8)
-    if head.startswith((b"MATLAB 7", b"\x89HDF")):
-        return _variables_of_hdf5(path)
-    if not head.startswith(b"MATLAB 5"):
-        raise ValueError("it does not begin as a MAT file of version 5 or 7.3")
-    return mat_variables(path.read_bytes())
+    with parsed(path, "a complete MAT file"):
+        with path.open("rb") as file:
+            head = file.read(8)
+        if head.startswith((b"MATLAB 7", b"\x89HDF")):
+            return _variables_of_hdf5(path)
+        if not head.startswith(b"MATLAB 5"):
+            raise ValueError("it does not begin as a MAT file of version 5 or 7.3")
+        room = _Room(path)
+        room.take(path.stat().st_size)
+        return mat_variables(path.read_bytes(), room)
+
+
+class _Room:
+    """Counts what a file unpacks to, and refuses before it is taken."""
+
+    def __init__(self, path: Path | str) -> None:
+        self.path, self.taken = path, 0
+
+    def take(self, size: int) -> None:
+        """Count ``size`` bytes more.
+
+        Raises:
+            SizeError: all together are more than the limit.
+        """
+        self.require(size)
+        self.taken += size
+
+    def require(self, size: int) -> None:
+        """Check that ``size`` bytes more may be taken."""
+        require_room(f"what '{self.path}' unpacks to", self.taken + size, "save the flight alone, or a part of it")
 
 
 def _variables_of_hdf5(path: Path) -> dict[str, Any]:
+    with opened(path) as file:
+        if not any("MATLAB_class" in item.attrs for item in file.values()):
+            raise ValueError("it is HDF5 that MATLAB did not write; if it is NetCDF, name it .nc")
+        read, room = _Read(file, {}), _Room(path)
+        return {name: _hdf5_value(read, room, item, 0) for name, item in file.items() if not name.startswith("#")}
+
+
+class _Read(NamedTuple):
+    """An open file of version 7.3 and what was read of it: address of the object -> value."""
+
+    file: Any
+    held: dict[int, Any]
+
+
+def _hdf5_value(read: _Read, room: _Room, item: Any, depth: int) -> Any:
+    """Return what an object holds, read once however many references lead to it."""
     import h5py  # type: ignore[import-untyped]
 
-    try:
-        with h5py.File(path, "r") as file:
-            if not any("MATLAB_class" in item.attrs for item in file.values()):
-                raise ValueError("it is HDF5 that MATLAB did not write; if it is NetCDF, name it .nc")
-            return {name: _hdf5_value(file, item, 0) for name, item in file.items() if not name.startswith("#")}
-    except (OSError, RuntimeError, KeyError, TypeError, LookupError, MemoryError, AttributeError) as error:
-        raise ValueError(str(error)) from error
+    address = h5py.h5o.get_info(item.id).addr
+    if address not in read.held:
+        room.take(_OBJECT)
+        read.held[address] = None  # what it holds of itself, in a circle of references
+        read.held[address] = _hdf5_read(read, room, item, depth)
+    return read.held[address]
 
 
-def _hdf5_value(file: Any, item: Any, depth: int) -> Any:
+def _hdf5_read(read: _Read, room: _Room, item: Any, depth: int) -> Any:
     """Return what an object of a file of version 7.3 holds; arrays are stored transposed there."""
     import h5py
 
@@ -81,12 +125,13 @@ def _hdf5_value(file: Any, item: Any, depth: int) -> Any:
     if isinstance(item, h5py.Group):
         if "MATLAB_sparse" in item.attrs:
             return None
-        fields = {name: (part, _hdf5_value(file, part, depth + 1)) for name, part in item.items()}
+        fields = {name: (part, _hdf5_value(read, room, part, depth + 1)) for name, part in item.items()}
         return _structures({name: (_is_array_of_structures(part), value) for name, (part, value) in fields.items()})
     if item.attrs.get("MATLAB_empty", 0):
         return "" if kind == "char" else np.zeros((0, 0))
+    room.take(memory_of([item]))
     if h5py.check_ref_dtype(item.dtype) is not None:
-        cells = tuple(_hdf5_value(file, file[reference], depth + 1) for reference in item[()].ravel())
+        cells = tuple(_hdf5_value(read, room, read.file[reference], depth + 1) for reference in item[()].ravel())
         return CellArray(item.shape[::-1], cells)
     if kind == "char":
         codes = item[()].T
@@ -117,7 +162,7 @@ def _structures(fields: dict[str, tuple[bool, Any]]) -> Any:
     return StructArray(arrays[0].shape, items)
 
 
-def mat_variables(whole: bytes) -> dict[str, Any]:
+def mat_variables(whole: bytes, room: _Room | None = None) -> dict[str, Any]:
     """Return the variables of a MAT file of version 5, by name.
 
     Numbers are arrays, text is text, a 1 x 1 structure is a dict of its fields; structure arrays, cell arrays and
@@ -125,23 +170,38 @@ def mat_variables(whole: bytes) -> dict[str, Any]:
     classes, which keep their fields in the file, are structures.
 
     Raises:
-        ValueError: the file is damaged or cut short.
+        ValueError, LookupError, struct.error, zlib.error, RecursionError: the file is damaged or cut short.
+        SizeError: it unpacks to more than the limit of :mod:`testbench.core.sizes`.
     """
     order = "<" if whole[126:128] == b"IM" else ">"
+    room = room or _Room("a MAT file")
     found = {}
-    try:
-        for kind, part in _elements(whole[128:], order):
-            for inner, matrix in _elements(zlib.decompress(part), order) if kind == 15 else [(kind, part)]:
-                if inner != 14:
-                    raise ValueError(f"an element of type {inner} stands where a matrix must")
-                name, value = _matrix(matrix, order)
-                found[name] = value
-    except (LookupError, ArithmeticError, RecursionError, MemoryError, struct.error, zlib.error) as error:
-        raise ValueError(str(error)) from error
+    for kind, part in _elements(memoryview(whole)[128:], order):
+        for inner, matrix in _elements(_unpacked(part, room, order), order) if kind == 15 else [(kind, part)]:
+            if inner != 14:
+                raise ValueError(f"an element of type {inner} stands where a matrix must")
+            name, value = _matrix(matrix, order, room.take)
+            found[name] = value
     return {name: value for name, value in found.items() if name}
 
 
-def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
+def _unpacked(part: memoryview, room: _Room, order: str) -> memoryview:
+    """Return what a compressed element holds, unpacked piece by piece so that its size is known in time."""
+    unpacker, pieces = zlib.decompressobj(), []
+    while part and not unpacker.eof:
+        pieces.append(unpacker.decompress(part, _PIECE))
+        room.take(len(pieces[-1]))
+        if len(pieces) == 1 < len(pieces[0]) // 8:
+            room.require(struct.unpack_from(order + "I", pieces[0], 4)[0])  # what the element itself says
+        if not pieces[-1] and not unpacker.unconsumed_tail:
+            break
+        part = memoryview(unpacker.unconsumed_tail)
+    if not unpacker.eof:
+        raise ValueError("a compressed element is cut short")
+    return memoryview(b"".join(pieces))
+
+
+def _elements(data: memoryview, order: str) -> Iterator[tuple[int, memoryview]]:
     """Yield type and content of the elements that follow each other in ``data``."""
     place = 0
     while place < len(data):
@@ -156,22 +216,25 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 
 
 _NUMBERS = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+_PIECE = 1 << 24  # bytes unpacked at once
 _TEXT = {1: "latin-1", 2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 
 
-def _matrix(data: bytes, order: str) -> tuple[str, Any]:
-    """Return name and value of one matrix element."""
+def _matrix(data: memoryview, order: str, take: Callable[[int], None]) -> tuple[str, Any]:
+    """Return name and value of one matrix element; ``take`` counts the memory for it."""
     parts = list(_elements(data, order))
+    take(_OBJECT + 100 * len(parts))
     flags = struct.unpack_from(order + "I", parts[0][1])[0] if parts else 0
     group, is_complex = flags & 0xFF, flags & 0x800
     if group == 17 and len(parts) > 3:  # of a class: name, system of classes, class, number in that system
-        return parts[1][1].decode("latin-1"), Opaque(parts[3][1].decode("latin-1"))
+        return _name(parts[1][1]), Opaque(_name(parts[3][1]))
     if group not in range(1, 16):  # empty or a function
         return "", None
     shape = np.frombuffer(parts[1][1], order + "i4").tolist()
-    name, rest = parts[2][1].decode("latin-1"), parts[3:]
+    name, rest = _name(parts[2][1]), parts[3:]
     if group >= 6 and not is_complex:
         kind, content = rest[0]
+        take(NUMBER * (len(content) // np.dtype(_NUMBERS[kind]).itemsize))
         values = np.frombuffer(content, order + _NUMBERS[kind]).astype(np.float64)
         if math.prod(shape) != values.size or min(shape) < 0:
             raise ValueError(f"variable '{name}' of shape {shape} must hold as many numbers, got {values.size}")
@@ -179,18 +242,23 @@ def _matrix(data: bytes, order: str) -> tuple[str, Any]:
     if group == 4 and shape[0] == 1:
         kind, content = rest[0]
         endian = {"<": "-le", ">": "-be"}[order] if kind in (4, 17, 18) else ""
-        return name, content.decode(_TEXT[kind] + endian)
+        return name, bytes(content).decode(_TEXT[kind] + endian)
     if group == 1:
-        return name, CellArray(tuple(shape), tuple(_matrix(part, order)[1] for _, part in rest))
+        return name, CellArray(tuple(shape), tuple(_matrix(part, order, take)[1] for _, part in rest))
     if group in (2, 3):
         rest = rest[group - 2 :]  # an object begins with the name of its class
         width = struct.unpack_from(order + "I", rest[0][1])[0]
-        text = rest[1][1]
+        text = bytes(rest[1][1])
         keys = [text[i : i + width].split(b"\0")[0].decode("latin-1") for i in range(0, len(text), width)]
         count = math.prod(shape)
         if len(rest) - 2 != count * len(keys) or min(shape) < 0:
             raise ValueError(f"structure '{name}' of shape {shape} must hold {len(keys)} fields each")
-        held = [_matrix(part, order)[1] for _, part in rest[2:]]
+        take(_OBJECT * count)
+        held = [_matrix(part, order, take)[1] for _, part in rest[2:]]
         items = [dict(zip(keys, held[i * len(keys) :], strict=False)) for i in range(count)]
         return name, items[0] if count == 1 else StructArray(tuple(shape), tuple(items))
     return name, None
+
+
+def _name(part: memoryview) -> str:
+    return bytes(part).decode("latin-1")

@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 from testbench.core.channels import CHANNELS, UNITS, channel
 
+LARGEST = 1e100
+"""No sample of any flight is larger in its unit; the squares of much larger numbers are infinite."""
 MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
 """Cells of a text file, in lower case, that say that a sample was not taken."""
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}

@@ -16,9 +16,8 @@ import numpy as np
 
 from testbench.core.record import FloatArray
 from testbench.logs.rates import too_slow
-from testbench.logs.signals import Log, Rule, scaled
+from testbench.logs.signals import AT_IMU, Log, Rule, placed, scaled
 
-_AT_IMU = "the inertial unit sits at the centre of gravity"
 _COMMAND = "PX4 normalises commands to -1..1; positive turns right-handed about the body axis"
 _AXES = ("roll", "pitch", "yaw")
 _SURFACES = (("da_cmd", "R", 1.0), ("de_cmd", "P", -1.0), ("dr_cmd", "Y", -1.0))
@@ -53,8 +52,8 @@ def _rules() -> tuple[Rule, ...]:
     rules += _vector("pdot qdot rdot", "vehicle_angular_velocity", "xyz_derivative", "rad/s2, filtered by PX4")
     for name, angle in (("phi", _roll), ("theta", _pitch), ("psi", _yaw)):
         rules.append(Rule(name, "vehicle_attitude", q, angle, "Euler angle (3-2-1) of the quaternion"))
-    rules += _vector("ax ay az", "vehicle_acceleration", "xyz", "m/s2, as logged", _AT_IMU)
-    rules += _vector("ax ay az", "sensor_combined", "accelerometer_m_s2", "m/s2, as logged", _AT_IMU)
+    rules += _vector("ax ay az", "vehicle_acceleration", "xyz", "m/s2, as logged", AT_IMU)
+    rules += _vector("ax ay az", "sensor_combined", "accelerometer_m_s2", "m/s2, as logged", AT_IMU)
     one = scaled(1.0)
     minus = scaled(-1.0)
     rules += [
@@ -79,6 +78,7 @@ def _rules() -> tuple[Rule, ...]:
 RULES = _rules()
 """What needs no setting of the autopilot, by preference."""
 SERVOS = 8
+_IMUS = 4  # one position is set for all
 _CHOICE = {"airspeed_validated": ("selected_airspeed_index", "airspeed_source")}
 """What says which of several sensors was flown by."""
 _TORQUE, _THRUST, _OLD = "vehicle_torque_setpoint", "vehicle_thrust_setpoint", "actuator_controls_0"
@@ -147,7 +147,10 @@ def px4_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
         notes.append("V is airspeed_validated, which PX4 flew by; airspeed, the sensor alone, is not read")
     notes += _changes(log)
     rules = (*RULES, *servos, *torques, *_thrust_rules(log), *_old_rules(log))
-    return replace(log, notes=(*log.notes, *notes, *too_slow(log, rules, _BETTER))), rules
+    notes += too_slow(log, rules, _BETTER)
+    place = placed(log.parameters, "EKF2_IMU_POS_")
+    imu = dict.fromkeys(range(_IMUS), place) if place else {}
+    return replace(log, notes=(*log.notes, *notes), imu_m=imu), rules
 
 
 def _rate(log: Log, topic: str) -> float:

@@ -13,7 +13,7 @@ from testbench.core.channels import unit_factor
 from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.logs.layout import ChannelColumn, Recorded, RecordFile, TimeColumn, find_data_folder
-from testbench.logs.names import MISSING, clock_called, stated_unit, time_unit
+from testbench.logs.names import LARGEST, MISSING, clock_called, stated_unit, time_unit
 from testbench.logs.tables import Table, read_table
 from testbench.logs.times import holds_stamps, read_times
 
@@ -174,7 +174,7 @@ def _channel(table: Table, spec: ChannelColumn, rows: slice, t: FloatArray) -> t
 def _samples(table: Table, spec: ChannelColumn, key: int | str, rows: slice, t: FloatArray) -> FloatArray:
     """Return a column in the file's unit, NaN where a sample is missing and may be."""
     raw = table.numbers(key)[rows]
-    bad = np.flatnonzero(~np.isfinite(raw))
+    bad = np.flatnonzero(~(np.abs(raw) <= LARGEST))
     for row in (int(i) + rows.start for i in bad):
         cell = table.cell(key, row)
         garbage = isinstance(table.cells[table.index(key)], tuple | list) and cell.lower() not in (
@@ -184,8 +184,9 @@ def _samples(table: Table, spec: ChannelColumn, key: int | str, rows: slice, t: 
         )
         if spec.missing == "error" or garbage:
             fix = "" if garbage else " or, if samples may be missing, give the channel missing = 'mask'"
+            law = f"at most {LARGEST:g} in size" if np.isfinite(raw[row - rows.start]) else "finite numbers"
             raise RecordError(
-                f"samples must be finite numbers, got '{cell}' in column {key!r} (channel '{spec.name}') of "
+                f"samples must be {law}, got '{cell}' in column {key!r} (channel '{spec.name}') of "
                 f"{table.place(row)}, t = {t[row]:.6g} s; leave that time out of segments{fix}"
             )
     raw[bad] = np.nan

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.sizes import NUMBER, require_room
 from testbench.logs.clocks import shortest_step
 from testbench.logs.signals import Mapped
 
@@ -18,30 +19,45 @@ STOP_DB = 60.0  # what the filter leaves of what would fold down
 _PASS, _STOP = 0.4, 0.6  # of the new rate: what lies between folds down to above 0.4 of it only
 _SLOW = 0.8  # a channel below this part of the new rate is sampled where it was sampled
 _SMOOTH = 4.0  # longest over shortest step: beyond it a cubic through noise overshoots between the samples
+_SHORTEST_S = 1e-9  # no logger counts finer
 _EVEN = 0.01  # of a step: the steps of an even clock differ by less; a straight line does between its samples
-_MOST = 20_000_000  # samples of a record; above it the times are wrong rather than the flight long
+_LONG = 500_000  # samples from which on a log that shares one clock is put to the default rate too
 
 
 def common_rate(channels: Sequence[Mapped]) -> float:
     """Return the rate for all of ``channels``: their own if they share one even clock, else the fastest's up to 50 Hz.
 
+    A long log (half a million samples: an hour at 140 Hz) is put to 50 Hz too: rigid bodies move below 5 Hz, and what
+    lies above passes the filter of :func:`resample` and is not folded down. A rate of your own keeps every sample.
+
     Raises:
-        RecordError: there is no channel.
+        RecordError: there is no channel, or its times hardly move.
     """
     if not channels:
         raise RecordError("at least one channel must have been found to make a record, got none")
+    for c in channels:
+        if not c.step_s >= _SHORTEST_S:
+            raise RecordError(
+                f"times must run on by at least {_SHORTEST_S:g} s a sample, got steps of {c.step_s:g} s in {c.source}; "
+                "the times of the log are damaged, or in another unit"
+            )
     first = channels[0].t_s
     steps = np.diff(first)
     usual = float(np.median(steps))
     even = np.abs(np.delete(steps, channels[0].lost) - usual) <= 0.01 * usual
-    if all(np.array_equal(c.t_s, first) for c in channels) and even.all():
+    brief = first.size <= _LONG or usual >= 1.0 / DEFAULT_RATE_HZ
+    if brief and all(np.array_equal(c.t_s, first) for c in channels) and even.all():
         return 1.0 / usual if abs(round(1.0 / usual) * usual - 1.0) > 1e-3 else float(round(1.0 / usual))
     fastest = max(c.rate_hz for c in channels)
     return min(DEFAULT_RATE_HZ, max(1.0, float(round(fastest))) if fastest > 1.0 else fastest)
 
 
 def resample(
-    channels: Sequence[Mapped], rate_hz: float, provenance: Mapping[str, Any], stepped: Sequence[str] = ()
+    channels: Sequence[Mapped],
+    rate_hz: float,
+    provenance: Mapping[str, Any],
+    stepped: Sequence[str] = (),
+    held: Sequence[str] = (),
 ) -> FlightRecord:
     """Return one record of all channels at ``rate_hz``, time counted from the first sample of any of them.
 
@@ -59,9 +75,12 @@ def resample(
         rate_hz: rate of the record.
         provenance: kept with the record.
         stepped: channels that move in steps, whose cubic would overshoot.
+        held: commands, held by a computer from one sample to the next: each new sample is the mean of what was held
+            until the one after it, so that a step between two samples keeps its time.
 
     Raises:
-        RecordError: the rate is not positive, there is no channel, or the times span more than can be meant.
+        RecordError: the rate is not positive, there is no channel, or there is no stretch without gaps.
+        SizeError: the times span more than the limit of :mod:`testbench.core.sizes` holds.
     """
     if not 0.0 < rate_hz < np.inf:
         raise RecordError(f"the rate of a record must be > 0 Hz and finite, got {rate_hz:g}")
@@ -69,16 +88,16 @@ def resample(
         raise RecordError("at least one channel must have been found to make a record, got none")
     zero = min(float(c.t_s[0]) for c in channels)
     end = max(float(c.t_s[-1]) for c in channels)
+    require_room(
+        f"a record from {zero:g} to {end:g} s at {rate_hz:g} Hz",
+        NUMBER * len(channels) * (end - zero) * rate_hz,
+        "the times of the log are damaged, or give a lower rate",
+    )
     count = int(np.floor((end - zero) * rate_hz + 1e-3)) + 1
-    if count > _MOST:
-        raise RecordError(
-            f"a record must hold at most {_MOST} samples, got {count} from {zero:g} to {end:g} s at {rate_hz:g} Hz; "
-            "the times of the log are damaged, or give a lower rate"
-        )
     grid = np.arange(count) / rate_hz
     kept, data, valid = [], [], []
     for c in channels:
-        values, taken = _on_grid(c, zero, grid, 1.0 / rate_hz, c.name in stepped)
+        values, taken = _on_grid(c, zero, grid, 1.0 / rate_hz, c.name in stepped, c.name in held)
         if not taken.any():
             continue
         last = np.maximum.accumulate(np.where(taken, np.arange(count), -1))
@@ -98,7 +117,7 @@ def resample(
 
 
 def _on_grid(
-    channel: Mapped, zero: float, grid: FloatArray, dt: float, stepped: bool
+    channel: Mapped, zero: float, grid: FloatArray, dt: float, stepped: bool, held: bool
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return the values on the grid, 0 where none was taken, and where one was."""
     values, taken = np.zeros(grid.size), np.zeros(grid.size, bool)
@@ -111,15 +130,31 @@ def _on_grid(
         inside = np.arange(*np.searchsorted(grid, [tp[0] - slack, tp[-1] + slack], side="left"))
         if step > dt / _SLOW:
             inside = np.unique(np.clip(np.rint(tp / dt), 0, grid.size - 1).astype(int))
-        elif step < _SLOW * dt:
+        elif step < _SLOW * dt and not held:
             low = _lowpass(tp, xp, finest, dt, stepped)
             if low is None:
                 continue  # too short to be filtered, and unfiltered it would fold
             tp, xp = low
         if inside.size:
-            values[inside] = _between(tp, xp, grid[inside], stepped)
+            fast = held and step <= dt / _SLOW
+            values[inside] = _mean_held(tp, xp, grid[inside], dt) if fast else _between(tp, xp, grid[inside], stepped)
             taken[inside] = True
     return values, taken
+
+
+def _mean_held(t: FloatArray, x: FloatArray, at: FloatArray, dt: float) -> FloatArray:
+    """Return the mean over ``dt`` after each of ``at`` of what is held from each sample until the next."""
+    near = np.clip(np.rint((at - t[0]) / max(dt, 1e-300)).astype(int), 0, t.size - 1)
+    if np.all(np.abs(t[near] - at) <= _EVEN * dt):  # one clock: the samples themselves, to the last digit
+        return x[near]
+    area = np.concatenate([[0.0], np.cumsum(x[:-1] * np.diff(t))])
+
+    def until(when: FloatArray) -> FloatArray:
+        last = np.clip(np.searchsorted(t, when, side="right") - 1, 0, t.size - 1)
+        return np.asarray(area[last] + x[last] * (when - t[last]))
+
+    mean = (until(at + dt) - until(at)) / dt
+    return np.asarray(np.clip(mean, x.min(), x.max()))  # rounding would let a command that rests move
 
 
 def _between(t: FloatArray, x: FloatArray, at: FloatArray, stepped: bool) -> FloatArray:
@@ -141,6 +176,11 @@ def _lowpass(
     taps, beta = kaiserord(STOP_DB, 2.0 * (_STOP - _PASS) * ratio)
     taps |= 1
     half = taps // 2
+    require_room(
+        f"a channel with steps of {step:g} s from {t[0]:g} to {t[-1]:g} s",
+        NUMBER * (t[-1] - t[0]) / step,
+        "the times of the log are damaged",
+    )
     even = t[0] + step * np.arange(int(np.floor((t[-1] - t[0]) / step + 1e-6)) + 1)
     if even.size <= half:
         return None

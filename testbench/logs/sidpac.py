@@ -75,10 +75,7 @@ def read_columns(path: Path | str) -> tuple[Log, tuple[Rule, ...]]:
 
 
 def _sidpac(path: Path) -> Log | None:
-    try:
-        content = read_mat(path)
-    except ValueError:
-        return None  # the common reader says what is wrong
+    content = read_mat(path)
     shapes = {k: v.shape for k, v in content.items() if isinstance(v, np.ndarray) and v.ndim == 2}
     wide = [k for k, shape in shapes.items() if shape[1] == COLUMNS and shape[0] > 1]
     if "fdata" not in wide and len(wide) != 1:

@@ -19,10 +19,13 @@ from numpy.typing import NDArray
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FloatArray
 from testbench.logs.clocks import gaps, usual_step
-from testbench.logs.instances import Choice, choose_instances, instances_of
+from testbench.logs.instances import Choice, choose_instances, instances_of, number_of
+from testbench.logs.names import LARGEST
 
 MIN_SAMPLES = 4
 ZERO = "zero throughout"
+AT_IMU = "the inertial unit sits at the centre of gravity"
+"""What is assumed of accelerations where no setting of the autopilot says where they were measured."""
 ONE_TURN = 2.02 * np.pi  # rad; beyond it an angle was not cut at half or whole turns, or is no angle in rad
 FAR = 2.0  # times the span of all but 2 % of the times, from its middle: what lies beyond is no time of the flight
 _SURFACES = ("de_cmd", "da_cmd", "dr_cmd")
@@ -64,6 +67,8 @@ class Log:
         assumed: sentences on what the file does not say and was assumed of all its channels.
         notes: sentences on what was set or changed while the log ran and matters to what is read.
         preferred: topic with several instances -> the one that the autopilot used ("ARSP#1"), and how the log says so.
+        imu_m: instance of the inertial unit -> its position from the centre of gravity by the autopilot's own settings,
+            forward, right, down, m; only those that are set.
     """
 
     file: Path
@@ -77,6 +82,7 @@ class Log:
     assumed: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     preferred: Mapping[str, tuple[str, str]] = field(default_factory=dict)
+    imu_m: Mapping[int, tuple[float, float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -161,6 +167,12 @@ def scaled(factor: float) -> Callable[[FloatArray], FloatArray]:
     return lambda x: factor * x
 
 
+def placed(parameters: Mapping[str, float], setting: str) -> tuple[float, float, float] | None:
+    """Return the position (x, y, z), m, by the settings ``setting`` with X, Y, Z behind; None if not set or zero."""
+    x, y, z = (float(parameters.get(f"{setting}{axis}", 0.0)) for axis in "XYZ")
+    return (x, y, z) if any((x, y, z)) else None
+
+
 def map_channels(log: Log, rules: Iterable[Rule], throw_rad: Mapping[str, float] | None = None) -> list[Mapped]:
     """Return the channels that :func:`find_channels` finds."""
     return list(find_channels(log, rules, throw_rad).channels)
@@ -205,7 +217,7 @@ def find_channels(
             elif rule.channel in found:
                 reason = _second(found[rule.channel], rule, topic)
             else:
-                result = _mapped(rule, topic, source, throw_rad or {})
+                result = _mapped(log, rule, topic, source, throw_rad or {})
                 if isinstance(result, Mapped):
                     found[rule.channel] = result
                     continue
@@ -235,7 +247,7 @@ def _unless_zero(columns: list[FloatArray], reason: str) -> str:
     return reason if held or reason.startswith(ZERO) else f"{ZERO}; {reason}"
 
 
-def _mapped(rule: Rule, topic: Topic, source: str, throws: Mapping[str, float]) -> Mapped | str:
+def _mapped(log: Log, rule: Rule, topic: Topic, source: str, throws: Mapping[str, float]) -> Mapped | str:
     """Return the channel that a rule makes of a topic, or why it makes none."""
     raw = _raw(rule, topic)
     ok = np.all(np.isfinite(raw), axis=0)
@@ -244,20 +256,25 @@ def _mapped(rule: Rule, topic: Topic, source: str, throws: Mapping[str, float]) 
     if not any(np.any(column[ok]) for column in raw):
         return ZERO
     values = rule.convert(*(column[ok] for column in raw)) + 0.0  # no minus zero
-    assumed = rule.assumed
+    assumed, said = rule.assumed, rule.said
+    place = log.imu_m.get(number_of(topic.name))
+    if place is not None and rule.assumed == AT_IMU:
+        assumed = ""
+        where = ", ".join(f"{x:g}" for x in place)
+        said += f"; by the log's settings {where} m forward, right, down of the centre of gravity"
     if rule.channel in _SURFACES and not rule.in_si:
         surface = rule.channel.removesuffix("_cmd")
         throw = throws.get(surface, DEFAULT_THROW_RAD)
         values = values * throw
         known = "as given" if surface in throws else "assumed, the log does not hold it"
         assumed = "; ".join(filter(None, [assumed, f"full command is {throw / DEG_RAD:g} deg ({known})"]))
-    finite = np.isfinite(values)
+    finite = np.abs(values) <= LARGEST
     values = values[finite]
     if values.size < MIN_SAMPLES:
         return f"{values.size} of {ok.size} samples can be converted, at least {MIN_SAMPLES} are needed"
     if rule.channel in _TURNING and np.max(np.abs(values)) <= ONE_TURN:
         values = np.unwrap(values)
-    return Mapped(rule.channel, topic.t_s[ok][finite], values, source, rule.said, assumed)
+    return Mapped(rule.channel, topic.t_s[ok][finite], values, source, said, assumed)
 
 
 def increasing(t: FloatArray) -> NDArray[np.intp]:

@@ -17,11 +17,16 @@ from numpy.typing import NDArray
 
 from testbench.core.channels import channel
 from testbench.core.errors import RecordError, nearest
+from testbench.core.files import parsed
+from testbench.core.hdf5 import memory_of, opened
 from testbench.core.record import FORMAT, NEEDS_PYARROW, FloatArray, load_record
+from testbench.core.sizes import NUMBER, require_room
 from testbench.logs.foreign import HEAD, refuse_foreign
 from testbench.logs.mat import StructArray, read_mat
 from testbench.logs.structures import follow, series
 from testbench.logs.text import Cells, numbers, read_text
+
+_TEXT = 100  # bytes of a cell that is text, in a list
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +125,7 @@ def read_table(
 
     Raises:
         RecordError: the file is missing, empty, cut short, of another format, or holds no samples.
+        SizeError: it takes more memory than the limit of :mod:`testbench.core.sizes`.
     """
     path = Path(path)
     if not path.is_file():
@@ -156,10 +162,7 @@ def _of_text(path: Path, found: Cells) -> Table:
 
 def _read_mat(path: Path, variable: str | None) -> Table:
     """Read a matrix, the fields of a structure, or all vectors of a MAT file."""
-    try:
-        content = read_mat(path)
-    except ValueError as error:
-        raise RecordError(f"'{path}' must be a complete MAT file, but it is not: {_one_line(error)}") from error
+    content = read_mat(path)
     stated = _stated(content["testbench"]) if isinstance(content.get("testbench"), str) else {}
     value = content if variable is None else follow(content, variable, path)
     arrays = {k: v for k, v in content.items() if isinstance(v, np.ndarray) and v.ndim == 2 and v.size}
@@ -186,7 +189,7 @@ def _stated(text: str) -> dict[str, Any]:
     try:
         facts = json.loads(text)
         return {**facts, "provenance": json.loads(facts["provenance"])} if facts["format"] == FORMAT else {}
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         return {}
 
 
@@ -197,8 +200,11 @@ def _read_parquet(path: Path) -> Table:
         import pyarrow.parquet as pq
     except ImportError as error:
         raise RecordError(f"'{path}' cannot be read: {NEEDS_PYARROW}") from error
-    try:
-        content = pq.ParquetFile(path).read()
+    with parsed(path, "a complete Parquet file"):
+        file = pq.ParquetFile(path)
+        width = sum(NUMBER if pa.types.is_primitive(kind) else _TEXT for kind in file.schema_arrow.types)
+        require_room(f"the table of '{path}'", file.metadata.num_rows * width, "cut it into parts")
+        content = file.read()
         columns, units = [], []
         for i, column in enumerate(content.schema):
             values, unit = content.column(i), (column.metadata or {}).get(b"unit", b"").decode()
@@ -214,31 +220,30 @@ def _read_parquet(path: Path) -> Table:
             else:
                 columns.append([str(value) for value in values.to_pylist()])
             units.append(unit)
-    except (pa.ArrowException, OSError, ValueError) as error:
-        raise RecordError(f"'{path}' must be a complete Parquet file, but it is not: {_one_line(error)}") from error
-    stated = _stated((content.schema.metadata or {}).get(b"testbench", b"").decode())
+        stated = _stated((content.schema.metadata or {}).get(b"testbench", b"").decode())
     return Table(path, tuple(content.column_names), tuple(units), tuple(columns), stated=stated)
 
 
 def _read_netcdf(path: Path) -> Table:
     """Read a record of the testbench, or the variables along the commonest dimension of any NetCDF file."""
-    import h5py  # type: ignore[import-untyped]
     import xarray as xr
 
     with path.open("rb") as file:
         classic = file.read(3) == b"CDF"
-    try:
+    with parsed(path, "a complete NetCDF file"):
+        size = path.stat().st_size
         if not classic:
-            with h5py.File(path, "r") as content:  # before xarray, whose reader is noisy about damaged files
-                ours = content.attrs.get("format") == FORMAT
+            with opened(path) as content:  # before xarray, whose reader is noisy about damaged files
+                ours = str(content.attrs.get("format")) == FORMAT
+                held = [item for item in content.values() if getattr(item, "ndim", 0) == 1]
+                size = memory_of(held) if not ours else 0  # before xarray, which reads the dimensions at once
             if ours:
                 return _table_of_record(path)
+        require_room(f"the variables of '{path}'", size, "cut it into parts")
         how: dict[str, Any] = {"engine": "scipy", "mmap": False} if classic else {"engine": "h5netcdf"}
         with xr.open_dataset(path, decode_times=False, **how) as dataset:
-            stored = dataset.load()
-    except (OSError, ValueError, KeyError, RuntimeError, TypeError, IndexError, EOFError) as error:
-        raise RecordError(f"'{path}' must be a complete NetCDF file, but it is not: {_one_line(error)}") from error
-    series = {str(name): v for name, v in stored.variables.items() if v.ndim == 1 and v.dtype.kind in "fiub"}
+            rows = {str(name): v for name, v in dataset.variables.items() if v.ndim == 1 and v.dtype.kind in "fiub"}
+            series = {name: v.load() for name, v in rows.items()}
     along = [v.dims[0] for v in series.values()]
     if not along:
         raise RecordError(f"'{path}' must hold variables along a time dimension, got none")
@@ -255,7 +260,3 @@ def _table_of_record(path: Path) -> Table:
     stated = {"kind": record.kind, "outcome": record.outcome, "reason": record.reason}
     facts = {**stated, "provenance": dict(record.provenance)}
     return Table(path, ("t", *record.channels), units, (record.t_s, *data.T), stated=facts)
-
-
-def _one_line(error: BaseException) -> str:
-    return (str(error).strip("'\"").splitlines() or [type(error).__name__])[0]

@@ -18,12 +18,14 @@ import numpy as np
 
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
+from testbench.core.sizes import require_room
 from testbench.logs.names import MISSING, clock_called, meaning, plain_unit, split_unit, time_unit
 from testbench.logs.times import is_stamp
 
 _PART = 200  # lines that are looked through for the first row of numbers
 _SAMPLE = 50  # rows by which separator and decimal sign are told
 _WORSE = 0.75  # of the share of numbers under the best choice: below it a choice that was given is refused
+_IN_MEMORY = 5  # bytes for each byte of a table, whose cells are texts of their own
 _BINARY = re.compile(r"[\x00-\x08\x0e-\x1f]")
 _THOUSANDS = {
     ".": re.compile(r"[+-]?\d{1,3}(?:[,'’ \u00a0\u202f]\d{3})+(?:\.\d*)?"),
@@ -83,7 +85,9 @@ def read_text(
 
     Raises:
         RecordError: the file is binary, holds no rows of numbers, or a row has another number of cells than the first.
+        SizeError: it takes more memory than the limit of :mod:`testbench.core.sizes`.
     """
+    require_room(f"the table '{path}'", _IN_MEMORY * path.stat().st_size, "cut it into parts")
     text, encoding = _decode(path, lenient)
     lines = _lines(text, skip_rows)
     delimiter, decimal = _separators(path, lines.rows[:_PART], blanks, delimiter, decimal)

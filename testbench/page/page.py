@@ -11,7 +11,7 @@ from testbench.core.files import write_file
 from testbench.page.flown import flown_table, flown_words
 from testbench.page.terminal import print_answer, print_table
 from testbench.page.words import Answer, sentence
-from testbench.page.write import PAGE, write_plates, write_tables
+from testbench.page.write import PAGE, claim_folder, write_plates, write_tables
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -86,6 +86,7 @@ class Page:
             RecordError: the folder cannot be written to.
         """
         folder = Path(folder)
+        claim_folder(folder)
         by = [] if self.flown is None else [flown_table(self.flown)]
         out = write_tables([*self.more_tables, *self.tables, *by], folder)
         for name, content in self.files.items():

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import sys
+import unicodedata
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -14,7 +16,36 @@ if TYPE_CHECKING:
     from testbench.page.tables import Table
     from testbench.page.words import Answer
 
+_PLAIN = {
+    "°": " deg", "¹": "^1", "²": "^2", "³": "^3", "⁴": "^4", "⁰": "^0", "⁻": "^-", "±": "+/-", "×": "x", "·": ".",
+    "–": "-", "—": "-", "−": "-", "…": "...", "’": "'", "‘": "'", "“": '"', "”": '"', "√": "sqrt ", "≤": "<=",
+    "≥": ">=", "≈": "~", "α": "alpha", "β": "beta", "θ": "theta", "φ": "phi", "ψ": "psi", "ζ": "zeta", "ω": "omega",
+    "σ": "sigma", "τ": "tau", "λ": "lambda", "μ": "mu", "µ": "u", "δ": "delta", "η": "eta", "π": "pi", "Δ": "Delta",
+}  # fmt: skip
+"""What stands for a sign where the terminal has no other way to show it."""
+_WORD = 8  # letters of a text that stand side by side at least
 _STYLES = {"lead": "bold", "wrong": "bold red", "doubt": "yellow"}
+
+
+def show_all() -> None:
+    """Let standard output and error take every text: signs that their encoding lacks are written in ASCII."""
+    import codecs
+
+    codecs.register_error("in_ascii", _in_ascii)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="in_ascii")
+
+
+def _in_ascii(error: UnicodeError) -> tuple[str, int]:
+    """Return what stands for the signs that an encoding lacks: letters without accents, "?" where nothing is near."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    out = ""
+    for sign in error.object[error.start : error.end]:
+        near = _PLAIN.get(sign) or unicodedata.normalize("NFKD", sign).encode("ascii", "ignore").decode()
+        out += near or "?"
+    return out, error.end
 
 
 def console() -> Any:
@@ -74,14 +105,38 @@ def print_rows(
     right: Sequence[bool] = (),
     title: str = "",
 ) -> None:
-    """Print rows of texts under their heads; columns that are ``right`` stand to the right. No text is markup."""
+    """Print rows of texts under their heads; columns that are ``right`` stand to the right. No text is markup.
+
+    A number is never broken: where those of a row do not fit side by side, each cell has a line of its own.
+    """
     from rich.table import Table as Grid
     from rich.text import Text
 
+    if any(right) and console.width < sum(_least(k, heads, rows, right) + 2 for k in range(len(heads))) - 2:
+        print_cells(console, heads, rows, title)
+        return
     grid = Grid(title=Text(title) if title else None, title_justify="left", title_style="", box=None, pad_edge=False)
     for k, head in enumerate(heads):
         justify: Any = "right" if right and right[k] else "left"
-        grid.add_column(Text(head), justify=justify, overflow="fold")
+        least = _least(k, heads, rows, right) if justify == "right" else None
+        grid.add_column(Text(head), justify=justify, overflow="fold", min_width=least)
     for row in rows:
         grid.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
     console.print(grid)
+
+
+def _least(k: int, heads: Sequence[str], rows: Sequence[Sequence[str | Text]], right: Sequence[bool]) -> int:
+    """Return the width below which a column cannot be read: of its longest number, or a few letters of its text."""
+    longest = max((len(row[k]) for row in rows), default=1)
+    return longest if right and right[k] else min(longest, _WORD)
+
+
+def print_cells(console: Console, heads: Sequence[str], rows: Sequence[Sequence[str | Text]], title: str) -> None:
+    """Print rows one below the other, each cell in a line with its head."""
+    from rich.text import Text
+
+    if title:
+        console.print(Text(title))
+    for row in rows:
+        for k, (head, cell) in enumerate(zip(heads, row, strict=True)):
+            console.print(Text(f"{'  ' if k else ''}{head}: ").append(cell))

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from testbench.core.claim import claim
+from testbench.core.errors import RecordError
 from testbench.core.files import write_file
 from testbench.page.labels import file_stem
 
@@ -21,7 +23,12 @@ PAGE = "report.html"
 
 
 def record_keeper(folder: Path | str) -> Keep:
-    """Return a function that saves each record as folder/records/NAME.nc, for ``run(keep=...)``."""
+    """Return a function that saves each record as folder/records/NAME.nc, for ``run(keep=...)``.
+
+    Raises:
+        RecordError: the folder cannot be made, or another process writes into it.
+    """
+    claim_folder(Path(folder))
     records = Path(folder) / "records"
 
     def keep(name: str, record: FlightRecord) -> None:
@@ -53,12 +60,28 @@ def write_plates(plates: Iterable[Plate], folder: Path) -> tuple[list[Path], lis
     return paths, pictures
 
 
-def check_folder(folder: Path) -> None:
-    """Make the folder of a long search before it starts, and check that it can be written to.
+def claim_folder(folder: Path) -> None:
+    """Hold a folder of results until the process ends, so that no page mixes two runs.
 
     Raises:
-        RecordError: it cannot.
+        RecordError: the folder cannot be made, or another process writes into it.
     """
+    try:
+        claim(folder)
+    except OSError as error:
+        raise RecordError(
+            f"results must go to a folder that can be written to, got '{folder}': {error.strerror or error}; give "
+            "another folder or free space"
+        ) from error
+
+
+def check_folder(folder: Path) -> None:
+    """Make the folder of a long search before it starts, hold it, and check that it can be written to.
+
+    Raises:
+        RecordError: it cannot, or another process writes into it.
+    """
+    claim_folder(folder)
     write_file(folder / ".probe", "").unlink()
 
 

@@ -11,6 +11,7 @@ import pytest
 from scipy.io import savemat
 from scipy.io.matlab import MatlabObject
 from short_flight import DE, Q, T, case
+from writers import write_73
 
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError
@@ -66,47 +67,6 @@ def is_the_flight(path):
     assert found.rate_hz == 50.0
     np.testing.assert_allclose(found.record["q"], DEG_RAD * Q, atol=1e-12)
     np.testing.assert_allclose(found.record["de"], DEG_RAD * DE, atol=1e-12)
-
-
-def write_73(path, content):
-    """Write variables as MATLAB's -v7.3 does: transposed arrays, text as codes, references for cells and arrays."""
-    with h5py.File(path, "w", userblock_size=512) as file:
-        references = file.create_group("#refs#")
-
-        def put(group, name, value):
-            if isinstance(value, dict):
-                inner = group.create_group(name)
-                inner.attrs["MATLAB_class"] = np.bytes_("struct")
-                for key, part in value.items():
-                    put(inner, key, part)
-            elif isinstance(value, str):
-                codes = np.array([[ord(c)] for c in value], np.uint16)
-                group.create_dataset(name, data=codes).attrs["MATLAB_class"] = np.bytes_("char")
-            elif isinstance(value, np.ndarray) and value.dtype.names:
-                inner = group.create_group(name)
-                inner.attrs["MATLAB_class"] = np.bytes_("struct")
-                for key in value.dtype.names:
-                    inner.create_dataset(key, data=refer([row[key] for row in value[0]]), dtype=h5py.ref_dtype)
-            elif isinstance(value, np.ndarray) and value.dtype == object:
-                made = group.create_dataset(name, data=refer(list(value[0])), dtype=h5py.ref_dtype)
-                made.attrs["MATLAB_class"] = np.bytes_("cell")
-            else:
-                numbers = np.atleast_2d(value)
-                numbers = numbers if np.ndim(value) > 1 else numbers.T  # vectors are columns
-                group.create_dataset(name, data=numbers.T).attrs["MATLAB_class"] = np.bytes_("double")
-
-        def refer(items):
-            out = np.empty((len(items), 1), h5py.ref_dtype)
-            for i, item in enumerate(items):
-                name = str(len(references))
-                put(references, name, item)
-                out[i, 0] = references[name].ref
-            return out
-
-        for name, value in content.items():
-            put(file, name, value)
-    with open(path, "r+b") as file:
-        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64, HDF5 schema 1.00 .".ljust(124) + b"\x00\x02IM")
 
 
 @pytest.mark.parametrize("name", ONE_FLIGHT)

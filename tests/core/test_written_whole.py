@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from testbench.core.errors import RecordError
+from testbench.core.errors import DiskError, RecordError
 from testbench.core.files import mat_bytes, write_file
 
 
@@ -28,10 +28,12 @@ def test_what_fails_half_way_leaves_the_file_as_it_was(tmp_path):
         part.write_text("half")
         raise OSError(28, "No space left on device")
 
-    law = f"law, got '{file}': No space left on device; free space"
-    with pytest.raises(RecordError, match=re.escape(law)):
+    law = f"the disk must have room for '{file}', got: No space left on device; free space"
+    with pytest.raises(DiskError, match=re.escape(law)) as error:
         write_file(file, half, "law", "free space")
+    assert error.value.exit_status == 3
     assert file.read_text() == "before"
+    assert [p.name for p in tmp_path.iterdir()] == ["a"]
 
 
 def test_a_file_where_a_folder_should_be_is_said(tmp_path):

@@ -1,13 +1,17 @@
 """The cause of bad residuals is named, whatever the method: delay, bend, drift and few data, and nothing when clean."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
 from testbench.estimators.causes import with_causes
-from testbench.estimators.coloured_fit import Stretch, regress
-from tests.studies.advice_cases import INPUTS, OUTPUTS, fly
+from testbench.estimators.causes.coloured_fit import Stretch, Whitener, normal, regress, samples_lost, settled, solved
+from testbench.estimators.discrete_transfer import in_free_run
+from testbench.estimators.residuals import Autoregression
+from tests.studies.advice_cases import INPUTS, OUTPUTS, WN, fly
 
 STRUCTURE = {"structure": "short_period", "held": ["de"]}
 HORIZONS = {"order": 2, "past_horizon": 12, "future_horizon": 15}
@@ -20,8 +24,10 @@ METHODS = {
     "prediction_error": HORIZONS,
     "srivc": {"poles": [2], "zeros": [1], "hold": "zoh"},
 }
+SEEDS = {method: (11,) if method == "filter_error" else (11, 12) for method in METHODS}  # which takes its time
 
 
+@cache
 def serious(case, method, seed):
     """Return the codes of what is wrong or doubtful, worst first, and the causes that were measured."""
     record = fly(case, seed)
@@ -31,7 +37,7 @@ def serious(case, method, seed):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_delay_is_named_with_its_size(method):
-    for seed in (11, 12):
+    for seed in SEEDS[method]:
         codes, causes = serious("delay", method, seed)
         assert codes[0] == "delay"
         assert causes[0]["subject"] == "de"
@@ -61,18 +67,63 @@ def test_too_few_samples_are_said_before_anything_else():
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("case", ["clean", "colour"])
-def test_noise_alone_has_no_cause(case, method):
-    # Each test errs once in 10 000 records, that of feedback is not made on inputs that are held: once in 2000 flights.
-    for seed in (11, 12, 13):
-        assert serious(case, method, seed)[1] == []
+def test_noise_alone_is_no_fault_of_the_aircraft(case, method):
+    # All regressors at once err once in 1000 records; the test of feedback is not made on inputs that are held.
+    for seed in SEEDS[method]:
+        named = {c["code"] for c in serious(case, method, seed)[1]}
+        assert named <= {"far_from_best", "coloured_residuals"}
 
 
-def test_feedback_is_named_where_the_damper_follows_gusts():
-    # The test finds about half of these loops; a flight whose loop it does find must be named by every method.
-    named = [
-        sum("closed_loop" in serious("loop", m, seed)[0][:2] for seed in range(11, 17)) for m in ("dsr_e", "moesp")
-    ]
-    assert min(named) >= 2
+@pytest.mark.parametrize("method", [m for m in METHODS if m != "equation_error"])
+def test_a_clean_fit_is_good(method):
+    for seed in SEEDS[method]:
+        assert serious("clean", method, seed)[0] == []  # false alarm: 1e-3 for each of some three tests of a fit
+
+
+@pytest.mark.parametrize("method", ["dsr_e", "moesp", "equation_error"])
+def test_slow_noise_is_named_where_the_method_does_not_test_it(method):
+    assert "coloured_residuals" in serious("colour", method, 11)[0][:2]
+
+
+def test_biased_transfer_functions_are_told_from_missing_dynamics():
+    for case, cause in (("clean", "far_from_best"), ("delay", "delay")):
+        record = fly(case, 11)
+        model = with_causes(
+            estimate("transfer_function", [record], INPUTS, OUTPUTS, poles=2, zeros=[1]),
+            [record],
+        )
+        assert next(a.code for a in model.advice if a.severity != "note") == cause
+
+
+def test_feedback_is_named_whatever_the_method():
+    # It is found in some nine of ten of these loops: fewer than four of six by chance in 2 %, on these seeds for good.
+    for method in ("dsr_e", "equation_error"):
+        assert sum("closed_loop" in serious("loop", method, seed)[0][:2] for seed in range(11, 17)) >= 4
+
+
+def test_feedback_is_a_note_for_a_method_that_bears_it():
+    codes, causes = serious("loop", "filter_error", 12)
+    assert causes[0]["code"] == "closed_loop"
+    assert "closed_loop" not in codes
+
+
+def test_an_input_that_acts_between_its_samples_is_no_feedback():
+    # The surface moves on between samples; white residuals would show it as news that goes with the output.
+    rng = np.random.default_rng(8)
+    named = 0
+    for seed in range(11, 16):
+        record = fly("clean", seed)
+        de = record["de"] + 0.01 * rng.standard_normal(len(record))
+        q = record["q"] - 18.0 * 0.02 * 0.5 * (de - record["de"])  # the half sample that has acted already
+        noise = np.zeros(len(record))
+        for k in range(1, len(record)):
+            noise[k] = 0.9 * noise[k - 1] + 0.002 * rng.standard_normal()
+        flown = FlightRecord(
+            record.t_s, (*INPUTS, *OUTPUTS), np.column_stack([de, record["alpha"] + noise, q]), "measured"
+        )
+        codes = [a.code for a in with_causes(estimate("dsr_e", [flown], INPUTS, OUTPUTS, **HORIZONS), [flown]).advice]
+        named += "closed_loop" in codes
+    assert named <= 1  # each errs in 1 % of flights: two of five by chance in 0.1 %
 
 
 def test_inputs_of_another_flight_are_no_feedback():
@@ -102,3 +153,57 @@ def test_a_line_in_noise_of_long_memory_is_found():
     found = regress([Stretch(n + 3.0 * line[:, :, 0], good)], [line])
     assert abs(found.b[0] - 3.0) < 4.0 * found.std[0]  # false alarm: 6e-5
     assert found.noise.A[0, 0, 0] == pytest.approx(0.9, abs=0.05)
+
+
+def test_normal_equations_agree_with_an_orthogonal_factorisation():
+    rng = np.random.default_rng(4)
+    Z = rng.standard_normal((400, 12)) * 10.0 ** np.linspace(-6.0, 6.0, 12)
+    Z[:, 5] = Z[:, 4] + 1e-3 * np.std(Z[:, 4]) * rng.standard_normal(400)  # nearly the same
+    e = rng.standard_normal(400)
+    b, std = solved(normal(Z, e))
+    size = np.sqrt(np.sum(Z**2, axis=0))
+    Q, R = np.linalg.qr(Z / size)
+    np.testing.assert_allclose(b * size, np.linalg.solve(R, Q.T @ e), rtol=1e-6)
+    np.testing.assert_allclose(std * size, np.sqrt(np.sum(np.linalg.inv(R) ** 2, axis=1)), rtol=1e-6)
+    assert normal(Z, e).explained() == pytest.approx(float(np.sum((Q.T @ e) ** 2)), rel=1e-9)
+
+
+def test_columns_that_depend_on_others_have_no_coefficient():
+    rng = np.random.default_rng(5)
+    X = rng.standard_normal((200, 3))
+    Z, e = np.column_stack([X, X[:, 0] - 2.0 * X[:, 1], np.zeros(200)]), X @ [1.0, 2.0, 3.0]
+    b, std = solved(normal(Z, e))
+    np.testing.assert_allclose(Z @ b, e, atol=1e-9)
+    assert np.count_nonzero(b) == 3
+    assert np.count_nonzero(std) == 3
+
+
+def test_a_whitener_makes_its_noise_white():
+    rng = np.random.default_rng(6)
+    A, mix = np.array([[0.8, 0.1], [-0.2, 0.6]]), np.array([[1.0, 0.0], [0.5, 2.0]])
+    n, e = np.zeros((2, 400)), mix @ rng.standard_normal((2, 400))
+    for k in range(1, 400):
+        n[:, k] = A @ n[:, k - 1] + e[:, k]
+    good = np.ones(400, bool)
+    good[200] = False
+    part = Stretch(n * good, good)
+    white = Whitener(Autoregression(A[None], mix @ mix.T), [part])([n[:, :, None]])[:, 0].reshape(-1, 2)
+    rows = settled(good, samples_lost([part]))
+    np.testing.assert_allclose(white, np.linalg.solve(mix, e).T[rows], atol=1e-9)
+
+
+def test_a_transfer_function_in_free_run_is_not_biased_by_noise():
+    record = fly("clean", 11)
+    biased = estimate("transfer_function", [record], INPUTS, OUTPUTS, poles=2, zeros=[1])
+    (alpha, q) = in_free_run(biased, [record]).poles().values()
+    assert abs(np.abs(alpha[0]) / WN - 1.0) < 0.03
+    assert abs(np.abs(q[0]) / WN - 1.0) < 0.03
+    assert abs(np.abs(biased.poles()["q"]).max() / WN - 1.0) > 0.3
+
+
+@pytest.mark.parametrize("method", ["output_error", "srivc"])
+def test_corrected_errors_are_no_comfort_beside_a_cause(method):
+    record = fly("delay", 11)
+    own = estimate(method, [record], INPUTS, OUTPUTS, **METHODS[method])
+    assert any("corrected" in a for a in own.advice if a.code == "coloured_residuals")
+    assert not any("corrected" in a for a in with_causes(own, [record]).advice)

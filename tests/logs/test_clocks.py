@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from testbench.core.errors import RecordError, SizeError
 from testbench.logs.clocks import gaps, usual_step
 from testbench.logs.resampling import common_rate, resample
 from testbench.logs.signals import Mapped
@@ -42,6 +43,14 @@ LOSSLESS = (
 
 def logged(t: np.ndarray, name: str = "q") -> Mapped:
     return Mapped(name, t, 0.1 * np.sin(2.0 * np.pi * 0.7 * (t - 3.0)), "", "")
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "samples", "expected"), [(400, 20_000, 400), (400, 600_000, 50), (20, 600_000, 20)]
+)
+def test_a_long_log_of_one_clock_is_put_to_50_hz(rate_hz, samples, expected):
+    t = np.arange(samples) / rate_hz
+    assert common_rate([logged(t), logged(t, "p")]) == expected
 
 
 @pytest.mark.parametrize("name", LOSSLESS)
@@ -102,3 +111,35 @@ def test_what_would_fold_down_is_filtered_at_the_finest_step_of_the_clock():
         fast = Mapped("q", t, np.sin(2.0 * np.pi * frequency * t), "", "")
         record = resample([fast], 50.0, {})
         assert np.abs(record["q"][50:-50]).max() < left  # 80 Hz has 2.5 samples of the thin part of the clock
+
+
+@pytest.mark.parametrize("step_s", [1e-310, 1e-12])
+def test_times_that_hardly_move_are_damaged(step_s):
+    with pytest.raises(RecordError, match=r"must run on by at least 1e-09 s a sample.*damaged"):
+        common_rate([logged(step_s * np.arange(50.0))])
+
+
+def test_a_channel_that_counts_too_finely_for_its_length_is_refused():
+    t = np.cumsum(np.tile([1e-12, 1e-12, 1e-12, 1.0], 300))
+    with pytest.raises(SizeError, match="damaged"):
+        resample([logged(t)], 0.1, {})
+
+
+def test_a_held_command_keeps_the_area_of_its_steps_on_any_clock():
+    """Straight lines between samples would spread a step over two of them."""
+    rng = np.random.default_rng(3)
+    for rate in (50.0, 120.0):
+        t = np.arange(0.0, 6.0, 1.0 / rate) + rng.uniform(0.0, 2e-3, round(6.0 * rate))
+        x = np.where((t > 2.0) & (t < 3.1), 1.0, 0.0)
+        held = Mapped("de_cmd", t, x, "", "")
+        record = resample([held], 50.0, {}, held=["de_cmd"])
+        area = np.sum(x[:-1] * np.diff(t))
+        assert np.sum(record["de_cmd"]) / 50.0 == pytest.approx(area, abs=1e-9)
+        assert np.count_nonzero((record["de_cmd"] > 0.0) & (record["de_cmd"] < 1.0)) <= 2
+
+
+def test_a_held_command_on_the_clock_of_the_record_is_kept_to_the_last_digit():
+    t = np.arange(200) / 50.0
+    x = np.where((t > 1.0) & (t < 2.0), 0.1, 0.3)
+    record = resample([Mapped("de_cmd", t, x, "", "")], 50.0, {}, held=["de_cmd"])
+    assert np.array_equal(record["de_cmd"], x)

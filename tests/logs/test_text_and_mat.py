@@ -160,5 +160,5 @@ def test_a_mat_file_damaged_anywhere_never_ends_the_process(tmp_path):
 
 def test_a_broken_mat_file_of_version_7_3_is_said_to_be_incomplete(tmp_path):
     (tmp_path / "m.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
-    with pytest.raises(RecordError, match=r"must be a complete MAT file, but it is not"):
+    with pytest.raises(RecordError, match=r"must be a complete MAT file, but it is damaged"):
         read_table(tmp_path / "m.mat", "mat")

@@ -38,6 +38,7 @@ from testbench.estimators.hold import said_of_hold
 from testbench.estimators.settings import Equivalent
 from testbench.estimators.state_variable import holds
 
+_EXPLAINED = 4.0  # misfit over what the random error of the responses explains, beyond which the structure is at fault
 _POOR = 100.0  # mean cost above which a low-order equivalent is not acceptable (Tischler and Remple, section 11.2)
 _DELAYS = 13  # starts of each delay, up to a whole turn at the highest frequency
 _EXACT = 1e-9  # random errors below this are rounding
@@ -333,7 +334,7 @@ def _errors(problem: Problem, x: FloatArray, J: FloatArray, w0: float) -> tuple[
 def _advice(name: str, note: Mapping[str, float], a: FloatArray, part: FrequencyResponse) -> list[Advice]:
     out = []
     low, high = float(part.omega_rad_s[0]), float(part.omega_rad_s[-1])
-    if note["cost"] > _POOR:
+    if note["cost"] > _POOR and note["misfit_ratio"] > _EXPLAINED:  # else the responses are noisy, and the fit is right
         out.append(
             wrong(
                 "no_fit",
@@ -341,7 +342,7 @@ def _advice(name: str, note: Mapping[str, float], a: FloatArray, part: Frequency
                 "raise the order, narrow the band, or allow a delay",
             )
         )
-    elif 4.0 < note["misfit_ratio"] < np.inf:
+    elif _EXPLAINED < note["misfit_ratio"] < np.inf:
         out.append(
             doubt(
                 "structure_lacks",

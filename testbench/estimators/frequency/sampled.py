@@ -28,6 +28,8 @@ def sampled_response(
         dt_s: sample time, s.
         delay_s: tau, s.
         unit: a frequency, rad/s, in which the poles are of the order of 1.
+
+    A response that has no digits left, as of a pole that grows beyond all numbers in a sample, is NaN.
     """
     n = a.size - 1
     scale = unit ** -np.arange(n + 1.0)
@@ -41,6 +43,9 @@ def sampled_response(
         early, rest = (expm(A * (unit * dt_s * part)) for part in (1.0 - late, late))
     z = np.exp(s * dt_s)
     drive = early[:n, n] + (early[:n, :n] @ rest[:n, n]) / z[:, None]
-    x = np.linalg.solve(z[:, None, None] * np.eye(n) - early[:n, :n] @ rest[:n, :n], drive[:, :, None])[:, :, 0]
+    try:
+        x = np.linalg.solve(z[:, None, None] * np.eye(n) - early[:n, :n] @ rest[:n, :n], drive[:, :, None])[:, :, 0]
+    except np.linalg.LinAlgError:  # a pole far outside: the exponential has no digits left, and a search turns away
+        return np.full(s.shape, np.nan, np.complex128)
     direct = b[0] * (1.0 if late <= _WHOLE else 1.0 / z)
     return np.asarray((x @ (b[1:] - b[0] * a[1:]) + direct) * z**-whole, np.complex128)

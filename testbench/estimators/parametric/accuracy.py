@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.advice import null_directions
-from testbench.estimators.residuals import coloured_information, corrected_covariance, ljung_box
+from testbench.estimators.parametric.sensitivities import Sensitivities, in_blocks, square_root
+from testbench.estimators.residuals import Colour, corrected_covariance, ljung_box
 
 WHITENESS_LAGS = 20
 _ROUNDING = 1e-9  # residuals below this share of an output's size say nothing about noise
@@ -27,29 +28,38 @@ class Accuracy(NamedTuple):
 
 def accuracy(
     residuals: Sequence[FloatArray],
-    jacobians: Sequence[FloatArray],
+    sensitivities: Callable[[], Iterable[Sensitivities]],
     R: FloatArray,
     prior_weight: FloatArray,
     moving: NDArray[np.bool_],
     names: Sequence[str],
+    alone: NDArray[np.bool_] | None = None,
 ) -> Accuracy:
     """Return the covariances of unknowns whose residuals have covariance R.
 
     Args:
         residuals: per record (N, p); zero where not valid.
-        jacobians: per record (N, p, k), derivatives of the residuals; zero where not valid.
+        sensitivities: called twice; gives those of each record, zero where not valid.
         R: (p, p) covariance of the residuals.
         prior_weight: (k,) one over the standard deviation of the prior, 0 without one.
         moving: (k,) False for unknowns on a bound, which get zero variance.
         names: (k,) names of the unknowns.
+        alone: (k,) unknowns that only one record feels; none if not given.
 
     Raises:
         EstimationError: no output feels an unknown or a combination of them; they are named.
     """
     k = moving.size
+    alone = np.zeros(k, bool) if alone is None else alone
     whiten = np.linalg.inv(np.linalg.cholesky(R))
-    believed = prior_weight > 0.0
-    J = np.vstack([*[(whiten @ j).reshape(-1, k) for j in jacobians], np.diag(prior_weight)[believed]])[:, moving]
+    believed = np.flatnonzero(prior_weight > 0.0)
+
+    def parts() -> Iterator[tuple[Iterable[FloatArray], NDArray[np.intp]]]:
+        for v, s in zip(residuals, sensitivities(), strict=True):
+            yield in_blocks(v, s, whiten), np.append(s.columns, k)
+        yield [np.diag(np.append(prior_weight[believed], 0.0))], np.append(believed, k)
+
+    J = square_root(parts(), np.append(alone, False))[:, :-1][:, moving]
     size = np.sqrt(np.sum(J**2, axis=0))
     lost = null_directions(J, size, [name for name, m in zip(names, moving, strict=True) if m])
     if lost:
@@ -61,8 +71,11 @@ def accuracy(
     inverse = np.linalg.inv(scaled) / size[:, None]
     plain = np.zeros((k, k))
     plain[np.ix_(moving, moving)] = inverse @ inverse.T
-    score = coloured_information([np.linalg.inv(R) @ j for j in jacobians], residuals)
-    return Accuracy(plain, corrected_covariance(plain, score + np.diag(prior_weight**2)), float(np.linalg.cond(scaled)))
+    colour, inverse_R, score = Colour.of(residuals), np.linalg.inv(R), np.diag(prior_weight**2)
+    for s in sensitivities():
+        score[np.ix_(s.columns, s.columns)] += colour.score(inverse_R @ s.values)
+    score = 0.5 * (score + score.T)
+    return Accuracy(plain, corrected_covariance(plain, score), float(np.linalg.cond(scaled)))
 
 
 def correlations(covariance: FloatArray) -> FloatArray:

@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from testbench.core.advice import Advice, doubt, wrong
+from testbench.core.advice import Advice, doubt, note, wrong
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.structure import LinearStructure
 
@@ -16,6 +17,7 @@ _LOST = 1e-7  # smallest over largest singular value of the scaled sensitivities
 _NAMED = 0.3  # share of a null direction that makes a parameter worth naming
 _TOGETHER = 0.98  # correlation beyond which two estimates stand for one another
 _VAGUE = 0.5  # standard error relative to the value
+_MANY = 0.5  # share of the estimates that are vague beyond which the flight, not one small effect, is the reason
 _EXACT = 1e-9  # median standard error relative to the value below which the records are free of noise
 _COLOURED = 1e-3  # false-alarm probability of the whiteness test
 _BIASED = 5.0  # corrected over plain errors beyond which residuals are no noise but what the model misses (judged)
@@ -30,6 +32,16 @@ def null_directions(J: FloatArray, size: FloatArray, names: Sequence[str]) -> st
     _, sigma, Vt = np.linalg.svd(np.linalg.qr(J / size, mode="r"))
     lost = Vt[sigma <= _LOST * sigma[0]]
     return ", ".join(name for name, column in zip(names, lost.T, strict=True) if np.any(np.abs(column) > _NAMED))
+
+
+def own_poles(model: Any) -> NDArray[np.complex128]:
+    """Return the poles (n,), rad/s, of a model without those of its servos.
+
+    A delay that is estimated is a Pade approximation, with poles at 3.5 over the delay: fast, and nothing that moves.
+    """
+    A = model.linear().A
+    n = len(model.structure.states) - len(model.structure.followers)
+    return np.asarray(np.linalg.eigvals(A[:n, :n]), complex)
 
 
 def advice_in_words(model: Any) -> Any:
@@ -64,13 +76,15 @@ def advice_in_words(model: Any) -> Any:
         if noisy and e > _VAGUE * abs(v) and e > 0.0 and not (linear and n.endswith("_0"))
     ]
     if vague:
+        asked = sum(not (linear and n.endswith("_0")) for n in names)
+        rank = doubt if len(vague) > _MANY * asked else note  # an error that is stated misleads nobody
         out.append(
-            doubt(
+            rank(
                 "weakly_identifiable",
                 f"these data say little about {', '.join(vague)}: fix them at a believed value, or excite them more",
             )
         )
-    fast = [abs(s) for s in np.linalg.eigvals(model.linear().A) if abs(s) > np.pi / model.dt_s]
+    fast = [abs(s) for s in own_poles(model) if abs(s) > np.pi / model.dt_s]
     if fast:
         out.append(
             doubt(
@@ -109,8 +123,9 @@ def advice_in_words(model: Any) -> Any:
             )
         else:
             errors_hold = f"standard errors are corrected for it, by up to a factor {factor:.2g}"
+        own = model.method == "equation_error" and not why  # its low pass colours the residuals of any flight
         out.append(
-            doubt(
+            (note if own else doubt)(
                 "coloured_residuals",
                 f"the residuals of {', '.join(coloured)} are not white (turbulence, filtered noise or something "
                 f"missing in the model): {errors_hold}",

@@ -34,6 +34,7 @@ from testbench.estimators.parametric.advice import advice_in_words
 from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.response import delayed
+from testbench.estimators.parametric.sensitivities import Sensitivities
 from testbench.estimators.parametric.servo import by_surfaces, in_front
 from testbench.estimators.parametric.structure import STEP, ModelStructure
 from testbench.estimators.regression.smoothing import SineSeries, bridge
@@ -216,7 +217,7 @@ def _model(
     felt = np.array([any(np.any(j[:, s]) for j in jacobians) for s in range(size.size)])
     found = accuracy(
         [e[:, felt] for e in residuals],
-        [j[:, felt] for j in jacobians],
+        lambda: (Sensitivities.of_all(j[:, felt]) for j in jacobians),
         np.diag(R[felt]),
         prior,
         np.ones(free.size, bool),

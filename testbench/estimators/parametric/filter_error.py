@@ -37,7 +37,7 @@ from testbench.estimators.coverage import approximate
 from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
 from testbench.estimators.parametric.accuracy import accuracy, correlations, whiteness
-from testbench.estimators.parametric.advice import advice_in_words
+from testbench.estimators.parametric.advice import advice_in_words, own_poles
 from testbench.estimators.parametric.kalman.forms import FALSE_ALARM, Choice, Form, chosen
 from testbench.estimators.parametric.kalman.gust import ANGLES, Sensor, flow_angle, with_gust
 from testbench.estimators.parametric.kalman.innovations import Rows, innovations
@@ -234,8 +234,7 @@ def _refuse_far(model: ParametricModel, found: FloatArray, start: FloatArray) ->
     noisy = ", ".join(model.settings["process_noise"]) or "no state"
     fix = "give process noise to more states (all if not named), or fix it, or use output error"
     fastest, before = (
-        float(np.max(np.abs(np.linalg.eigvals(m.linear().A))))
-        for m in (model, replace(model, params=model.structure.values))
+        float(np.max(np.abs(own_poles(m)))) for m in (model, replace(model, params=model.structure.values))
     )
     nyquist = np.pi / model.dt_s
     if fastest > nyquist > before:
@@ -390,7 +389,15 @@ def _diagnose(choice: Choice, layout: Layout) -> tuple[dict[str, Any], FloatArra
     residuals = [part.v for part in parts]
     R = found.R * total / (total - likelihood.unknowns)  # unknowns take degrees of freedom from the innovations
     names, moving = likelihood.names(), ~found.minimum.at_bound
-    a = accuracy(residuals, [part.dv for part in parts], np.diag(R), likelihood.prior_weight, moving, names)
+    a = accuracy(
+        residuals,
+        lambda: (part.dv for part in parts),
+        np.diag(R),
+        likelihood.prior_weight,
+        moving,
+        names,
+        likelihood.alone,
+    )
     white, corrected = a.plain[:f, :f], a.corrected[:f, :f]
     deviation = np.sqrt(np.diag(white))
     share = np.mean([1.0 / np.mean(np.diag(part.gain.S) / found.R) for part in parts])

@@ -84,6 +84,9 @@ def minimise(
             trial[moving] = np.clip(point[moving] + step, low[moving], high[moving])
             moved = target + R @ (trial[moving] - point[moving])
             predicted = promised - float(moved @ moved)
+            if predicted <= 0.0 and np.any(trial[moving] != point[moving] + step):
+                damping = max(10.0 * damping, 1e-3)  # a bound has bent the step uphill; a shorter one leads down
+                continue
             if predicted <= 0.0 or (damping > 1e-4 and predicted < _ROUNDING * cost):
                 break
             r_new, J_new = problem(trial)

@@ -32,6 +32,7 @@ from testbench.estimators.parametric.gauss_newton import Minimum, minimise
 from testbench.estimators.parametric.likelihood import Layout, Likelihood, held_inputs, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
 from testbench.estimators.parametric.response import discretise
+from testbench.estimators.parametric.sensitivities import Sensitivities
 from testbench.estimators.parametric.structure import LinearStructure
 from testbench.estimators.trajectories import carried
 
@@ -164,8 +165,8 @@ def estimate(
 
     def problem(point: FloatArray) -> tuple[FloatArray, FloatArray]:
         with np.errstate(all="ignore"):  # a trial point may diverge: the search sees that and steps back
-            v, J = likelihood.evaluate(point, values)[0]
-            both = np.concatenate([v[:, :, None], J], axis=2) / sigma[:, None]
+            v, s = next(likelihood.evaluate(point, values))
+            both = np.concatenate([v[:, :, None], s.values], axis=2) / sigma[:, None]
             if not np.all(np.isfinite(both)):
                 return np.full(1, np.inf), np.full((1, layout.chosen.size + layout.per_record), np.inf)
             rows = weights.apply(both).reshape(-1, both.shape[2])
@@ -189,9 +190,10 @@ def _model(
     """Return the model at the end of a search, ``J`` (r, k) the weighted sensitivities there."""
     structure, seen, f = likelihood.structure, likelihood.stretches[0], likelihood.layout.chosen.size
     params = likelihood.parameters(found.point, structure.values)
-    v = likelihood.evaluate(found.point, structure.values)[0][0]
+    (v,) = likelihood.residuals(found.point, structure.values)
     moving, names = ~found.at_bound, likelihood.names()
-    reached = accuracy([np.zeros((len(J), 1))], [J[:, None, :]], np.eye(1), np.zeros(moving.size), moving, names)
+    felt = [Sensitivities.of_all(J[:, None, :])]
+    reached = accuracy([np.zeros((len(J), 1))], lambda: felt, np.eye(1), np.zeros(moving.size), moving, names)
     covariance = reached.plain[:f, :f]
     white = weights.apply((v / sigma)[:, :, None])[:, :, 0]
     _, offsets, biases = likelihood.layout.split(found.point, 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -15,10 +15,12 @@ from testbench.estimators.hold import held as which_held
 from testbench.estimators.parametric.gauss_newton import Problem
 from testbench.estimators.parametric.model import output_offsets
 from testbench.estimators.parametric.response import delayed, responses
+from testbench.estimators.parametric.sensitivities import Sensitivities, in_blocks, square_root
 from testbench.estimators.parametric.structure import ModelStructure
 
 Initial = Literal["free", "record", "zero"]
 _EXACT = 1e-12  # residuals below this share of an output's size are rounding
+_KEPT = 8_000_000  # sensitivities of a point, in numbers, that are kept for when it is asked for again
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +60,11 @@ class Layout(NamedTuple):
         """Return where those of a record are."""
         start = self.chosen.size + record * self.per_record
         return slice(start, start + self.per_record)
+
+    def felt(self, record: int) -> NDArray[np.intp]:
+        """Return the unknowns that a record feels: the parameters, then its own nuisances."""
+        own = self.nuisances(record)
+        return np.concatenate([np.arange(self.chosen.size), np.arange(own.start, own.stop)])
 
     def split(self, point: FloatArray, record: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return initial state, output offsets and input biases of a record; the first is empty unless estimated."""
@@ -149,7 +156,7 @@ class Likelihood:
     ) -> None:
         self.structure, self.stretches, self.layout = structure, stretches, layout
         self.dt_s, self.held, self.substeps, self.full = dt_s, held, substeps, full
-        self._last: tuple[bytes, list[tuple[FloatArray, FloatArray]]] | None = None
+        self._last: tuple[bytes, list[tuple[FloatArray, Sensitivities]]] | None = None
         self.unknowns = layout.chosen.size + len(stretches) * layout.per_record
         valid = np.vstack([s.valid for s in stretches])
         if full and np.any(valid != valid[:, :1]):
@@ -188,18 +195,27 @@ class Likelihood:
         out[self.layout.chosen] = point[: self.layout.chosen.size]
         return out
 
-    def evaluate(self, point: FloatArray, params: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-        """Return per record the residuals (N, p), zero where not valid, and their Jacobian (N, p, unknowns).
+    def evaluate(self, point: FloatArray, params: FloatArray) -> Iterator[tuple[FloatArray, Sensitivities]]:
+        """Yield per record the residuals (N, p), zero where not valid, and their sensitivities.
 
-        The last result is kept: a search asks for the same point again when the weights change.
+        The last result is kept if it is small: a search asks for the same point again when the weights change.
         """
         key = point.tobytes() + params.tobytes()
-        if self._last is None or self._last[0] != key:
-            self._last = key, self._evaluate(point, params)
-        return self._last[1]
+        if self._last is not None and self._last[0] == key:
+            return iter(self._last[1])
+        found = self._evaluate(point, params)
+        width = self.layout.chosen.size + self.layout.per_record
+        if sum(s.y.size for s in self.stretches) * width <= _KEPT:
+            self._last = key, list(found)
+            return iter(self._last[1])
+        return found
 
-    def _evaluate(self, point: FloatArray, params: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-        layout, f = self.layout, self.layout.chosen.size
+    def residuals(self, point: FloatArray, params: FloatArray) -> list[FloatArray]:
+        """Return the residuals (N, p) of each record, zero where not valid."""
+        return [v for v, _ in self.evaluate(point, params)]
+
+    def _evaluate(self, point: FloatArray, params: FloatArray) -> Iterator[tuple[FloatArray, Sensitivities]]:
+        layout = self.layout
         inputs, starts, offsets = [], [], []
         for i, s in enumerate(self.stretches):
             initial, offset, bias = layout.split(point, i)
@@ -221,32 +237,33 @@ class Likelihood:
             layout.biased_inputs,
             self.substeps,
         )
-        out = []
         for i, (s, r) in enumerate(zip(self.stretches, found, strict=True)):
             residual = np.where(s.valid, s.y - r.y - s.offsets @ offsets[i], 0.0)
-            J = np.zeros((*s.y.shape, self.unknowns))
-            J[:, :, :f] = -r.dparams
-            J[:, :, layout.nuisances(i)] = -np.concatenate([r.dx0[:, :, : layout.initial], s.offsets, r.dbias], axis=2)
+            J = -np.concatenate([r.dparams, r.dx0[:, :, : layout.initial], s.offsets, r.dbias], axis=2)
             J[~s.valid] = 0.0
-            out.append((residual, J))
-        return out
+            yield residual, Sensitivities(J, layout.felt(i))
 
     def problem(self, params: FloatArray, R: FloatArray) -> Problem:
-        """Return residuals and Jacobian, weighted by the noise covariance R (p, p), priors last, as a function."""
+        """Return residuals and Jacobian, weighted by the noise covariance R (p, p), with priors, as a function.
+
+        Both are reduced to as many rows as say the same (:func:`square_root`).
+        """
         whiten = np.linalg.inv(np.linalg.cholesky(R))
-        prior = np.zeros((self.layout.chosen.size, self.unknowns))
-        np.fill_diagonal(prior, self.prior_weight)
-        centre = self.structure.values[self.layout.chosen]
-        believed = self.prior_weight > 0.0
+        f, weight = self.layout.chosen.size, self.prior_weight
+        centre, believed = self.structure.values[self.layout.chosen], self.prior_weight > 0.0
+        alone = np.arange(self.unknowns + 1) >= f
+        alone[-1] = False  # the residuals, last, meet in all records
+
+        def parts(point: FloatArray) -> Iterator[tuple[Iterable[FloatArray], NDArray[np.intp]]]:
+            for v, J in self.evaluate(point, params):
+                yield in_blocks(v, J, whiten), np.append(J.columns, self.unknowns)
+            prior = np.column_stack([np.diag(weight), weight * (point[:f] - centre)])[believed]
+            yield [prior], np.append(np.arange(f), self.unknowns)
 
         def weighted(point: FloatArray) -> tuple[FloatArray, FloatArray]:
             with np.errstate(all="ignore"):  # a trial point may diverge: the search sees that and steps back
-                parts = self.evaluate(point, params)
-                r = [(v @ whiten.T).ravel() for v, _ in parts]
-                J = [(whiten @ j).reshape(-1, self.unknowns) for _, j in parts]
-            r.append((self.prior_weight * (point[: centre.size] - centre))[believed])
-            J.append(prior[believed])
-            return np.concatenate(r), np.vstack(J)
+                S = square_root(parts(point), alone)
+            return S[:, -1], S[:, :-1]
 
         return weighted
 

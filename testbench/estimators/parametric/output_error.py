@@ -29,6 +29,7 @@ from testbench.estimators.parametric.advice import advice_in_words
 from testbench.estimators.parametric.gauss_newton import Minimum, minimise
 from testbench.estimators.parametric.likelihood import Initial, Layout, Likelihood, held_inputs, stretch
 from testbench.estimators.parametric.model import ParametricModel, named
+from testbench.estimators.parametric.rounds import Rounds
 from testbench.estimators.parametric.starts import first_points, point_of_filter_error, scattered
 from testbench.estimators.parametric.structure import ModelStructure
 from testbench.estimators.settings import OutputError
@@ -36,6 +37,7 @@ from testbench.estimators.settings import OutputError
 _SETTLED = 1e-3  # relative change of the noise covariance between two rounds that ends them
 _EXACT = 1e-11  # residuals below this share of every output's size are rounding
 _ROUNDS = 50
+_FOLLOWING = 2  # steps of a round between the first and the last: R moves as fast as the parameters
 _COLOURED = 1e-3  # probability of white residuals below which a fit is looked at again from other starts
 _POOR = 0.3  # residuals relative to an output's motion from which on a third start must agree (judged)
 _SCATTERED = 4  # start points besides the structure's, equation error's and filter error's
@@ -177,7 +179,8 @@ def _ends(
     failure: EstimationError | None = None
     for point in _points(likelihood, first, starts, rng):
         try:
-            ends.append(_search(likelihood, point, max_iterations))
+            least = min((end.likelihood for end in ends), default=-np.inf)
+            ends.append(_search(likelihood, point, max_iterations, least))
         except EstimationError as error:
             failure = failure or error
             continue
@@ -211,7 +214,7 @@ def _settled(likelihood: Likelihood, ends: list[_Found]) -> bool:
 def _looks_bad(likelihood: Likelihood, end: _Found) -> bool:
     if not (end.minimum.converged and end.settled) or np.any(end.minimum.at_bound):
         return True
-    residuals = [v for v, _ in likelihood.evaluate(end.minimum.point, end.params)]
+    residuals = likelihood.residuals(end.minimum.point, end.params)
     white = whiteness(residuals, [s.valid for s in likelihood.stretches], likelihood.size, end.R)
     return bool(np.any(white < _COLOURED))
 
@@ -256,29 +259,35 @@ def _with_advice_on_starts(model: ParametricModel, likelihood: Likelihood, ends:
     return replace(model, advice=(*model.advice, *out))
 
 
-def _search(likelihood: Likelihood, values: FloatArray, max_iterations: int) -> _Found:
-    """Search from one vector of parameter values (k,): Gauss-Newton for a given R in turns with a new R."""
+def _search(likelihood: Likelihood, values: FloatArray, max_iterations: int, least: float) -> _Found:
+    """Search from one vector of parameter values (k,): Gauss-Newton for a given R in turns with a new R.
+
+    A search that comes as low as an earlier one did (``least``) has found the same minimum, and ends there.
+    """
     low, high = likelihood.bounds()
     point = likelihood.start(values)
     R = np.diag(likelihood.size**2)
     total = float(likelihood.counts.sum())
-    settled, rounds = False, 0
+    settled, rounds, following = False, 0, Rounds(np.diag(R))
     while True:
         rounds += 1
-        # The first rounds only have to bring the residuals to their size; the last one ends at 1e-5 of an error.
+        # The rounds only have to bring the residuals to their size; the last one ends at 1e-5 of an error.
         tolerance = max(1e-10 / total, 1e-15) if settled else 1e-3 / total
-        minimum = minimise(
-            likelihood.problem(values, R), point, low, high, tolerance=tolerance, max_iterations=max_iterations
-        )
+        most = max_iterations if settled or rounds == 1 else min(_FOLLOWING, max_iterations)
+        minimum = minimise(likelihood.problem(values, R), point, low, high, tolerance=tolerance, max_iterations=most)
         point = minimum.point
         if settled or rounds == _ROUNDS:
             break
-        new = likelihood.noise([v for v, _ in likelihood.evaluate(point, values)])
+        new = likelihood.noise(likelihood.residuals(point, values))
         settled = bool(np.max(np.abs(np.diag(new) - np.diag(R)) / np.diag(R)) < _SETTLED)
-        R = new
-        if np.all(np.diag(R) <= (_EXACT * likelihood.size) ** 2):  # data without noise: nothing left to weigh
-            minimum, settled = minimum._replace(converged=True), True
+        if np.all(np.diag(new) <= (_EXACT * likelihood.size) ** 2):  # data without noise: nothing left to weigh
+            minimum, settled, R = minimum._replace(converged=True), True, new
             break
+        if likelihood.negative_log(total, new) < least + _SAME:
+            minimum, settled, R = minimum._replace(converged=True, cost=total), True, new
+            break
+        variances = following.follow(np.diag(new), settled)
+        R = new if likelihood.full else np.diag(variances)
     params = likelihood.parameters(point, values)
     return _Found(minimum, params, R, likelihood.negative_log(minimum.cost, R), rounds, settled)
 
@@ -287,8 +296,7 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
     """Return diagnostics, the plain and the corrected covariance of the free parameters (f, f), and R."""
     layout, stretches, point = likelihood.layout, likelihood.stretches, found.minimum.point
     f, total = layout.chosen.size, int(likelihood.counts.sum())
-    parts = likelihood.evaluate(point, found.params)
-    residuals = [v for v, _ in parts]
+    residuals = likelihood.residuals(point, found.params)
     if np.any(np.diag(found.R) > likelihood.size**2) and not found.minimum.converged:
         raise EstimationError(
             "the search ended where the model fits worse than a constant; start from other values, e.g. those of "
@@ -297,7 +305,13 @@ def _diagnose(likelihood: Likelihood, found: _Found) -> tuple[dict[str, Any], Fl
     R = found.R * total / (total - likelihood.unknowns)  # unknowns take degrees of freedom from the residuals
     prior_weight = np.concatenate([likelihood.prior_weight, np.zeros(likelihood.unknowns - f)])
     found_accuracy = accuracy(
-        residuals, [j for _, j in parts], R, prior_weight, ~found.minimum.at_bound, likelihood.names()
+        residuals,
+        lambda: (s for _, s in likelihood.evaluate(point, found.params)),
+        R,
+        prior_weight,
+        ~found.minimum.at_bound,
+        likelihood.names(),
+        np.arange(likelihood.unknowns) >= f,
     )
     white, corrected = found_accuracy.plain[:f, :f], found_accuracy.corrected[:f, :f]
     deviation = np.sqrt(np.diag(white))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -79,7 +79,7 @@ def respond(
 
     ``near`` (N, n) are the states of a response like it, where some are known: a nonlinear one is then found sooner.
     """
-    return responses(structure, params, chosen, [u], dt_s, held, [x0], biased, substeps, [near])[0]
+    return next(responses(structure, params, chosen, [u], dt_s, held, [x0], biased, substeps, [near]))
 
 
 def responses(
@@ -93,8 +93,8 @@ def responses(
     biased: Sequence[int] = (),
     substeps: int = 1,
     near: Sequence[FloatArray | None] | None = None,
-) -> list[Response]:
-    """Return the responses to several inputs, each (N, m), from as many initial states, each (n,).
+) -> Iterator[Response]:
+    """Yield the responses to several inputs, each (N, m), from as many initial states, each (n,).
 
     Linear structures are solved exactly: sensitivities obey the same recursion, driven by the derivatives of its
     matrices. Nonlinear ones run by the classical Runge-Kutta method, their sensitivities by its exact derivative.
@@ -111,27 +111,41 @@ def responses(
         substeps: Runge-Kutta steps per sample, for nonlinear structures.
         near: states (N, n) to begin nonlinear ones at, or None.
     """
-    pairs = list(zip(inputs, starts, strict=True))
-    with np.errstate(all="ignore"):  # a trial step may diverge; whoever asked sees that the result is not finite
-        if not isinstance(structure, LinearStructure):
-            return [
-                _nonlinear(structure, params, list(chosen), u, dt_s, held, x0, list(biased), substeps, begin)
-                for (u, x0), begin in zip(pairs, near or [None] * len(pairs), strict=True)
-            ]
-        sizes = len(structure.states), len(structure.outputs), len(chosen), len(biased)
-        z = np.tile(params.astype(complex), (len(chosen) + 1, 1))
-        z[np.arange(len(chosen)), list(chosen)] += 1j * STEP
+    one: Callable[[FloatArray, FloatArray, FloatArray | None], Response]
+    if isinstance(structure, LinearStructure):
+        one = _of_linear(structure, params, list(chosen), dt_s, held, list(biased))
+    else:
+
+        def one(u: FloatArray, x0: FloatArray, begin: FloatArray | None) -> Response:
+            return _nonlinear(structure, params, list(chosen), u, dt_s, held, x0, list(biased), substeps, begin)
+
+    for u, x0, begin in zip(inputs, starts, near or [None] * len(inputs), strict=True):
+        with np.errstate(all="ignore"):  # a trial step may diverge; whoever asked sees that the result is not finite
+            found = one(u, x0, begin)
+        yield found
+
+
+def _of_linear(
+    structure: LinearStructure,
+    params: FloatArray,
+    chosen: list[int],
+    dt_s: float,
+    held: NDArray[np.bool_],
+    biased: list[int],
+) -> Callable[[FloatArray, FloatArray, FloatArray | None], Response]:
+    """Return the response of a linear structure as a function of input, initial state and a hint that it ignores."""
+    sizes = len(structure.states), len(structure.outputs), len(chosen), len(biased)
+    z = np.tile(params.astype(complex), (len(chosen) + 1, 1))
+    z[np.arange(len(chosen)), chosen] += 1j * STEP
+    with np.errstate(all="ignore"):
         s = structure.matrices(z)  # the last row is the nominal point
         if not all(np.all(np.isfinite(part)) for part in s):
-            return [_diverged(len(u), *sizes) for u in inputs]
+            return lambda u, x0, _: _diverged(len(u), *sizes)
         d = discretise(s, dt_s, held)
         if not np.all(np.isfinite(d.A)) or np.abs(d.A[-1].real).max() > _RUNAWAY:
-            return [_diverged(len(u), *sizes) for u in inputs]
+            return lambda u, x0, _: _diverged(len(u), *sizes)
         growth = np.log(max(np.abs(np.linalg.eigvals(d.A[-1].real)).max(), 1.0))
-        return [
-            _diverged(len(u), *sizes) if growth * len(u) > _OVERFLOW else _linear(s, d, u, x0, list(biased))
-            for u, x0 in pairs
-        ]
+    return lambda u, x0, _: _diverged(len(u), *sizes) if growth * len(u) > _OVERFLOW else _linear(s, d, u, x0, biased)
 
 
 def _linear(s: Matrices, d: Discrete, u: FloatArray, x0: FloatArray, biased: list[int]) -> Response:

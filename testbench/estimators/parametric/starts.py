@@ -12,6 +12,7 @@ from testbench.estimators.parametric import equation_error
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood
 from testbench.estimators.parametric.kalman.search import search
 from testbench.estimators.parametric.likelihood import Likelihood
+from testbench.estimators.parametric.reconstructed import with_flow_angle
 from testbench.estimators.parametric.structure import ModelStructure
 
 _SPREAD = 0.5  # of the values that others scatter about, relative
@@ -26,11 +27,14 @@ def first_points(
 ) -> list[FloatArray]:
     """Return the structure's values and, where all its states are measured, those of equation error, (k,) each.
 
+    A flow angle that was not measured is reconstructed from rates and accelerations for it.
+
     The one that follows the records better as it stands comes first.
     """
     structure = likelihood.structure
     points = [structure.values]
     measured = structure.states[: len(structure.states) - len(structure.followers)]
+    records = [with_flow_angle(structure, record) for record in records]
     if all(state in record for state in measured for record in records):
         try:
             found = equation_error.estimate(records, structure, delays_s=delays_s, held=held).params
@@ -44,8 +48,8 @@ def first_points(
 def _miss(likelihood: Likelihood, values: FloatArray) -> float:
     """Return the log likelihood of the outputs as simulated, less what all points share; smaller is better."""
     with np.errstate(all="ignore"):
-        parts = likelihood.evaluate(likelihood.start(values), values)
-        squares = np.sum(np.vstack([v for v, _ in parts]) ** 2, axis=0) / likelihood.counts
+        residuals = likelihood.residuals(likelihood.start(values), values)
+        squares = np.sum(np.vstack(residuals) ** 2, axis=0) / likelihood.counts
         miss = float(likelihood.counts @ np.log(squares + (1e-12 * likelihood.size) ** 2))
     return miss if np.isfinite(miss) else np.inf
 

@@ -15,7 +15,7 @@ import numpy as np
 from testbench.core.advice import as_json, ranked
 from testbench.core.channels import channel
 from testbench.core.errors import RecordError
-from testbench.core.files import mat_bytes, write_file
+from testbench.core.files import mat_bytes, netcdf_bytes, write_file
 from testbench.core.record import NEEDS_PYARROW, load_record
 from testbench.questions.export.jsbsim_system import jsbsim_text
 from testbench.questions.export.matrices import PADE, Matrices, without_delays
@@ -114,23 +114,20 @@ def _mat(model: Matrices) -> bytes:
 
 
 def _write_netcdf(model: Matrices, path: Path) -> Path:
-    import h5netcdf
-
     sizes = {"state": len(model.A), "output": len(model.outputs), "input": len(model.inputs)}
     dimensions = {"A": ("state", "state"), "B": ("state", "input"), "C": ("output", "state"), "D": ("output", "input"),
                   "delays_s": ("output", "input")}  # fmt: skip
     words = {"inputs": " ".join(model.inputs), "outputs": " ".join(model.outputs), "dt_s": model.dt_s,
              "method": model.method, "status": model.status}  # fmt: skip
 
-    def write(part: Path) -> None:
-        """Write the NetCDF file ``part``."""
-        with h5netcdf.File(part, "w") as file:
-            file.dimensions = sizes
-            file.attrs.update(words)
-            for name, axes in dimensions.items():
-                file.create_variable(name, axes, data=getattr(model, name))
+    def fill(file: Any) -> None:
+        """Fill the NetCDF file."""
+        file.dimensions = sizes
+        file.attrs.update(words)
+        for name, axes in dimensions.items():
+            file.create_variable(name, axes, data=getattr(model, name))
 
-    return write_file(path, write, "a model must be written to a folder that can be written to")
+    return write_file(path, netcdf_bytes(fill), "a model must be written to a folder that can be written to")
 
 
 def _write_parquet(model: Matrices, path: Path) -> Path:

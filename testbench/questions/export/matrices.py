@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from testbench.core.advice import Advised, from_json
 from testbench.core.channels import channel
-from testbench.core.errors import ChannelError, RecordError
+from testbench.core.errors import RecordError, located
+from testbench.core.files import parsed
 from testbench.core.record import FloatArray
 
 PADE = 4  # order of a dead time in continuous time: right to 1 deg up to w tau = 4.5
@@ -60,22 +61,19 @@ def load_matrices(path: Path | str) -> Matrices:
     path = Path(path)
     if not path.is_file():
         raise RecordError(f"a model must be a file that exists, got '{path}'")
-    try:
+    with parsed(path, "a model's JSON file"):
         content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise RecordError(f"'{path}' must be a model's JSON file, but it is damaged or none: {error}") from error
     kinds = {"A": _of_state_space, "denominators": _of_transfer_functions}
     kind = next((key for key in kinds if isinstance(content, dict) and key in content), None)
     if kind is None:
         raise RecordError(
             f"'{path}' must hold a model with matrices or transfer functions (models/*.json of a run), but it does not"
         )
-    try:
+    with parsed(path, "a complete model file"):
         model = kinds[kind](path.stem, content)
+    with located(path, "inputs and outputs"):
         for name in (*model.inputs, *model.outputs):
-            channel(name)
-    except (KeyError, ValueError, TypeError, AttributeError, IndexError, ChannelError) as error:
-        raise RecordError(f"'{path}' must be a complete model file, but it is damaged: {error}") from error
+            channel(str(name))
     n, p, m = len(model.A), len(model.outputs), len(model.inputs)
     shapes = {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m), "delays_s": (p, m)}
     for name, shape in shapes.items():

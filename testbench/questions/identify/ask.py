@@ -14,7 +14,9 @@ from testbench.line import Case, Flight, Keep, Report, identify_and_judge
 from testbench.logs.plausible import questions_of
 from testbench.logs.read import read_records
 from testbench.questions.identify.before import before, servos_of
+from testbench.questions.identify.coefficients import scaling_of
 from testbench.questions.identify.derivatives import found_derivatives
+from testbench.questions.identify.flown import flown_condition
 from testbench.questions.identify.result import Identified
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.identify.servo_cost import cost_in_words
@@ -66,7 +68,8 @@ def identify(
         say,
         causes=True,
     )
-    known = None if aircraft is None else before(aircraft, cases[0].identification)
+    flown = flown_condition(description, cases[0].identification, aircraft, getattr(cases[0].estimator, "V_m_s", None))
+    known = None if aircraft is None else before(aircraft, flown)
     say("weigh the derivatives")
     return Identified(
         description.name,
@@ -77,9 +80,10 @@ def identify(
         tuple(flights),
         cases,
         reference=description.reference_values,
-        derivatives=found_derivatives(cases, known),
+        derivatives=found_derivatives(cases, known, scaling_of(flown, known)),
         before=known,
-        notes=(*_notes(description, cases, servos), *(known.notes if known else ())),
+        flown=flown,
+        notes=(*_notes(description, cases, servos), *(known.notes if known else ()), *flown.notes),
         doubts=tuple(
             doubt("servo_ignored", text)
             for text in dict.fromkeys(cost_in_words(case, inputs) for case in cases)

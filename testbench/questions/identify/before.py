@@ -6,17 +6,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from testbench.aircraft import Aircraft
 from testbench.aircraft.adapter import SURFACES
-from testbench.core.atmosphere import air_density
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import TestbenchError
-from testbench.core.record import FlightRecord
 from testbench.estimators.structured import Servo
 from testbench.evaluation.derivatives import Derivative, dimensional_derivatives
 from testbench.flight import FlightCondition, linearise, trim
+from testbench.questions.identify.flown import FlownCondition
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,42 +22,42 @@ class Before:
 
     Attributes:
         aircraft: the model.
-        V_m_s, qbar_Pa: true airspeed and dynamic pressure of the records.
+        condition: airspeed and height of the records, which the model was trimmed at.
+        qbar_Pa: dynamic pressure of the records.
         derivatives: of the model there; empty if it cannot be trimmed there.
         notes: what was assumed, in sentences.
     """
 
     aircraft: Aircraft
-    V_m_s: float
+    condition: FlightCondition
     qbar_Pa: float
     derivatives: tuple[Derivative, ...] = ()
     notes: tuple[str, ...] = ()
 
 
-def before(aircraft: Aircraft, records: Sequence[FlightRecord]) -> Before:
+def before(aircraft: Aircraft, flown: FlownCondition) -> Before:
     """Return what the model said of the condition of the records.
 
-    Airspeed, height and dynamic pressure are the means that were removed as trim or, where nothing was removed, those
-    of the records; without a height it is that of the aircraft's design condition.
+    Where airspeed or height are not known they are those of the aircraft's design condition.
     """
-    V, h, qbar = (_mean(name, records) for name in ("V", "h", "qbar"))
-    notes = []
+    V, h, qbar, notes = flown.V_m_s, flown.h_m, flown.qbar_Pa, []
     if V is None:
         V = aircraft.design_V_m_s
         notes.append(f"the records hold no airspeed: {aircraft.name} is taken at its design speed of {V:g} m/s")
     if h is None:
         h = aircraft.design_h_m
         notes.append(f"the records hold no height: {aircraft.name} is taken at {h:g} m")
-    qbar = 0.5 * air_density(h) * V**2 if qbar is None else qbar
+    condition = FlightCondition(V, h)
+    qbar = condition.qbar_Pa if qbar is None else qbar
     try:
-        trimmed = trim(aircraft, FlightCondition(V, h))
+        trimmed = trim(aircraft, condition)
         found = tuple(dimensional_derivatives(linearise(aircraft, trimmed), trimmed))
     except TestbenchError as error:
         found = ()
         notes.append(
             f"what {aircraft.name} said before is not known: it does not trim at {V:.3g} m/s, {h:.4g} m ({error})"
         )
-    return Before(aircraft, V, qbar, found, tuple(notes))
+    return Before(aircraft, condition, qbar, found, tuple(notes))
 
 
 def servos_of(aircraft: Aircraft, inputs: Sequence[str]) -> dict[str, Servo]:
@@ -85,13 +82,3 @@ def servos_of(aircraft: Aircraft, inputs: Sequence[str]) -> dict[str, Servo]:
 def _declared(xml: str, name: str) -> float | None:
     found = re.search(rf'<property\s+value="([^"]+)"\s*>\s*{re.escape(name)}\s*</property>', xml)
     return float(found.group(1)) if found else None
-
-
-def _mean(name: str, records: Sequence[FlightRecord]) -> float | None:
-    """Return the mean of a channel as flown: what was removed, and what was left."""
-    values = [
-        r.provenance.get("prepared", {}).get("removed", {}).get(name, 0.0) + float(np.mean(r[name]))
-        for r in records
-        if name in r
-    ]
-    return float(np.mean(values)) if values else None

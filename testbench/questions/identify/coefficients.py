@@ -1,4 +1,4 @@
-"""Nondimensional coefficients of identified derivatives, from mass, inertia and geometry of an aircraft.
+"""Nondimensional coefficients of identified derivatives, from mass, inertia, geometry and condition.
 
     CX, CY, CZ = m/(qbar S) (X, Y, Z),    Cm = Iyy/(qbar S cbar) M,
     Cl = (Ixx L + J N)/(qbar S b),    Cn = (Izz N + J L)/(qbar S b),    J = the product term of the inertia matrix,
@@ -9,56 +9,94 @@ By rates per p b/(2V), q cbar/(2V), r b/(2V); by angles per rad.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from testbench.aircraft import Aircraft
+from testbench.aircraft.model import Geometry
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.model import ParametricModel
+from testbench.estimators.structured import STRUCTURE_NAMES
+from testbench.questions.identify.before import Before
+from testbench.questions.identify.flown import FlownCondition, PartialMass
 
 _FORCES = {"X": "CX", "Y": "CY", "Z": "CZ"}
 _PER_SPEED = ("short_period",)  # structures whose Z derivatives are per airspeed
 
 
-def coefficient(
-    model: ParametricModel, name: str, aircraft: Aircraft, V_m_s: float, qbar_Pa: float
-) -> tuple[str, float, float] | None:
+@dataclass(frozen=True)
+class Scaling:
+    """What makes coefficients of derivatives: true airspeed (m/s), dynamic pressure (Pa), geometry and mass."""
+
+    V_m_s: float
+    qbar_Pa: float
+    geometry: Geometry
+    mass: PartialMass
+
+
+def scaling_of(flown: FlownCondition, known: Before | None) -> Scaling | None:
+    """Return what coefficients are made with; the design condition of the aircraft stands in for what is not known."""
+    V = known.condition.V_m_s if flown.V_m_s is None and known else flown.V_m_s
+    qbar = known.qbar_Pa if flown.qbar_Pa is None and known else flown.qbar_Pa
+    if V is None or qbar is None or flown.geometry is None:
+        return None
+    return Scaling(V, qbar, flown.geometry, flown.mass)
+
+
+def coefficient(model: ParametricModel, name: str, scaling: Scaling) -> tuple[str, float, float] | None:
     """Return name, value and standard error of the coefficient of a derivative such as "M_q"; None if it has none.
 
     Args:
         model: identified.
         name: of its parameter.
-        aircraft: whose mass, inertia and geometry count.
-        V_m_s: true airspeed.
-        qbar_Pa: dynamic pressure.
+        scaling: condition, geometry and mass.
     """
-    weights = _weights(model, name, aircraft, V_m_s, qbar_Pa)
-    if weights is None:
+    found = weights(model.structure.name, model.structure.parameter_names, name, scaling)
+    if found is None:
         return None
-    symbol, row = weights
+    symbol, row = found
     return symbol, float(row @ model.params), max(float(row @ model.covariance @ row), 0.0) ** 0.5
 
 
-def _weights(
-    model: ParametricModel, name: str, aircraft: Aircraft, V: float, qbar: float
-) -> tuple[str, FloatArray] | None:
-    """Return the coefficient's name, and what it is made of: (k,) weights of the parameters."""
+def weights(structure: str, names: Sequence[str], name: str, scaling: Scaling) -> tuple[str, FloatArray] | None:
+    """Return the coefficient's name, and what it is made of: (k,) weights of the parameters; None if it has none.
+
+    What the parameters of a user's own structure mean is not known, whatever their names are.
+
+    Args:
+        structure: name of the structure.
+        names: (k,) of its parameters.
+        name: one of them.
+        scaling: condition, geometry and mass.
+    """
     axis, _, variable = name.partition("_")
-    names, g, m = model.structure.parameter_names, aircraft.geometry, aircraft.mass
+    V, g, m = scaling.V_m_s, scaling.geometry, scaling.mass
     per = {"p": 2.0 * V / g.b_m, "r": 2.0 * V / g.b_m, "q": 2.0 * V / g.cbar_m}.get(variable, 1.0)
     if variable not in ("alpha", "beta", "p", "q", "r", "de", "da", "dr") or axis not in (*_FORCES, *"LMN"):
         return None
-    row, force = np.zeros(len(names)), qbar * g.S_m2
+    if structure not in STRUCTURE_NAMES:
+        return None
+    row, force = np.zeros(len(names)), scaling.qbar_Pa * g.S_m2
     at = names.index(name)
     if axis in _FORCES:
-        speed = V if model.structure.name in _PER_SPEED and axis == "Z" else 1.0
+        if m.mass_kg is None:
+            return None
+        speed = V if structure in _PER_SPEED and axis == "Z" else 1.0
         row[at] = m.mass_kg * speed / force * per
         return f"{_FORCES[axis]}_{variable}", row
     if axis == "M":
+        if m.Iyy is None:
+            return None
         row[at] = m.Iyy / (force * g.cbar_m) * per
         return f"Cm_{variable}", row
-    other = f"{'N' if axis == 'L' else 'L'}_{variable}"
-    row[at] = (m.Ixx if axis == "L" else m.Izz) / (force * g.b_m) * per
-    if other not in names:
+    own = m.Ixx if axis == "L" else m.Izz
+    if own is None or m.Ixz is None:
         return None
-    row[names.index(other)] = m.Ixz / (force * g.b_m) * per
+    row[at] = own / (force * g.b_m) * per
+    other = f"{'N' if axis == 'L' else 'L'}_{variable}"
+    if m.Ixz != 0.0 and other not in names:
+        return None
+    if other in names:
+        row[names.index(other)] = m.Ixz / (force * g.b_m) * per
     return f"C{axis.lower()}_{variable}", row

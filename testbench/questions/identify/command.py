@@ -2,20 +2,42 @@
 
 from __future__ import annotations
 
+from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import DataOption, OutOption, StrictOption
+from testbench.questions.options import DataOption, OutOption, StrictOption, refuse
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from testbench.line import Report
+    from testbench.page.page import Page
+    from testbench.questions.identify.amend.result import Amended
+    from testbench.questions.identify.result import Identified
+    from testbench.questions.identify.scenario import RecordDescription
+
+
+class Trends(str, Enum):
+    """Variables of a trend."""
+
+    auto = "auto"
+    none = "none"
+    V = "V"
+    qbar = "qbar"
+    alpha = "alpha"
 
 
 def command(
-    description: Annotated[
-        Path,
+    context: typer.Context,
+    descriptions: Annotated[
+        list[Path],
         typer.Argument(
-            help="Description of recorded flights (TOML), or a log, whose manoeuvres are cut out and identified.",
+            help="Description of recorded flights (TOML), or a log, whose manoeuvres are cut out and identified. "
+            "Several are pooled.",
             show_default=False,
         ),
     ],
@@ -25,32 +47,116 @@ def command(
         str | None, typer.Option(help="A model of what flew: derivatives before, coefficients, servos.")
     ] = None,
     strict: StrictOption = False,
+    each: Annotated[bool, typer.Option("--each", help="Every record by itself, then all pooled.")] = False,
+    prior: Annotated[
+        str | None, typer.Option(help="Believed before: aircraft, handbook, or a file (TOML, pooled.json).")
+    ] = None,
+    trend: Annotated[
+        Trends | None, typer.Option(help="Variable that pooled coefficients may be linear in.", show_default="auto")
+    ] = None,
+    method: Annotated[str | None, typer.Option(help="Estimator whose derivatives are pooled.")] = None,
+    amend: Annotated[
+        str | None,
+        typer.Option(
+            help="Write the derivatives into a new aircraft, aircraft/NAME, and fly the records through both."
+        ),
+    ] = None,
+    force: Annotated[
+        bool, typer.Option("--force", help="With --amend: write over an aircraft that lies there.")
+    ] = False,
 ) -> None:
     """Identify models from recorded flights, with the same estimators, evaluation and report as a run.
 
     The description names the files, the channel and unit of each column, and the time segments to use; `testbench
     import LOG --out FOLDER` writes one. Of a log itself, what import would write goes to OUT/LOG and
-    is identified at once.
-    Examples: `testbench identify records/attas_short_period`, `testbench identify flight.ulg`.
+    is identified at once. Several descriptions or logs of one aircraft are pooled into one set of nondimensional
+    coefficients, with their trend over the condition and what they add to a prior.
+    Examples: `testbench identify records/attas_short_period`, `testbench identify flight.ulg`, `testbench identify
+    day1.toml day2.toml day3.toml --prior aircraft`, `testbench identify flight.ulg --aircraft plane --amend
+    plane_flown`.
     """
     from testbench.page.write import record_keeper
     from testbench.questions.files import find
     from testbench.questions.identify.ask import identify
-    from testbench.questions.identify.page import identify_page
+    from testbench.questions.identify.pool.command import settings_of, show_pooled
     from testbench.questions.identify.scenario import RecordDescription
 
-    files = _of_log(description, out) if description.is_file() and description.suffix.lower() != ".toml" else []
-    for file in files or [find(description, "identify")]:
-        loaded = RecordDescription.load(file)
-        if aircraft is not None:
-            loaded = loaded.changed(aircraft=aircraft)
-        folder = out / loaded.name
+    if amend is None:
+        refuse(context, "without --amend, which writes an aircraft", "force")
+    asked: list[RecordDescription] = []
+    for path in descriptions:
+        files = _of_log(path, out) if path.is_file() and path.suffix.lower() != ".toml" else []
+        for file in files or [find(path, "identify")]:
+            loaded = RecordDescription.load(file)
+            asked.append(loaded if aircraft is None else loaded.changed(aircraft=aircraft))
+    given = {"each": each, "prior": prior, "trend": trend and trend.value, "method": method}
+    settings = settings_of(asked, several=len(descriptions) > 1, **given)
+    if settings is not None:
+        refuse(context, "with several logs or a prior, whose coefficients are pooled; amend by one log", "amend")
+        show_pooled(asked, out, data, settings, strict)
+        return
+    if amend is not None:
+        _check_amend(asked, amend, force)
+    found: list[Identified] = []
+    for loaded in asked:
         with stages() as say:
-            result = identify(loaded, data, record_keeper(folder), say, strict)
-            say("write report")
-            page = identify_page(result)
-            page.write(folder)
+            result = identify(loaded, data, record_keeper(out / loaded.name), say, strict)
+            page = None if amend is not None else _written(result, out, say)
+        if page is not None:
+            page.show(console(), out / loaded.name)
+        found.append(result)
+    if amend is not None:
+        _amend(found, amend, force, out)
+
+
+def _written(result: Identified, out: Path, say: Report, amended: Amended | None = None) -> Page:
+    """Write the page of an identification and return it."""
+    from testbench.questions.identify.page import identify_page
+
+    say("write report")
+    page = identify_page(result, amended)
+    page.write(out / result.name)
+    return page
+
+
+def _check_amend(asked: Sequence[RecordDescription], name: str, force: bool) -> None:
+    """Refuse an amendment that could not be written, before anything is identified.
+
+    Raises:
+        ScenarioError: a description names no aircraft, or the name may not be taken.
+        RecordError: an aircraft lies there already.
+    """
+    from testbench.core.errors import ScenarioError
+    from testbench.questions.identify.amend.ask import no_aircraft
+    from testbench.questions.identify.amend.folder import folder_of
+
+    folder_of(name, force)
+    for description in asked:
+        if description.aircraft is None:
+            raise ScenarioError([no_aircraft(str(description.file))])
+
+
+def _amend(found: Sequence[Identified], name: str, force: bool, out: Path) -> None:
+    """Amend the aircraft, and write and show the pages, which are written even where nothing can be amended.
+
+    Raises:
+        TestbenchError: why nothing can be.
+    """
+    from testbench.core.errors import TestbenchError
+    from testbench.questions.identify.amend.ask import amend
+
+    amended: dict[str, Amended] = {}
+    refused: TestbenchError | None = None
+    with stages() as say:
+        try:
+            amended = amend(found, name, force, say)
+        except TestbenchError as error:
+            refused = error
+        pages = [(_written(result, out, say, amended.get(result.name)), out / result.name) for result in found]
+    for page, folder in pages:
         page.show(console(), folder)
+    if refused is not None:
+        raise refused
 
 
 def _of_log(log: Path, out: Path) -> list[Path]:

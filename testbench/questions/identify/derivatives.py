@@ -12,7 +12,7 @@ from testbench.estimators.parametric.model import ParametricModel
 from testbench.evaluation.parameters import true_parameters
 from testbench.line import Case
 from testbench.questions.identify.before import Before
-from testbench.questions.identify.coefficients import coefficient
+from testbench.questions.identify.coefficients import Scaling, coefficient
 
 
 class BeliefCriteria(NamedTuple):
@@ -73,8 +73,16 @@ class FoundDerivative:
         return abs(self.value - self.before) > CRITERIA.changed * self.std
 
 
-def found_derivatives(cases: Sequence[Case], known: Before | None) -> tuple[FoundDerivative, ...]:
-    """Return every free parameter of every model with a structure, but for constants."""
+def found_derivatives(
+    cases: Sequence[Case], known: Before | None, scaling: Scaling | None
+) -> tuple[FoundDerivative, ...]:
+    """Return every free parameter of every model with a structure, but for constants.
+
+    Args:
+        cases: of one description.
+        known: the aircraft before; None without one.
+        scaling: what coefficients are made with; None if that is not known.
+    """
     out = []
     for i, case in enumerate(cases):
         model = case.model
@@ -83,7 +91,7 @@ def found_derivatives(cases: Sequence[Case], known: Before | None) -> tuple[Foun
         names = [p.name for p in model.structure.parameters if p.free]
         beliefs = _beliefs(model, names)
         units = {d.name: d.unit for d in known.derivatives} if known else {}
-        told = true_parameters(model.structure.name, known.derivatives, known.V_m_s) if known else {}
+        told = true_parameters(model.structure.name, known.derivatives, known.condition.V_m_s) if known else {}
         start: Mapping[str, float] = getattr(case.estimator, "start", {})
         for name in names:
             if name.endswith("_0"):
@@ -99,7 +107,7 @@ def found_derivatives(cases: Sequence[Case], known: Before | None) -> tuple[Foun
                     _unit(name, model.structure.name) or units.get(name, ""),
                     before,
                     source,
-                    coefficient(model, name, known.aircraft, known.V_m_s, known.qbar_Pa) if known else None,
+                    coefficient(model, name, scaling) if scaling else None,
                     beliefs[name],
                 )
             )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from testbench.core.advice import Advice
 from testbench.questions.identify.before import Before
 from testbench.questions.identify.derivatives import FoundDerivative
+from testbench.questions.identify.flown import FlownCondition
 from testbench.questions.run.result import RunResult
 
 
@@ -17,11 +18,13 @@ class Identified(RunResult):
     Attributes:
         derivatives: of every model with a structure.
         before: the aircraft that the description names, at the condition of the records; None without one.
+        flown: the condition of the records, and what coefficients refer to.
         notes: what was assumed, left out or recognised, in sentences.
         doubts: what may make the derivatives wrong, in sentences.
     """
 
     derivatives: tuple[FoundDerivative, ...] = ()
     before: Before | None = None
+    flown: FlownCondition | None = None
     notes: tuple[str, ...] = ()
     doubts: tuple[Advice, ...] = ()

@@ -8,13 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field
 
 from testbench.core.paths import find_scenario
 from testbench.core.scenario.base import AircraftName, Preparation
-from testbench.core.schema import Strict
+from testbench.core.schema import Positive, Strict
 from testbench.estimators.identification import Identification
 from testbench.estimators.structured import Servo, Structured
 from testbench.logs.layout import Recorded, Text
@@ -30,12 +30,35 @@ class Reference(Strict):
     values: Annotated[dict[str, float], Field(min_length=1)]
 
 
+class ReferenceLengths(Strict):
+    """Area, span and chord that coefficients refer to, of an aircraft without a model."""
+
+    S_m2: Positive
+    b_m: Positive
+    cbar_m: Positive
+
+
+class Pooling(Strict):
+    """How several records, or several descriptions, become one set of coefficients.
+
+    ``each`` identifies every record (with use "identification" or "split") by itself and pools them. ``prior`` is
+    "aircraft", "handbook" or a file. ``trend`` is the variable that coefficients may be linear in. ``method`` is the
+    estimator whose derivatives are pooled; else those of the first in the list that are not to be rejected.
+    """
+
+    each: bool = False
+    prior: Text | None = None
+    trend: Literal["auto", "none", "V", "qbar", "alpha"] = "auto"
+    method: Text | None = None
+
+
 class RecordDescription(Recorded):
     """Recorded flights, and what to identify from them.
 
     Every record, and every segment of one, begins with ``trim_s`` of undisturbed flight, over which the bias "trim" of
     the preparation is taken. ``aircraft`` is a model of what flew: it gives the derivatives that were believed before,
-    mass and geometry for coefficients, and servos. ``servo`` says what lies between a command and its surface, for
+    mass and geometry for coefficients, and servos. Where there is none, ``geometry`` and ``condition`` give those for
+    coefficients. ``servo`` says what lies between a command and its surface, for
     every estimator of a structure that does not say so itself.
     """
 
@@ -45,6 +68,8 @@ class RecordDescription(Recorded):
     identification: Identification
     aircraft: AircraftName | None = None
     servo: dict[str, Servo] = {}
+    geometry: ReferenceLengths | None = None
+    pool: Pooling = Pooling()
     reference: Reference | None = None
 
     @property

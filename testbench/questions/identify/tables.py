@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from testbench.page.tables import Column, Table, Value
+from testbench.questions.identify.coefficients import scaling_of
 from testbench.questions.run.labels import case_names
 
 if TYPE_CHECKING:
@@ -61,11 +62,13 @@ def _caption(found: Identified, known: bool, scaled: bool) -> str:
     if known:
         sources = ", ".join(sorted({d.source for d in found.derivatives if d.source}))
         out.append(f"Before: {sources}. Changed: further from it than three standard errors.")
-    if scaled and found.before is not None:
-        b = found.before
+    scaling = None if found.flown is None else scaling_of(found.flown, found.before)
+    if scaled and scaling is not None:
+        whose = f" of {found.before.aircraft.name}" if found.before else ""
+        mass = "" if scaling.mass.mass_kg is None else f" of {scaling.mass.mass_kg:.4g} kg"
         out.append(
-            f"Coefficients with mass, inertia and geometry of {b.aircraft.name} at {b.V_m_s:.4g} m/s and a dynamic "
-            f"pressure of {b.qbar_Pa:.4g} Pa, whose own errors are not counted; CX and CZ in stability axes: "
+            f"Coefficients with a mass{mass}, inertia and geometry{whose} at {scaling.V_m_s:.4g} m/s and a dynamic "
+            f"pressure of {scaling.qbar_Pa:.4g} Pa, whose own errors are not counted; CX and CZ in stability axes: "
             "CZ_alpha = −CL_alpha − CD."
         )
     return " ".join(out)

@@ -21,6 +21,7 @@ from testbench.core.record import FlightRecord
 from testbench.logs.ardupilot import ardupilot_rules
 from testbench.logs.dataflash import HEAD, read_dataflash
 from testbench.logs.foreign import looks_like_text, refuse_foreign
+from testbench.logs.instances import number_of
 from testbench.logs.layout import SUFFIXES, find_data_folder
 from testbench.logs.manoeuvres import QUIET_S, Manoeuvre, Search, find_manoeuvres
 from testbench.logs.paparazzi import is_paparazzi, read_paparazzi
@@ -185,8 +186,8 @@ def import_log(
         "log": dict(log.facts),
         "warnings": list(log.warnings),
     }
-    stepped = [name for base in CONTROLS for name in (base, f"{base}_cmd")]
-    record = resample(channels, rate, provenance, stepped)
+    commands = [f"{name}_cmd" for name in CONTROLS]
+    record = resample(channels, rate, provenance, CONTROLS, commands)
     balance = balance_of(log, found, record)
     channels = tuple(c for c in channels if c.name in record)
     said = {
@@ -285,18 +286,21 @@ def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvr
     Manoeuvres of the same controls identify and validate in turn; a single one is split. A comment at every channel
     says where it comes from and what was assumed.
     """
+    log = imported.log
     records = [record for _, record in members.values()]
     held = measured_in(records)
     used = [m for m, _ in members.values() if m is not None] or imported.search.manoeuvres
     moved = {name for m in used for name in m.controls}
     cut_out = any(m is not None for m, _ in members.values())
     inputs = [n for n in controls_of(records[0]) if n in held and (n in moved or not moved)]
-    recipe = propose(inputs, records, imported.rate_hz) if inputs else None
+    place = next(
+        (log.imu_m.get(number_of(c.source.partition(".")[0])) for c in imported.channels if c.name == "az"), None
+    )
+    recipe = propose(inputs, records, imported.rate_hz, place) if inputs else None
     if recipe is None:
         return ""
     leads = [m.start_s - m.cut_s[0] for m, _ in members.values() if m is not None and m.cut_s is not None]
     trim = np.floor(10.0 * min(leads, default=0.0)) / 10.0
-    log = imported.log
     q = json.dumps
     head = [
         "# Written by testbench import. Edit it: uses, inputs, outputs and estimators are proposals.",

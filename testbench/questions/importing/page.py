@@ -39,6 +39,11 @@ def import_answer(imported: Imported) -> list[tuple[str, str]]:
         f"{counted(len(imported.search.manoeuvres), 'manoeuvre')} found; {usable} can be cut out, with quiet flight "
         "before and after",
     ]
+    fastest = max(c.rate_hz for c in imported.channels)
+    if fastest > 1.5 * imported.rate_hz:
+        out.append(
+            f"logged at up to {number(fastest)} Hz and filtered to {number(imported.rate_hz)} Hz; --rate chooses"
+        )
     lost = [f"lost: {s.channel} from {s.source}: {s.reason}" for s in imported.balance.lost]
     doubts = [*(f"damage or loss: {text}" for text in log.warnings), *lost, *imported.asked]
     return [("lead", out[0]), *(("finding", text) for text in (*out[1:], *imported.balance.sensors)),

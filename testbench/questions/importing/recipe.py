@@ -20,6 +20,11 @@ AXES = {"longitudinal": ("de", "thr"), "lateral": ("da", "dr")}
 """Axis -> controls that excite it."""
 _SUBSPACE = {"longitudinal": ("alpha", "q", "theta", "az"), "lateral": ("beta", "p", "r", "phi")}
 _MOST_OUTPUTS = 3
+LAG_S, LAG_STD_S = 0.05, 0.03
+"""What is believed of a servo's lag before the flight; judged, from 0.06 to 0.2 s for 60 deg. Lag and
+delay, and lag and damping, are hard to tell apart: without this belief M_q and M_de are not decided."""
+Z_Q_STD_PER_V = 0.1
+"""What is believed of Z_q over speed about zero: -rho S cbar CL_q / (4 m) is -0.08 for small models."""
 _STILL = {"V": 0.01}  # share of its size that a channel must move by, to be worth equations of its own
 
 
@@ -32,33 +37,58 @@ class Recipe:
         estimators: entries of ``[[identification.estimators]]``, with remarks.
         servos: commands before which a servo lies.
         left_out: measured channels that nothing uses.
+        delays: whether the delays of servos are estimated, and their lags believed: where no vane was flown, as on
+            autopilots. With a flow angle measured the lag alone tells the rest.
     """
 
     outputs: tuple[str, ...]
     estimators: tuple[tuple[tuple[str, ...], Mapping[str, Any]], ...]
     servos: tuple[str, ...] = ()
     left_out: tuple[str, ...] = ()
+    delays: bool = False
 
 
-def propose(inputs: Sequence[str], records: Sequence[FlightRecord], rate_hz: float) -> Recipe | None:
+def propose(
+    inputs: Sequence[str],
+    records: Sequence[FlightRecord],
+    rate_hz: float,
+    imu_m: tuple[float, float, float] | None = None,
+) -> Recipe | None:
     """Return the recipe for records of these inputs; None if nothing was measured that could be an output.
 
     Args:
         inputs: channels of the controls that were moved.
         records: of the manoeuvres; channels that hold samples in all of them were measured.
         rate_hz: of the records.
+        imu_m: where the accelerometer sits from the centre of gravity, forward, right, down; None if not known.
     """
     measured = measured_in(records)
     moving = [n for n in measured if any(np.ptp(_taken(r, n)) > _STILL.get(n, 0.0) * _size(r, n) for r in records)]
     outputs: list[str] = []
     estimators: list[tuple[tuple[str, ...], Mapping[str, Any]]] = []
     moved = {axis: [n for n in inputs if n.removesuffix("_cmd") in own] for axis, own in AXES.items()}
+    vane = bool({"alpha", "beta"} & set(measured))
     several = sum(bool(names) for names in moved.values()) > 1
     for axis, make in (("longitudinal", _longitudinal), ("lateral", _lateral)):
         found = make(moving, "V" in measured) if moved[axis] else None
         if found is not None:
             remarks, own, settings = found
             outputs += own
+            if imu_m is not None and any("accelerometer_m" in text for text in remarks):
+                remarks = tuple(t for t in remarks if "accelerometer_m" not in t)
+                remarks = (*remarks, "the accelerometer sits where the settings of the autopilot say")
+                settings = {**settings, "accelerometer_m": [imu_m[0], imu_m[2]]}
+            lags = [f"tau_{n.removesuffix('_cmd')}" for n in moved[axis] if n in _commanded(inputs)]
+            lags = [] if vane else lags
+            start, spread = dict.fromkeys(lags, LAG_S), dict.fromkeys(lags, LAG_STD_S)
+            if settings.get("short") and "alpha" not in measured:
+                start["Z_q"], spread["Z_q"] = 0.0, float(f"{Z_Q_STD_PER_V * _speed(records):.2g}")
+                remarks = (
+                    *remarks,
+                    "without alpha Z_q and Z_alpha are hard to tell apart: Z_q is believed to be small",
+                )
+            if spread:
+                settings = {**settings, "start": start, "prior_std": spread}
             apart = {"inputs": moved[axis], "label": axis} if several else {}
             estimators.append((remarks, {"method": "output_error", **settings, **apart}))
     if not estimators:
@@ -75,8 +105,7 @@ def propose(inputs: Sequence[str], records: Sequence[FlightRecord], rate_hz: flo
             (remarks, {"method": "dsr_e", "order": order, "past_horizon": horizon, "future_horizon": horizon})
         )
         return Recipe(tuple(outputs), tuple(estimators), (), _left(measured, inputs, outputs))
-    servos = tuple(n for n in inputs if n.endswith("_cmd") and n != "thr_cmd")
-    return Recipe(tuple(outputs), tuple(estimators), servos, _left(measured, inputs, outputs))
+    return Recipe(tuple(outputs), tuple(estimators), _commanded(inputs), _left(measured, inputs, outputs), not vane)
 
 
 def measured_in(records: Sequence[FlightRecord]) -> list[str]:
@@ -84,8 +113,17 @@ def measured_in(records: Sequence[FlightRecord]) -> list[str]:
     return [n for n in records[0].channels if all(n in r and _taken(r, n).size for r in records)]
 
 
+def _commanded(inputs: Sequence[str]) -> tuple[str, ...]:
+    """Return the commands before which a servo lies."""
+    return tuple(n for n in inputs if n.endswith("_cmd") and n != "thr_cmd")
+
+
 def _taken(record: FlightRecord, name: str) -> FloatArray:
     return record[name][record.valid[:, record.channels.index(name)]]
+
+
+def _speed(records: Sequence[FlightRecord]) -> float:
+    return float(np.mean([np.mean(np.abs(_taken(record, "V"))) for record in records]))
 
 
 def _size(record: FlightRecord, name: str) -> float:
@@ -156,15 +194,28 @@ def lines(recipe: Recipe, inputs: Sequence[str]) -> list[str]:
         out.append(f"# measured, but used by nothing below: {', '.join(recipe.left_out)}")
     for remarks, entry in recipe.estimators:
         out += ["", *(f"# {text}" for text in remarks), "[[identification.estimators]]"]
-        out += [f"{key} = {q(value)}" for key, value in entry.items()]
+        out += [f"{key} = {_toml(value)}" for key, value in entry.items()]
         if entry["method"] == "output_error":
             out.append('# in turbulence: method = "filter_error"; quick and without start values: "equation_error"')
     for name in recipe.servos:
         out += [
             "",
-            "# A command was logged, not the surface. Where you know its servo, give lag_s (and delay_s,",
-            "# rate_limit_deg_s) as numbers: what is estimated costs accuracy of the damping.",
+            "# A command was logged, not the surface. Where you know its servo, give lag_s, delay_s and",
+            "# rate_limit_deg_s as numbers: what is estimated costs accuracy of the damping.",
+            *(
+                [f"# The lag is believed to be {LAG_S:g} +- {LAG_STD_S:g} s: start and prior_std above."]
+                if recipe.delays
+                else []
+            ),
             f"[servo.{name}]",
             'lag_s = "estimate"',
+            *(['delay_s = "estimate"'] if recipe.delays else []),
         ]
     return out
+
+
+def _toml(value: Any) -> str:
+    """Return a value of an estimator's entry as TOML: what JSON has, and tables in one line."""
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{key} = {_toml(v)}' for key, v in value.items())} }}"
+    return json.dumps(value)

@@ -134,7 +134,7 @@ def _variable(path: Path) -> tuple[str, list[str]]:
     except RecordError:
         try:
             paths = candidates(read_mat(path))
-        except (ValueError, OSError):
+        except RecordError:
             return "", []  # the common reader says what is wrong
         sizes = {}
         for name in paths[:_MOST_PATHS]:

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from testbench.core.errors import Faults, nearest
 from testbench.flight import load_aircraft
-from testbench.flight.simulate import stride
+from testbench.flight.simulate import require_room_to_fly, stride
 from testbench.line import log_rate
 from testbench.questions.modes.ask import WING, signal_of
-from testbench.questions.modes.scenario import ModesScenario
+from testbench.questions.modes.scenario import ModesScenario, TurbulentFlight
 from testbench.sensors import load_suite
+
+
+def _check_flight(spec: TurbulentFlight, rate_hz: float, log_rate_hz: float) -> None:
+    require_room_to_fly(spec.settle_s + spec.duration_s, rate_hz, log_rate_hz)
+    signal_of(spec, rate_hz)
 
 
 def check(scenario: ModesScenario) -> list[str]:
@@ -24,7 +29,7 @@ def check(scenario: ModesScenario) -> list[str]:
     attempt("simulation.log_rate_hz", stride, rate, logged)
     attempt("suite", suite.check_log_rate, logged)
     for i, spec in enumerate(scenario.flight):
-        attempt(f"flight[{i}]", signal_of, spec, rate)
+        attempt(f"flight[{i}]", _check_flight, spec, rate, logged)
     for name in (*scenario.modes.channels, *scenario.modes.references):
         if name not in suite.outputs:
             hint = nearest(name, suite.outputs)

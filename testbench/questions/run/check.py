@@ -8,7 +8,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import Faults, LimitError, nearest
 from testbench.flight import load_aircraft
-from testbench.flight.simulate import stride
+from testbench.flight.simulate import require_room_to_fly, stride
 from testbench.inputs import build
 from testbench.line import log_rate
 from testbench.questions.run.scenario import Experiment
@@ -30,7 +30,8 @@ def check(scenario: Experiment) -> list[str]:
     for i, suite in enumerate(suites):
         attempt(f"suites[{i}]", suite.check_log_rate, logged)
     for i, spec in enumerate(scenario.manoeuvre):
-        attempt(f"manoeuvre[{i}]", build, spec.input, spec.duration_s, rate)
+        if attempt(f"manoeuvre[{i}]", build, spec.input, spec.duration_s, rate):
+            attempt(f"manoeuvre[{i}]", require_room_to_fly, spec.settle_s + spec.duration_s, rate, logged)
         for k, signal in enumerate(spec.input):
             key = f"manoeuvre[{i}].input[{k}]"
             unit = "amplitude_percent" if signal.control == "thr" else "amplitude_deg"

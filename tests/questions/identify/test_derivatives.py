@@ -107,10 +107,10 @@ def test_an_aircraft_gives_values_before_and_coefficients(tmp_path):
     symbol, value, std = M_q.coefficient
     assert symbol == "Cm_q"
     g, qbar = eolo.geometry, found.before.qbar_Pa
-    expected = M_q.value * eolo.mass.Iyy / (qbar * g.S_m2 * g.cbar_m) * 2.0 * found.before.V_m_s / g.cbar_m
+    expected = M_q.value * eolo.mass.Iyy / (qbar * g.S_m2 * g.cbar_m) * 2.0 * found.before.condition.V_m_s / g.cbar_m
     assert value == pytest.approx(expected, rel=1e-12)
     assert std / abs(value) == pytest.approx(M_q.std / abs(M_q.value), rel=1e-9)
-    assert found.before.V_m_s == pytest.approx(20.0, abs=0.05)
+    assert found.before.condition.V_m_s == pytest.approx(20.0, abs=0.05)
     assert any("no height" in text for text in found.notes)
 
 

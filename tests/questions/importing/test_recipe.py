@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import numpy as np
 import pytest
 
 from testbench.core.record import FlightRecord
-from testbench.questions.importing.recipe import propose
+from testbench.questions.importing.recipe import lines, propose
 
 LONGITUDINAL = ("V", "alpha", "q", "theta", "az", "h")
 
@@ -34,7 +36,18 @@ def test_all_four_states_give_the_whole_longitudinal_motion():
 @pytest.mark.parametrize(
     ("channels", "still", "outputs", "settings"),
     [
-        (("V", "q", "theta", "az"), (), ("q", "az"), {"structure": "longitudinal", "short": True, "fixed": ["Z_0"]}),
+        (
+            ("V", "q", "theta", "az"),
+            (),
+            ("q", "az"),
+            {
+                "structure": "longitudinal",
+                "short": True,
+                "fixed": ["Z_0"],
+                "start": {"Z_q": 0.0},
+                "prior_std": {"Z_q": 2.0},
+            },
+        ),
         (("V", "alpha", "q"), (), ("alpha", "q"), {"structure": "longitudinal", "short": True}),
         (("V", "alpha", "q", "theta"), ("V",), ("alpha", "q"), {"structure": "longitudinal", "short": True}),
         (("alpha", "q", "theta"), (), ("alpha", "q"), {"structure": "short_period"}),
@@ -74,6 +87,27 @@ def test_lateral_channels_give_lateral_derivatives(channels, outputs, fixed):
 def test_commands_get_servos_and_throttle_does_not():
     recipe, _ = entry(("de_cmd", "thr_cmd"), *LONGITUDINAL)
     assert recipe.servos == ("de_cmd",)
+
+
+def test_a_servo_is_estimated_with_its_delay_about_what_is_believed_of_its_lag():
+    recipe, found = entry(("da_cmd", "dr_cmd"), "V", "p", "r", "phi", "ay")
+    assert found["start"] == {"tau_da": 0.05, "tau_dr": 0.05}
+    assert found["prior_std"] == {"tau_da": 0.03, "tau_dr": 0.03}
+    text = "\n".join(lines(recipe, ("da_cmd", "dr_cmd")))
+    assert text.count('delay_s = "estimate"') == 2
+    parsed = tomllib.loads(text)["identification"]["estimators"][0]
+    assert parsed["prior_std"] == {"tau_da": 0.03, "tau_dr": 0.03}
+
+
+def test_where_the_accelerometer_sits_is_taken_from_the_settings_of_the_autopilot():
+    held = record("de_cmd", "V", "q", "az")
+    recipe = propose(("de_cmd",), [held], 50.0, (0.04, 0.0, -0.01))
+    remarks, found = recipe.estimators[0]
+    assert found["accelerometer_m"] == [0.04, -0.01]
+    assert not any("give accelerometer_m" in text for text in remarks)
+    without = propose(("de_cmd",), [held], 50.0).estimators[0]
+    assert "accelerometer_m" not in without[1]
+    assert any("give accelerometer_m" in text for text in without[0])
 
 
 def test_both_axes_at_once_give_a_structure_each_with_its_own_inputs():

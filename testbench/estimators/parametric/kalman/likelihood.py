@@ -6,16 +6,18 @@ these states share it, what each takes of the noise of those before it: F is low
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.gauss_newton import Problem
 from testbench.estimators.parametric.kalman.gain import Gain, sampled_noise, steady_gain
 from testbench.estimators.parametric.kalman.innovations import Rows, innovations
 from testbench.estimators.parametric.likelihood import Likelihood
+from testbench.estimators.parametric.sensitivities import Sensitivities, in_blocks, square_root
 from testbench.estimators.parametric.structure import STEP, AnyArray, LinearStructure
 
 _START = 0.1  # process noise to start from, relative to the size of a state, per square root of a second
@@ -27,11 +29,11 @@ _NUDGE = 1e-6  # of a state, to linearise a nonlinear structure; its parameters 
 
 
 class Part(NamedTuple):
-    """One record: innovations v (N, p), zero where not valid, derivatives dv (N, p, a), predicted states x (N, n), and
-    gain. Not finite where the filter fails."""
+    """One record: innovations v (N, p), zero where not valid, their sensitivities, predicted states x (N, n), and gain.
+    Not finite where the filter fails."""
 
     v: FloatArray
-    dv: FloatArray
+    dv: Sensitivities
     x: FloatArray
     gain: Gain
 
@@ -146,16 +148,30 @@ class FilterLikelihood:
         except np.linalg.LinAlgError:
             return None  # an output without any noise, or a state that nothing moves: no gain is the best one
 
+    @property
+    def alone(self) -> NDArray[np.bool_]:
+        """(a,) unknowns that only one record feels."""
+        out = np.zeros(self.unknowns, bool)
+        out[self.base.layout.chosen.size : self.base.unknowns] = True
+        return out
+
+    def _felt(self, i: int) -> NDArray[np.intp]:
+        """Return the unknowns that a record feels: all but the nuisances of others."""
+        return np.concatenate([self.base.layout.felt(i), np.arange(self.base.unknowns, self.unknowns)])
+
     def _lost(self, i: int) -> Part:
         s, inf = self.base.stretches[i], np.inf
         (N, p), n = s.y.shape, s.x0.size
         none = Gain(np.full((n, p), inf), np.full((p, p), inf))
-        return Part(np.full((N, p), inf), np.full((N, p, self.unknowns), inf), np.full((N, n), inf), none)
+        felt = self._felt(i)
+        return Part(
+            np.full((N, p), inf), Sensitivities(np.full((N, p, felt.size), inf), felt), np.full((N, n), inf), none
+        )
 
     def _part(self, point: FloatArray, gain: Gain, i: int) -> Part:
         base, layout, s = self.base, self.base.layout, self.base.stretches[i]
         f, mine = layout.chosen.size, layout.nuisances(i)
-        active = np.r_[0:f, mine, base.unknowns : self.unknowns]  # the other records' nuisances do not matter here
+        active = self._felt(i)
         rows = np.tile(point.astype(complex), (active.size + 1, 1))
         rows[np.arange(active.size), active] += 1j * STEP
         params = np.tile(base.structure.values.astype(complex), (len(rows), 1))
@@ -170,23 +186,27 @@ class FilterLikelihood:
         v, x = innovations(
             base.structure, Rows(params, x0, shift, K), s.u, y, s.valid, base.dt_s, base.held, base.substeps
         )
-        dv = np.zeros((*s.y.shape, self.unknowns))
-        dv[:, :, active] = v[:, :-1].imag.transpose(0, 2, 1) / STEP
-        return Part(v[:, -1].real, dv, x[:, -1].real, Gain(gain.K[-1].real, gain.S[-1].real))
+        dv = v[:, :-1].imag.transpose(0, 2, 1) / STEP
+        return Part(v[:, -1].real, Sensitivities(dv, active), x[:, -1].real, Gain(gain.K[-1].real, gain.S[-1].real))
 
     def problem(self, R: FloatArray) -> Problem:
-        """Return innovations and Jacobian, weighted by the variances R (p,), priors last, as a function."""
+        """Return innovations and Jacobian, weighted by the variances R (p,), with priors, as a function.
+
+        Both are reduced to as many rows as say the same (:func:`square_root`).
+        """
         weight, prior_weight = 1.0 / np.sqrt(R), self.prior_weight
-        centre, believed = self.start(self.base.structure.values), prior_weight > 0.0
-        prior = np.diag(prior_weight)[believed]
+        centre, believed = self.start(self.base.structure.values), np.flatnonzero(prior_weight > 0.0)
+        prior, columns = np.diag(prior_weight[believed]), np.append(believed, self.unknowns)
+        alone = np.append(self.alone, False)  # the innovations, last, meet in all records
+
+        def parts(point: FloatArray) -> Iterator[tuple[Iterable[FloatArray], NDArray[np.intp]]]:
+            for part in self.evaluate(point, R):
+                yield in_blocks(part.v, part.dv, np.diag(weight)), np.append(part.dv.columns, self.unknowns)
+            yield [np.column_stack([prior, (prior_weight * (point - centre))[believed]])], columns
 
         def weighted(point: FloatArray) -> tuple[FloatArray, FloatArray]:
             with np.errstate(all="ignore"):  # a trial point may diverge: the search sees that and steps back
-                parts = self.evaluate(point, R)
-                r = [(part.v * weight).ravel() for part in parts]
-                J = [(part.dv * weight[:, None]).reshape(-1, self.unknowns) for part in parts]
-            r.append((prior_weight * (point - centre))[believed])
-            J.append(prior)
-            return np.concatenate(r), np.vstack(J)
+                S = square_root(parts(point), alone)
+            return S[:, -1], S[:, :-1]
 
         return weighted

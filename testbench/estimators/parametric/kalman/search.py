@@ -9,6 +9,7 @@ import numpy as np
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.gauss_newton import Minimum, minimise
 from testbench.estimators.parametric.kalman.likelihood import FilterLikelihood, Part
+from testbench.estimators.parametric.rounds import Rounds
 
 _SETTLED = 3e-3  # relative change of the innovations' variances between two rounds that ends them
 _ROUNDS = 60
@@ -49,7 +50,7 @@ def search(likelihood: FilterLikelihood, values: FloatArray, max_iterations: int
     point = likelihood.start(values)
     R = (_START * base.size) ** 2
     total = float(base.counts.sum())
-    settled, done, change = False, 0, np.zeros(R.size)
+    settled, done, following = False, 0, Rounds(R)
     while True:
         done += 1
         # The rounds only have to follow R; the last one ends at 1/1000 of an error.
@@ -63,11 +64,7 @@ def search(likelihood: FilterLikelihood, values: FloatArray, max_iterations: int
         if np.all(new <= (_NOTHING * base.size) ** 2):  # data without noise: nothing left to weigh
             return Found(minimum._replace(converged=True), parts, new, done, True)
         settled = bool(np.max(np.abs(new - R) / R) < _SETTLED)
-        change, previous = np.log(new / R), change
-        along = float(change @ previous) / max(float(previous @ previous), 1e-300)
-        if done % 3 == 0 and not settled and 0.0 < along < 0.9 and np.max(np.abs(change)) < 0.5:
-            new = new * np.exp(along / (1.0 - along) * change)  # the rounds converge linearly: go to where they lead
-            change = np.zeros(R.size)
+        new = following.follow(new, settled)
         likelihood.points = [
             (part.x.mean(axis=0), s.u.mean(axis=0)) for part, s in zip(parts, base.stretches, strict=True)
         ]

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.continuous import ContinuousTransferModel
@@ -16,6 +17,7 @@ from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.prediction_error import Layout, Matrices, orbit
 from testbench.estimators.state_space import StateSpaceModel
 
+_ARRAYS = ("params", "A", "B", "C", "D", "numerators", "denominators", "delays_s")  # what neighbours differ in
 _STEP = 1e-5  # of a parameter's own size; simulations are exact to some 1e-12
 
 
@@ -58,20 +60,52 @@ def slopes(model: IdentifiedModel, found: Sequence[Direction], record: FlightRec
     return np.stack(columns, axis=2) if columns else np.zeros((*at.shape, 0))
 
 
-def moved_poles(model: IdentifiedModel, found: Sequence[Direction], change: FloatArray) -> float:
-    """Return by how much, relative to its size, the pole moves most that a change (k,) of the parameters moves.
+def moved(model: IdentifiedModel, found: Sequence[Direction], change: FloatArray) -> IdentifiedModel:
+    """Return the model after a change (k,) of its parameters along the directions found."""
+    arrays = {}
+    for name in _ARRAYS:
+        here = getattr(model, name, None)
+        if isinstance(here, np.ndarray):
+            arrays[name] = here + sum(
+                (c / d.step) * (getattr(d.model, name) - here) for d, c in zip(found, change, strict=True)
+            )
+    return replace(model, **arrays)
 
-    To first order. Poles that the change takes from complex to real ones, or back, are paired by the nearest.
+
+def moved_poles(first: IdentifiedModel, model: IdentifiedModel, found: Sequence[Direction], b: FloatArray) -> float:
+    """Return by how much, relative to its size, the pole moves most from ``first`` to ``model`` and on by a change.
+
+    The change b (k,) along the directions found at ``model`` counts to first order. Poles that it takes from complex to
+    real ones, or back, are paired by the nearest. Infinite where a pole without continuous counterpart gets one.
     """
-    first = all_poles(model)
-    total = np.zeros(first.size, np.complex128)
-    for d, c in zip(found, change, strict=True):
+    start, here = all_poles(first), all_poles(model)
+    if start.size != here.size:
+        return np.inf
+    here = _nearest(start, here)
+    total = here - start
+    for d, c in zip(found, b, strict=True):
         other = all_poles(d.model)
-        if other.size != first.size or first.size == 0:
+        if other.size != start.size:
             return np.nan
-        nearest = other[np.argmin(np.abs(first[:, None] - other), axis=1)]
-        total += (nearest - first) * (c / d.step)
-    return float(np.max(np.abs(total) / np.maximum(np.abs(first), 1e-9), initial=0.0))
+        total += (_nearest(here, other) - here) * (c / d.step)
+    return float(np.max(np.abs(total) / np.maximum(np.abs(start), 1e-9), initial=0.0))
+
+
+def _nearest(poles: ComplexArray, other: ComplexArray) -> ComplexArray:
+    return np.asarray(other[np.argmin(np.abs(poles[:, None] - other), axis=1)])
+
+
+def feeds_through(model: IdentifiedModel) -> NDArray[np.bool_]:
+    """Return (p,) which outputs answer an input in the same sample."""
+    if isinstance(model, ParametricModel):
+        direct = model.linear().D
+    elif isinstance(model, StateSpaceModel):
+        direct = model.D
+    elif isinstance(model, ContinuousTransferModel):
+        direct = model.numerators[:, :, 0] * (np.abs(model.denominators[:, :1]) > 0.0)
+    else:
+        direct = np.zeros((len(model.outputs), 1))
+    return np.asarray(np.any(direct != 0.0, axis=1))
 
 
 def all_poles(model: IdentifiedModel) -> ComplexArray:

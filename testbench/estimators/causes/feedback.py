@@ -1,0 +1,111 @@
+"""Do the inputs react to the outputs? What is new in an input, against the residuals around it.
+
+What an open loop leaves as residuals knows nothing of the inputs. In a closed loop, gusts are in the residuals and in
+what the input does beyond its own past (C. W. J. Granger, Econometrica 37, 1969). One number per output is tested, the
+residual of the same sample: its past adds degrees of freedom and little news. What is new in the input is clipped, so
+that the steps of a pilot do not drown a damper that works at every sample.
+
+An input that moves between samples reaches the outputs before the next sample. Part of one sample's response, anything
+from nothing (held inputs) to all of it (inputs that are stamped a sample late), is therefore taken from the residuals
+first: the part that leaves least to find. A loop that damps or stiffens has the other sign and is found all the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.estimators.causes.coloured_fit import settled
+from testbench.estimators.residuals import Autoregression
+
+_PAST = 40  # samples of its own past that may explain an input
+_ROUNDS = 5
+_CLIP = 4.0  # robust standard deviations of what is new in an input
+_PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # of one sample's response that may lie within the sample
+_HELD = 0.5  # an input that stays exactly where it was in more than half of its samples follows no noisy output
+
+
+class Feedback(NamedTuple):
+    """Which input reacts, the share of what is new in it that the residuals explain, and the test's statistic."""
+
+    at: int
+    share: float
+    statistic: float
+    degrees: int
+
+
+def testable(records: Sequence[FlightRecord], inputs: Sequence[str]) -> bool:
+    """Return whether any input moves at most samples, as one does that follows outputs with noise."""
+    return any(not _held([r[name] for r in records]) for name in inputs)
+
+
+def _held(inputs: Sequence[FloatArray]) -> bool:
+    return bool(np.mean(np.concatenate([np.diff(u) == 0.0 for u in inputs])) > _HELD)
+
+
+def strongest(
+    inputs: Sequence[FloatArray],
+    left: Sequence[FloatArray],
+    good: Sequence[NDArray[np.bool_]],
+    noise: Autoregression,
+    first: FloatArray,
+) -> Feedback | None:
+    """Return the input that reacts most; None where white residuals or held inputs leave nothing to test.
+
+    Args:
+        inputs: (N, m) per record.
+        left: residuals (p, N) per record, without what follows inputs of samples before.
+        good: (N,) per record, samples that count.
+        noise: autoregression of the residuals.
+        first: (p, m) how the outputs answer an input one sample after it.
+    """
+    if not len(noise.A):
+        return None
+    rows = [settled(g, min(2 * _PAST, len(g) // 8)) for g in good]
+    lags = min(_PAST, min(len(g) for g in good) // 8)
+    found = []
+    for j in range(inputs[0].shape[1]):
+        if _held([u[:, j] for u in inputs]):
+            continue
+        past = np.vstack([_past(u[:, j], lags)[r] for u, r in zip(inputs, rows, strict=True)])
+        now = np.concatenate([u[r, j] for u, r in zip(inputs, rows, strict=True)])
+        known = np.vstack([x.T[r] for x, r in zip(left, rows, strict=True)])
+        if len(now) > 2 * (past.shape[1] + known.shape[1]):
+            found.append(_test(j, past, now, known, first[:, j]))
+    return max(found, key=lambda f: f.statistic, default=None)
+
+
+def _past(u: FloatArray, lags: int) -> FloatArray:
+    """Return the samples before (N, lags + 1) and a constant; zeros before the record."""
+    out = np.ones((len(u), lags + 1))
+    for k in range(1, lags + 1):
+        out[:, k - 1] = np.concatenate([np.zeros(k), u[:-k]])
+    return out
+
+
+def _test(j: int, past: FloatArray, now: FloatArray, known: FloatArray, first: FloatArray) -> Feedback:
+    weight, new, size = np.ones(len(now)), now, 0.0
+    for _ in range(_ROUNDS):
+        b = np.linalg.lstsq(past * weight[:, None], now * weight, rcond=1e-10)[0]
+        new = now - past @ b
+        size = _CLIP * 1.4826 * float(np.median(np.abs(new)))
+        if size <= 0.0:
+            break
+        weight = np.sqrt(np.minimum(1.0, size / np.maximum(np.abs(new), 1e-300)))
+    clipped = np.clip(new, -size, size) if size > 0.0 else new
+    Q = np.linalg.qr(past)[0]
+    clipped, new, known = (x - Q @ (Q.T @ x) for x in (clipped, new, known))
+    total, samples = float(clipped @ clipped), len(now) - past.shape[1] - known.shape[1]
+    if total <= 0.0:
+        return Feedback(j, 0.0, 0.0, known.shape[1])
+    rest = total
+    for part in _PARTS:
+        left = known - part * new[:, None] * first
+        rest_of_it = clipped - left @ np.linalg.lstsq(left, clipped, rcond=1e-10)[0]
+        rest = max(rest if part else 0.0, float(rest_of_it @ rest_of_it))
+    share = max(1.0 - rest / total, 0.0)
+    return Feedback(j, share, -samples * float(np.log(max(1.0 - share, 1e-12))), known.shape[1])

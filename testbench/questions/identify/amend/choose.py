@@ -1,0 +1,234 @@
+"""Which model's derivatives are written into the aircraft, and which of them are left as they were.
+
+Of several models the one is taken that predicts the records best that it has not seen. Of its derivatives those are
+written that the data tell from what they were. One after the other the least of them is held at what it was, until all
+that remain differ by three of their errors or more, each time with the others as the data give them with these held:
+
+    x_w - P_wl P_ll^-1 (x_l - before_l),    P_ww - P_wl P_ll^-1 P_lw,    P the covariance, w written, l held.
+
+So a derivative that is known only together with another is not written for that other's sake.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from testbench.core.advice import ranked
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
+from testbench.estimators.parametric.model import ParametricModel
+from testbench.estimators.structured import STRUCTURE_NAMES, Structured
+from testbench.line import Case
+from testbench.questions.identify.amend.reach import REACHED_BY
+from testbench.questions.identify.amend.result import Aim, ServoAim
+from testbench.questions.identify.before import servos_of
+from testbench.questions.identify.derivatives import CRITERIA, FoundDerivative
+from testbench.questions.identify.result import Identified
+from testbench.questions.run.labels import case_names
+
+_MOVED = 0.05  # standard errors by which a value must move to be said
+_NO_COEFFICIENT = {
+    "V": "it follows from lift, drag and thrust at trim, and has no coefficient of its own",
+    "thr": "the throttle acts through the engine, whose thrust is left as it was",
+}
+
+
+def chosen_case(found: Identified) -> tuple[int, str]:
+    """Return the index of the case whose derivatives are written, and the rule in a sentence ("" if it was the only
+    one).
+
+    Raises:
+        EstimationError: no model has derivatives that an aircraft has, or none is to be believed; says why.
+    """
+    known = [i for i, case in enumerate(found.cases) if _has_meaning(case)]
+    if not known:
+        raise EstimationError(
+            f"an aircraft is amended by derivatives whose meaning is known, but {found.name} has no model with one of "
+            f"the structures {', '.join(n for n in STRUCTURE_NAMES if n != 'aerodynamic_longitudinal')}; what the "
+            "parameters of a structure of your own mean is not known, whatever their names"
+        )
+    good = [i for i in known if found.cases[i].model.status != "wrong"]
+    if not good:
+        why = next((str(a) for i in known for a in ranked(found.cases[i].model.advice) if a.severity == "wrong"), "")
+        raise EstimationError(
+            f"an aircraft is amended by a model that may be used, but {found.name} has none: {why or 'see its advice'}"
+        )
+    shared = [n for n in found.cases[good[0]].model.outputs if all(n in found.cases[i].model.outputs for i in good)]
+    best = min(good, key=lambda i: _miss_of(found.cases[i], shared))
+    if len(known) == 1:
+        return best, ""
+    name = case_names(found.cases)[best]
+    if len(good) == 1:
+        return best, f"of {len(known)} models only {name} may be used, so its derivatives are taken"
+    which = "predicts the records that were not used" if found.cases[best].validation else "follows the records"
+    return best, f"of {len(known)} models {name} {which} best, so its derivatives are taken"
+
+
+def _has_meaning(case: Case) -> bool:
+    return (
+        isinstance(case.model, ParametricModel)
+        and isinstance(case.estimator, Structured)
+        and case.model.structure.name in STRUCTURE_NAMES
+        and case.model.structure.name != "aerodynamic_longitudinal"
+    )
+
+
+def _miss_of(case: Case, outputs: Sequence[str]) -> float:
+    scores = case.evaluation.validation if case.validation else case.evaluation.identification
+    of = dict(zip(case.model.outputs, scores.mrse_percent, strict=True))
+    value = float(np.mean([of[n] for n in outputs])) if outputs else float(np.mean(scores.mrse_percent))
+    return value if np.isfinite(value) else np.inf
+
+
+def aims_of(found: Identified, index: int) -> tuple[tuple[Aim, ...], tuple[str, ...]]:
+    """Return every derivative of a model with what is aimed at, and what is left though the data contradict it.
+
+    Raises:
+        EstimationError: nothing is left to be written.
+    """
+    model, aircraft = found.cases[index].model, found.before.aircraft if found.before else None
+    assert isinstance(model, ParametricModel)
+    own = [d for d in found.derivatives if d.case == index and not d.name.startswith(("tau_", "T_"))]
+    reasons = {d.name: _left(d, aircraft.name if aircraft else "") for d in own}
+    if all(reasons.values()):
+        raise EstimationError(
+            f"an aircraft is amended by derivatives that the data decide, but of {found.name} none is left: "
+            f"{by_reason(reasons)}; excite the motion more, or mend what the advice names"
+        )
+    at = {d.name: d.before for d in own if d.before is not None and d.std > 0.0} | _lags_left(found, index)
+    agreeing = [d.name for d in found.derivatives if d.case == index and not _contradicts(d, at.get(d.name))]
+    told = _told(model, at, [d.name for d in own if not reasons[d.name]], agreeing)
+    aims = []
+    for d in own:
+        if d.before is None:
+            continue
+        aimed, why = None, reasons[d.name]
+        if not why and d.name not in told:
+            why = f"not told from what it was: within {CRITERIA.changed:g} errors"
+        elif not why:
+            aimed = told[d.name]
+            said = [] if d.determined else [d.believed]
+            if abs(aimed - d.value) > _MOVED * d.std:
+                said.append("as the data give it with those left as they were")
+            why = "; ".join(said)
+        aims.append(Aim(d.name, d.unit, d.value, d.std, d.before, aimed, why))
+    if not told:
+        assert aircraft is not None
+        raise EstimationError(
+            f"an aircraft is amended where a flight contradicts it, but {found.name} tells no derivative from what "
+            f"{aircraft.name} has ({by_reason({a.name: a.why for a in aims})}): there is nothing to write"
+        )
+    notes = [
+        f"{d.name} is left at {d.before:.4g} ({reasons[d.name]}), though the data say {d.value:.4g} ± {d.std:.2g}: "
+        "what is written beside it may make up for it"
+        for d in own
+        if d.before is not None and reasons[d.name] and d.std > 0.0 and _contradicts(d)
+    ]
+    return tuple(aims), tuple(notes)
+
+
+def by_reason(reasons: Mapping[str, str]) -> str:
+    """Return names and why, those with one reason together."""
+    by: dict[str, list[str]] = {}
+    for name, why in reasons.items():
+        by.setdefault(why, []).append(name)
+    return "; ".join(f"{', '.join(names)} ({why})" for why, names in by.items())
+
+
+def _contradicts(d: FoundDerivative, before: float | None = None) -> bool:
+    before = d.before if before is None else before
+    return before is not None and abs(d.value - before) > CRITERIA.changed * d.std
+
+
+def _lags_left(found: Identified, index: int) -> dict[str, float]:
+    """Return parameter -> value of the lags that were estimated and are left as the aircraft has them."""
+    assert found.before is not None
+    servos = servos_of(found.before.aircraft, found.cases[index].model.inputs)
+    lags = {f"tau_{n.removesuffix('_cmd')}": s.lag_s for n, s in servos.items()}
+    left = [d.name for d in found.derivatives if d.case == index and not d.determined]
+    return {n: lag for n, lag in lags.items() if n in left and isinstance(lag, float)}
+
+
+def _left(d: FoundDerivative, aircraft: str) -> str:
+    """Return why a derivative is left as it was, whatever its value, or ""."""
+    axis, _, variable = d.name.partition("_")
+    if variable in _NO_COEFFICIENT:
+        return _NO_COEFFICIENT[variable]
+    if d.before is None or d.source != aircraft or (axis, variable) not in REACHED_BY:
+        return "the aircraft has no such derivative"
+    if d.believed == "weak" and not _contradicts(d):
+        return "the data say little of it"
+    return d.believed if d.believed in ("at bound", "not converged") else ""
+
+
+def _told(
+    model: ParametricModel, before: Mapping[str, float], wanted: Sequence[str], agreeing: Sequence[str]
+) -> dict[str, float]:
+    """Return name -> value of those that the data tell from what they were, the others held at that.
+
+    Args:
+        model: estimates and their covariance.
+        before: name -> value before.
+        wanted: those that may be written.
+        agreeing: those that may be held: their values do not contradict what they were.
+    """
+    names = model.structure.parameter_names
+    held = [n for n in agreeing if n in before and n not in wanted]
+    while True:
+        value, error = _given(model, {n: before[n] for n in held})
+        z = {
+            n: abs(value[names.index(n)] - before[n]) / max(float(error[names.index(n)]), 1e-300)
+            for n in wanted
+            if n not in held and n in before
+        }
+        least = min(z, key=z.__getitem__, default=None)
+        if least is None or z[least] >= CRITERIA.changed:
+            return {n: float(value[names.index(n)]) for n in wanted if n not in held}
+        held.append(least)
+
+
+def _given(model: ParametricModel, held: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
+    """Return parameters (k,) and their errors (k,) if those held have the values given."""
+    x, P = model.params, model.covariance
+    at = [model.structure.parameter_names.index(n) for n in held]
+    if not at:
+        return x, np.sqrt(np.diag(P))
+    scale = np.sqrt(np.diag(P)[at])
+    gain = (P[:, at] / scale) @ np.linalg.pinv(P[np.ix_(at, at)] / np.outer(scale, scale), rcond=1e-9, hermitian=True)
+    off = (x[at] - np.array(list(held.values()))) / scale
+    left = np.diag(P) - np.sum(gain * (P[:, at] / scale), axis=1)
+    return np.asarray(x - gain @ off), np.sqrt(np.maximum(left, 0.0))
+
+
+def servo_aims(found: Identified, index: int) -> tuple[tuple[ServoAim, ...], tuple[str, ...]]:
+    """Return the servos to write, and sentences on what of them is left."""
+    case, out, notes = found.cases[index], [], []
+    assert found.before is not None
+    aircraft, model = found.before.aircraft, case.model
+    own = {n.removesuffix("_cmd"): s for n, s in servos_of(aircraft, model.inputs).items()}
+    given = getattr(case.estimator, "servo", {})
+    by_name = {d.name: d for d in found.derivatives if d.case == index}
+    for name, servo in given.items():
+        control = name.removesuffix("_cmd")
+        had = own[control].lag_s if control in own else None
+        before = had if isinstance(had, float) else None
+        lag, delay = by_name.get(f"tau_{control}"), by_name.get(f"T_{control}")
+        if control not in aircraft.controls or control == "thr" or servo.ignore:
+            continue
+        if lag is not None and not lag.determined:
+            notes.append(f"the lag of {control} is left as it was ({lag.believed})")
+        elif lag is not None:
+            out.append(ServoAim(control, before, lag.value, lag.std))
+        elif isinstance(servo.lag_s, float) and (before is None or abs(servo.lag_s - before) > 1e-6 * before):
+            out.append(ServoAim(control, before, servo.lag_s, None))
+        elif servo.wn_rad_s is not None:
+            notes.append(f"the servo of {control} has two poles here and one lag in an aircraft: it is left as it was")
+        late = delay.value if delay is not None else servo.delay_s
+        if isinstance(late, float) and late > 0.0:
+            notes.append(
+                f"the delay of {control}, {1e3 * late:.3g} ms, is not part of an aircraft and is not written; the "
+                "flights below are given their commands that much later"
+            )
+    return tuple(out), tuple(notes)

@@ -1,0 +1,142 @@
+"""The answer of a pooling: the coefficients, what contradicts, whether the logs agree, and what the data added."""
+
+from __future__ import annotations
+
+from testbench.core.constants import DEG_RAD
+from testbench.page.labels import number
+from testbench.page.words import Line, counted, listed, sentence, some
+from testbench.questions.identify.pool.ask import PooledFlights
+from testbench.questions.identify.pool.disagreement import Cause
+from testbench.questions.identify.pool.pooling import CRITERIA, Pooled, PooledCoefficient
+
+_MOST = 8
+_FEW = 5  # logs from which a deviation from log to log is itself not well known; judged
+_FEWEST = 3
+VARIABLES = {
+    "V": ("airspeed", 1.0, "m/s"),
+    "qbar": ("dynamic pressure", 1.0, "Pa"),
+    "alpha": ("angle of attack", 1.0 / DEG_RAD, "deg"),
+}
+"""Variable of a trend -> words, factor from SI to the shown unit, that unit."""
+
+
+def pool_answer(flights: PooledFlights) -> list[Line]:
+    """Return the sentences, the coefficients first."""
+    pooled = flights.pooled
+    lines = [Line("lead", sentence(_lead(pooled)))]
+    lines += [Line("doubt", sentence(f"doubt: {_conflict(c, pooled)}")) for c in pooled.in_conflict]
+    lines += _agreement(pooled)
+    lines += _trend(pooled)
+    if pooled.prior is not None:
+        lines.append(Line("finding", sentence(_added(pooled))))
+    lines += [Line("doubt", sentence(f"doubt: {text}")) for text in flights.doubts]
+    lines += [Line("note", sentence(text)) for text in flights.notes]
+    return lines
+
+
+def _lead(pooled: Pooled) -> str:
+    what = f"{counted(len(pooled.logs), 'log')}{' and a prior' if pooled.prior is not None else ''}"
+    said = [f"{c.name} {number(c.posterior)} ± {number(c.posterior_std, 2)}" for c in pooled.coefficients]
+    return f"{counted(len(pooled.coefficients), 'coefficient')} from {what}: {some(said, _MOST, ', ')}"
+
+
+def _conflict(c: PooledCoefficient, pooled: Pooled) -> str:
+    assert c.prior is not None
+    assert c.prior_std is not None
+    assert c.distance is not None
+    assert pooled.prior is not None
+    return (
+        f"data and prior contradict each other in {c.name}: {number(c.value)} ± {number(c.std, 2)} from the logs, "
+        f"{number(c.prior)} ± {number(c.prior_std, 2)} from {pooled.prior.source}, {abs(c.distance):.1f} standard "
+        f"deviations apart (more than {CRITERIA.conflict:g}); do not take the value between them: look at the model of "
+        f"the logs (servo, delay, bend), at mass and inertia, or take the prior of {c.name} away"
+    )
+
+
+def _agreement(pooled: Pooled) -> list[Line]:
+    if not pooled.dof:
+        if len(pooled.logs) < 2:
+            return []
+        return [Line("finding", sentence("no coefficient stands in two logs: whether they agree cannot be told"))]
+    judged = f"χ² = {pooled.chi2:.3g} for {pooled.dof} degrees of freedom, chance {_chance(pooled.chance)}"
+    if pooled.agree:
+        return [Line("finding", sentence(f"the logs agree within their errors ({judged})"))]
+    apart = pooled.disagreement
+    assert apart is not None
+    wide = [
+        f"{name} {number(std, 2)} ({100.0 * std / max(abs(pooled.coefficient(name).value), 1e-300):.0f} %)"
+        for name, std in apart.between.items()
+    ]
+    text = f"doubt: the logs disagree by more than their errors ({judged})"
+    if wide:
+        text += f"; errors hold a standard deviation from log to log of {some(wide, _MOST, ', ')}"
+        least = min(pooled.coefficient(name).logs for name in apart.between)
+        if least <= _FEW:
+            text += f", which {least} logs show to {100.0 / (2.0 * (least - 1)) ** 0.5:.0f} % only"
+    if pooled.factor > 1.0:
+        text += f"; all errors are multiplied by {pooled.factor:.2f}"
+    lines = [Line("doubt", sentence(f"{text}; without that they would be those in the column of own errors"))]
+    if apart.outlying:
+        lines.append(
+            Line(
+                "doubt",
+                sentence(
+                    f"doubt: {apart.outlying} lies apart, and the others agree without it; look at it, it was not "
+                    "left out"
+                ),
+            )
+        )
+    lines.append(Line("finding", sentence(_causes(pooled, apart.causes))))
+    return lines
+
+
+def _causes(pooled: Pooled, causes: tuple[Cause, ...]) -> str:
+    own = (
+        "errors of single logs that are too small (turbulence, a servo that is not described), other flaps or centre "
+        "of gravity, or a form that the model lacks"
+    )
+    few = ""
+    if not pooled.trend.names and len(pooled.logs) < 3:
+        few = "; a trend with the condition cannot be told from scatter by two logs: fly a third condition"
+    if not causes:
+        return f"no error of airspeed, mass or inertia explains it; other candidates: {own}{few}"
+    said = []
+    for cause in causes:
+        name, far = max(cause.deviations.items(), key=lambda item: abs(item[1]))
+        said.append(f"{cause.what}, {100.0 * cause.size:g} % from log to log (most in {name}: {100.0 * far:+.1f} %)")
+    return f"what would explain it: errors of {'; or '.join(said)}; other candidates: {own}{few}"
+
+
+def _trend(pooled: Pooled) -> list[Line]:
+    if not pooled.trend.names:
+        return []
+    word, factor, unit = VARIABLES[pooled.trend.variable]
+    reference = f"{number(pooled.trend.reference * factor)} {unit}"
+    said = []
+    for name in pooled.trend.names:
+        c = pooled.coefficient(name)
+        assert c.posterior_slope is not None
+        assert c.posterior_slope_std is not None
+        said.append(
+            f"{name} by {number(c.posterior_slope / factor)} ± {number(c.posterior_slope_std / factor, 2)} per {unit}"
+        )
+    if min(pooled.coefficient(name).logs for name in pooled.trend.names) <= _FEWEST:
+        said[-1] += " (by three logs, which cannot tell a trend from errors that are too small: fly a fourth condition)"
+    rest = " Others are constant." if len(pooled.trend.names) < len(pooled.coefficients) else ""
+    return [Line("finding", f"{sentence(f'with {word} change {listed(said)}; values are those at {reference}')}{rest}")]
+
+
+def _added(pooled: Pooled) -> str:
+    assert pooled.prior is not None
+    known = [c for c in pooled.coefficients if c.added is not None]
+    if not known:
+        return f"the prior of {pooled.prior.source} holds none of these coefficients: the values are those of the data"
+    ordered = sorted(known, key=lambda c: -(c.added or 0.0))
+    said = [f"{c.name} {100.0 * (c.added or 0.0):.3g} %" for c in ordered]
+    text = f"what the data added to the prior of {pooled.prior.source}, as share of what is known: {', '.join(said)}"
+    without = [c.name for c in pooled.coefficients if c.added is None]
+    return text + (f"; without a prior: {', '.join(without)}" if without else "")
+
+
+def _chance(p: float) -> str:
+    return f"{100.0 * p:.2g} %" if p >= 1e-4 else "below 0.01 %"

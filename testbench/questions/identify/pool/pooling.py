@@ -1,0 +1,271 @@
+"""Several logs into one set of coefficients: pooled, judged for agreement, and joined with a prior."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.stats import chi2 as chi_square
+
+from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
+from testbench.questions.identify.pool.disagreement import Disagreement, added, disagreement
+from testbench.questions.identify.pool.least_squares import Fit, LogCoefficients, Trend, fit, inverse, solve
+from testbench.questions.identify.pool.prior import Prior
+from testbench.questions.identify.pool.trends import TrendVariable, best_trend
+
+
+class PoolCriteria(NamedTuple):
+    """What decides; derived from the false alarms that are admitted, but for the last, which is judged.
+
+    Attributes:
+        trend: share of sets of logs without a trend that show one.
+        agree: share of sets of logs that agree but are said not to.
+        conflict: standard deviations of their difference between data and prior from which they contradict each other.
+    """
+
+    trend: float = 0.01
+    agree: float = 0.01
+    conflict: float = 3.0
+
+
+CRITERIA = PoolCriteria()
+
+
+@dataclass(frozen=True)
+class PooledCoefficient:
+    """One coefficient of all logs, at the reference of its trend.
+
+    Attributes:
+        name: such as "Cm_alpha".
+        logs: how many hold it.
+        value, std: what the data say, and its standard error, with ``between`` and the factor for scatter in it.
+        own_std: standard error by the logs' own errors alone.
+        between: standard deviation from log to log beyond the logs' own errors; 0 where these explain the scatter.
+        slope, slope_std: per unit of the trend's variable, SI; None if it is constant.
+        prior, prior_std: believed before; None without.
+        posterior, posterior_std: data and prior together; the data alone without a prior.
+        posterior_slope, posterior_slope_std: the same of the slope.
+    """
+
+    name: str
+    logs: int
+    value: float
+    std: float
+    own_std: float
+    between: float
+    slope: float | None
+    slope_std: float | None
+    prior: float | None
+    prior_std: float | None
+    posterior: float
+    posterior_std: float
+    posterior_slope: float | None
+    posterior_slope_std: float | None
+
+    @property
+    def added(self) -> float | None:
+        """Share of what is known that the data added: 1 - (posterior variance)/(prior variance)."""
+        return None if self.prior_std is None else 1.0 - (self.posterior_std / self.prior_std) ** 2
+
+    @property
+    def bits(self) -> float | None:
+        """The same in bits: log2 of the factor by which the data narrowed the error."""
+        return None if self.prior_std is None else math.log2(self.prior_std / self.posterior_std)
+
+    @property
+    def distance(self) -> float | None:
+        """Data minus prior, in standard deviations of that difference."""
+        if self.prior is None or self.prior_std is None:
+            return None
+        return (self.value - self.prior) / math.hypot(self.std, self.prior_std)
+
+    @property
+    def in_conflict(self) -> bool:
+        """Whether data and prior contradict each other."""
+        return self.distance is not None and abs(self.distance) > CRITERIA.conflict
+
+
+@dataclass(frozen=True, eq=False)
+class Pooled:
+    """Several logs together.
+
+    Attributes:
+        logs: what each of them gave.
+        coefficients: one entry per coefficient.
+        trend: which coefficients have a slope, in what.
+        chi2, dof: of the logs about the pooled coefficients, by their own errors; dof is 0 for one log.
+        disagreement: None if the logs agree within their errors.
+        factor: by which all errors were multiplied because deviations from log to log of single coefficients do not
+            explain the scatter; 1 else. R. T. Birge, Physical Review 40, 1932.
+        prior: what was believed before; None without.
+        covariance: (k + s, k + s) of the posterior: coefficients at the reference, then slopes.
+    """
+
+    logs: tuple[LogCoefficients, ...]
+    coefficients: tuple[PooledCoefficient, ...]
+    trend: Trend
+    chi2: float
+    dof: int
+    disagreement: Disagreement | None
+    factor: float
+    prior: Prior | None
+    covariance: FloatArray
+
+    @property
+    def chance(self) -> float:
+        """Probability that logs that agree scatter as much as these."""
+        return float(chi_square.sf(self.chi2, self.dof)) if self.dof else 1.0
+
+    @property
+    def agree(self) -> bool:
+        """Whether the logs agree within their errors."""
+        return self.disagreement is None
+
+    @property
+    def in_conflict(self) -> tuple[PooledCoefficient, ...]:
+        """Coefficients of which data and prior contradict each other."""
+        return tuple(c for c in self.coefficients if c.in_conflict)
+
+    def coefficient(self, name: str) -> PooledCoefficient:
+        """Return one coefficient.
+
+        Raises:
+            KeyError: no log holds it.
+        """
+        found = next((c for c in self.coefficients if c.name == name), None)
+        if found is None:
+            raise KeyError(f"{name}: must be one of {', '.join(c.name for c in self.coefficients)}")
+        return found
+
+    def at(self, name: str, x: float) -> tuple[float, float]:
+        """Return value and standard error of a coefficient, posterior, where the trend's variable is ``x`` (SI)."""
+        c = self.coefficient(name)
+        if c.posterior_slope is None:
+            return c.posterior, c.posterior_std
+        names = [c.name for c in self.coefficients]
+        row = np.zeros(len(self.covariance))
+        away = x - self.trend.reference
+        row[names.index(name)], row[len(names) + self.trend.names.index(name)] = 1.0, away
+        return c.posterior + c.posterior_slope * away, float(np.sqrt(row @ self.covariance @ row))
+
+    def written(self) -> dict[str, Any]:
+        """Return what a later pooling takes as its prior, as JSON values."""
+        k = len(self.coefficients)
+        return {
+            "coefficients": {c.name: c.posterior for c in self.coefficients},
+            "covariance": self.covariance[:k, :k].tolist(),
+            "slopes": {name: self.coefficient(name).posterior_slope for name in self.trend.names},
+            "covariance_with_slopes": self.covariance.tolist(),
+            "trend": {"variable": self.trend.variable, "reference": self.trend.reference},
+            "logs": [log.log for log in self.logs],
+            "chi2": self.chi2,
+            "dof": self.dof,
+        }
+
+
+def pool(logs: Sequence[LogCoefficients], prior: Prior | None = None, trend: TrendVariable = "auto") -> Pooled:
+    """Return several logs as one set of coefficients, with trend, agreement, and what the data added to a prior.
+
+    The information matrices of the logs are added (:func:`fit`), slopes are kept where the logs show them
+    (:func:`best_trend`). If chi-square of the logs about the result is one that logs that agree exceed in 1 % only,
+    what is missing is added to the errors: to every coefficient its standard deviation from log to log, and if that is
+    not enough a common factor. A prior is one more information matrix, on the coefficients at the reference.
+
+    Args:
+        logs: at least one.
+        prior: of some of the coefficients, or of others too.
+        trend: variable of slopes: "V", "qbar", "alpha"; the best of them ("auto"), or "none".
+
+    Raises:
+        EstimationError: no log, or no coefficient in them; a variable that is not known of every log.
+
+    Example:
+        >>> import numpy as np
+        >>> import testbench as tb
+        >>> logs = [
+        ...     tb.LogCoefficients("slow", ("Cm_alpha",), np.array([-0.70]), np.array([[0.02**2]]), {"V": 12.0}),
+        ...     tb.LogCoefficients("fast", ("Cm_alpha",), np.array([-0.74]), np.array([[0.02**2]]), {"V": 18.0}),
+        ... ]
+        >>> prior = tb.Prior(("Cm_alpha",), np.array([-0.60]), np.array([[0.12**2]]), "handbook")
+        >>> found = tb.pool(logs, prior).coefficient("Cm_alpha")
+        >>> f"{found.value:.3f} +- {found.std:.3f}, with the prior {found.posterior:.3f} +- {found.posterior_std:.3f}"
+        '-0.720 +- 0.014, with the prior -0.718 +- 0.014'
+        >>> f"the data added {found.added:.0%}, {found.bits:.1f} bits"
+        'the data added 99%, 3.1 bits'
+    """
+    if not any(log.names for log in logs):
+        raise EstimationError("pooling needs a coefficient of at least one log, got none")
+    own = best_trend(logs, trend, CRITERIA.trend)
+    apart, found, factor = None, own, 1.0
+    if own.dof and chi_square.sf(own.chi2, own.dof) < CRITERIA.agree:
+        apart = disagreement(logs, own, trend, CRITERIA.agree, CRITERIA.trend)
+        found = fit(logs, own.trend, added(logs, apart.between))
+        if chi_square.sf(found.chi2, found.dof) < CRITERIA.agree:
+            factor = math.sqrt(found.chi2 / found.dof)
+    information = found.information / factor**2
+    b, M = _with_prior(found, information, prior)
+    return Pooled(
+        tuple(logs),
+        _coefficients(logs, own, found, inverse(information), apart, prior, b, inverse(M)),
+        own.trend,
+        own.chi2,
+        own.dof,
+        apart,
+        factor,
+        prior,
+        inverse(M),
+    )
+
+
+def _with_prior(found: Fit, information: FloatArray, prior: Prior | None) -> tuple[FloatArray, FloatArray]:
+    """Return estimates and information of data and prior together."""
+    if prior is None:
+        return found.b, information
+    M, right = information.copy(), information @ found.b
+    known = [name for name in prior.names if name in found.names]
+    at = [found.names.index(name) for name in known]
+    W = inverse(prior.of(known).covariance)
+    M[np.ix_(at, at)] += W
+    right[at] += W @ prior.of(known).values
+    return solve(M, right), M
+
+
+def _coefficients(
+    logs: Sequence[LogCoefficients],
+    own: Fit,
+    found: Fit,
+    covariance: FloatArray,
+    apart: Disagreement | None,
+    prior: Prior | None,
+    b: FloatArray,
+    posterior: FloatArray,
+) -> tuple[PooledCoefficient, ...]:
+    between: Mapping[str, float] = apart.between if apart is not None else {}
+    k, out = len(found.names), []
+    own_std, std, post_std = (np.sqrt(np.diag(C)) for C in (own.covariance, covariance, posterior))
+    for i, name in enumerate(found.names):
+        s = k + found.trend.names.index(name) if name in found.trend.names else None
+        believed = prior.of([name]) if prior is not None and name in prior.names else None
+        out.append(
+            PooledCoefficient(
+                name,
+                sum(name in log.names for log in logs),
+                float(found.b[i]),
+                float(std[i]),
+                float(own_std[i]),
+                between.get(name, 0.0),
+                None if s is None else float(found.b[s]),
+                None if s is None else float(std[s]),
+                None if believed is None else float(believed.values[0]),
+                None if believed is None else float(believed.covariance[0, 0]) ** 0.5,
+                float(b[i]),
+                float(post_std[i]),
+                None if s is None else float(b[s]),
+                None if s is None else float(post_std[s]),
+            )
+        )
+    return tuple(out)

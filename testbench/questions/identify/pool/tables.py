@@ -1,0 +1,138 @@
+"""The tables of a pooling: the pooled coefficients, those of every log, its condition, and what was left out."""
+
+from __future__ import annotations
+
+from testbench.page.tables import Column, Table, Value
+from testbench.questions.identify.pool.answer import VARIABLES
+from testbench.questions.identify.pool.ask import PooledFlights
+
+
+def pool_tables(flights: PooledFlights) -> list[Table]:
+    """Return the tables, that of the pooled coefficients first."""
+    out = [pooled_table(flights), log_table(flights), condition_table(flights)]
+    left = left_out_table(flights)
+    return out if left is None else [*out, left]
+
+
+def pooled_table(flights: PooledFlights) -> Table:
+    """Return one row per coefficient: data, prior, both, and what the data added."""
+    pooled = flights.pooled
+    sloped, believed = bool(pooled.trend.names), pooled.prior is not None
+    factor, unit = VARIABLES[pooled.trend.variable][1:] if sloped else (1.0, "")
+    columns = [
+        Column("coefficient", "coefficient"),
+        Column("logs", "logs"),
+        Column("data", "data", digits=4),
+        Column("data_std", "± std", digits=2),
+        Column("own_std", "own errors ±", digits=2),
+        Column("between", "log to log", digits=2),
+    ]
+    if sloped:
+        columns += [
+            Column("slope", f"slope per {unit}", digits=3),
+            Column("slope_std", "± std", digits=2),
+        ]
+    if believed:
+        columns += [
+            Column("prior", "prior", digits=4),
+            Column("prior_std", "± std", digits=2),
+            Column("posterior", "both", digits=4),
+            Column("posterior_std", "± std", digits=2),
+            Column("added", "data added", "%", digits=3),
+            Column("bits", "bits", decimals=1),
+            Column("distance", "data − prior, std", decimals=1),
+        ]
+    rows: list[tuple[Value, ...]] = []
+    for c in pooled.coefficients:
+        row: list[Value] = [c.name, c.logs, c.value, c.std, c.own_std, c.between or None]
+        if sloped:
+            slope, std = (c.posterior_slope, c.posterior_slope_std) if believed else (c.slope, c.slope_std)
+            row += [None if slope is None else slope / factor, None if std is None else std / factor]
+        if believed:
+            row += [c.prior, c.prior_std, c.posterior, c.posterior_std]
+            row += [None if c.added is None else 100.0 * c.added, c.bits, c.distance]
+        rows.append(tuple(row))
+    return Table("pooled", "Pooled coefficients", _caption(flights), tuple(columns), tuple(rows))
+
+
+def _caption(flights: PooledFlights) -> str:
+    pooled = flights.pooled
+    out = [
+        "Nondimensional derivatives per rad, and per p b/2V, q c̄/2V, r b/2V; CX and CZ in stability axes: "
+        "CZ_alpha = −CL_alpha − CD. Errors of mass, inertia, geometry and airspeed are not counted. Own errors: "
+        "by those of the logs alone; log to log: standard deviation that was added where logs disagree by more."
+    ]
+    if pooled.trend.names:
+        word, factor, unit = VARIABLES[pooled.trend.variable]
+        out.append(f"Values at the mean {word} of the logs, {pooled.trend.reference * factor:.4g} {unit}.")
+    if pooled.prior is not None:
+        out.append(
+            f"Prior: {pooled.prior.source}. Both: information matrices of data and prior added. Data added: 1 − "
+            "(variance of both)/(variance of the prior); bits: log2 of the factor by which the error shrank. A "
+            "distance beyond 3 is a contradiction."
+        )
+    return " ".join(out)
+
+
+def log_table(flights: PooledFlights) -> Table:
+    """Return one row per coefficient and log: derivative, coefficient, and how far it lies from the pooled one."""
+    pooled = flights.pooled
+    columns = (
+        Column("log", "log"),
+        Column("derivative", "derivative"),
+        Column("derivative_value", "value", digits=4),
+        Column("derivative_std", "± std", digits=2),
+        Column("coefficient", "coefficient"),
+        Column("value", "value", digits=4),
+        Column("std", "± std", digits=2),
+        Column("pooled", "pooled", digits=4),
+        Column("distance", "difference, std", decimals=1),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for part, found in zip(flights.contributions, flights.found, strict=True):
+        log = part.coefficients
+        for i, name in enumerate(log.names):
+            derivative = part.derivative_of[name]
+            own = next(d for d in found.derivatives if d.name == derivative)
+            c, std = pooled.coefficient(name), float(log.covariance[i, i]) ** 0.5
+            there = c.value
+            if c.slope is not None:
+                there += c.slope * (log.at[pooled.trend.variable] - pooled.trend.reference)
+            y = float(log.values[i])
+            rows.append((log.log, derivative, own.value, own.std, name, y, std, there, (y - there) / std))
+    caption = (
+        "Coefficients of every log by its own airspeed, dynamic pressure and mass. Pooled: what all logs say at the "
+        "condition of this one. Difference: in standard errors of the log alone."
+    )
+    return Table("logs", "Coefficients of every log", caption, columns, tuple(rows))
+
+
+def condition_table(flights: PooledFlights) -> Table:
+    """Return where every log was flown."""
+    columns = (
+        Column("log", "log"),
+        Column("V", "airspeed", "m/s", digits=4),
+        Column("qbar", "dynamic pressure", "Pa", digits=4),
+        Column("alpha", "angle of attack", "deg", digits=3),
+        Column("mass", "mass", "kg", digits=4),
+        Column("Ixx", "Ixx", "kg m2", digits=3),
+        Column("Iyy", "Iyy", "kg m2", digits=3),
+        Column("Izz", "Izz", "kg m2", digits=3),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for name, found in zip(flights.names, flights.found, strict=True):
+        f = found.flown
+        assert f is not None
+        alpha = None if f.alpha_rad is None else f.alpha_rad * VARIABLES["alpha"][1]
+        rows.append((name, f.V_m_s, f.qbar_Pa, alpha, f.mass.mass_kg, f.mass.Ixx, f.mass.Iyy, f.mass.Izz))
+    caption = "As recorded or given; mass and inertia given, else those of the aircraft."
+    return Table("conditions", "Where the logs were flown", caption, columns, tuple(rows))
+
+
+def left_out_table(flights: PooledFlights) -> Table | None:
+    """Return what was identified and is not in the pool; None if that is nothing."""
+    rows = tuple((part.coefficients.log, what, why) for part in flights.contributions for what, why in part.balance)
+    if not rows:
+        return None
+    columns = (Column("log", "log"), Column("what", "what"), Column("why", "why"))
+    return Table("left_out", "Identified, but not pooled", "", columns, rows)

@@ -1,0 +1,123 @@
+"""Damaged files of every format end in a sentence or a result: no other exception, no hang, no gigabyte.
+
+What holds for the first cases of each format holds for many: ``make fuzz`` runs 2000 of each.
+"""
+
+from __future__ import annotations
+
+import os
+import zlib
+from collections.abc import Callable
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fuzz import inputs
+from fuzz.mutations import damaged, mistyped, of_text
+from fuzz.survive import broken
+
+from testbench.core.paths import SUITES
+from testbench.questions.export.ask import export_model, export_record
+from testbench.questions.export.matrices import load_matrices
+from testbench.questions.files import load
+from testbench.questions.importing.ask import import_log, write_import
+from testbench.sensors import load_suite
+
+SEEDS = int(os.environ.get("FUZZ_SEEDS", "0"))
+FEW = 12  # of each format in the normal suite
+TEXTS = ("csv", "text", "dataflash text")
+WRITTEN = 6  # of so many that are read, one is written as well: that takes longer
+
+
+def rng_of(name: str, seed: int) -> np.random.Generator:
+    return np.random.default_rng([zlib.crc32(name.encode()), seed])
+
+
+def seeds(few: int) -> range:
+    return range(SEEDS or few)
+
+
+def imported(content: bytes, suffix: str, name: str, seed: int, folder: Path) -> None:
+    damage = of_text if name in TEXTS else damaged
+    path = folder / f"log{suffix}"
+    path.write_bytes(damage(content, rng_of(name, seed)))
+    found = import_log(path)
+    assert found.record.kind == "measured"
+    if seed % WRITTEN == 0:
+        write_import(found, folder / "out")
+
+
+@pytest.fixture(scope="module")
+def formats(tmp_path_factory):
+    return inputs.logs(tmp_path_factory.mktemp("valid"))
+
+
+NAMES = (
+    "csv", "text", "mat 5", "mat 5 packed", "mat of the testbench", "mat 7.3", "record", "netcdf 4", "netcdf classic",
+    "ulog", "dataflash", "dataflash text", "parquet",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_damaged_logs(name, formats, tmp_path):
+    if name not in formats:
+        pytest.skip("pyarrow is missing: pip install flight-testbench[parquet]")
+    suffix, content = formats[name]
+    (tmp_path / f"valid{suffix}").write_bytes(content)
+    assert import_log(tmp_path / f"valid{suffix}").channels  # what is damaged is a valid file
+    cases = {f"{name} {seed}": partial(imported, content, suffix, name, seed) for seed in seeds(FEW)}
+    assert broken(cases) == []
+
+
+def test_damaged_messages_and_definitions_of_paparazzi():
+    data, definitions = inputs.paparazzi()
+
+    def case(seed: int, folder: Path) -> None:
+        rng = rng_of("paparazzi", seed)
+        which = seed % 2
+        (folder / "f.data").write_bytes(of_text(data.encode(), rng) if which else data.encode())
+        (folder / "f.log").write_bytes(definitions.encode() if which else of_text(definitions.encode(), rng))
+        import_log(folder / "f.data")
+
+    assert broken({f"paparazzi {seed}": partial(case, seed) for seed in seeds(FEW)}) == []
+
+
+def test_damaged_records_and_models_to_export(formats):
+    def of_record(seed: int, folder: Path) -> None:
+        path = folder / "r.nc"
+        path.write_bytes(damaged(formats["record"][1], rng_of("export", seed)))
+        export_record(path, ("csv", "mat", "netcdf")[seed % 3], folder / "out")
+
+    def of_model(seed: int, folder: Path) -> None:
+        rng = rng_of("model", seed)
+        path = folder / "m.json"
+        path.write_bytes(of_text(inputs.model(), rng))
+        export_model(load_matrices(path), ("control", "csv", "json", "jsbsim", "mat", "netcdf")[seed % 6], folder / "o")
+
+    cases: dict[str, Callable[[Path], object]] = {}
+    for seed in seeds(FEW):
+        cases |= {f"record {seed}": partial(of_record, seed), f"model {seed}": partial(of_model, seed)}
+    assert broken(cases) == []
+
+
+@cache
+def texts() -> dict[str, str]:
+    return inputs.scenarios()
+
+
+def checked(name: str, seed: int, folder: Path) -> None:
+    path = folder / f"{Path(name).name}.toml"
+    text = mistyped(texts()[name], rng_of(name, seed))
+    path.write_text(text, encoding="utf-8")
+    if name.startswith(SUITES.name):
+        load_suite(str(path))
+    else:
+        load(path)
+
+
+def test_mistyped_scenarios_of_every_kind():
+    names = list(texts())
+    cases = {f"{name} {seed}": partial(checked, name, seed) for seed in seeds(3) for name in names}
+    assert len(cases) > 100
+    assert broken(cases) == []

@@ -1,0 +1,81 @@
+"""Terminals that lack signs, are narrow or go away: no traceback, no number broken in two, a status that says so."""
+
+from __future__ import annotations
+
+import io
+import signal
+import subprocess
+import sys
+
+import pytest
+from rich.console import Console
+
+from testbench.__main__ import main
+from testbench.page import terminal
+from testbench.page.terminal import print_rows, show_all
+
+PYTHON = [sys.executable, "-m", "testbench"]
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("12 m/s²", "12 m/s^2"),
+        ("±3 °", "+/-3  deg"),
+        ("ζ = 0.5, ω", "zeta = 0.5, omega"),
+        ("Zürich…", "Zurich..."),
+        ("飛", "?"),
+    ],
+)
+def test_signs_that_an_encoding_lacks_are_written_in_ascii(monkeypatch, text, shown):
+    raw = io.BytesIO()
+    monkeypatch.setattr(terminal.sys, "stdout", io.TextIOWrapper(raw, encoding="ascii"))
+    monkeypatch.setattr(terminal.sys, "stderr", io.StringIO())
+    show_all()
+    terminal.sys.stdout.write(text)
+    terminal.sys.stdout.flush()
+    assert raw.getvalue().decode() == shown
+
+
+ROWS = [("short period", "-6.89", "6.542", "0.1012", "1234.5678"), ("spiral", "0.0479", "0", "-14.5", "0.1")]
+HEADS = ("mode", "real part, rad/s", "imaginary part, rad/s", "halved in, s", "x")
+RIGHT = (False, True, True, True, True)
+
+
+@pytest.mark.parametrize("width", [12, 20, 30, 40, 50, 80, 200])
+def test_no_number_is_broken_however_narrow_a_terminal_is(width):
+    out = io.StringIO()
+    print_rows(Console(file=out, width=width), HEADS, ROWS, RIGHT, "the modes")
+    words = out.getvalue().split()
+    assert all(number in words for row in ROWS for number in row[1:])
+    if width >= 30:
+        assert max(map(len, out.getvalue().splitlines())) <= width
+
+
+def test_a_pipe_that_is_closed_ends_a_command_quietly():
+    with subprocess.Popen([*PYTHON, "list", "estimators"], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 141
+
+
+def test_an_interrupt_of_a_stage_is_one_line_and_130(tmp_path):
+    words = [*PYTHON, "run", "eolo_methods", "-o", str(tmp_path)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr.readline().startswith("... ")
+        process.send_signal(signal.SIGINT)
+        said = [line for line in process.stderr.read().splitlines() if not line.startswith("... ")]
+    assert process.returncode == 130
+    assert said == ["interrupted; what was written so far is kept"]
+
+
+def test_an_interrupt_of_the_imports_is_one_line_and_130(monkeypatch, capsys):
+    class Interrupted:
+        def __getattr__(self, name):
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "testbench.cli", Interrupted())
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 130
+    assert capsys.readouterr().err == "interrupted; nothing was written\n"

@@ -1,0 +1,123 @@
+"""From an autopilot's log to derivatives: how often the intervals that identify tells hold the truth.
+
+Run with ``python tests/studies/autopilot_logs.py [SEEDS]`` (100): the flights of :mod:`flown_logs` are written as logs,
+imported, and identified with the recipe that import proposes, as a user would. Every seed is kept as soon as it is done
+in autopilot_logs_seeds.csv, and a run goes on where the last one stopped; delete that file after a change of the
+product. The table is results/estimators/autopilot_logs.csv.
+"""
+
+from __future__ import annotations
+
+import csv
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+from flown_logs import LOGS, THROWS, fly, truth
+
+from testbench.core.errors import TestbenchError
+from testbench.questions.identify.ask import identify
+from testbench.questions.identify.scenario import RecordDescription
+from testbench.questions.importing.ask import import_log, write_import
+
+FOLDER = Path(__file__).resolve().parents[2] / "results" / "estimators"
+KEPT = ("format", "axis", "seed", "derivative", "value", "std", "believed", "advice")
+
+
+def of_seed(seed: int, axes: tuple[str, ...] = ("longitudinal", "lateral")) -> list[dict[str, object]]:
+    """Return a row per format, axis and derivative of one flight; one with the error where there is no estimate."""
+    flown, rows = fly(seed), []
+    for kind, (name, make) in LOGS.items():
+        with tempfile.TemporaryDirectory() as folder:
+            log = Path(folder) / name
+            log.write_bytes(make(seed, flown))
+            written = write_import(import_log(log, throw_rad=THROWS), Path(folder) / "records")
+            for axis in axes:
+                found = next(path for path in written if path.stem.endswith(axis))
+                head = {"format": kind, "axis": axis, "seed": seed}
+                try:
+                    result = identify(RecordDescription.load(found))
+                except TestbenchError as error:
+                    rows.append({**head, "derivative": "", "advice": str(error)})
+                    continue
+                for d in result.derivatives:
+                    said = [f"{a.severity} {a.code}" for a in result.cases[d.case].model.advice]
+                    own = {"derivative": d.name, "value": d.value, "std": d.std, "believed": d.believed}
+                    rows.append({**head, **own, "advice": "; ".join(dict.fromkeys(said))})
+    return rows
+
+
+def table(rows: list[dict[str, str]]) -> list[dict[str, object]]:
+    """Return a row per format and derivative: coverage of the 95 % interval, all and only those that are not wrong."""
+    out = []
+    known = truth()
+    groups: dict[tuple[str, str], list[dict[str, str]]] = {}
+    for row in rows:
+        if row["derivative"] in known:
+            groups.setdefault((row["format"], row["derivative"]), []).append(row)
+    for (kind, name), found in groups.items():
+        x, s = (np.array([float(row[key]) for row in found]) for key in ("value", "std"))
+        true = known[name]
+        held = np.abs(x - true) <= 1.96 * s
+        fit = np.array(["wrong " not in row["advice"] for row in found])
+        believed = np.array([row["believed"] == "determined" for row in found])
+        missed = sorted(
+            {code for row, h in zip(found, held, strict=True) if not h for code in row["advice"].split("; ")}
+        )
+        out.append(
+            {
+                "format": kind,
+                "derivative": name,
+                "true": round(true, 4),
+                "median": round(float(np.median(x)), 4),
+                "scatter": round(float(1.4826 * np.median(np.abs(x - np.median(x)))), 4),
+                "claimed": round(float(np.median(s)), 4),
+                "seeds": len(found),
+                "held_percent": round(100.0 * float(held.mean()), 1),
+                "not_wrong": int(fit.sum()),
+                "held_of_not_wrong_percent": round(100.0 * float(held[fit].mean()), 1) if fit.any() else "",
+                "determined": int(believed.sum()),
+                "held_of_determined_percent": round(100.0 * float(held[believed].mean()), 1) if believed.any() else "",
+                "advice_where_missed": "; ".join(missed),
+            }
+        )
+    return out
+
+
+def main() -> None:
+    """Go on with the seeds that are missing, then write the table of all that are there."""
+    seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 100
+    kept = FOLDER / "autopilot_logs_seeds.csv"
+    rows: list[dict[str, str]] = []
+    if kept.is_file():
+        with kept.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.DictReader(file))
+    done = {row["seed"] for row in rows}
+    for seed in range(seeds):
+        if str(seed) in done:
+            continue
+        began = time.monotonic()
+        new = of_seed(seed)
+        with kept.open("a", newline="", encoding="utf-8") as file:
+            writer = csv.DictWriter(file, KEPT)
+            if not file.tell():
+                writer.writeheader()
+            writer.writerows(new)
+        rows += [{key: str(value) for key, value in row.items()} for row in new]
+        print(f"seed {seed} of {seeds}: {time.monotonic() - began:.1f} s", flush=True)
+        write(table(rows))
+
+
+def write(found: list[dict[str, object]]) -> None:
+    with (FOLDER / "autopilot_logs.csv").open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, found[0])
+        writer.writeheader()
+        writer.writerows(found)
+
+
+if __name__ == "__main__":
+    main()
