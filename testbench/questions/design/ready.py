@@ -12,6 +12,7 @@ from testbench.core.toml_text import quoted
 from testbench.page.labels import file_stem, number
 from testbench.questions.design.answer import family_label, is_ratio
 from testbench.questions.design.identified import toml_of
+from testbench.questions.design.promised import FOLDER, promise_of, promise_text
 
 if TYPE_CHECKING:
     from testbench.page.page import Content
@@ -22,7 +23,7 @@ _DEFAULTS = {"start_s", "repeats", "spacing", "fade_s", "periods", "stride", "fi
 
 
 def ready_to_fly(result: DesignResult) -> Mapping[str, Content]:
-    """Return the files of every ranked design: designs/NAME.toml, signals/NAME.csv and signals/NAME.mat.
+    """Return the files of every ranked design: designs/NAME.toml, promises/NAME.json, signals/NAME.csv and .mat.
 
     The scenario that asked for them lies beside as design.toml: `testbench plan --from` takes its limits.
     """
@@ -41,6 +42,7 @@ def ready_to_fly(result: DesignResult) -> Mapping[str, Content]:
             t[rows], channels, design.u[rows], "truth", provenance={"signal": "deviation from trim", "held": True}
         )
         out[f"designs/{stem}.toml"] = scenario_toml(result, design)
+        out[f"{FOLDER}/{stem}.json"] = promise_text(promise_of(result, entry))
         out[f"signals/{stem}.csv"] = record.save_csv
         out[f"signals/{stem}.mat"] = record.save_mat
     return out
