@@ -68,6 +68,7 @@ _MISTAKEN = {
     TIME: "fuel that burns, a battery that empties or a sensor that drifts",
 }
 _MORE = 3.0  # the flown size may be so many times what regression says
+_TOLD = 3  # terms in a sentence
 _INSTEAD = 2  # terms in the place of each that are fitted beside it
 
 
@@ -98,7 +99,9 @@ class FirstLook:
         if not self.terms:
             tried = f"{self.found.tried} terms of motion, controls and time"
             return (f"forces and moments at every sample follow none of {tried}",)
-        told = "; ".join(told_of(f) for f in self.terms)
+        told = "; ".join(told_of(f) for f in self.terms[:_TOLD])
+        if len(self.terms) > _TOLD:
+            told += f"; and {len(self.terms) - _TOLD} less sure ones"
         return (f"forces and moments at every sample, before anything is flown, follow {told}",)
 
 

@@ -44,6 +44,7 @@ _LEFT = 0.01  # share of a term's square about its means that must be left besid
 _SEEN = 1e-3  # of the noise: a coefficient that moves an error by less is not in it
 _SINGULAR = 1e-9  # smallest eigenvalue of a correlation that is inverted
 _FOLLOWS = 0.1  # in proportion to a quantity but for so much, rms
+_INDISTINCT = 12  # terms in the place of another: with more these flights tell nothing of it
 _TRUE = 0.7  # share of what is left of a term beside the others that must not be noise
 _MOST = 6  # terms
 _START_S = 0.3  # of each record is left out: servos and engines settle
@@ -116,6 +117,7 @@ def regress(believed: Believed, flights: Sequence[Felt]) -> Regression:
     for c, p in problems.items():
         p.prune()
         terms += p.found(c, before[c])
+    terms = [f for f in terms if len(f.instead) <= _INDISTINCT]
     terms.sort(key=lambda f: -abs(f.size) / f.error)
     left = {c: p.chi2 / p.samples for c, p in problems.items()}
     factors: dict[str, tuple[float, float]] = {}
