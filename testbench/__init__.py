@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from testbench.questions.design.ask import run_design
     from testbench.questions.files import load
     from testbench.questions.gap.ask import run_gap
+    from testbench.questions.gap.open_set import first_look
     from testbench.questions.gap.workflow import find_gap
     from testbench.questions.identify.amend.ask import amend
     from testbench.questions.identify.ask import identify, load_description
@@ -76,6 +77,7 @@ _HOME = {
     "with_causes": "testbench.estimators.causes",
     "evaluate": "testbench.evaluation",
     "find_gap": "testbench.questions.gap.workflow",
+    "first_look": "testbench.questions.gap.open_set",
     "fly": "testbench.flight",
     "fly_and_measure": "testbench.line",
     "fly_campaign": "testbench.questions.campaign.ask",
@@ -116,6 +118,7 @@ __all__ = [
     "estimate",
     "evaluate",
     "find_gap",
+    "first_look",
     "fly",
     "fly_and_measure",
     "fly_campaign",

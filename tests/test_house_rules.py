@@ -39,7 +39,7 @@ ASKS = {
     "compare": {"run", "design"},
     "campaign": {"run"},
     "design": {"run"},
-    "plan": {"design", "importing", "run"},
+    "plan": {"design", "identify", "importing", "run"},
     "gap": {"compatibility", "identify", "run"},
     "studio": {"design"},
     "reproduce": {"run", "plan"},

@@ -56,6 +56,11 @@ class AircraftStructure(LinearStructure):
     modal: tuple[tuple[int, int, int, int], ...]
     true: FloatArray
 
+    @property
+    def followers(self) -> tuple[str, ...]:
+        """The servos, which commands alone drive; they come last."""
+        return tuple(s for s in self.states if s.startswith("servo_"))
+
     def matrices(self, params: AnyArray) -> Matrices:
         """Return the matrices of parameters (..., k)."""
         n = len(self.states)

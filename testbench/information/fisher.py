@@ -4,8 +4,9 @@
 
 with exact sensitivities of the linearised aircraft, passed through each sensor's lag, delay and rate; sigma^2 is the
 variance of its noise and of its quantisation, q^2 / 12. An estimator must also estimate offsets of the sensors and
-initial states. They are projected out (the Schur complement), so that output error can reach the bound. E. A. Morelli
-and V. Klein, Journal of Aircraft 27(8), 1990; R. K. Mehra, IEEE Trans. Automatic Control 19, 1974.
+initial states. They are projected out (the Schur complement), so that output error can reach the bound. In turbulence
+sensitivities pass a Kalman filter first, so that filter error can. E. A. Morelli and V. Klein, Journal of Aircraft
+27(8), 1990; R. K. Mehra, IEEE Trans. Automatic Control 19, 1974.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.response import respond
 from testbench.information.aircraft_structure import AircraftStructure
+from testbench.information.turbulence import Turbulence
 from testbench.sensors import Sensor
 from testbench.sensors.sensor import first_order_lag
 
@@ -57,7 +59,8 @@ class Experiment:
         samples: number N of samples of the fastest sensors.
         stride: samples of the inputs per sample of the fastest sensors.
         biases: sensors have an unknown constant offset each.
-        initial_states: the initial state is unknown.
+        initial_states: the initial state is unknown, but for the servos, which rest.
+        turbulence: that shakes the aircraft; None in still air.
 
     Raises:
         EstimationError: a sensor without noise or with a rate that does not fit, sensors that are not the outputs, or
@@ -71,11 +74,13 @@ class Experiment:
     stride: int = 1
     biases: bool = True
     initial_states: bool = False
+    turbulence: Turbulence | None = None
     sigma: FloatArray = field(init=False, repr=False)
     _transforms: NDArray[np.complex128] = field(init=False, repr=False)
     _size: int = field(init=False, repr=False)
     _weight: FloatArray = field(init=False, repr=False)
     _nuisance: FloatArray = field(init=False, repr=False)
+    _white: NDArray[np.complex128] | None = field(init=False, repr=False, default=None)
 
     def __post_init__(self) -> None:
         if tuple(s.channel for s in self.sensors) != self.structure.outputs:
@@ -90,15 +95,29 @@ class Experiment:
         size = next_fast_len(2 * self.samples, real=True)
         transforms = [rfft(p, size, axis=0) for j in range(len(self.structure.inputs)) for p in self._pulses(j)]
         weight = np.stack([self._taken(i) / sigma[i] for i in range(len(self.sensors))], axis=1)
-        nuisance = self._nuisances(weight)
-        for name, value in (
-            ("_transforms", np.stack(transforms)),
-            ("_size", size),
-            ("_weight", weight),
-            ("_nuisance", nuisance),
-            ("sigma", sigma),
-        ):
+        for name, value in (("_transforms", np.stack(transforms)), ("_size", size), ("sigma", sigma)):
             object.__setattr__(self, name, value)
+        self._weigh(weight)
+
+    def _weigh(self, weight: FloatArray) -> None:
+        """Take other weights (N, p): roots of the shares of samples that are delivered, over the noise."""
+        object.__setattr__(self, "_weight", weight)
+        if self.turbulence is not None:
+            had = np.any(weight > 0.0, axis=1)
+            # a sensor that delivers every second sample tells as much as one with twice the variance in each
+            sigma = 1.0 / np.sqrt(np.mean(weight[had] ** 2, axis=0))
+            impulse = self.turbulence.whitener(sigma, self.dt_s * self.stride, self.samples)
+            object.__setattr__(self, "_white", rfft(impulse, self._size, axis=0))
+        object.__setattr__(self, "_nuisance", self._nuisances(weight))
+
+    def _weighed(self, y: FloatArray) -> FloatArray:
+        """Return what sensors show, (N, p, ...), in units of their noise; in turbulence, as white innovations."""
+        if self._white is None:
+            return np.asarray(y * self._weight.reshape(*self._weight.shape, *[1] * (y.ndim - 2)))
+        Y = rfft(y, self._size, axis=0)
+        white = irfft(np.einsum("fij,fj...->fi...", self._white, Y), self._size, axis=0)[: self.samples]
+        white[~np.any(self._weight > 0.0, axis=1)] = 0.0
+        return np.asarray(white)
 
     def _pulses(self, j: int) -> list[FloatArray]:
         """Return per place within a sample of the sensors the responses (N, p (1 + k)) to a pulse on input j there."""
@@ -148,16 +167,14 @@ class Experiment:
         N, p = weight.shape
         columns = []
         if self.biases:
-            columns += [np.eye(p)[i] * weight for i in range(p)]
+            columns += [np.tile(np.eye(p)[i], (N, 1)) for i in range(p)]
         if self.initial_states:
-            n, m = len(self.structure.states), len(self.structure.inputs)
-            u, held = np.zeros((N * self.stride, m)), np.ones(m, bool)
-            r = respond(self.structure, self.structure.true, (), u, self.dt_s, held, np.zeros(n))
-            sensed = np.stack([self._sensed(r.dx0[:, i], i) for i in range(p)], axis=1)[:: self.stride]
-            columns += [sensed[:, :, j] * weight for j in range(n)]
+            felt = start_responses(self.structure, N * self.stride, self.dt_s)
+            sensed = np.stack([self._sensed(felt[:, i], i) for i in range(p)], axis=1)[:: self.stride]
+            columns += [sensed[:, :, j] for j in range(felt.shape[2])]
         if not columns:
             return np.zeros((N * p, 0))
-        X = np.stack([c.ravel() for c in columns], axis=1)
+        X = self._weighed(np.stack(columns, axis=2)).reshape(N * p, -1)
         U, s, _ = np.linalg.svd(X / np.maximum(np.linalg.norm(X, axis=0), 1e-300), full_matrices=False)
         return np.asarray(U[:, s > 1e-10 * s[0]])
 
@@ -175,8 +192,7 @@ class Experiment:
 
     def _weighted_by(self, weight: FloatArray) -> Experiment:
         out = copy(self)
-        object.__setattr__(out, "_weight", weight)
-        object.__setattr__(out, "_nuisance", self._nuisances(weight))
+        out._weigh(weight)
         return out
 
     def response(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -200,7 +216,23 @@ class Experiment:
 
     def sensitivities(self, u: FloatArray) -> FloatArray:
         """Return sensitivities over noise (N, p, k) of an input (N stride, m), nothing projected out."""
-        return np.asarray(self.response(u)[1] * self._weight[:, :, None])
+        return self._weighed(self.response(u)[1])
+
+    def misled(self, u: FloatArray, difference: FloatArray) -> FloatArray:
+        """Return by how much (k,) estimates are off if the sensors show something else than the estimator's model.
+
+        To first order, (S' S)^-1 S' difference, all over noise and nuisances projected out.
+
+        Args:
+            u: (N stride, m) the input.
+            difference: (N, p) shown less modelled, without noise.
+        """
+        W = self.weighted(u)
+        size = np.linalg.norm(W, axis=0)
+        safe = np.where(size > 0.0, size, 1.0)
+        off = self._weighed(difference).ravel()
+        found, *_ = np.linalg.lstsq(W / safe, off, rcond=1e-9)  # W is free of nuisances; so is what it explains
+        return np.asarray(found / safe)
 
     def weighted(self, u: FloatArray) -> FloatArray:
         """Return sensitivities over noise (N p, k) of an input (N stride, m), nuisances projected out."""
@@ -215,6 +247,16 @@ class Experiment:
         shadow = self._nuisance.T @ W
         M = W.T @ W - shadow.T @ shadow
         return np.asarray(0.5 * (M + M.T))
+
+
+def start_responses(structure: AircraftStructure, n: int, dt_s: float) -> FloatArray:
+    """Return what unit initial states do to the outputs over n samples, (n, p, states); servos begin at rest."""
+    m = len(structure.inputs)
+    r = respond(
+        structure, structure.true, (), np.zeros((n, m)), dt_s, np.ones(m, bool), np.zeros(len(structure.states))
+    )
+    moving = [j for j, state in enumerate(structure.states) if state not in structure.followers]
+    return np.asarray(r.dx0[:, :, moving])
 
 
 def accuracy(information: FloatArray) -> Accuracy:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -30,12 +30,27 @@ class Targets:
         values: (t,) true values.
         wanted: (t,) wanted standard errors, same units.
         jacobian: (t, k) derivatives by the parameters.
+        modes: mode -> its pole, or the two real roots that it has split into; those of the names "wn of", "zeta of".
     """
 
     names: tuple[str, ...]
     values: FloatArray
     wanted: FloatArray
     jacobian: FloatArray
+    modes: Mapping[str, complex | tuple[complex, complex]] = field(default_factory=dict)
+
+    def at(self, structure: AircraftStructure, params: FloatArray) -> FloatArray:
+        """Return the targets (t,) of other parameters (k,), modes by the poles that lie nearest to the true ones."""
+        poles = np.linalg.eigvals(structure.matrices(params).A)
+        none = np.zeros((len(poles), 0))
+        found = dict(zip(structure.parameter_names, params.tolist(), strict=True))
+        for name, aim in self.modes.items():
+            roots = [s for s, _ in _roots(poles, none, aim if isinstance(aim, tuple) else (aim,))]
+            square = (roots[0] * (roots[1] if len(roots) == 2 else np.conj(roots[0]))).real
+            total = (roots[0] + (roots[1] if len(roots) == 2 else np.conj(roots[0]))).real
+            wn = math.sqrt(square) if square > 0.0 else math.nan
+            found |= {f"wn of {name}": wn, f"zeta of {name}": -0.5 * total / wn if wn else math.nan}
+        return np.array([found[name] for name in self.names])
 
     @property
     def gradient(self) -> FloatArray:
@@ -123,7 +138,7 @@ def targets(
             rows.append(row)
     if not names:
         raise EstimationError("a design needs at least one target: parameters or modes")
-    return Targets(tuple(names), np.array(values), np.array(wanted), np.array(rows))
+    return Targets(tuple(names), np.array(values), np.array(wanted), np.array(rows), dict(modes))
 
 
 def _roots(poles: np.ndarray, slopes: np.ndarray, near: Sequence[complex]) -> list[tuple[complex, np.ndarray]]:

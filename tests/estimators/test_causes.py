@@ -8,7 +8,7 @@ import pytest
 from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
 from testbench.estimators.causes import with_causes
-from testbench.estimators.coloured_fit import Stretch, Whitener, normal, regress, samples_lost, settled, solved
+from testbench.estimators.causes.coloured_fit import Stretch, Whitener, normal, regress, samples_lost, settled, solved
 from testbench.estimators.discrete_transfer import in_free_run
 from testbench.estimators.residuals import Autoregression
 from tests.studies.advice_cases import INPUTS, OUTPUTS, WN, fly

@@ -330,6 +330,8 @@ def execute(code: npt.NDArray[np.int64], T: FloatArray, R: FloatArray) -> None: 
             motion.euler_rates(R)
         elif op == 73:
             air.altitudes(R)
+        elif op == 74:
+            motion.held(R, t)
 
 
 @compiled

@@ -133,6 +133,24 @@ def propagate(R: FloatArray) -> None:  # pragma: no cover
 
 
 @compiled
+def held(R: FloatArray, first: int) -> None:  # pragma: no cover
+    """Begin a frame of a flight whose motion is given: :func:`propagate` without what it integrates.
+
+    Args:
+        R: registers.
+        first: of height (ft), phi, theta, psi, velocity (3, ft/s) and rates (3, rad/s), see :func:`place`.
+    """
+    time = R[r.TIME].copy()
+    place(R, R[first], R[first + 1 : first + 4], R[first + 4 : first + 7], R[first + 7 : first + 10])
+    for f in range(LANES):
+        R[r.TIME, f] = time[f] + R[r.DT, f]
+    turn_earth(R)
+    _locate(R)
+    _turn(R)
+    atmosphere(R)
+
+
+@compiled
 def turn_earth(R: FloatArray) -> None:  # pragma: no cover
     """Take cosine and sine of the Earth's angle, by their series within 45 degrees of a quarter turn.
 

@@ -89,6 +89,7 @@ class Op(IntEnum):
     GEOGRAPHY = 71
     EULER_RATES = 72
     ALTITUDES = 73
+    HELD = 74  # in place of PROPAGATE, where the motion is given
     # what is not translated: a fault only if something that flies reads it
     UNKNOWN = 99
 

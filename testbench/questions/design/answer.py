@@ -11,7 +11,9 @@ from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
 from testbench.page.labels import number, shown_unit, symbol
 from testbench.page.words import counted
+from testbench.questions.design.air import LIGHT_KG
 from testbench.questions.design.flown import limit_words
+from testbench.questions.design.realise import CAUSES
 
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
@@ -65,8 +67,14 @@ def worst_target(result: DesignResult, errors: FloatArray) -> int:
 
 def design_sentences(result: DesignResult) -> list[str]:
     """Return the recommendation, most important first; the first sentence is the answer."""
-    out = _verdict(result) + _over_draws(result)
-    out += _shortest(result) + _against_classics(result) + _in_flight(result.best) + _in_the_way(result)
+    out = _verdict(result) + _realised(result) + _over_draws(result)
+    out += (
+        _elsewhere(result)
+        + _shortest(result)
+        + _against_classics(result)
+        + _in_flight(result.best)
+        + _in_the_way(result)
+    )
     out += _modes(result) + _other_suites(result)
     for onset in result.onsets:
         if onset.V_m_s is not None:
@@ -81,7 +89,7 @@ def _verdict(result: DesignResult) -> list[str]:
     best, over = result.best.design, result.best.over
     robust = over is not None and result.scenario.robust
     t = result.problem.targets
-    errors = errors_over(result, over.told.worst) if over is not None and robust else best.errors
+    errors = errors_over(result, over.told.worst) if over is not None and robust else result.best.errors
     k = worst_target(result, errors)
     what = f"the {family_label(best.family)} on the {controls_words(best)} ({best.words}), peak {peak_words(best)}"
     left = f"with a standard error of {error_words(result, errors, k)}"
@@ -95,11 +103,114 @@ def _verdict(result: DesignResult) -> list[str]:
         f"No admissible input found in {result.scenario.duration_s:g} s reaches {reached}; the best is {what}, which "
         f"leaves {t.names[k]} {left}"
     ]
-    if result.obstacles.flights and not robust:
+    if result.obstacles.flights and not robust and not _refuted(result.best):
         out.append(
             f"Flown {result.obstacles.flights} times it would reach them: errors fall with the root of the number of "
             "flights"
         )
+    return out
+
+
+_FIX = {
+    "noise": "Quieter or more sensors, more time or more flights make it smaller",
+    "air": "Calmer air or more flights make it smaller",
+    "curvature": "A smaller amplitude has less of it; so has a structure that bends as the aircraft does",
+    "equations": "Sense the deflection, log the commands faster, or give the estimator what the sensors do",
+    "bias": "More flights do not make it smaller; other air or another input may",
+    "scatter": "More flights make it smaller",
+}
+
+
+def air_words(result: DesignResult) -> str:
+    """Return the air in which designs were realised, and why it is that."""
+    if result.air is None:
+        return "none: realise = 0"
+    given = "air" in result.scenario.model_fields_set
+    rms = result.air.turbulence_rms_m_s
+    if rms == 0.0:
+        return "air without turbulence" + ("" if given else f", as for aircraft of {LIGHT_KG:g} kg and more")
+    text = f"turbulence of {rms:g} m/s vertical rms"
+    return text if given else f"{text}, as for aircraft below {LIGHT_KG:g} kg where [air] is not given"
+
+
+def _realised(result: DesignResult) -> list[str]:
+    """Return what flying and identifying the best design many times says of its promised errors, and of its limits."""
+    r, t = result.best.realised, result.problem.targets
+    if r is None:
+        return ["The errors are promised by information alone and have not been realised: realise = 0"]
+    flights = r.found.n + len(r.found.failed)
+    assert result.identified is not None
+    head = f"Flown, sensed and identified by {result.identified.words} {flights} times in {air_words(result)}"
+    out = []
+    if r.found.n < 3:
+        out.append(f"{head}, it gives {counted(r.found.n, 'estimate')}: no error can be promised")
+    elif not np.any(r.differs):
+        k = worst_target(result, r.headline)
+        out.append(
+            f"{head}, it has the promised errors within what {r.found.n} flights can tell: that of {t.names[k]} is "
+            f"{error_words(result, r.found.rms, k)}, {error_words(result, r.promised, k)} was promised"
+        )
+    else:
+        low, high = r.found.interval()
+        k = int(np.argmax(np.where(r.differs, r.headline / t.wanted, -1.0)))
+        out.append(
+            f"{head}, it has {'all' if r.differs.all() else 'some'} errors otherwise than promised, and the realised "
+            f"ones count: that of {t.names[k]} is {error_words(result, r.found.rms, k)} "
+            f"({error_words(result, low, k)} to {error_words(result, high, k)}), "
+            f"{error_words(result, r.promised, k)} was promised, and the estimator states "
+            f"{error_words(result, r.found.claimed, k)}"
+        )
+    names: dict[str, list[str]] = {}
+    for i, name in enumerate(t.names):
+        if cause := r.cause(i):
+            names.setdefault(cause, []).append(name)
+    for cause, of in names.items():
+        out.append(f"Most of the error of {' and '.join(of)} is {CAUSES[cause]}. {_FIX[cause]}")
+    if r.found.failed:
+        out.append(
+            f"{len(r.found.failed)} of {flights} flights give no estimate; the first: {r.found.failed[0].split(';')[0]}"
+        )
+    if result.best.flown.curbed < 1.0:
+        out.append(
+            f"The amplitude is {100 * result.best.flown.curbed:.0f} % of what the limits allow: a larger one would "
+            "mislead the estimator by more than it tells it"
+        )
+    return out + _margin(result)
+
+
+def _margin(result: DesignResult) -> list[str]:
+    m = result.best.flown.margin
+    if m is None:
+        return []
+    claim = 100.0 * (1.0 - 0.05 ** (1.0 / m.n))
+    limit = limit_words(m.name).removeprefix("the ")
+    text = f"Over {m.n} flights in that air the input meets a limit in {m.met}; the extreme uses "
+    text += f"{100 * m.mean:.0f} +- {100 * m.deviation:.0f} % of the limit on {limit}"
+    if m.lowered < 1.0:
+        text += f", at {100 * m.lowered:.0f} % of the amplitude that still air allows"
+    if m.reach > 1.0:
+        return [f"{text}. No amplitude keeps this limit in this air with {100 * m.probability:g} %: widen it, or wait"]
+    told = f"; the flights alone show less than {claim:.0f} % with 95 % confidence" if m.met == 0 else ""
+    return [f"{text}. The next flight meets it with at most {100 * m.probability:g} % if extremes are normal{told}"]
+
+
+def _elsewhere(result: DesignResult) -> list[str]:
+    out = []
+    for e in result.elsewhere:
+        if e.found is None or e.values is None or e.predicted is None:
+            out.append(f"With the {e.what} nothing can be said: {e.why_not}")
+            continue
+        t = result.problem.targets
+        text = f"With the {e.what}"
+        if e.found.n < 3:
+            out.append(f"{text}, {e.found.n} of {e.found.n + len(e.found.failed)} flights give an estimate")
+        else:
+            k = int(np.argmax(e.found.rms / t.wanted))
+            rms, name = float(e.found.rms[k]), t.names[k]
+            error = f"{number(100.0 * rms / abs(e.values[k]), 2)} %" if is_ratio(name) else number(rms, 2)
+            out.append(f"{text}, the realised error of {name} is {error}")
+        if e.breach:
+            out[-1] += f"; in still air {e.breach}"
     return out
 
 
@@ -132,6 +243,16 @@ def _over_draws(result: DesignResult) -> list[str]:
             f"reached in {over.told.reached} of {n}"
         )
         out += _limits_over_draws(result, over)
+        nominal = None if result.nominal is None else result.ranking[result.nominal]
+        if nominal is not None and nominal.over is not None:
+            more = float(nominal.over.told.costs.max() / over.told.costs.max())
+            out.append(
+                "It is the one that the believed aircraft alone would get, too"
+                if nominal is result.best
+                else f"The design for the believed aircraft alone, the {family_label(nominal.design.family)} "
+                f"({nominal.design.words}), has {number(more, 2)} times its error in the worst of them, within the "
+                "same limits"
+            )
         out.append(
             "No prior is counted in these errors, because output error has none: they are what the flight itself tells"
         )
@@ -167,32 +288,36 @@ def _limit_words(name: str) -> str:
     return f"that on {limit_words(name)}" if name else "one of the aircraft itself, which ends the flight"
 
 
+def _refuted(entry: Ranked) -> bool:
+    """Return whether realised errors contradict what information promises of a design."""
+    return entry.realised is not None and bool(np.any(entry.realised.differs))
+
+
 def _shortest(result: DesignResult) -> list[str]:
     if result.shortest is None:
         return []
     d = result.shortest.design
-    return [
-        f"The shortest record that reaches the wanted accuracy lasts {d.duration_s:.3g} s: a switching signal "
-        f"({d.words}), peak {peak_words(d)}, moves the {controls_words(d)} for "
-        f"{d.end_s - result.problem.start_s:.3g} s"
-    ]
+    what = f"a switching signal ({d.words}), peak {peak_words(d)}, moves the {controls_words(d)} for "
+    what += f"{d.end_s - result.problem.start_s:.3g} s"
+    promised = "" if result.best.realised is None else ", as promised; it has not been realised"
+    return [f"The shortest record that reaches the wanted accuracy lasts {d.duration_s:.3g} s: {what}{promised}"]
 
 
 def _against_classics(result: DesignResult) -> list[str]:
     parts, robust = [], result.scenario.robust
 
     def cost(ranked: Ranked) -> float:
-        """Return the criterion by which designs are ranked."""
+        """Return the criterion by which designs are compared."""
         return float(ranked.over.told.costs.max()) if ranked.over and robust else ranked.design.cost
 
     for family in ("doublet", "3211"):
         ranked = next((r for r in result.ranking if r.design.family == family), None)
-        if ranked is not None and ranked is not result.best:
+        if ranked is not None and ranked is not result.best and np.isfinite(cost(ranked)):
             parts.append(
                 f"the best single {family_label(family)} has {cost(ranked) / cost(result.best):.2g} times its error"
             )
-    over = " over the drawn aircraft" if robust else ""
-    return [f"Compared with the pilots' usual inputs{over}, {' and '.join(parts)}"] if parts else []
+    how = " over the drawn aircraft" if robust else ", as promised" if _refuted(result.best) else ""
+    return [f"Compared with the pilots' usual inputs{how}, {' and '.join(parts)}"] if parts else []
 
 
 def _in_flight(best: Ranked) -> list[str]:
@@ -203,7 +328,7 @@ def _in_flight(best: Ranked) -> list[str]:
         f"{limit_words(tight.name).removeprefix('the ')}, most at t = {tight.t_s:.2f} s"
     )
     if flown.breach:
-        share = 100 * flown.factor / lowered
+        share = 100 * flown.factor / (lowered * flown.curbed)
         text += (
             f"; the amplitude was lowered to {share:.0f} % of what the linearised aircraft allows, "
             f"because at that amplitude {flown.breach}"
@@ -212,6 +337,8 @@ def _in_flight(best: Ranked) -> list[str]:
 
 
 def _in_the_way(result: DesignResult) -> list[str]:
+    if _refuted(result.best):  # by something that the information does not hold
+        return []
     tried = [o for o in result.obstacles.tried if o.cost < 0.9 * result.best.design.cost][:3]
     if not tried:
         return []
@@ -234,6 +361,7 @@ def _other_suites(result: DesignResult) -> list[str]:
     for suite, errors in result.others.items():
         k = worst_target(result, errors)
         verdict = "reaches" if errors[k] <= result.problem.targets.wanted[k] else "does not reach"
+        verdict = f"{verdict}, by information alone," if _refuted(result.best) else verdict
         out.append(
             f"Through the suite {suite} the same input {verdict} the wanted accuracy: the worst error is that of "
             f"{result.problem.targets.names[k]}, {error_words(result, errors, k)} where {wanted_words(result, k)} is "

@@ -1,6 +1,7 @@
 """A design from scenario to ranking.
 
 screen every family -> refine by information -> fly -> scale -> rank -> judge over the aircraft that it may be
+-> keep a margin for the air -> realise: fly, sense and identify the best many times
 """
 
 from __future__ import annotations
@@ -8,23 +9,32 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import ceil
 from typing import Any
 
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.constants import PERCENT
 from testbench.core.errors import EstimationError, LimitError, located
 from testbench.core.record import FloatArray
 from testbench.flight import LinearModel, TrimmedFlight, linearise, load_aircraft
 from testbench.flight.batch.jobs import Simulator, Tally
 from testbench.information.modes import modes_of
 from testbench.line import Report, trim_for
+from testbench.questions.design.air import expected_air
 from testbench.questions.design.build import limits_of, onsets_of, problem_of
 from testbench.questions.design.draws import Draws, OverDraws, draw_aircraft, flown_in, kept_in_all, told
+from testbench.questions.design.elsewhere import Elsewhere, elsewhere
 from testbench.questions.design.flown import Envelope, Flown, fly_designs
+from testbench.questions.design.identified import identified_by
 from testbench.questions.design.limits import Limits
+from testbench.questions.design.margins import with_margins
+from testbench.questions.design.maximin import for_the_worst
+from testbench.questions.design.misled import weighed
 from testbench.questions.design.obstacles import obstacles
 from testbench.questions.design.problem import Design, Problem, seen_in
+from testbench.questions.design.realise import Range, Realised, repeats
 from testbench.questions.design.refine import minimum_time
 from testbench.questions.design.result import DesignResult, Ranked
 from testbench.questions.design.scenario import DesignScenario
@@ -33,6 +43,8 @@ from testbench.sensors import SensorSuite, load_suite
 
 _FLOWN = 7  # designs that are flown,
 _CLASSICS = ("doublet", "3211")  # and these for comparison
+_REALISED = 3  # designs that are realised, at most
+_CLEARLY = 0.7  # of the best design's realised criterion: less is beyond the chance of 20 flights
 
 
 def run_design(
@@ -73,7 +85,8 @@ def run_design(
     suites = [load_suite(name) for name in scenario.suites]
     with located(where, "limits"):
         limits = limits_of(scenario, aircraft, trimmed, onsets)
-        problem = problem_of(scenario, aircraft, trimmed, linear, modes, suites[0], limits)
+        _check_rates(scenario, trimmed, suites[0])
+        problem = problem_of(scenario, aircraft, trimmed, linear, modes, suites[0], limits, starts=True)
         envelope = Envelope.of(limits, problem)
     say("screen every family by spectral energy and information")
     start = time.perf_counter()
@@ -81,22 +94,36 @@ def run_design(
     screened = (len(ranked), time.perf_counter() - start)
     with located(where, "targets"):
         designs = search(problem, say, ranked)
+    with located(where, "draws"):
+        draws = draw_aircraft(scenario, aircraft, problem, suites[0], onsets, designs[0], simulator, tally)
+    further = (
+        for_the_worst(problem, designs, draws, say) if draws is not None and scenario.robust and draws.judged else ()
+    )
     say("fly the designs")
-    taken = [d for k, d in enumerate(designs) if k < _FLOWN or d.family in _CLASSICS]
+    taken = [*(d for k, d in enumerate(designs) if k < _FLOWN or d.family in _CLASSICS), *further]
     flown = fly_designs(aircraft, trimmed, problem, taken, envelope, simulator, tally)
     admissible = sorted((f for f in flown if f.admissible), key=lambda f: f.design.cost)
     if not admissible:
         raise LimitError(f"no design keeps the limits when it is flown: {flown[0].breach}; widen them")
-    with located(where, "draws"):
-        draws = draw_aircraft(scenario, aircraft, problem, suites[0], onsets, admissible[0].design, simulator, tally)
+    believed = next((f.predicted for f in admissible if not any(f.predicted is d for d in further)), None)
     over: list[OverDraws | None] = [None] * len(admissible)
     if draws is not None:
         say(f"judge the designs over {draws.asked} drawn aircraft")
         admissible, over = _over(scenario, aircraft, trimmed, problem, admissible, envelope, draws, simulator, tally)
     shortest = None
+    with located(where, "suites"):
+        range_ = range_of(scenario, aircraft, trimmed, problem, suites[0], simulator, tally)
+    if scenario.realise:
+        say("fly them in the air that is expected")
+        admissible, over = _kept(scenario, range_, admissible, over, envelope)
     if not scenario.robust:  # what the believed aircraft takes least time for is not known to be enough for the others
         say("find the shortest input that reaches the wanted accuracy")
-        shortest = _shortest(problem, ranked, admissible, aircraft, trimmed, envelope, simulator, tally)
+        shortest = _shortest(scenario, problem, ranked, admissible, range_, envelope)
+    realised: dict[int, Realised] = {}
+    there: tuple[Elsewhere, ...] = ()
+    if scenario.realise:
+        admissible, over, realised = _realised(scenario, range_, admissible, over, say)
+        there = elsewhere(scenario, range_, limits, admissible[0].design, repeats(scenario.realise), say)
     best = admissible[0].design
     others = {
         suite.name: _through(scenario, aircraft, trimmed, linear, modes, suite, limits, best) for suite in suites[1:]
@@ -122,7 +149,10 @@ def run_design(
         envelope,
         screened,
         families,
-        tuple(Ranked(f, bands.analyse(f.design.u), o) for f, o in zip(admissible, over, strict=True)),
+        tuple(
+            Ranked(f, bands.analyse(f.design.u), o, realised.get(id(f.design)))
+            for f, o in zip(admissible, over, strict=True)
+        ),
         tuple(f for f in flown if not f.admissible),
         Ranked(shortest, bands.analyse(shortest.design.u)) if shortest else None,
         others,
@@ -130,7 +160,102 @@ def run_design(
         tuple(o for o in onsets if o.V_m_s is not None),
         draws,
         tally,
+        range_.identified,
+        range_.air if scenario.realise else None,
+        there,
+        next((k for k, f in enumerate(admissible) if f.predicted is believed), None) if scenario.robust else None,
     )
+
+
+def _check_rates(scenario: DesignScenario, trimmed: TrimmedFlight, suite: SensorSuite) -> None:
+    """Check that what is designed can be flown and sensed."""
+    rate, wanted = trimmed.rate_hz, suite.rate_hz
+    if scenario.realise and abs(rate / wanted - round(rate / wanted)) > 1e-9:
+        raise LimitError(
+            f"the rate of the suite {suite.name} must divide that of the simulation, {rate:g} Hz, got {wanted:g} Hz; "
+            f"give [simulation] rate_hz = {ceil(rate / wanted) * wanted:g}"
+        )
+
+
+def range_of(
+    scenario: DesignScenario,
+    aircraft: Aircraft,
+    trimmed: TrimmedFlight,
+    problem: Problem,
+    suite: SensorSuite,
+    simulator: Simulator,
+    tally: Tally,
+) -> Range:
+    """Return where designs are flown and identified."""
+    assert problem.deflected is not None
+    air, h_m = expected_air(scenario, aircraft), scenario.condition.h_m
+    moves = air.turbulence_rms_m_s > 0.0
+    identified = identified_by(problem.deflected, suite, problem.servo_lag_s, problem.experiment.samples, moves)
+    targets, seed = problem.targets, scenario.seed
+    return Range(aircraft, trimmed, problem, targets, suite, identified, air, h_m, seed, simulator, tally)
+
+
+def _kept(
+    scenario: DesignScenario,
+    range_: Range,
+    flown: list[Flown],
+    over: list[OverDraws | None],
+    envelope: Envelope,
+) -> tuple[list[Flown], list[OverDraws | None]]:
+    """Return the designs at amplitudes that mislead least and with a margin for the air, best first, each with what it
+    is over the draws.
+    """
+    told = weighed(range_, flown, envelope)
+    pairs = list(zip(told, over, strict=True))
+    if not scenario.robust:  # a robust order is by the worst draw, whose errors grow alike
+        pairs.sort(key=lambda pair: pair[0].design.cost)
+    head = pairs[:_REALISED]  # margins take many flights: those have them that may be recommended
+    kept = _with_margins(scenario, range_, [f for f, _ in head], envelope)
+    head = [(f, o) for f, (_, o) in zip(kept, head, strict=True)]
+    if not scenario.robust:
+        head.sort(key=lambda pair: pair[0].design.cost)
+    pairs = [*head, *pairs[_REALISED:]]
+    return [f for f, _ in pairs], [o for _, o in pairs]
+
+
+def _with_margins(scenario: DesignScenario, range_: Range, flown: Sequence[Flown], envelope: Envelope) -> list[Flown]:
+    """Return designs at amplitudes that keep the limits in the air that is expected, and what they are off by there."""
+    if not range_.moves:
+        return list(flown)
+    kept = with_margins(range_, flown, envelope, scenario.realise, scenario.breach_percent * PERCENT)
+    lower = [k.design is not f.design for k, f in zip(kept, flown, strict=True)]
+    again = iter(range_.off([k.design for k, changed in zip(kept, lower, strict=True) if changed]))
+    return [replace(k, design=next(again)[0]) if changed else k for k, changed in zip(kept, lower, strict=True)]
+
+
+def _realised(
+    scenario: DesignScenario,
+    range_: Range,
+    flown: list[Flown],
+    over: list[OverDraws | None],
+    say: Report,
+) -> tuple[list[Flown], list[OverDraws | None], dict[int, Realised]]:
+    """Return the designs, the best by realised errors first, what each is over the draws, and what was realised.
+
+    Designs are realised in the order of their promises, until no promise of a further one is clearly better than what
+    has been realised, or a few have been. The others keep their order behind. A robust order stays.
+    """
+    n, found = scenario.realise, {}
+    pairs, first = list(zip(flown, over, strict=True)), None
+    for pair in pairs[:_REALISED]:
+        design = pair[0].design
+        if first is not None and (scenario.robust or design.cost > _CLEARLY * first[0]):
+            break
+        say(f"realise the {design.family}: fly and identify it {n} times")
+        found[id(design)] = range_.realised(design, n, say)
+        cost = float(np.max(found[id(design)].headline / range_.targets.wanted))
+        if first is None or cost < _CLEARLY * first[0]:
+            first = cost, pair
+    assert first is not None
+    pairs = [first[1], *(p for p in pairs if p is not first[1])]
+    best = pairs[0][0].design
+    found[id(best)] = range_.certain(best, n, found[id(best)], say)
+    return [f for f, _ in pairs], [o for _, o in pairs], found
 
 
 def _over(
@@ -170,20 +295,19 @@ def _over(
 
 
 def _shortest(
+    scenario: DesignScenario,
     problem: Problem,
     ranked: Sequence[Any],
     flown: Sequence[Flown],
-    aircraft: Aircraft,
-    trimmed: TrimmedFlight,
+    range_: Range,
     envelope: Envelope,
-    simulator: Simulator,
-    tally: Tally,
 ) -> Flown | None:
-    """Return the shortest input that reaches the wanted accuracy in flight, or None.
+    """Return the shortest input that reaches the wanted accuracy in flight, with its margin for the air, or None.
 
     Its first aim allows for the amplitude that the best design lost in flight; if that was not enough, it aims again.
     """
     aim = min(1.0, flown[0].factor)
+    aircraft, trimmed, simulator, tally = range_.aircraft, range_.trimmed, range_.simulator, range_.tally
     for _ in range(2):
         design = minimum_time(problem, ranked, aim)
         if design is None:
@@ -191,6 +315,8 @@ def _shortest(
         (out,) = fly_designs(aircraft, trimmed, problem, [design], envelope, simulator, tally)
         if not out.admissible:
             return None
+        if scenario.realise:
+            (out,) = _with_margins(scenario, range_, weighed(range_, [out], envelope), envelope)
         if out.design.cost <= 1.0:
             return out
         aim *= 0.97 / out.design.cost
@@ -208,5 +334,5 @@ def _through(
     design: Design,
 ) -> FloatArray:
     """Return the standard errors (t,) of the targets that a design gives through another suite."""
-    other = problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits)
+    other = problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, starts=True)
     return seen_in(other, design).errors

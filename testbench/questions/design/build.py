@@ -11,13 +11,17 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD, PERCENT
 from testbench.core.errors import LimitError
+from testbench.core.record import FloatArray
 from testbench.evaluation.envelope import Onset, fly_envelope
 from testbench.evaluation.modes import roots_of
 from testbench.flight import LinearModel, TrimmedFlight
-from testbench.information.aircraft_structure import aircraft_structure, held_accelerations
+from testbench.information.aircraft_structure import AircraftStructure, aircraft_structure, held_accelerations
 from testbench.information.fisher import Experiment
 from testbench.information.modes import elastic_modes
 from testbench.information.targets import needed_parameters, targets
+from testbench.information.turbulence import Turbulence
+from testbench.questions.design.air import expected_air
+from testbench.questions.design.identified import starts_free
 from testbench.questions.design.limits import Limits
 from testbench.questions.design.prediction import Prediction
 from testbench.questions.design.problem import Problem
@@ -27,6 +31,7 @@ from testbench.sensors import Sensor, SensorSuite
 from testbench.sensors.sensor import ACCELEROMETERS
 
 _LOWEST_RATE_HZ = 40.0  # of the inputs
+_FELT = 1e-9  # of an output's unit per unit of a state or input: less is rounding
 
 
 def outputs_of(suite: SensorSuite, aircraft: Aircraft) -> tuple[Sensor, ...]:
@@ -75,10 +80,13 @@ def problem_of(
     suite: SensorSuite,
     limits: Limits,
     whole: Collection[str] = (),
+    starts: bool = False,
 ) -> Problem:
     """Return the design problem of a scenario for one suite.
 
-    The modes ``whole`` among the targets keep frequency and damping ratio where they split into two real roots.
+    The modes ``whole`` among the targets keep frequency and damping ratio where they split into two real roots. With
+    ``starts`` initial states are estimated too, where the estimator of the design does so, and the information is that
+    of the turbulence in which the design will be realised.
 
     Raises:
         TestbenchError: sensors without noise, limits without room, or targets that do not exist.
@@ -106,23 +114,31 @@ def problem_of(
         for s in sensors
         if s.channel in ACCELEROMETERS or s.channel.startswith("az_wing_")
     }
-    structure = aircraft_structure(
-        model,
-        scenario.condition.V_m_s,
-        trimmed.alpha,
-        plane,
-        list(elastic),
-        inputs,
-        [s.channel for s in sensors],
-        free,
-        held,
-    )
+
+    def structure_by(driven: Sequence[str]) -> AircraftStructure:
+        V, alpha, outputs = scenario.condition.V_m_s, trimmed.alpha, [s.channel for s in sensors]
+        return aircraft_structure(model, V, alpha, plane, list(elastic), driven, outputs, free, held)
+
+    structure = structure_by(inputs)
+    felt = np.abs(np.hstack([structure.C0, structure.D0])).max(axis=1) > _FELT
+    if starts and not felt.all():  # the other plane's sensors would cost the estimator time and tell it nothing
+        sensors = tuple(s for s, moves in zip(sensors, felt, strict=True) if moves)
+        structure = structure_by(inputs)
+    deflected = structure_by(scenario.controls)
     of_interest = aimed or {n: p for n, p in modes.items() if n not in elastic.values() and abs(p) > 0.3}
     band = _band(of_interest)
     rate = _input_rate(suite.rate_hz, trimmed.rate_hz, 12.0 * max(abs(p) for p in of_interest.values()) / (2.0 * np.pi))
     per_sample = round(rate / suite.rate_hz)
     samples = int(scenario.duration_s * suite.rate_hz + 1e-9)
-    experiment = Experiment(structure, sensors, 1.0 / rate, samples, per_sample)
+    free_start = starts and starts_free(structure)
+    turbulence = None
+    if starts and scenario.realise:
+        air, V, h = expected_air(scenario, aircraft), scenario.condition.V_m_s, scenario.condition.h_m
+        driven = _noise_of_inputs(deflected, structure, suite)
+        turbulence = Turbulence.of(structure, sensors, air, h, V, trimmed.theta, driven)
+    experiment = Experiment(
+        structure, sensors, 1.0 / rate, samples, per_sample, initial_states=free_start, turbulence=turbulence
+    )
     at = {**trimmed.state, "alpha": trimmed.alpha, "V": scenario.condition.V_m_s, **trimmed.controls}
     prediction = Prediction(linear, scenario.controls, limits, at, 1.0 / rate, samples * per_sample)
     noise = {
@@ -145,7 +161,27 @@ def problem_of(
         scenario.by == "pilot",
         scenario.seed,
         bands,
+        deflected,
+        {c: -1.0 / float(model.A[at_servo, at_servo]) for c, at_servo in _servos(model, scenario.controls).items()},
     )
+
+
+def _noise_of_inputs(deflected: AircraftStructure, structure: AircraftStructure, suite: SensorSuite) -> FloatArray:
+    """Return (states, m) what white noise of unit intensity does through sensed deflections; servos do not feel it."""
+    out = np.zeros((len(structure.states), len(deflected.inputs)))
+    for sensor in suite.sensors:
+        if sensor.channel in deflected.inputs:
+            j = deflected.inputs.index(sensor.channel)
+            density = np.hypot(sensor.noise_std, sensor.quantum / np.sqrt(12.0)) / np.sqrt(
+                sensor.rate_hz or suite.rate_hz
+            )
+            out[: len(deflected.states), j] = density * deflected.B0[:, j]
+    return out
+
+
+def _servos(model: LinearModel, controls: Sequence[str]) -> dict[str, int]:
+    """Return control -> the state of its servo, of those that have one."""
+    return {c: model.states.index(f"servo_{c}") for c in controls if f"servo_{c}" in model.states}
 
 
 def _asked(asked: Any) -> tuple[str, ...]:

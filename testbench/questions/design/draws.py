@@ -25,7 +25,7 @@ from testbench.information.targets import Targets
 from testbench.line import trim_for
 from testbench.questions.design.build import limits_of, problem_of
 from testbench.questions.design.candidates import Candidate
-from testbench.questions.design.flown import Envelope, Flown, Tightest, fly_all, fly_each
+from testbench.questions.design.flown import ABORTED, Envelope, Flown, Tightest, fly_all, fly_each
 from testbench.questions.design.problem import Design, Problem, rescaled, seen_in
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import SensorSuite
@@ -92,6 +92,11 @@ class Told:
     costs: FloatArray
     ratios: FloatArray
     reached: int
+
+    @property
+    def median_cost(self) -> float:
+        """The median criterion over the draws."""
+        return float(np.median(self.costs))
 
     def median(self, k: int) -> float:
         """Return the median of the ratio of target ``k`` over the draws that have it."""
@@ -194,7 +199,7 @@ def _draw(
     linear = linearise(aircraft, trimmed)
     modes = modes_of(linear, aircraft, scenario.plane)
     limits = limits_of(scenario, aircraft, trimmed, onsets)
-    problem = problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, whole)
+    problem = problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, whole, starts=True)
     wanted = dict(zip(believed.names, believed.wanted, strict=True))
     own = problem.targets
     same = np.array([wanted.get(name, w) for name, w in zip(own.names, own.wanted, strict=True)])
@@ -221,11 +226,19 @@ def told(design: Design, draws: Draws, names: Sequence[str]) -> Told:
 
 
 def flown_in(design: Design, draws: Draws, simulator: Simulator, tally: Tally) -> tuple[InDraw, ...]:
-    """Fly a design in the nonlinear simulator with each drawn aircraft, from its own trim."""
+    """Fly a design in the nonlinear simulator with each drawn aircraft, from its own trim.
+
+    Commands that a trim leaves no room for break a limit like any other.
+    """
     of = draws.judged
     models, trims, limits = [d.aircraft for d in of], [d.trimmed for d in of], [d.envelope for d in of]
-    flights = fly_all(models, trims, [design] * len(of), limits, simulator, tally)
-    return tuple(InDraw(tight, broken[0] if broken else "") for _, broken, tight in flights)
+    out = []
+    for flight in fly_each(models, trims, [design] * len(of), limits, simulator, tally):
+        if isinstance(flight, TestbenchError):
+            out.append(InDraw(Tightest("", 1.0 / ABORTED, 0.0), flight.message))
+        else:
+            out.append(InDraw(flight.tightest, flight.broken[0] if flight.broken else ""))
+    return tuple(out)
 
 
 def kept_in_all(

@@ -16,13 +16,14 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import TrimmedFlight
 from testbench.flight.batch.jobs import Job, Simulator, Tally
 from testbench.line import manoeuvre_of
+from testbench.questions.design.candidates import sampled
 from testbench.questions.design.limits import Breach, Limits, breaches
 from testbench.questions.design.problem import Design, Problem, rescaled
 
 _FLIGHTS = 5  # per design
-_ABORTED = 0.6  # factor on the amplitude after a flight that ended before its time
+ABORTED = 0.6  # factor on the amplitude after a flight that ended before its time
 _LOG_HZ = 200.0  # least rate at which flights are held against the limits
-_SHOWN = ("V", "alpha", "q", "theta", "h", "az")
+SHOWN = ("V", "alpha", "q", "theta", "h", "az")
 _FULL = 0.97  # share of a limit from which it counts as used up
 _MOST = 1.5  # factor by which the amplitude may grow over what the linearised aircraft allows
 
@@ -33,6 +34,29 @@ class Tightest(NamedTuple):
     name: str
     share: float
     t_s: float
+
+
+class Margin(NamedTuple):
+    """What flights in turbulence say of a design's limits.
+
+    Attributes:
+        n: flights.
+        probability: that the next one meets the limit, for which the amplitude is chosen.
+        name: of the limit that comes nearest.
+        mean, deviation: of the share of it that a flight's extreme uses.
+        reach: the share that is met with that probability; more than 1 if no amplitude keeps it.
+        met: flights that met some limit.
+        lowered: amplitude over the one that still air allows.
+    """
+
+    n: int
+    probability: float
+    name: str
+    mean: float
+    deviation: float
+    reach: float
+    met: int
+    lowered: float
 
 
 class Flight(NamedTuple):
@@ -54,6 +78,8 @@ class Flown:
         tightest: the limit that is used up most.
         breach: what broke at the predicted amplitude, with its moment; "" if nothing did.
         admissible: whether the flight kept all limits; False after several attempts that did not.
+        margin: what flights in turbulence say; None where the air is still.
+        curbed: amplitude over the one that the limits allow: a larger one would mislead the estimator.
     """
 
     design: Design
@@ -62,6 +88,8 @@ class Flown:
     tightest: Tightest
     breach: str
     admissible: bool
+    margin: Margin | None = None
+    curbed: float = 1.0
 
     @property
     def factor(self) -> float:
@@ -98,18 +126,34 @@ class Envelope:
                 rates[name] = (-float(model.A[row, row]), limits.rate[name])
         return cls(bands, rates, trim)
 
-    def tightest(self, record: FlightRecord) -> Tightest:
-        """Return the limit that a record uses up most."""
-        found = []
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the limits, those on rates behind the others."""
+        return (*self.bands, *(f"rate of {name}" for name in self.rates))
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Channels that a record must have to be held against the limits."""
+        return (*self.bands, *(c for name in self.rates for c in (name, f"{name}_cmd")))
+
+    def _used(self, record: FlightRecord) -> list[FloatArray]:
+        """Return over time (n,) the share of the distance from trim to each limit, in the order of ``names``."""
+        out = []
         for name, (low, high) in self.bands.items():
             x, at = record[name], self.trim.get(name, float(record[name][0]))
-            share = np.where(x > at, (x - at) / (high - at), (at - x) / (at - low))
-            found.append((name, share))
-        for name, (lag, most) in self.rates.items():
-            found.append((f"rate of {name}", self._rate(record, name, lag) / most))
-        name, share = max(found, key=lambda item: float(item[1].max()))
-        k = int(np.argmax(share))
-        return Tightest(name, float(share[k]), float(record.t_s[k]))
+            out.append(np.where(x > at, (x - at) / (high - at), (at - x) / (at - low)))
+        return [*out, *(self._rate(record, name, lag) / most for name, (lag, most) in self.rates.items())]
+
+    def shares(self, record: FlightRecord) -> FloatArray:
+        """Return the largest share that a record uses of each limit, in the order of ``names``."""
+        return np.array([float(share.max()) for share in self._used(record)])
+
+    def tightest(self, record: FlightRecord) -> Tightest:
+        """Return the limit that a record uses up most."""
+        used = self._used(record)
+        i = max(range(len(used)), key=lambda i: float(used[i].max()))
+        k = int(np.argmax(used[i]))
+        return Tightest(self.names[i], float(used[i][k]), float(record.t_s[k]))
 
     def broken(self, record: FlightRecord) -> list[str]:
         """Return every limit that a record breaks, in words, in order of time."""
@@ -169,7 +213,7 @@ def fly_designs(
     Raises:
         TestbenchError: of the first that cannot be flown at all.
     """
-    searches = [_scaled(problem, design) for design in designs]
+    searches = [_scaled(problem, design, _command_room(problem, design, trimmed.rate_hz)) for design in designs]
     wanted = {i: next(search) for i, search in enumerate(searches)}
     out: dict[int, Flown] = {}
     while wanted:
@@ -184,13 +228,13 @@ def fly_designs(
     return [out[i] for i in range(len(designs))]
 
 
-def _scaled(problem: Problem, design: Design) -> Generator[Design, Flight, Flown]:
+def _scaled(problem: Problem, design: Design, room: float) -> Generator[Design, Flight, Flown]:
     """Ask for flights of a design, one after the other, until an amplitude uses up the limits; return the best.
 
     The response is taken as proportional to the amplitude from one flight to the next. For deflections, commands and
     rates this is exact, because servos are linear; the amplitude never grows beyond what they allow.
     """
-    top = _linear_room(problem, design)
+    top = min(_linear_room(problem, design), room)
     factor, low, high, said = min(1.0, top), 0.0, np.inf, ""
     tried = []
     for attempt in range(_FLIGHTS):
@@ -258,7 +302,7 @@ def fly_all(
 def _flight(aircraft: Aircraft, trimmed: TrimmedFlight, design: Design, limits: Envelope) -> Job:
     rate = trimmed.rate_hz
     commands = (f"{name}_cmd" for name in design.controls)
-    names = tuple(dict.fromkeys([*limits.bands, *design.controls, *commands, *_SHOWN]))
+    names = tuple(dict.fromkeys([*limits.bands, *design.controls, *commands, *SHOWN]))
     manoeuvre = manoeuvre_of(design.family, design.specs, design.duration_s, 0.0, rate)
     return Job(aircraft, trimmed, manoeuvre, rate / max(1, int(rate // _LOG_HZ)), names)
 
@@ -267,8 +311,21 @@ def _judged(record: FlightRecord, job: Job, limits: Envelope) -> Flight:
     if record.outcome == "aborted":
         end_s = len(record) / job.log_rate_hz
         text = f"the flight leaves the aircraft's limits at t = {end_s:.2f} s: {record.reason}"
-        return Flight(record, [text], Tightest("", 1.0 / _ABORTED, end_s))
+        return Flight(record, [text], Tightest("", 1.0 / ABORTED, end_s))
     return Flight(record, limits.broken(record), limits.tightest(record))
+
+
+def _command_room(problem: Problem, design: Design, rate_hz: float) -> float:
+    """Return by how much the amplitude may grow before a command meets its limit at the rate that it is flown at.
+
+    Between the samples of the design a multisine or a sweep rises above them.
+    """
+    u, room = sampled(design.specs, problem.controls, design.duration_s, rate_hz), np.inf
+    for j, name in enumerate(problem.controls):
+        k = problem.prediction.names.index(f"command of {name}")
+        top, bottom = max(float(u[:, j].max()), 1e-12), min(float(u[:, j].min()), -1e-12)
+        room = min(room, problem.prediction.high[k] / top, problem.prediction.low[k] / bottom)
+    return float(room) * (1.0 - 1e-5)  # amplitudes are rounded to 1e-6 deg
 
 
 def _linear_room(problem: Problem, design: Design) -> float:

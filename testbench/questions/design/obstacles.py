@@ -9,7 +9,7 @@ import numpy as np
 
 from testbench.information.fisher import cost
 from testbench.questions.design.flown import limit_words
-from testbench.questions.design.problem import Design, Problem
+from testbench.questions.design.problem import Design, Problem, with_off
 
 _QUIET = 0.01  # of a sensor's noise that is left when it is taken away
 _FREE = 1e9  # times a limit
@@ -40,13 +40,15 @@ def obstacles(problem: Problem, design: Design) -> Obstacles:
     """Return what the same input would tell if one sensor had no noise, or one limit were not there.
 
     Each sensor in turn gets a hundredth of its noise. If a limit is taken away, the next one binds. Several flights of
-    one input add up their information: the error falls as the root of their number.
+    one input add up their information: what scatters falls as the root of their number, what the estimates are off by
+    stays.
     """
     experiment, gradient = problem.experiment, problem.targets.gradient
     out = []
     for i, sensor in enumerate(experiment.sensors):
         M = experiment.with_less_noise(i, _QUIET).information(design.u)
-        out.append(Obstacle(f"the noise of {sensor.channel}", cost(M, gradient, problem.criterion)))
+        less = cost(with_off(M, design.off), gradient, problem.criterion)
+        out.append(Obstacle(f"the noise of {sensor.channel}", less))
     prediction = problem.prediction
     deviation = prediction.response(design.u)
     high = np.maximum(deviation.max(axis=0), 1e-150)
@@ -56,6 +58,18 @@ def obstacles(problem: Problem, design: Design) -> Obstacles:
     others = np.delete(rooms, binding)
     gain = min(max(float(others.min()) if others.size else _FREE, 1.0), _FREE)
     words = f"the limit on {limit_words(prediction.names[binding]).removeprefix('the ')}"
-    out.append(Obstacle(words, design.cost / gain))
-    flights = ceil(design.cost**2 * (1.0 - 1e-9)) if np.isfinite(design.cost) else 0
-    return Obstacles(tuple(sorted(out, key=lambda o: o.cost)), flights)
+    off = None if design.off is None else gain * design.off
+    out.append(Obstacle(words, cost(with_off(gain**2 * design.information, off), gradient, problem.criterion)))
+    return Obstacles(tuple(sorted(out, key=lambda o: o.cost)), _flights(problem, design))
+
+
+def _flights(problem: Problem, design: Design) -> int:
+    """Return how many flights together reach the wanted errors; 0 if none do."""
+    alone = cost(design.information, problem.targets.gradient, problem.criterion)
+    if not np.isfinite(alone):
+        return 0
+    off = np.zeros(len(design.information)) if design.off is None else design.off
+    stays = float(np.max(np.abs(problem.targets.gradient @ off)))
+    if stays >= 1.0:
+        return 0
+    return max(1, ceil(alone**2 / (1.0 - stays**2) * (1.0 - 1e-9)))

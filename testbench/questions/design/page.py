@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 from testbench.page.page import Page, source_of
 from testbench.page.words import counted
-from testbench.questions.design.answer import design_sentences, limit_rows
+from testbench.questions.design.answer import air_words, design_sentences, limit_rows
 from testbench.questions.design.figures import design_plates
 from testbench.questions.design.ready import ready_to_fly
-from testbench.questions.design.tables import design_tables, short_ranking
+from testbench.questions.design.tables import design_tables, realised_table, short_ranking
 
 if TYPE_CHECKING:
     from testbench.questions.design.result import DesignResult
@@ -38,13 +38,17 @@ def design_page(result: DesignResult) -> Page:
             ("flown by", f"{scenario.by}, steps of {scenario.shortest_s:g} s or longer"),
             ("time", f"{scenario.duration_s:g} s, the first {scenario.start_s:g} s undisturbed"),
             *([("uncertainty", _drawn_words(result))] if result.draws is not None else []),
+            ("air", air_words(result)),
             ("limits", "; ".join(limit_rows(result))),
             ("estimated", f"{estimated}; everything else is taken as known"),
         ],
         flown=result.tally,
         provenance=[("seed", str(scenario.seed))],
         source=source_of(scenario),
-        terminal=[short_ranking(result)],
+        terminal=[
+            short_ranking(result),
+            *([realised_table(result).without("wanted", "low", "high")] if result.best.realised else []),
+        ],
         closing=[("Ready to fly", "testbench run {}/designs/1_*.toml")],
     )
 

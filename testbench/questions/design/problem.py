@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import Control, Input
+from testbench.information.aircraft_structure import AircraftStructure
 from testbench.information.fisher import Criterion, Experiment, accuracy, cost
 from testbench.information.targets import Targets
 from testbench.questions.design.candidates import Candidate, sampled
@@ -32,6 +34,8 @@ class Problem:
         by_hand: a pilot flies.
         seed: of random starts.
         bands: the modes that candidates are screened for by spectral energy; None: by information alone.
+        deflected: the structure of the experiment, driven by deflections: without servos.
+        servo_lag_s: control -> time constant of its servo, of those that have one.
     """
 
     experiment: Experiment
@@ -46,11 +50,20 @@ class Problem:
     by_hand: bool
     seed: int = 0
     bands: ModeBands | None = None
+    deflected: AircraftStructure | None = None
+    servo_lag_s: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def rate_hz(self) -> float:
         """Rate of the inputs, Hz."""
         return 1.0 / self.experiment.dt_s
+
+    def until(self, duration_s: float) -> Experiment:
+        """Return the experiment that ends after a time, or with the manoeuvre."""
+        experiment = self.experiment
+        if duration_s < self.duration_s:
+            return experiment.until(round(duration_s / experiment.dt_s / experiment.stride))
+        return experiment
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +77,11 @@ class Design:
         u: (samples, m) what is commanded, deviation from trim.
         limit: the limit that binds.
         cost: the criterion, in wanted errors; 1 or less reaches them.
-        errors: (t,) predicted standard errors of the targets.
+        errors: (t,) predicted errors of the targets: standard errors, and what they are off by if that is known.
         information: (k, k) Fisher information.
         end_s: when the last input ends, s.
         duration_s: when the record ends, s.
+        off: (k,) what the estimates of the parameters are off by without any noise; None: not asked.
     """
 
     family: str
@@ -81,6 +95,7 @@ class Design:
     information: FloatArray
     end_s: float
     duration_s: float
+    off: FloatArray | None = None
 
     @property
     def peak(self) -> FloatArray:
@@ -144,13 +159,42 @@ def seen_in(problem: Problem, design: Design) -> Design:
     return _told(problem, design.family, design.words, design.specs, u, design.limit, design.duration_s)
 
 
+def misled(problem: Problem, design: Design, off: FloatArray) -> Design:
+    """Return a design that tells of estimates that are off by ``off`` (k,), parameters, without any noise.
+
+    Errors and criterion are those of the mean square M^-1 + off off', M the information.
+    """
+    M, targets = design.information, problem.targets
+    by = targets.jacobian @ off
+    variance = targets.errors(accuracy(M))
+    square = cost(with_off(M, off), targets.gradient, problem.criterion)
+    return replace(design, cost=square, errors=np.hypot(variance, by), off=off)
+
+
+def best_share(problem: Problem, design: Design, off: FloatArray) -> float:
+    """Return the share of a design's amplitude at which its criterion is least, if ``off`` (k,) grows with it.
+
+    Sensitivities grow with the amplitude, what bends with its square.
+    """
+    shares = np.geomspace(1.0, 0.1, 24)
+    costs = [
+        cost(with_off(r**2 * design.information, r * off), problem.targets.gradient, problem.criterion) for r in shares
+    ]
+    return float(shares[int(np.argmin(costs))])
+
+
+def with_off(M: FloatArray, off: FloatArray | None) -> FloatArray:
+    """Return the inverse of M^-1 + off off' (Sherman and Morrison); M if it is not known."""
+    if off is None:
+        return M
+    felt = M @ off
+    return np.asarray(M - np.outer(felt, felt) / (1.0 + float(off @ felt)))
+
+
 def _told(
     problem: Problem, family: str, words: str, specs: tuple[Input, ...], u: FloatArray, limit: str, duration_s: float
 ) -> Design:
-    experiment = problem.experiment
-    if duration_s < problem.duration_s:
-        experiment = experiment.until(round(duration_s / experiment.dt_s / experiment.stride))
-    M = experiment.information(u)
+    M = problem.until(duration_s).information(u)
     moving = np.flatnonzero(np.any(u != 0.0, axis=1))
     return Design(
         family,

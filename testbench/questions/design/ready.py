@@ -11,17 +11,19 @@ from testbench.core.record import FlightRecord
 from testbench.core.toml_text import quoted
 from testbench.page.labels import file_stem, number
 from testbench.questions.design.answer import family_label, is_ratio
+from testbench.questions.design.identified import toml_of
+from testbench.questions.design.promised import FOLDER, promise_of, promise_text
 
 if TYPE_CHECKING:
     from testbench.page.page import Content
     from testbench.questions.design.problem import Design
-    from testbench.questions.design.result import DesignResult
+    from testbench.questions.design.result import DesignResult, Ranked
 
 _DEFAULTS = {"start_s", "repeats", "spacing", "fade_s", "periods", "stride", "first", "powers", "bits", "seed"}
 
 
 def ready_to_fly(result: DesignResult) -> Mapping[str, Content]:
-    """Return the files of every ranked design: designs/NAME.toml, signals/NAME.csv and signals/NAME.mat.
+    """Return the files of every ranked design: designs/NAME.toml, promises/NAME.json, signals/NAME.csv and .mat.
 
     The scenario that asked for them lies beside as design.toml: `testbench plan --from` takes its limits.
     """
@@ -40,6 +42,7 @@ def ready_to_fly(result: DesignResult) -> Mapping[str, Content]:
             t[rows], channels, design.u[rows], "truth", provenance={"signal": "deviation from trim", "held": True}
         )
         out[f"designs/{stem}.toml"] = scenario_toml(result, design)
+        out[f"{FOLDER}/{stem}.json"] = promise_text(promise_of(result, entry))
         out[f"signals/{stem}.csv"] = record.save_csv
         out[f"signals/{stem}.mat"] = record.save_mat
     return out
@@ -49,11 +52,10 @@ def scenario_toml(result: DesignResult, design: Design) -> str:
     """Return a design as the text of a scenario: flown for identification, another input for validation."""
     s = result.scenario
     judge = next((r.design for r in result.ranking if r.design.family != design.family), design)
-    inputs = [c if c in result.suite.channels else f"{c}_cmd" for c in design.controls]
     wings = [] if s.wings == "flexible" else [f'wings = "{s.wings}"']
     rate = [] if s.simulation.rate_hz is None else [f"rate_hz = {s.simulation.rate_hz:g}"]
     lines = [
-        f"# Designed input: {family_label(design.family)}, {design.words}. Predicted standard errors:",
+        f"# Designed input: {family_label(design.family)}, {design.words}. {_told(result, design)}:",
         *(f"#   {text}" for text in _error_lines(result, design)),
         f"title = {quoted(f'{s.title}: {family_label(design.family)}')}",
         f'aircraft = "{s.aircraft}"',
@@ -69,6 +71,7 @@ def scenario_toml(result: DesignResult, design: Design) -> str:
         "[simulation]",
         *rate,
         f"log_rate_hz = {result.problem.rate_hz!r}",
+        *_air_lines(result),
     ]
     for use, one in (("identification", design), ("validation", judge)):
         start = result.problem.start_s
@@ -82,15 +85,36 @@ def scenario_toml(result: DesignResult, design: Design) -> str:
         ]
         for spec in one.specs:
             lines += ["[[manoeuvre.input]]", *_entry(spec, start)]
-    lines += ["", "[identification]", f"inputs = [{', '.join(quoted(i) for i in inputs)}]", *_estimator(result)]
+    assert result.identified is not None
+    lines += ["", *toml_of(result.identified.table, quoted)]
     return "\n".join(lines) + "\n"
 
 
+def _air_lines(result: DesignResult) -> list[str]:
+    """Return the table of the air in which the design was realised, if it moves."""
+    if result.air is None:
+        return []
+    given = result.air.model_dump(exclude_defaults=True)
+    return ["", "[air]", *(f"{k} = {v!r}" for k, v in given.items() if k != "gust")] if given else []
+
+
+def _entry_of(result: DesignResult, design: Design) -> Ranked | None:
+    entries = [*result.ranking, *([result.shortest] if result.shortest else [])]
+    return next((e for e in entries if e.design is design), None)
+
+
+def _told(result: DesignResult, design: Design) -> str:
+    entry = _entry_of(result, design)
+    realised = entry is not None and entry.realised is not None
+    return "Errors to plan with, promised and realised" if realised else "Predicted standard errors"
+
+
 def _error_lines(result: DesignResult, design: Design) -> list[str]:
-    t = result.problem.targets
+    t, entry = result.problem.targets, _entry_of(result, design)
+    errors = design.errors if entry is None else entry.errors
     return [
         f"{name}: {number(100 * e / abs(v))} %" if is_ratio(name) else f"{name}: {number(e)}"
-        for name, e, v in zip(t.names, design.errors, t.values, strict=True)
+        for name, e, v in zip(t.names, errors, t.values, strict=True)
     ]
 
 
@@ -111,24 +135,3 @@ def _value(value: Any) -> str:
     if isinstance(value, str):
         return quoted(value)
     return repr(value) if isinstance(value, int) else repr(float(value))
-
-
-def _estimator(result: DesignResult) -> list[str]:
-    elastic = result.aircraft.flown_modes()
-    names = {m.name for m in elastic.modes} if elastic else set()
-    order = 4 + 2 * sum(m in names for m in result.scenario.targets.modes)
-    if any(s.rate_hz not in (None, result.suite.rate_hz) for s in result.suite.sensors):
-        return [
-            "[[identification.estimators]]",
-            'method = "transfer_function"',
-            f"poles = {order}",
-            "zeros = [1, 2, 3]",
-        ]
-    horizon = max(2 * order, round(0.5 * result.suite.rate_hz))
-    return [
-        "[[identification.estimators]]",
-        'method = "dsr_e"',
-        f"order = {order}",
-        f"past_horizon = {horizon}",
-        f"future_horizon = {horizon}",
-    ]

@@ -9,15 +9,19 @@ import numpy as np
 
 from testbench.aircraft import Aircraft
 from testbench.core.record import FloatArray
+from testbench.core.scenario.air import AirSpec
 from testbench.evaluation.envelope import Onset
 from testbench.flight import LinearModel, TrimmedFlight
 from testbench.flight.batch.jobs import Tally
 from testbench.inputs.signal import energy_spectrum
 from testbench.questions.design.draws import Draws, OverDraws
+from testbench.questions.design.elsewhere import Elsewhere
 from testbench.questions.design.flown import Envelope, Flown
+from testbench.questions.design.identified import Identified
 from testbench.questions.design.limits import Limits
 from testbench.questions.design.obstacles import Obstacles
 from testbench.questions.design.problem import Design, Problem
+from testbench.questions.design.realise import Realised
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.design.spectral_energy import SpectralEnergy
 from testbench.sensors import SensorSuite
@@ -25,16 +29,22 @@ from testbench.sensors import SensorSuite
 
 @dataclass(frozen=True, eq=False)
 class Ranked:
-    """One design as it was flown, what it does to the modes, and over the drawn aircraft if there are any."""
+    """One design as it was flown, what it does to the modes, over the drawn aircraft if there are any, and realised."""
 
     flown: Flown
     energy: SpectralEnergy
     over: OverDraws | None = None
+    realised: Realised | None = None
 
     @property
     def design(self) -> Design:
         """The design at its flown amplitude."""
         return self.flown.design
+
+    @property
+    def errors(self) -> FloatArray:
+        """(t,) the errors to plan with: realised where they contradict the promised ones."""
+        return self.design.errors if self.realised is None else self.realised.headline
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +66,10 @@ class DesignResult:
         onsets: elastic modes that become unstable at some speed.
         draws: the aircraft drawn by the stated uncertainty; None if none are asked for.
         tally: by what all flights were flown.
+        identified: the estimator of the scenarios that it writes.
+        air: in which designs were realised; None if they were not.
+        elsewhere: the best design where the aircraft is another than believed.
+        nominal: of a robust design, the index in the ranking of the one that the believed aircraft alone would get.
     """
 
     scenario: DesignScenario
@@ -77,6 +91,10 @@ class DesignResult:
     onsets: tuple[Onset, ...]
     draws: Draws | None = None
     tally: Tally | None = None
+    identified: Identified | None = None
+    air: AirSpec | None = None
+    elsewhere: tuple[Elsewhere, ...] = ()
+    nominal: int | None = None
 
     @property
     def name(self) -> str:

@@ -6,13 +6,16 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from testbench.core.scenario.base import FlownAt, SuiteName
+from testbench.core.scenario.base import FlownInAir, SuiteName
 from testbench.core.scenario.inputs import Control
 from testbench.core.schema import NonNegative, Positive, Strict
 
 _LONGITUDINAL, _LATERAL = {"de", "thr"}, {"da", "dr"}
 Band = Annotated[tuple[float, float], Field(strict=False)]
 Names = Annotated[tuple[str, ...], Field(strict=False)]
+
+FEWEST = 5
+"""Flights from which errors are counted."""
 
 
 class DesignTargets(Strict):
@@ -60,7 +63,7 @@ class DesignLimits(Strict):
         return self
 
 
-class DesignScenario(FlownAt):
+class DesignScenario(FlownInAir):
     """One design: aircraft, condition, sensor suites, controls that may move, targets, limits.
 
     The input is designed for the first suite; the others show what it would tell them. ``duration_s`` is the longest
@@ -69,6 +72,10 @@ class DesignScenario(FlownAt):
     ``draws`` is how many aircraft are drawn from the uncertainty that the aircraft states of its coefficients; the
     design is judged over them. If it is left out, 20 are drawn of an aircraft that states one, none of another.
     ``robust`` chooses input and amplitude for the worst of them.
+
+    ``realise`` is how often the best design is flown and identified, so that its errors are promised and realised; 0:
+    not at all. The air is that of ``[air]``; if that is left out, light turbulence for aircraft below 25 kg, else
+    still. In turbulence amplitudes are lowered until the next flight meets a limit with ``breach_percent``.
     """
 
     unnamed: ClassVar[str] = "design"
@@ -84,6 +91,8 @@ class DesignScenario(FlownAt):
     allow_above_onset: bool = False
     draws: Annotated[int, Field(ge=0)] | None = None
     robust: bool = False
+    realise: Annotated[int, Field(ge=0)] = 20
+    breach_percent: Annotated[float, Field(gt=0.0, lt=50.0)] = 5.0
     targets: DesignTargets
     limits: DesignLimits = DesignLimits()
 
@@ -91,6 +100,14 @@ class DesignScenario(FlownAt):
     def _robust_over_some(self) -> DesignScenario:
         if self.robust and self.draws == 0:
             raise ValueError("robust = true chooses the input over drawn aircraft: draws >= 1 must hold, got 0")
+        return self
+
+    @model_validator(mode="after")
+    def _enough_flights(self) -> DesignScenario:
+        if 0 < self.realise < FEWEST:
+            raise ValueError(
+                f"realise >= {FEWEST} flights must hold, or 0 for none, got {self.realise}: fewer say nothing of errors"
+            )
         return self
 
     @model_validator(mode="after")

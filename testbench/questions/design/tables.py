@@ -8,7 +8,8 @@ import numpy as np
 
 from testbench.page.labels import number, symbol
 from testbench.page.tables import Column, Table, Value
-from testbench.questions.design.answer import family_label, is_ratio, peak_words
+from testbench.questions.design.answer import air_words, family_label, is_ratio, peak_words
+from testbench.questions.design.realise import FALSE_ALARM, INTERVAL, TRUST
 
 if TYPE_CHECKING:
     from testbench.questions.design.draws import OverDraws
@@ -23,6 +24,8 @@ def design_tables(result: DesignResult) -> list[Table]:
     """Return the ranking, the errors over drawn aircraft, the energy in the modes, the screening, and the obstacles."""
     out = [
         ranking_table(result),
+        realised_table(result),
+        elsewhere_table(result),
         draws_table(result),
         energy_table(result),
         screening_table(result),
@@ -66,7 +69,8 @@ def ranking_table(result: DesignResult) -> Table:
     caption = (
         f"Each design has its largest admissible amplitude in the nonlinear simulator. Criterion "
         f"{result.scenario.criterion}, in units of the wanted errors: at 1 or less they are reached. Standard errors "
-        "are Cramér-Rao bounds for these sensors; sensor offsets and all other free parameters are estimated too."
+        "are Cramér-Rao bounds for these sensors in the air that is expected; sensor offsets, initial states of a "
+        "rigid aircraft and all other free parameters are estimated too. What is realised stands in its own table."
     )
     if drawn:
         caption += " Median and worst: the criterion of the same commands over the drawn aircraft" + (
@@ -126,6 +130,83 @@ def draws_table(result: DesignResult) -> Table:
         "keeps wn = sqrt(s1 s2) and zeta = -(s1 + s2) / (2 wn). No prior is counted: output error has none."
     )
     return Table("draws", "Over the aircraft's own uncertainty", caption, columns, tuple(rows))
+
+
+def realised_table(result: DesignResult) -> Table:
+    """Return promised against realised errors of the designs that were flown and identified; else no rows."""
+    t = result.problem.targets
+    columns = (
+        Column("signal", "signal"),
+        Column("target", "target"),
+        Column("unit", "unit"),
+        Column("wanted", "wanted", digits=2),
+        Column("promised", "promised", digits=2),
+        Column("realised", "rms", "", "realised", digits=2),
+        Column("low", "from", "", "realised", digits=2),
+        Column("high", "to", "", "realised", digits=2),
+        Column("bias", "mean", "", "realised", digits=2),
+        Column("stated", "stated by the estimator", digits=2),
+        Column("flights", "estimates"),
+        Column("failed", "none"),
+        Column("counts", "counts"),
+        Column("headline", "to plan with", digits=2),
+        Column("cause", "most of it"),
+    )
+    rows: list[tuple[Value, ...]] = []
+    entries = [(family_label(e.design.family), e) for e in result.ranking]
+    for label, entry in entries:
+        r = entry.realised
+        if r is None:
+            continue
+        low, high = r.found.interval()
+        for k, name in enumerate(t.names):
+            shown = 100.0 / abs(t.values[k]) if is_ratio(name) else 1.0
+            errors = (t.wanted, r.promised, r.found.rms, low, high, r.found.bias, r.found.claimed, r.headline)
+            *cells, head = (float(shown * e[k]) if np.isfinite(e[k]) else None for e in errors)
+            counts = "realised" if r.differs[k] else "both"
+            unit, flights = "%" if is_ratio(name) else "", (r.found.n, len(r.found.failed))
+            rows.append((label, name, unit, *cells, *flights, counts, head, r.cause(k)))
+    caption = (
+        f"Flown in {air_words(result)}, sensed by the suite and identified by the estimator of the scenario. Promised: "
+        "by information in that air, and by what the estimates are off by without noise. The interval holds "
+        f"{100 * INTERVAL:g} % for normal errors. Realised errors count where they contradict the promise: chi-square, "
+        f"probability of a false alarm {100 * FALSE_ALARM:g} % per design. Elsewhere both count, the promise like "
+        f"{TRUST} flights."
+    )
+    return Table("realised", "Promised and realised", caption, columns, tuple(rows), wide=True)
+
+
+def elsewhere_table(result: DesignResult) -> Table:
+    """Return the errors of the recommended input where the aircraft's fast mode lies elsewhere; else no rows."""
+    t = result.problem.targets
+    columns = (
+        Column("aircraft", "aircraft"),
+        Column("target", "target"),
+        Column("unit", "unit"),
+        Column("value", "true value", digits=3),
+        Column("predicted", "predicted", digits=2),
+        Column("realised", "realised rms", digits=2),
+        Column("bias", "realised mean", digits=2),
+        Column("flights", "estimates"),
+        Column("limit", "limit met"),
+        Column("used", "used", "%", decimals=0),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for e in result.elsewhere:
+        if e.found is None or e.values is None or e.predicted is None or e.tightest is None:
+            continue
+        for k, name in enumerate(t.names):
+            shown = 100.0 / abs(e.values[k]) if is_ratio(name) else 1.0
+            errors = (e.predicted[k], e.found.rms[k], e.found.bias[k])
+            cells = (float(shown * x) if np.isfinite(x) else None for x in errors)
+            limit = (limit_symbol(e.tightest.name), 100.0 * e.tightest.share)
+            rows.append((e.what, name, "%" if is_ratio(name) else "", float(e.values[k]), *cells, e.found.n, *limit))
+    caption = (
+        "The commands of the recommended input with an aircraft that is not the believed one; the estimator is that of "
+        "the scenario, which holds what it does not estimate at the believed values. Limits are those of one flight in "
+        "still air."
+    )
+    return Table("elsewhere", "If the fast mode lies elsewhere", caption, columns, tuple(rows), wide=True)
 
 
 def limit_symbol(name: str) -> str:

@@ -68,6 +68,7 @@ class Criteria:
             effect is the true one. Calibrated, seed 20261206.
         scatter_form: share of their common gain that delay and scatter may leave; lateness is linear only within a
             sample. Calibrated, seed 20261206.
+        false_terms: share of false terms among those that forces and moments are said to follow. Judged.
         off: a nuisance is off if it lies more than so many standard deviations of its prior from 1. Judged.
         far: a nuisance is wrong if it lies more than so many standard deviations of its prior from 1. Judged.
         sure: both need a distance from 1 of so many standard errors, which must be smaller than the prior's. Judged.
@@ -103,6 +104,7 @@ class Criteria:
     scatter_leads: float = 0.7
     scatter_most: float = 0.4
     scatter_form: float = 0.01
+    false_terms: float = 0.01
     off: float = 1.0
     far: float = 2.0
     sure: float = 4.0

@@ -42,6 +42,7 @@ class Naming:
         sentence: the outcome in words.
         rejected: effect that was not fitted -> why.
         measured: nuisance -> (value, standard error) of the re-tuning without any effect, the prior left out.
+        open_set: True if the names are of terms that forces and moments follow, and of no library.
     """
 
     outcome: str
@@ -54,6 +55,7 @@ class Naming:
     sentence: str
     rejected: Mapping[str, str] = field(default_factory=dict)
     measured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    open_set: bool = False
 
     @property
     def noise_left(self) -> bool:

@@ -27,6 +27,7 @@ from testbench.page.plot import (
     time_axis,
 )
 from testbench.questions.gap.evidence.locate import BANDS_HZ
+from testbench.questions.gap.evidence.stepwise import followed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from testbench.core.record import FloatArray
     from testbench.questions.gap.ask import GapResult
     from testbench.questions.gap.evidence.locate import ResidualMap
+    from testbench.questions.gap.open_set import FirstLook
     from testbench.questions.gap.result import Shrink
 
 _TOP_ENERGY = 100.0  # residual energies from 1 (noise) to this span the colour scale
@@ -42,6 +44,7 @@ _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
 _BEFORE_DASH, _AFTER_DASH, _FLOOR_DASH = (0, (5, 1.5)), "-", (0, (2, 2))  # told apart in grey print too
 _MODELS = (("believed model", _BEFORE, _BEFORE_DASH), ("amended model", _AFTER, _AFTER_DASH))
 _MOST_FORCES = 3  # manoeuvres side by side
+_SMALL_COEFFICIENT = 0.02  # below it a coefficient is drawn a thousand times as large
 _SEGMENTS = 8  # of a residual spectrum, averaged
 
 
@@ -51,6 +54,8 @@ def gap_plates(result: GapResult) -> list[Plate]:
     out += [_map_plate(result), _region_plate(result)] if result.finding.regions else [_map_plate(result)]
     if result.finding.forces:
         out.append(_force_plate(result))
+    if result.finding.first is not None and result.finding.first.terms:
+        out.append(_term_plate(result, result.finding.first))
     if any(f.gain > 0.0 for f in result.finding.naming.ranking):
         out.append(_ranking_plate(result))
     if result.finding.changed:
@@ -175,6 +180,44 @@ def _force_plate(result: GapResult) -> Plate:
         )
     )
     return Plate("equation_errors", "Forces and moments without a cause", caption, make)
+
+
+def _term_plate(result: GapResult, first: FirstLook) -> Plate:
+    """Return the error of a coefficient beside the surest term, a panel per record: those that the term moves most."""
+    best = first.terms[0]
+    every = followed(result.finding.believed, first.flights, first.terms, best.coefficient)
+    most = sorted(every, key=lambda f: -float(np.std(f.terms)))[:_MOST_FORCES]
+    shown = [f for f in every if f in most]
+
+    def make(wide: bool) -> Figure:
+        """Draw errors and terms over time."""
+        columns, rows = (len(shown), 1) if wide else (1, len(shown))
+        handles = line_handles([], [("felt less model", MEASURED), ("terms found", _AFTER, _AFTER_DASH)])
+        top = legend_in([h.get_label() for h in handles], wide) + 0.4
+        gap = 0.75
+        figure = new_figure(wide, top + 1.7 * rows + gap * (rows - 1) + 0.55)
+        panels = grid(figure, top, [1.7] * rows, (1.0,) * columns, gap_in=gap, between_in=0.6).ravel()
+        high = max(float(np.abs(f.error).max()) for f in shown)
+        times = 1000.0 if high < _SMALL_COEFFICIENT else 1.0
+        shown_as = f"{'1000 ' if times > 1.0 else ''}Δ{best.coefficient}"
+        for i, (axes, f) in enumerate(zip(panels, shown, strict=True)):
+            axes.axhspan(-2.0 * times * f.noise, 2.0 * times * f.noise, color=BAND)
+            axes.plot(f.t_s, times * f.error, color=MEASURED, linewidth=1.0)
+            axes.plot(f.t_s, times * f.terms, color=_AFTER, linewidth=1.5)
+            axes.set_ylim(-1.05 * times * high, 1.05 * times * high)
+            label(axes, "t, s", shown_as if i == 0 or not wide else "", f.name)
+            time_axis(axes)
+        legend(figure, handles)
+        return figure
+
+    names = " and ".join(f.term.label for f in first.terms if f.coefficient == best.coefficient)
+    caption = (
+        f"{best.coefficient} felt by the aircraft less that of the believed model in the motion that was recorded, "
+        f"and what {names} make{'s' if ' and ' not in names else ''} of it, both about their means and below the "
+        "cut-off of the regression. Grey: two standard deviations of what the sensors' noise makes of it. The records "
+        "that it moves most."
+    )
+    return Plate("terms", "The surest term", caption, make)
 
 
 def _map_plate(result: GapResult) -> Plate:

@@ -18,6 +18,7 @@ from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.check import DataCheck
 from testbench.questions.gap.evidence.forces import EquationErrors
 from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
+from testbench.questions.gap.open_set import FirstLook
 from testbench.questions.gap.parameters import WrongParameter, off_parameters
 
 # By so much a simulator may err in the short period and after a power change, in roll and yaw response and in a steady
@@ -96,6 +97,7 @@ class GapFinding:
             noise.
         rest: what another effect would explain of what is left, if that is more than noise and form account for.
         controls: control flights without any effect, if any were asked for.
+        first: what forces and moments say before anything is flown, or None if nobody looked.
         tally: by what the believed and the amended model were flown through every record.
     """
 
@@ -114,6 +116,7 @@ class GapFinding:
     left: Structure | None = None
     rest: Rest | None = None
     controls: Controls | None = None
+    first: FirstLook | None = None
     tally: Tally | None = None
 
     @property
@@ -144,7 +147,8 @@ class GapFinding:
             out += [max(self.regions, key=lambda r: r.contrast).sentence] if self.regions else []
         news = self.check.sentences if self.check is not None and self.check.news else ()
         controls = () if self.controls is None else (self.controls.sentence,)
-        return (*out, *controls, self.air.sentence, *news)
+        first = () if self.first is None else self.first.sentences
+        return (*out, *first, *controls, self.air.sentence, *news)
 
     @property
     def immaterial(self) -> bool:

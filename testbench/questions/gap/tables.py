@@ -6,10 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from testbench.core.words import with_error
 from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table
-from testbench.questions.gap.criteria import FALSE_ALARM
+from testbench.questions.gap.criteria import CRITERIA, FALSE_ALARM
 from testbench.questions.gap.evidence.forces import follows
+from testbench.questions.gap.open_set import FirstLook, title_of
 from testbench.questions.gap.plan import ALIKE, NEEDED
 from testbench.questions.gap.search.hypothesis import FLOWN_STEP, LINEAR_STEP
 
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from testbench.questions.gap.plan import GapPlan
 
 _MOST_PAIRS = 40
+_MOST_INSTEAD = 6
 
 
 def gap_tables(result: GapResult) -> list[Table]:
@@ -71,6 +74,9 @@ def gap_tables(result: GapResult) -> list[Table]:
                 tuple((c, *(100.0 * row.get(q, 0.0) for q in quantities)) for c, row in shares.items()),
             )
         )
+    first = result.finding.first
+    if first is not None and first.terms:
+        out.append(_term_table(first))
     if result.finding.controls is not None:
         out.append(_control_table(result.finding.controls))
     if result.finding.changed:
@@ -102,6 +108,36 @@ def gap_tables(result: GapResult) -> list[Table]:
                 )
             )
     return out
+
+
+def _term_table(first: FirstLook) -> Table:
+    """Return what forces and moments follow."""
+    assert first.found is not None
+    return Table(
+        "terms",
+        "What forces and moments follow",
+        f"Of {first.found.tried} terms of motion, controls and time, those that the coefficients felt at every sample "
+        "follow beyond those of the model; nothing is flown for that. Angles in rad, rates times b/2V or c/2V, the "
+        f"throttle from 0 to 1. Expected share of false terms: below {100.0 * CRITERIA.false_terms:g} %.",
+        (
+            Column("coefficient", "coefficient"),
+            Column("term", "term"),
+            Column("size", "size, with standard error"),
+            Column("words", "in words"),
+            Column("instead", "could as well be"),
+        ),
+        tuple(
+            (
+                f.coefficient,
+                f.term.label,
+                with_error(f.size, f.error),
+                title_of(f.coefficient, f.term),
+                ", ".join(t.label for t, _ in f.instead[:_MOST_INSTEAD]) or "no other term",
+            )
+            for f in first.terms
+        ),
+        wide=True,
+    )
 
 
 def _control_table(controls: Controls) -> Table:

@@ -37,6 +37,7 @@ from testbench.questions.gap.evidence.locate import (
     structure,
 )
 from testbench.questions.gap.flights import flights
+from testbench.questions.gap.open_set import first_look, named_openly
 from testbench.questions.gap.parameters import wrong_parameters
 from testbench.questions.gap.plan import separate
 from testbench.questions.gap.result import GapFinding, Shrink
@@ -99,6 +100,8 @@ def find_gap(
             say("check the instruments against each other")
             ahead.begin("check", instruments)  # the search needs nothing of it
             checked = ahead.take("check", instruments) if ahead.most == 1 else None
+        say("look at forces and moments")
+        first = first_look(believed, records)
         say("listen to the air")
         air = listen(believed, naming_records)
         believed, naming, air = search(believed, naming_records, air, say, effects)
@@ -108,6 +111,10 @@ def find_gap(
         say("look at what is left")
     known = library(believed.suite, believed.aircraft) if effects is None else effects
     naming, unexplained = judged(naming, believed, naming_records, list(held_out.values()), known)
+    if naming.outcome == "unexplained" and first.terms:
+        checked = checked or instruments()  # what instruments do is no force
+        if not checked.news:
+            naming = named_openly(naming, first, believed, naming_records, list(held_out.values()), say)
     beside = None
     if controls:
 
@@ -153,6 +160,7 @@ def find_gap(
         errors=errors,
         left=uneven,
         rest=None if naming.best is None else unexplained,
+        first=first,
         controls=beside,
         tally=_tally(
             [believed, amended] if amended is not believed else [believed], [*records.values(), *held_out.values()]

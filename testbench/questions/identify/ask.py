@@ -122,6 +122,8 @@ def _limits_met(servos: Mapping[str, Servo], estimated: Sequence[str], records: 
 def _notes(description: RecordDescription, cases: Sequence[Case], servos: Mapping[str, Servo]) -> list[str]:
     """Return what was recognised, taken from the aircraft and left out, in sentences."""
     out = []
+    if not any(case.validation for case in cases):
+        out.append("no record is kept back: only those that a model was identified from judge it")
     for case in cases:
         names = str(case.model.settings.get("held", "")).partition(" (recognised")
         if names[1]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from itertools import combinations
 
 from testbench.core.errors import nearest
+from testbench.estimators import METHODS
 from testbench.questions.identify.scenario import RecordDescription
 
 
@@ -18,8 +19,14 @@ def _broken_laws(description: RecordDescription) -> Iterator[str]:
     """Yield what is wrong between the parts of a description that are each right: key, law, value."""
     records, channels = description.record, description.channels
     uses = [record.use for record in records]
-    if "split" not in uses and not {"identification", "validation"} <= set(uses):
-        yield "record: records must include use = 'identification' and 'validation', or one with use = 'split'"
+    if not {"split", "identification"} & set(uses):
+        yield "record: records must include use = 'identification', or one with use = 'split'"
+    judged = [e.method for e in description.identification.estimators if _wants_more(e.method)]
+    if judged and not {"split", "validation"} & set(uses):
+        yield (
+            f"record: {', '.join(dict.fromkeys(judged))} chooses by records that are kept back: records must include "
+            "use = 'validation', or one with use = 'split'"
+        )
     for what, names in (("record", [part for record in records for part in record.parts]), ("channel", channels)):
         for name in sorted({name for name in names if list(names).count(name) > 1}):
             yield f"{what}: names must differ (segments are named NAME_1, NAME_2), got '{name}' more than once"
@@ -47,3 +54,7 @@ def _broken_laws(description: RecordDescription) -> Iterator[str]:
         yield "identification.outputs: there must be an output, but every channel described is an input"
     if description.preparation.bias == "trim" and description.trim_s == 0.0:
         yield "trim_s: must be > 0 where preparation.bias = 'trim', got 0; give it, or take bias = 'mean' or 'trend'"
+
+
+def _wants_more(method: str) -> bool:
+    return method in METHODS and "validation" in METHODS[method].needs

@@ -44,14 +44,14 @@ def _with_amendment(page: Page, amended: Amended) -> Page:
     from testbench.questions.identify.amend.figures import amended_plates
     from testbench.questions.identify.amend.tables import amended_tables
 
-    tables, plates = amended_tables(amended), list(page.plates)
+    tables = amended_tables(amended)
     first, *more = amended_answer(amended)
     lines = answer_lines(page.answer)
     answer = [first, *(line._replace(kind="finding") if line.kind == "lead" else line for line in lines), *more]
     return replace(
         page,
         answer=answer,
-        plates=[*plates[:1], *amended_plates(amended), *plates[1:]],
+        plates=[*amended_plates(amended), *page.plates],
         more_tables=[*page.more_tables, *tables],
         terminal=[
             *page.terminal,

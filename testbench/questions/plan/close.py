@@ -2,13 +2,16 @@
 
 A run is found where the recorded commands, less their mean, are those of a card. With t the command of the card less
 its mean and x the recorded one over as many samples, likeness = 1 - |x - t|^2 / |t|^2; it is 1 for the same command,
-and falls with a wrong amplitude as with a wrong time.
+and falls with a wrong amplitude as with a wrong time. With c = x.t / (|x| |t|), a command of the card's shape alone
+has c^2 near 1: its amplitude, or its sign, is wrong. A run that was broken off has the card's command up to some time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import correlate
@@ -20,6 +23,12 @@ from testbench.questions.plan.result import Card, Plan
 
 _FOUND = 0.5  # judged: below this a movement is no run of a card
 _FAITHFUL = 0.9  # judged: below this the command was not the card's: repeat
+_SHAPE = 0.8  # judged: c^2 from which a movement of another amplitude or sign is a run of a card,
+_GAIN = (0.2, 5.0)  # with an amplitude between these parts of the card's
+_OFF_GAIN = 0.2  # what a factor e of amplitude costs where several cards have one shape,
+_REVERSED = 0.1  # and what the other sign costs: cards are told apart by it
+_BROKEN = 0.4  # of the energy of a command, from which a run that was broken off is recognised
+_AFTER_S = 0.5  # in which the controls are back at trim after it
 _INSIDE = 0.8  # judged: a smaller part of the samples inside a 95 % band is no surprise of noise alone
 
 
@@ -31,11 +40,13 @@ class FlownRun:
         card: that was flown.
         log: name of its file.
         start_s: start of the input on the clock of the record.
-        likeness: of the recorded command to the card's, at most 1.
+        likeness: of the recorded command to the card's, at most 1; of a broken run up to where it was broken off.
         V_m_s: mean airspeed of the settling time; None if the log has none.
         inside: channel -> part of the samples inside the card's 95 % band, deviations from the settling time.
         faults: why it must be repeated, in words; empty if it need not.
         record: from the settling time to the end of the manoeuvre.
+        gain: amplitude of the recorded command over the card's; negative where its sign is the other one.
+        broken_s: when it was broken off, from the start of the input; None if it was not.
     """
 
     card: Card
@@ -46,6 +57,8 @@ class FlownRun:
     inside: dict[str, float]
     faults: tuple[str, ...]
     record: FlightRecord
+    gain: float = 1.0
+    broken_s: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,14 +73,24 @@ class Closed:
         """Return the runs of a card."""
         return [r for r in self.runs if r.card is card]
 
+    def good(self, card: Card) -> list[FlownRun]:
+        """Return the runs of a card that were flown as it says."""
+        return [r for r in self.of(card) if not r.faults]
+
     def missing(self, card: Card) -> int:
         """Return how many good runs of a card are still to be flown."""
-        return max(card.repeats - sum(not r.faults for r in self.of(card)), 0)
+        return max(card.repeats - len(self.good(card)), 0)
 
-    @property
-    def following(self) -> Card | None:
-        """The first card of the build-up that is not flown as often as it should be."""
-        return next((c for c in self.plan.cards if self.missing(c)), None)
+
+class _Match(NamedTuple):
+    """A stretch of a record that may be a run: rank among others, its card, samples, likeness and amplitude."""
+
+    rank: float
+    card: Card
+    start: int
+    length: int
+    likeness: float
+    gain: float
 
 
 def close_plan(plan: Plan, records: Sequence[tuple[str, FlightRecord]]) -> Closed:
@@ -84,23 +107,16 @@ def close_plan(plan: Plan, records: Sequence[tuple[str, FlightRecord]]) -> Close
     cards = [c for c in plan.cards if c.status != "refused"]
     seen = False
     for name, record in records:
-        candidates: list[tuple[float, float, Card, int]] = []
-        for card in cards:
-            found = _likeness(record, card)
-            if found is None:
-                continue
-            seen = True
-            n = round(card.spec.duration_s / record.dt_s)
-            while found.size and (best := float(found.max())) > _FOUND:
-                start = int(found.argmax())
-                candidates.append((best - _off_speed(record, card, start), best, card, start))
-                found[max(start - n + 1, 0) : start + n] = -np.inf
+        moved = [(card, x) for card in cards if (x := _commands(record, card)) is not None]
+        seen = seen or bool(moved)
         taken: list[tuple[int, int]] = []
-        for _, likeness, card, start in sorted(candidates, key=lambda c: -c[0]):
-            end = start + round(card.spec.duration_s / record.dt_s)
-            if all(end <= a or start >= b for a, b in taken):
-                taken.append((start, end))
-                runs.append(_run(plan, card, name, record, start, likeness))
+        for find in (_whole, _broken):  # what is a whole run of some card is no broken one of another
+            found = [m for card, x in moved for m in find(record, card, x)]
+            for m in sorted(found, key=lambda m: -m.rank):
+                end = m.start + m.length
+                if all(end <= a or m.start >= b for a, b in taken):
+                    taken.append((m.start, end))
+                    runs.append(_run(plan, name, record, m))
     if not seen:
         wanted = sorted({f"{c}_cmd" for card in cards for c in card.spec.controls})
         raise RecordError(
@@ -113,37 +129,116 @@ def close_plan(plan: Plan, records: Sequence[tuple[str, FlightRecord]]) -> Close
     return Closed(plan, tuple(names), tuple(runs))
 
 
+def command_of(record: FlightRecord, control: str) -> str | None:
+    """Return the channel that says what was commanded: the command, else the surface; None without both."""
+    return next((c for c in (f"{control}_cmd", control) if c in record), None)
+
+
 def _commands(record: FlightRecord, card: Card) -> FloatArray | None:
     """Return what was commanded (n, m); None if a control was not recorded."""
-    columns = []
-    for control in card.spec.controls:
-        name = next((c for c in (f"{control}_cmd", control) if c in record), None)
-        if name is None:
-            return None
-        columns.append(record[name])
-    return np.column_stack(columns)
+    names = [command_of(record, control) for control in card.spec.controls]
+    return None if None in names else record.columns([n for n in names if n is not None])
 
 
-def _likeness(record: FlightRecord, card: Card) -> FloatArray | None:
-    """Return the likeness of the recorded commands to the card's for every start (k,); None without its controls."""
-    x = _commands(record, card)
+def _target(record: FlightRecord, card: Card) -> FloatArray:
+    """Return what the card commands (n, m), as deviations, at the samples of a record."""
     n = round(card.spec.duration_s / record.dt_s)
-    if x is None:
-        return None
-    if len(x) < n or n < 2:
-        return np.empty(0)
     rows = np.minimum((np.arange(n) * record.dt_s / card.signal.dt_s + 1e-6).astype(int), len(card.signal.u) - 1)
-    energy, error = 0.0, np.zeros(len(x) - n + 1)
-    for j, control in enumerate(card.spec.controls):
-        t = card.signal.u[rows, card.signal.channels.index(control)]
-        t = t - t.mean()
-        y = x[:, j] - x[:, j].mean()
+    return card.signal.u[np.ix_(rows, [card.signal.channels.index(c) for c in card.spec.controls])]
+
+
+class _Compared(NamedTuple):
+    """For every start (k,): products with the card's command (k, m), and the energy of the recorded one (k,)."""
+
+    products: FloatArray
+    energy: FloatArray
+    wanted: float
+
+
+def _compare(x: FloatArray, u: FloatArray) -> _Compared:
+    """Compare recorded commands (N, m) with those of a card (n, m), means removed, at every start."""
+    n, (products, energy, wanted) = len(u), ([], np.zeros(max(len(x) - len(u) + 1, 0)), 0.0)
+    if len(x) < n or n < 2:
+        return _Compared(np.empty((0, u.shape[1])), np.empty(0), 0.0)
+    for j in range(u.shape[1]):
+        t, y = u[:, j] - u[:, j].mean(), x[:, j] - x[:, j].mean()
         total, squares = (np.concatenate([[0.0], np.cumsum(v)]) for v in (y, y**2))
         mean = (total[n:] - total[:-n]) / n
-        own = squares[n:] - squares[:-n] - n * mean**2
-        error += own - 2.0 * correlate(y, t, "valid", "fft") + np.sum(t**2)
-        energy += float(np.sum(t**2))
-    return 1.0 - error / energy if energy > 0.0 else np.empty(0)
+        energy += squares[n:] - squares[:-n] - n * mean**2
+        products.append(correlate(y, t, "valid", "fft"))
+        wanted += float(np.sum(t**2))
+    return _Compared(np.column_stack(products), energy, wanted)
+
+
+def _whole(record: FlightRecord, card: Card, x: FloatArray) -> Iterator[_Match]:
+    """Yield the stretches that have a card's command: as it is, or of another amplitude, or sign."""
+    u = _target(record, card)
+    found = _compare(x, u)
+    if not found.wanted > 0.0:
+        return
+    for signs in product((1.0, -1.0), repeat=u.shape[1]):
+        turned = min(signs) < 0.0
+        gain = found.products @ np.array(signs) / found.wanted
+        with np.errstate(divide="ignore", invalid="ignore"):
+            shape = np.nan_to_num(np.maximum(gain, 0.0) ** 2 * found.wanted / found.energy)
+        likeness = 2.0 * gain - found.energy / found.wanted
+        usable = (shape > _SHAPE) & (gain > _GAIN[0]) & (gain < _GAIN[1])
+        if not turned:
+            usable |= likeness > _FOUND
+        worth = np.where(usable, shape - _OFF_GAIN * np.abs(np.log(np.maximum(gain, 1e-9))), -np.inf)
+        while worth.size and (best := float(worth.max())) > -np.inf:
+            k = int(worth.argmax())
+            off = _off_speed(record, card, k) + _REVERSED * turned
+            same = 2.0 * float(found.products[k].sum()) / found.wanted - float(found.energy[k]) / found.wanted
+            whole = _Match(best - off, card, k, len(u), same, float(gain[k]) * (-1.0 if turned else 1.0))
+            broken = _cut_short(record, card, x, u, k) if not turned and same < _FAITHFUL else None
+            yield whole if broken is None else broken._replace(rank=whole.rank)
+            worth[max(k - len(u) + 1, 0) : k + len(u)] = -np.inf
+
+
+def _broken(record: FlightRecord, card: Card, x: FloatArray) -> Iterator[_Match]:
+    """Yield the stretches that have the beginning of a card's command, and then no more of it."""
+    u = _target(record, card)
+    first = _recognised(u)
+    found = _compare(x, u[:first])
+    if not found.wanted > 0.0:
+        return
+    likeness = 2.0 * found.products.sum(axis=1) / found.wanted - found.energy / found.wanted
+    while likeness.size and float(likeness.max()) > _FAITHFUL:
+        k = int(likeness.argmax())
+        match = _cut_short(record, card, x, u, k)
+        if match is not None:
+            yield match
+        likeness[max(k - first + 1, 0) : k + first] = -np.inf
+
+
+def _recognised(u: FloatArray) -> int:
+    """Return how many samples of a command it takes to recognise a run that was broken off."""
+    energy = np.cumsum(np.sum((u - u.mean(axis=0)) ** 2, axis=1))
+    return int(np.searchsorted(energy, _BROKEN * energy[-1])) + 1
+
+
+def _cut_short(record: FlightRecord, card: Card, x: FloatArray, u: FloatArray, k: int) -> _Match | None:
+    """Return the run at sample ``k`` whose command (n, m) stops early; None if it is none, or goes on otherwise."""
+    same = length = None
+    for n in range(_recognised(u), min(len(u), len(x) - k) + 1):
+        more = _compare(x[k : k + n], u[:n])
+        here = float(2.0 * more.products[0].sum() - more.energy[0]) / more.wanted
+        if here < _FAITHFUL:
+            break
+        same, length = here, n
+    if same is None or length is None or length == len(u) or not _given_back(record, card, x, k, length):
+        return None
+    return _Match(same - _off_speed(record, card, k), card, k, length, same, 1.0)
+
+
+def _given_back(record: FlightRecord, card: Card, x: FloatArray, start: int, n: int) -> bool:
+    """Return whether the controls went back to where they were before a run that was broken off, or the log ends."""
+    after = x[start + n : start + n + max(1, round(_AFTER_S / record.dt_s))]
+    if not len(after):
+        return True
+    peak = np.abs(card.signal.u).max()
+    return bool(np.all(np.abs(np.median(after, axis=0) - x[_settled(record, card, start)].mean(axis=0)) < 0.5 * peak))
 
 
 def _settled(record: FlightRecord, card: Card, start: int) -> slice:
@@ -158,30 +253,43 @@ def _off_speed(record: FlightRecord, card: Card, start: int) -> float:
     return abs(float(record["V"][_settled(record, card, start)].mean()) / card.point.V_m_s - 1.0)
 
 
-def _run(plan: Plan, card: Card, log: str, record: FlightRecord, start: int, likeness: float) -> FlownRun:
-    n = round(card.spec.duration_s / record.dt_s)
+def _run(plan: Plan, log: str, record: FlightRecord, m: _Match) -> FlownRun:
+    card, start = m.card, m.start
     before = _settled(record, card, start)
     t0 = float(record.t_s[start])
-    cut = record.between(float(record.t_s[before.start]), float(record.t_s[start + n - 1]))
+    cut = record.between(float(record.t_s[before.start]), float(record.t_s[start + m.length - 1]) + 0.5 * record.dt_s)
     window = plan.scenario.autopilot.speed_window_m_s
-    faults = []
-    if likeness < _FAITHFUL:
-        faults.append(f"the command was not the card's (likeness {likeness:.2f})")
+    whole = m.length >= round(card.spec.duration_s / record.dt_s)
+    broken = None if whole else m.length * record.dt_s
+    faults = list(_faults_of_command(m, broken))
     V = float(record["V"][before].mean()) if "V" in record else None
     if V is not None and abs(V - card.point.V_m_s) > 2.0 * window:
         faults.append(f"it began at {V:.1f} m/s instead of {card.point.V_m_s:g}")
     bands = {x.channel: (x.low, x.high) for x in card.limits if x.channel in record and x.channel not in "de da dr thr"}
     faults += [b._replace(t_s=b.t_s - t0).sentence for b in breaches(cut, bands)]
-    inside = _inside(record, card, start, before)
+    inside = _inside(record, card, start, m.length, before)
     strange = [name for name, part in inside.items() if part < _INSIDE]
     if strange:
         faults.append(f"the response left its band: {', '.join(strange)}")
-    return FlownRun(card, log, t0, likeness, V, inside, tuple(faults), cut)
+    return FlownRun(card, log, t0, m.likeness, V, inside, tuple(faults), cut, m.gain, broken)
 
 
-def _inside(record: FlightRecord, card: Card, start: int, before: slice) -> dict[str, float]:
-    """Return channel -> part of the samples of a run that lie inside the card's band, as deviations from before it."""
-    n = round(card.spec.duration_s / record.dt_s)
+def _faults_of_command(m: _Match, broken_s: float | None) -> Iterator[str]:
+    if broken_s is not None:
+        yield f"it was broken off after {broken_s:.1f} of {m.card.spec.duration_s:g} s"
+    elif m.gain < 0.0:
+        yield (
+            f"the command was not the card's: it was recorded with the other sign, {100.0 * abs(m.gain):.0f} % of the "
+            "amplitude; a servo is reversed, or the log has another sign than the card"
+        )
+    elif m.likeness < _FAITHFUL:
+        off = abs(m.gain - 1.0) > 1.0 - _FAITHFUL
+        what = f"{100.0 * m.gain:.0f} % of its amplitude" if off else f"likeness {m.likeness:.2f}"
+        yield f"the command was not the card's ({what})"
+
+
+def _inside(record: FlightRecord, card: Card, start: int, n: int, before: slice) -> dict[str, float]:
+    """Return channel -> part of the n samples of a run inside the card's band, as deviations from before it."""
     t = np.arange(n) * record.dt_s
     still = card.t_s < 0.0
     out = {}

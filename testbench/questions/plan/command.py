@@ -146,6 +146,35 @@ def new(
 
 
 @command.command()
+def rehearse(
+    scenario: Annotated[Path, typer.Argument(help="Plan file, or the name of a packaged one.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the logs.")] = Path("logs"),
+    aircraft: Annotated[
+        str | None, typer.Option(help="What flies instead of the plan's aircraft: one that is not as believed.")
+    ] = None,
+    seed: SeedOption = None,
+) -> None:
+    """Fly the runs of a plan in the simulator, in its turbulence and through its sensors, and write a log per flight.
+
+    Example: `testbench plan rehearse my_plan.toml`, then `testbench plan close my_plan.toml logs/*.csv`.
+    """
+    from testbench.flight import load_aircraft
+    from testbench.questions.files import find
+    from testbench.questions.plan.ask import make_plan
+    from testbench.questions.plan.rehearse import rehearse as fly_all
+    from testbench.questions.plan.scenario import PlanScenario
+
+    loaded = PlanScenario.load(find(scenario, "plan"))
+    with stages() as say:
+        plan = make_plan(loaded, progress=say)
+        other = None if aircraft is None else load_aircraft(aircraft, loaded.wings)
+        logs = fly_all(plan, other, loaded.seed if seed is None else seed, say)
+    for flight, record in logs.items():
+        print(f"Log: {record.save_csv(out / f'{loaded.name}_flight_{flight}.csv')}")
+    print(f"Next: testbench plan close {loaded.file} {out}/{loaded.name}_flight_*.csv")
+
+
+@command.command()
 def close(
     scenario: Annotated[Path, typer.Argument(help="Plan file, or the name of a packaged one.", show_default=False)],
     logs: Annotated[list[Path], typer.Argument(help="Logs of its flights.", show_default=False)],
@@ -154,25 +183,31 @@ def close(
         list[str] | None, typer.Option(help="Deflection at full command, deg, e.g. de=20; the aircraft's if left out.")
     ] = None,
 ) -> None:
-    """Find the runs of a plan in the logs of its flights: what was flown, what to repeat, which card is next.
+    """Set a plan against the logs of its flights: promised, realised in simulation, and flown; what is to be repeated.
 
-    Runs are found by the recorded commands and set against the response that their cards expect. The record of each
-    lies in records/. Example: `testbench plan close my_plan.toml flight_1.bin flight_2.bin`.
+    Runs are found by the recorded commands and set against the response that their cards expect. Those of a card are
+    identified together, by the estimator of its design. Records lie in records/, descriptions for `testbench identify`
+    in identify/. Example: `testbench plan close my_plan.toml flight_1.bin flight_2.bin`.
     """
+    from testbench.page.write import check_folder
     from testbench.questions.files import find
     from testbench.questions.importing.ask import import_log, parse_throws
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.plan.close import close_plan
     from testbench.questions.plan.close_page import close_page
+    from testbench.questions.plan.flown_card import identify_cards
     from testbench.questions.plan.scenario import PlanScenario
+    from testbench.questions.plan.verdicts import judge
 
     loaded = PlanScenario.load(find(scenario, "plan"))
     folder = out / f"close_{loaded.name}"
+    check_folder(folder)
     with stages() as say:
         plan = make_plan(loaded, progress=say)
         full = {c: control.full for c, control in plan.aircraft.controls.items() if c != "thr"}
         say("read the logs and find the runs")
         records = [(log.name, import_log(log, throw_rad={**full, **parse_throws(throw or [])}).record) for log in logs]
-        page = close_page(close_plan(plan, records))
+        closed = close_plan(plan, records)
+        page = close_page(judge(closed, identify_cards(closed, folder, say)))
         page.write(folder)
     page.show(console(), folder)

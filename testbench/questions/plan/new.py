@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -78,7 +79,7 @@ def plan_text(
         "#     testbench check THIS_FILE",
         "#     testbench plan THIS_FILE",
         "# Lines with YOURS hold guesses.",
-        f"title = {quoted(f'{name}: flights to identify it from')}",
+        f"title = {quoted(f'{Path(name).name}: flights to identify it from')}",
         'question = "How many flights does it take, and what stays inside the limits?"',
         f"aircraft = {quoted(name)}",
         *wings,

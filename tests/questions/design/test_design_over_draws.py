@@ -29,7 +29,7 @@ FILE = SCENARIOS / "design" / "taurus_short_period.toml"
 
 def scenario(aircraft: object = "taurus", **changes: object) -> DesignScenario:
     content = tomllib.loads(FILE.read_text(encoding="utf-8"))
-    return DesignScenario.of({**content, "aircraft": str(aircraft), "duration_s": 10.0, **changes}, None)
+    return DesignScenario.of({**content, "aircraft": str(aircraft), "duration_s": 10.0, "realise": 0, **changes}, None)
 
 
 @pytest.fixture(scope="module")
@@ -170,3 +170,11 @@ def test_drawn_aircraft_that_cannot_be_flown_are_counted_with_the_reason(tmp_pat
 def test_what_cannot_be_drawn_is_refused(changes, words):
     with pytest.raises(ScenarioError, match=words):
         scenario(**changes)
+
+
+def test_a_robust_design_is_at_least_as_good_in_the_worst_draw_as_the_nominal_one(robust):
+    """Both keep the limits in all draws; designs for the aircraft in which the best does worst are flown, too."""
+    assert robust.nominal is not None
+    nominal = robust.ranking[robust.nominal]
+    assert nominal.over.told.costs.max() >= robust.best.over.told.costs.max()
+    assert any("the believed aircraft alone" in s for s in design_sentences(robust))

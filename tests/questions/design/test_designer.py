@@ -38,7 +38,7 @@ def designed():
 
     def get(name):
         if name not in cache:
-            cache[name] = run_design(DesignScenario.load(FOLDER / f"{name}.toml"))
+            cache[name] = run_design(DesignScenario.load(FOLDER / f"{name}.toml").changed(realise=0))
         return cache[name]
 
     return get
@@ -49,7 +49,7 @@ def shown_modes():
     """The design for the modes of EOLO, without the shortest input that would do, which takes as long again."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("testbench.questions.design.ask._shortest", lambda *_: None)
-        return run_design(DesignScenario.load(FOLDER / "eolo_modes.toml"))
+        return run_design(DesignScenario.load(FOLDER / "eolo_modes.toml").changed(realise=0))
 
 
 def written(tmp_path, name, *changes):
@@ -172,8 +172,12 @@ def test_identification_finds_the_modes_from_the_design_and_not_from_the_papers_
     papers = StandardMultistep(
         signal="3211", control="de", amplitude_deg=1.0, step_s=0.5, pilot=Pilot(rise_s=0.2), start_s=2.0
     )
-    converged, errors = identified(result, [papers], "eolo_no_alpha")
-    assert not converged or errors[:, 0].max() > 0.2
+    try:
+        converged, errors = identified(result, [papers], "eolo_no_alpha")
+    except EstimationError as refused:
+        assert "not identifiable" in refused.message  # noqa: PT017
+    else:
+        assert not converged or errors[:, 0].max() > 0.2
 
 
 def test_faults_are_reported_all_at_once_with_the_nearest_name(tmp_path):
@@ -223,11 +227,11 @@ def test_laws_of_a_design_scenario(tmp_path, change, law):
 def test_above_the_onset_only_when_asked_for(tmp_path):
     fast = ("V_m_s = 16.0", "V_m_s = 20.0")
     with pytest.raises(LimitError, match=r"V_m_s <= onset - margin = 20.* must hold for a design, got 20 m/s") as error:
-        run_design(DesignScenario.load(written(tmp_path, "eolo_short_period", fast)))
+        run_design(DesignScenario.load(written(tmp_path, "eolo_short_period", fast)).changed(realise=0))
     assert "allow_above_onset = true" in str(error.value)
     assert "condition" in str(error.value)
     short = ("duration_s = 20.0", "duration_s = 4.0\nallow_above_onset = true")
-    result = run_design(DesignScenario.load(written(tmp_path, "eolo_short_period", fast, short)))
+    result = run_design(DesignScenario.load(written(tmp_path, "eolo_short_period", fast, short)).changed(realise=0))
     assert result.ranking
     assert result.limits.V_max_m_s is None
 
@@ -238,7 +242,7 @@ def test_unreachable_targets_are_said_with_what_stands_in_the_way(tmp_path):
     file = written(
         tmp_path, "taurus_short_period", ("duration_s = 30.0", "duration_s = 10.0"), ("M_q = 5.0", "M_q = 0.1")
     )
-    result = run_design(DesignScenario.load(file))
+    result = run_design(DesignScenario.load(file).changed(realise=0))
     assert result.best.design.cost > 1.0
     assert result.shortest is None
     text = " ".join(design_sentences(result))
@@ -258,7 +262,7 @@ def test_what_the_sensors_cannot_tell_is_refused_by_name(tmp_path):
     unknown = ("[targets]", f"[targets]\nalso_unknown = {json.dumps(UNKNOWN)}")
     file = written(tmp_path, "taurus_short_period", ('"taurus_8hz"', f'"{suite}"'), unknown)
     with pytest.raises(EstimationError, match="no signal of any family on de tells"):
-        run_design(DesignScenario.load(file))
+        run_design(DesignScenario.load(file).changed(realise=0))
 
 
 def test_a_lateral_design_on_two_controls(tmp_path):
@@ -280,7 +284,7 @@ def test_a_lateral_design_on_two_controls(tmp_path):
         lines += ["[[sensor]]", f'channel = "{channel}"', 'unit = "deg"', 'part = "x"', 'source = "x"']
     suite.write_text("\n".join(lines), encoding="utf-8")
     file.write_text(file.read_text().replace("SUITE", str(suite)), encoding="utf-8")
-    result = run_design(DesignScenario.load(file))
+    result = run_design(DesignScenario.load(file).changed(realise=0))
     assert result.problem.targets.names == ("L_da", "N_dr", "wn of Dutch roll", "zeta of Dutch roll", "wn of roll")
     assert np.all(np.abs(result.best.design.u).max(axis=0) > 0.0)
     assert np.abs(result.best.flown.record["phi"]).max() <= np.radians(45.0)
@@ -318,7 +322,7 @@ def test_modes_carry_the_names_of_the_field(eolo, eolo_trim):
 
 def test_the_same_seed_gives_the_same_design():
     scenario = DesignScenario.load(FOLDER / "taurus_short_period.toml")
-    short = scenario.model_copy(update={"duration_s": 12.0})
+    short = scenario.model_copy(update={"duration_s": 12.0, "realise": 0})
     first, second = run_design(short), run_design(short)
     np.testing.assert_array_equal(first.best.design.u, second.best.design.u)
     assert first.best.design.cost == second.best.design.cost

@@ -110,7 +110,7 @@ def test_obstacles_name_what_would_help(small, ranked):
     words = {o.words for o in found.tried}
     assert "the noise of q" in words
     assert all(o.cost <= d.cost * (1.0 + 1e-9) for o in found.tried)
-    hard = replace(d, cost=2.5)
+    hard = replace(d, information=(d.cost / 2.5) ** 2 * d.information, cost=2.5)
     assert obstacles(small, hard).flights == 7  # 2.5^2 = 6.25
 
 

@@ -22,7 +22,7 @@ from testbench.questions.design.tables import design_tables
 @pytest.fixture(scope="module")
 def designed():
     scenario = DesignScenario.load(SCENARIOS / "design" / "taurus_short_period.toml")
-    return run_design(scenario.model_copy(update={"duration_s": 16.0}))
+    return run_design(scenario.model_copy(update={"duration_s": 16.0, "realise": 0}))
 
 
 @pytest.fixture(scope="module")

@@ -142,6 +142,14 @@ def test_each_law(tmp_path, change, message):
     assert any(message in fault for fault in faults(tmp_path, change))
 
 
+def test_records_may_all_identify_but_for_a_method_that_chooses_by_others(tmp_path):
+    alone = ('use = "validation"', 'use = "identification"')
+    assert len(RecordDescription.load(write(tmp_path, GOOD.replace(*alone))).record) == 2
+    settings = 'method = "dsr_e"\npast_horizon = 5\nfuture_horizon = 5\n'
+    told = faults(tmp_path, alone, (settings, 'method = "srivc"\npoles = [2]\nzeros = [1]\n'))
+    assert any("record: srivc chooses by records that are kept back: records must include" in fault for fault in told)
+
+
 def test_validation_never_sees_what_was_identified_on(tmp_path):
     second = ('file = "two.txt"', 'file = "one.csv"')
     whole = faults(tmp_path, second)

@@ -13,8 +13,10 @@ from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord
 from testbench.questions.plan.ask import make_plan
 from testbench.questions.plan.close import close_plan
-from testbench.questions.plan.close_page import close_answer
+from testbench.questions.plan.close_answer import close_answer
+from testbench.questions.plan.flown_card import FlownCard
 from testbench.questions.plan.scenario import PlanScenario
+from testbench.questions.plan.verdicts import judge
 
 RATE_HZ = 50.0
 CHANNELS = ("V", "alpha", "q", "az", "beta", "p", "r", "phi", "de_cmd", "da_cmd", "dr_cmd")
@@ -53,6 +55,11 @@ def log_of(parts, seed=0, rate_hz=RATE_HZ):
     return FlightRecord(np.arange(len(data)) / rate_hz, CHANNELS, data, "measured")
 
 
+def judged(closed):
+    """The campaign with nothing identified."""
+    return judge(closed, [FlownCard(c, tuple(closed.good(c)), None, False) for c in closed.plan.cards])
+
+
 def test_every_run_is_found_where_it_was_flown_and_at_its_speed(plan):
     slow, slow_da, fast, fast_da = plan.cards
     order = [slow, fast, slow_da, slow, fast_da, fast]
@@ -65,8 +72,8 @@ def test_every_run_is_found_where_it_was_flown_and_at_its_speed(plan):
         starts = [r.start_s for r in closed.of(card)]
         assert min(abs(s - begin - 4.0) for s in starts) < 0.021
         begin += 4.0 + card.spec.duration_s
-    assert closed.following is None
-    assert close_answer(closed)[-1] == ("finding", "every card is flown as often as it should be")
+    assert judged(closed).following is None
+    assert close_answer(judged(closed))[-1] == ("finding", "every card is flown as often as it should be")
     first = closed.runs[0].record
     assert first.duration_s == pytest.approx(slow.spec.settle_s + slow.spec.duration_s - 0.02, abs=0.021)
 
@@ -77,10 +84,10 @@ def test_what_is_missing_and_what_comes_next(plan):
     closed = close_plan(plan, [("one.bin", one), ("two.bin", two)])
     assert [(r.card.number, r.log) for r in closed.runs] == [(1, "one.bin"), (2, "two.bin"), (3, "two.bin")]
     assert [closed.missing(c) for c in plan.cards] == [1, 0, 1, 1]
-    said = dict(close_answer(closed))
-    assert closed.following is slow
+    said = dict(close_answer(judged(closed)))
+    assert judged(closed).following.card is slow
     assert "3 runs of 6 found in 2 logs, 3 as their cards say" in said["lead"]
-    assert any("not flown: card 4" in text for _, text in close_answer(closed))
+    assert any("not flown: card 4" in text for _, text in close_answer(judged(closed)))
     assert said["finding"].startswith("next is card 1")
 
 
@@ -110,6 +117,23 @@ def test_a_run_that_is_not_as_its_card_says_must_be_repeated(plan):
     assert run.V_m_s == pytest.approx(17.0, abs=0.1)
 
 
+def test_two_controls_are_one_run_and_each_has_its_sign():
+    doublet = {"signal": "doublet", "amplitude_deg": 1.5, "period_s": 1.6}
+    entries = [{**doublet, "control": "da", "start_s": 0.5}, {**doublet, "control": "dr", "start_s": 2.5}]
+    both = {"name": "both", "duration_s": 5.0, "repeats": 2, "input": entries}
+    plan = make_plan(PlanScenario.model_validate({**CONTENT, "manoeuvre": [both], "speeds_m_s": [13.0]}))
+    (card,) = plan.cards
+    log = log_of([(card, 1.0), (card, 1.0)])
+    assert [r.faults for r in close_plan(plan, [("x", log)]).runs] == [(), ()]
+    dr, half = np.array(log["dr_cmd"]), len(log) // 2
+    turned = np.where(np.arange(dr.size) < half, 2.0 * dr[0] - dr, dr)
+    first, second = close_plan(plan, [("x", log.with_columns({"dr_cmd": turned}))]).runs
+    assert first.gain == pytest.approx(-1.0, abs=0.05)
+    assert "other sign" in first.faults[0]
+    assert not second.faults
+    assert close_plan(plan, [("x", log.with_columns({"da_cmd": np.zeros(dr.size)}))]).runs[0].faults
+
+
 def test_quiet_flight_and_noise_are_no_runs_and_dropouts_no_faults(plan):
     slow = plan.cards[0]
     record = log_of([(slow, 0.0)])
@@ -118,7 +142,7 @@ def test_quiet_flight_and_noise_are_no_runs_and_dropouts_no_faults(plan):
     for quiet in (record, noisy):
         closed = close_plan(plan, [("x", quiet)])
         assert not closed.runs
-        assert closed.following is slow
+        assert judged(closed).following.card is slow
     full = log_of([(slow, 1.0)])
     marks, data = np.ones(full.data.shape, bool), np.array(full.data)
     lost = CHANNELS.index("q")
@@ -150,6 +174,12 @@ def test_the_command_reads_a_log_and_writes_what_it_found(plan, tmp_path):
     assert "1 run of 2 found in 1 log" in done.stdout
     assert len(list((tmp_path / "close_plan" / "records").glob("*_run_1.nc"))) == 1
     assert (tmp_path / "close_plan" / "report.html").is_file()
+    assert "testbench identify" in done.stdout
+    other = tmp_path / "other.csv"
+    other.write_text("t [s],q [rad/s]\n" + "\n".join(f"{0.02 * i},{0.01 * (i % 7)}" for i in range(200)), "utf-8")
+    strange = command("plan", "close", file, other, "-o", tmp_path)
+    assert strange.returncode == 2
+    assert "must hold a control of its cards (de_cmd), got none in other.csv" in strange.stderr.replace("\n", " ")
     lost = command("plan", "close", file, tmp_path / "nothing.bin", "-o", tmp_path)
     assert lost.returncode == 2
     assert "Traceback" not in lost.stderr

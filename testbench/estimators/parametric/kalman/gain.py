@@ -75,7 +75,7 @@ def steady_covariance(Phi: FloatArray, C: FloatArray, Q: FloatArray, R: FloatArr
         A, G, H = A @ inner[:, :n], G + A @ inner[:, n:] @ A.T, H + 0.5 * (grown + grown.T)
         if not np.all(np.isfinite(H)):
             return np.full((n, n), np.inf)
-        size = np.sqrt(np.maximum(np.diag(H), 0.0))  # rounding may leave a variance of nearly zero below it
+        size = np.sqrt(np.maximum(np.diag(H), 0.0))  # a variance of nothing may round below it
         if np.all(np.abs(grown) <= 1e-15 * np.outer(size, size)):
             break
     return H

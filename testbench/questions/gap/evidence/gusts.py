@@ -13,9 +13,7 @@ from scipy.linalg import expm
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.trajectories import Trajectories
 from testbench.flight import LinearModel
-
-# Channels and states that do not feel the air directly.
-INERTIAL = frozenset({"h", "hdot", "Vg", "phi", "theta", "psi", "v_north", "v_east", "north", "east"})
+from testbench.information.turbulence import INERTIAL
 
 
 @lru_cache(maxsize=128)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.estimators.coloured_fit import settled
+from testbench.estimators.causes.coloured_fit import settled
 from testbench.estimators.residuals import Autoregression
 
 _PAST = 40  # samples of its own past that may explain an input

@@ -1,0 +1,344 @@
+"""The search for causes: the best model of the same kind first, then what explains most of what it leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import chi2
+from scipy.stats import f as f_distribution
+
+from testbench.core.advice import ranked
+from testbench.core.errors import TestbenchError
+from testbench.core.record import FloatArray
+from testbench.estimators.causes import feedback
+from testbench.estimators.causes.board import (
+    CHANCE,
+    MOVED,
+    NUISANCES,
+    RESPONSE,
+    SLOPES,
+    Board,
+    Tried,
+    name_of,
+    width_of,
+)
+from testbench.estimators.causes.coloured_fit import (
+    Regression,
+    Stretch,
+    Whitener,
+    regress,
+    regress_from,
+    regress_plainly,
+    solved,
+)
+from testbench.estimators.causes.found import SLOW, Found
+from testbench.estimators.causes.leavings import (
+    MOVES,
+    Candidate,
+    Data,
+    any_linear,
+    bends,
+    drifts,
+    each,
+    gather,
+    joined,
+    moved_inputs,
+    nuisances,
+    own,
+    slow_response,
+    turned,
+)
+from testbench.estimators.causes.tangent import Direction, directions, feeds_through, moved, moved_poles
+from testbench.estimators.discrete_transfer import TransferFunctionModel, in_free_run
+from testbench.estimators.model import IdentifiedModel
+from testbench.estimators.prediction_error import predict
+from testbench.estimators.residuals import autoregression, ljung_box
+from testbench.estimators.state_space import StateSpaceModel
+
+_CHANCE_LOOP = 0.02  # at most, of the test of feedback, which is not made on held inputs or white residuals
+_SCREEN = 1e-3  # of all regressors at once, before any of them is looked at
+_SHARE = 0.5  # of what any linear response explains: from here on a delay or lag is the better name
+_LAGS_WHITE = 20  # samples over which innovations are tested for colour
+_NAMED = 2  # causes at most
+_STEPS = 5  # of Gauss-Newton towards the best model of the same kind
+_SHARES = (1.0, 0.25, 0.06)  # of a step that are tried
+_SURE = 2.0  # standard deviations that a shift must stand above zero to count
+_LINEAR = {"delay", "lag", "order_too_low"}
+
+
+class _Best(NamedTuple):
+    """The best model of the same kind as that of ``model``: what it leaves, and on which data."""
+
+    model: IdentifiedModel
+    found: list[Direction]
+    data: Data
+    fit: Regression
+
+
+def search(model: IdentifiedModel, data: Data, found: Sequence[Direction]) -> list[Found]:
+    """Return the causes of the residuals, the one that explains most first."""
+    samples = sum(int(s.good.sum()) for s in data.parts)
+    steady_parts = nuisances(model, data)
+    start = regress_from(data.parts, steady_parts, [s.v for s in data.parts])
+    steady = joined(steady_parts, *[c.columns for c in drifts(model, data)])  # a slow pole would else follow a drift
+    still = regress_from(data.parts, steady, [s.v for s in data.parts])
+    loop = _loop(model, data)
+    best = _best_of_its_kind(model, _Best(model, list(found), data, still), steady)
+    data, linear = best.data, any_linear(model, best.data)
+    crooked = {name_of(c): c for c in (*bends(best.model, data), *drifts(model, data))}
+    base = joined(data.slopes, steady_parts)
+    whole = regress(data.parts, joined(base, linear, *[c.columns for c in crooked.values()]))
+    blocks = {SLOPES: data.slopes, NUISANCES: steady_parts, RESPONSE: linear}
+    board = Board(
+        Whitener(whole.noise, data.parts), data.parts, blocks | {name: c.columns for name, c in crooked.items()}
+    )
+    least = board.left(list(board.Z))
+    freedom = max(len(board.e) - len(board.products.g), 1)
+    noise = least / freedom
+    added = len(board.products.g) - len(board.at[SLOPES]) - len(board.at[NUISANCES])
+    chosen: list[Tried] = []
+    also = [SLOPES, NUISANCES]
+    everything = (board.left(also) - least) / noise
+    if f_distribution.sf(max(everything, 0.0) / max(added, 1), max(added, 1), freedom) < _SCREEN:
+        while len(chosen) < _NAMED:
+            now, taken = board.left(also), {t.candidate.code for t in chosen}
+            free = board.left([*also, RESPONSE])
+            tests = len(crooked) + 1
+            tried = [
+                Tried(c, taken_up, taken_up, width_of(c.columns), tests)
+                for name, c in crooked.items()
+                if c.code not in taken
+                for taken_up in [(free - board.left([*also, RESPONSE, name])) / noise]
+            ]
+            if not taken & _LINEAR:
+                response = Candidate("order_too_low", "", 0.0, linear)
+                beside = (board.left([*also, *crooked]) - board.left([*also, *crooked, RESPONSE])) / noise
+                any_response = Tried(response, (now - free) / noise, beside, width_of(linear), tests)
+                if any_response.significant(freedom):
+                    tried.append(_best_linear(best, data, board, also, now, noise, any_response))
+            sure = [t for t in tried if t.significant(freedom) and t.gain(samples) > 0.0]
+            if not sure:
+                break
+            first = max(sure, key=lambda t: t.gain(samples))
+            if first.candidate.code == "drift" and not _sure_of_drift(best.model, data, board, noise, freedom):
+                first = first._replace(candidate=first.candidate._replace(subject=SLOW))
+            chosen.append(first)
+            name = name_of(first.candidate)
+            if first.data is not None:
+                data = first.data
+                board = board.replaced(data.parts, data.slopes, **{name: first.candidate.columns})
+            elif name not in board.Z:
+                name = RESPONSE
+            also = [*also, name]
+    columns = {name: c.columns for name, c in crooked.items()} | {
+        name_of(t.candidate): t.candidate.columns for t in chosen
+    }
+    causes = [c for name, c in columns.items() if name in also] + ([linear] if RESPONSE in also else [])
+    fit = regress(data.parts, joined(data.slopes, steady_parts, *causes)) if chosen else best.fit
+    out = [_measured(model, best, start, fit, t) for t in chosen]
+    if not chosen:  # what a cause leaves moves the best of the kind as well
+        out += [c for c in (_far_from_best(model, best, still), _coloured(model, best)) if c is not None]
+    if loop is not None:  # what else is found presumes inputs that know nothing of the outputs
+        errors, moved_most, relative = _shift(model, best, fit)
+        out.insert(0, loop._replace(errors=errors, moved=moved_most, relative=relative))
+    return out[:_NAMED]
+
+
+def _sure_of_drift(model: IdentifiedModel, data: Data, board: Board, noise: float, freedom: int) -> bool:
+    """Return whether a drift is needed beside all else, and a slow response to the inputs, such as of a phugoid."""
+    slow = board.replaced(data.parts, data.slopes, **{SLOW: slow_response(model, data)})
+    drift = "drift"
+    names = [name for name in slow.Z if name != drift]
+    taken = (slow.left(names) - slow.left([*names, drift])) / noise
+    degrees = len(slow.at[drift])
+    return bool(f_distribution.sf(max(taken, 0.0) / degrees, degrees, freedom) < CHANCE)
+
+
+def _best_of_its_kind(model: IdentifiedModel, first: _Best, nuisances: list[FloatArray]) -> _Best:
+    """Return the model after Gauss-Newton steps of its free run in coloured noise; the first where none helps.
+
+    What noise has done to the estimates of a method that does not minimise the errors of its free run would else look
+    like missing dynamics.
+    """
+    best, reached = first._replace(fit=_stepped(first.data, nuisances)), first.fit.criterion
+    if isinstance(model, TransferFunctionModel):  # whose equation errors may be so biased that no step leads back
+        other = _tried(in_free_run(model, first.data.records), first, nuisances)
+        if other is not None and other[1] < reached:
+            best, reached = other
+    for _ in range(_STEPS):
+        change = best.fit.b[: len(best.found)]
+        if reached - best.fit.criterion < chi2.isf(_SCREEN, max(len(best.found), 1)):
+            break
+        for share in _SHARES:
+            other = _tried(moved(best.model, best.found, share * change), best, nuisances)
+            if other is not None and other[1] < reached:
+                best, reached = other
+                break
+        else:
+            break
+    return best
+
+
+def _tried(model: IdentifiedModel, from_: _Best, nuisances: list[FloatArray]) -> tuple[_Best, float] | None:
+    """Return a model with its data and the criterion of what it leaves; None if it cannot fly the records."""
+    found = directions(model)
+    try:
+        data = gather(model, from_.data.records, found)
+        if len(found) != len(from_.found) or not all(np.all(np.isfinite(s.v)) for s in data.parts):
+            return None
+        reached = regress_from(data.parts, nuisances, [s.v for s in data.parts]).criterion
+        return _Best(model, found, data, _stepped(data, nuisances)), reached
+    except (TestbenchError, np.linalg.LinAlgError):
+        return None
+
+
+def _stepped(data: Data, nuisances: list[FloatArray]) -> Regression:
+    return regress_from(data.parts, joined(data.slopes, nuisances), [s.v for s in data.parts])
+
+
+def _best_linear(
+    best: _Best, data: Data, board: Board, also: list[str], now: float, noise: float, any_response: Tried
+) -> Tried:
+    """Return the delay or lag that explains most, or any linear response if they explain much less than it does."""
+    model, found = best.model, best.found
+    candidates = moved_inputs(model, data)
+    moves = board.replaced(data.parts, data.slopes, **{MOVED: joined(*[c.columns for c in candidates])})
+    left = [moves.left(also, moves.at[MOVED][[i]]) for i in range(len(candidates))]
+    refined = []
+    for code in MOVES:
+        i = min((i for i, c in enumerate(candidates) if c.code == code), key=lambda i: left[i])
+        c = candidates[i]
+        acting = _acting(model, data, found, c)
+        farther = _acting_later(model, acting, c)
+        there = board.replaced(acting.parts, acting.slopes, **{MOVED: farther})
+        at = np.concatenate([*(there.at[n] for n in also), there.at[MOVED]])
+        b, _ = solved(there.products.of(at))
+        unit = model.dt_s if c.code == "delay" else 0.5 * c.amount
+        amount = max(c.amount + unit * float(b[-1]), 0.0)
+        ratio = (now - there.left([*also, MOVED])) / noise
+        refined.append(
+            Tried(
+                c._replace(columns=farther, amount=amount),
+                ratio,
+                min(ratio, any_response.order),
+                2,
+                len(candidates) * any_response.tests,
+                acting,
+            )
+        )
+    first = max(refined, key=lambda t: t.statistic, default=any_response)
+    return first if first.statistic > _SHARE * any_response.statistic else any_response
+
+
+def _acting(model: IdentifiedModel, data: Data, found: Sequence[Direction], c: Candidate) -> Data:
+    """Return the data with the input of a delay or lag moved by it."""
+    move, samples = MOVES[c.code], c.amount / model.dt_s
+    records = [r.with_columns({c.subject: move(r[c.subject], samples)}) for r in data.records]
+    return gather(model, records, found)
+
+
+def _acting_later(model: IdentifiedModel, moved: Data, c: Candidate) -> list[FloatArray]:
+    """Return what another sample of delay, or half as much lag again, would change (p, N, 1) per record."""
+    further = 1.0 if c.code == "delay" else 0.5 * c.amount / model.dt_s
+    return [
+        turned((model.simulate(r.with_columns({c.subject: MOVES[c.code](r[c.subject], further)})) - y)[:, :, None])
+        for r, y in zip(moved.records, moved.simulated, strict=True)
+    ]
+
+
+def _loop(model: IdentifiedModel, data: Data) -> Found | None:
+    """Return feedback, if what is new in an input goes with what any linear response to its past leaves of the outputs.
+
+    The model has no part in it: one that is wrong hides what it is wrong for. Outputs with direct feedthrough follow
+    what is new in an input in any case and are left out.
+    """
+    apart = ~feeds_through(model)
+    if not np.any(apart) or not feedback.testable(data.records, model.inputs):
+        return None
+    p, m = len(model.outputs), len(model.inputs)
+    parts = [
+        Stretch((r.columns(model.outputs) - r.columns(model.outputs)[0]).T * s.good, s.good)
+        for r, s in zip(data.records, data.parts, strict=True)
+    ]
+    lines = [np.stack([np.ones(len(r)), np.linspace(-1.0, 1.0, len(r))], axis=1) for r in data.records]
+    response, steady = any_linear(model, data, 1), own([each(line, p) for line in lines])
+    # by ordinary least squares: a whole flight of gusts is not to be whitened away
+    b, left = regress_plainly(parts, joined(response, steady))
+    width = response[0].shape[2] // (m * p)
+    first = b[: m * width * p].reshape(m, width, p)[:, 0].T  # the response one sample later
+    f = feedback.strongest(
+        [r.columns(model.inputs) for r in data.records],
+        [v[apart] for v in left],
+        [s.good for s in parts],
+        autoregression([v.T for v in left]),
+        first[apart],
+    )
+    if f is None or chi2.sf(f.statistic, f.degrees) * m > _CHANCE_LOOP:
+        return None
+    return Found("closed_loop", model.inputs[f.at], 0.0, f.share, np.nan, "", np.nan, f.statistic, f.degrees)
+
+
+def _measured(model: IdentifiedModel, best: _Best, start: Regression, fit: Regression, t: Tried) -> Found:
+    before = np.sum(np.hstack(start.left) ** 2, axis=1)
+    share = 1.0 - float(np.mean(np.sum(np.hstack(fit.left) ** 2, axis=1) / np.where(before > 0.0, before, 1.0)))
+    errors, moved, relative = (np.nan, "", np.nan) if t.candidate.code == "order_too_low" else _shift(model, best, fit)
+    return Found(
+        t.candidate.code,
+        t.candidate.subject,
+        t.candidate.amount,
+        share,
+        errors,
+        moved,
+        relative,
+        t.statistic,
+        t.degrees,
+    )
+
+
+def _coloured(model: IdentifiedModel, best: _Best) -> Found | None:
+    """Return colour of what the best of the kind leaves, for methods that do not test it, or test their own filter.
+
+    Of a state-space model it is what its predictor leaves, which white process noise does not colour.
+    """
+    if any(getattr(a, "code", "") == "coloured_residuals" and a.severity != "note" for a in ranked(model.advice)):
+        return None
+    if isinstance(model, StateSpaceModel):
+        innovations = [predict(model, record)[1][3 * model.order :] for record in best.data.records]
+    elif model.method == "equation_error":
+        innovations = [left.T for left in best.fit.left]
+    else:
+        return None
+    lags = max(2, min(_LAGS_WHITE, min(len(e) for e in innovations) // 4))
+    p = [min(ljung_box(e[:, i], lags) for e in innovations) for i in range(len(model.outputs))]
+    tests = len(p) * len(innovations)
+    coloured = [name for name, chance in zip(model.outputs, p, strict=True) if chance * tests < CHANCE]
+    if not coloured:
+        return None
+    return Found("coloured_residuals", ", ".join(coloured), 0.0, 0.0, np.nan, "", np.nan, np.nan, lags)
+
+
+def _far_from_best(model: IdentifiedModel, best: _Best, start: Regression) -> Found | None:
+    """Return how far the estimates are from the best of their kind, if the free run errs measurably more for it."""
+    if best.model is model:
+        return None
+    statistic, degrees = start.criterion - best.fit.criterion, len(best.found)
+    before, after = (np.sum(np.hstack(r.left) ** 2, axis=1) for r in (start, best.fit))
+    share = 1.0 - float(np.mean(after / np.where(before > 0.0, before, 1.0)))
+    errors, name, relative = _shift(model, best, best.fit)
+    return Found("far_from_best", "", 0.0, share, errors, name, relative, statistic, degrees)
+
+
+def _shift(model: IdentifiedModel, best: _Best, fit: Regression) -> tuple[float, str, float]:
+    """Return the largest shift over its standard error, whose it is, and relative to the value; the pole's without."""
+    found = best.found
+    b, std = fit.b[: len(found)], fit.std[: len(found)]
+    first = directions(model)
+    error = np.array([d.error for d in first])
+    if len(first) != len(found) or not np.all(np.isfinite(error)):
+        return np.nan, "", moved_poles(model, best.model, found, b)
+    b = b + np.array([d.value for d in found]) - np.array([d.value for d in first])
+    size = np.where(np.abs(b) > _SURE * std, np.abs(b), 0.0) / error
+    i = int(np.argmax(size))
+    return float(size[i]), first[i].name, float(abs(b[i]) / max(abs(first[i].value), 1e-300))

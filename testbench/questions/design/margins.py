@@ -1,0 +1,125 @@
+"""Amplitudes with a margin that the air asks for, from extremes over flights in turbulence.
+
+A design flies several times in turbulence. Of every limit the share used by each flight's extreme has a mean and a
+standard deviation; the amplitude is lowered until mean + k deviations stays inside. With k = t(n - 1, 1 - P)
+sqrt(1 + 1/n) the next flight meets the limit with probability P, if extremes are normal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import t as student
+
+from testbench.core.errors import TestbenchError
+from testbench.flight.air import Air
+from testbench.flight.batch.jobs import Job
+from testbench.line import manoeuvre_of
+from testbench.questions.design.flown import ABORTED, SHOWN, Envelope, Flown, Margin, fly_all
+from testbench.questions.design.problem import Design, rescaled
+from testbench.questions.design.realise import Range
+
+_ROUNDS = 4  # of flights, at most, until the extremes stay inside
+_LEAST = 0.25  # of the amplitude: where less would be needed, the air itself meets the limit
+_LESS = 0.98  # of the amplitude at which mean + k deviations would just meet the limit
+
+
+@dataclass(frozen=True, eq=False)
+class _Extremes:
+    """Share of each limit that each flight's extreme uses, (n, limits), and how many flights met some limit."""
+
+    shares: np.ndarray
+    met: int
+
+
+def with_margins(range_: Range, flown: Sequence[Flown], envelope: Envelope, n: int, probability: float) -> list[Flown]:
+    """Return designs at amplitudes whose extremes stay inside the limits in turbulence, each with its margin.
+
+    The turbulence's part of an extreme is taken as the same at every amplitude from one round of flights to the next.
+
+    Args:
+        range_: where they fly; its air must move.
+        flown: at amplitudes that keep the limits in still air.
+        envelope: the limits.
+        n: flights of each design.
+        probability: that the next flight meets a limit.
+    """
+    k = float(student.ppf(1.0 - probability, n - 1) * np.sqrt(1.0 + 1.0 / n))
+    names = envelope.names
+    designs = [f.design for f in flown]
+    still = [envelope.shares(f.record) for f in flown]
+    factors = np.ones(len(flown))
+    margins: list[Margin | None] = [None] * len(flown)
+    open_ = list(range(len(flown)))
+    for _ in range(_ROUNDS):
+        if not open_:
+            break
+        extremes = _extremes(range_, [designs[i] for i in open_], envelope, n)
+        left = []
+        for i, found in zip(open_, extremes, strict=True):
+            mean, deviation = found.shares.mean(axis=0), found.shares.std(axis=0, ddof=1)
+            reach = mean + k * deviation
+            tight = int(np.argmax(reach))
+            margins[i] = Margin(
+                n,
+                probability,
+                names[tight],
+                float(mean[tight]),
+                float(deviation[tight]),
+                float(reach[tight]),
+                found.met,
+                float(factors[i]),
+            )
+            if reach[tight] <= 1.0 or factors[i] <= _LEAST:
+                continue
+            own = still[i] * factors[i]
+            over = reach > 1.0
+            ratio = (1.0 - (reach - own))[over] / np.maximum(own[over], 1e-9)
+            factors[i] = max(_LEAST, factors[i] * min(_LESS * float(ratio.min()), _LESS))
+            designs[i] = rescaled(range_.problem, flown[i].design, float(factors[i]), names[tight])
+            left.append(i)
+        open_ = left
+    lowered = [i for i in range(len(flown)) if factors[i] < 1.0]
+    again = fly_all(
+        [range_.aircraft] * len(lowered),
+        [range_.trimmed] * len(lowered),
+        [designs[i] for i in lowered],
+        [envelope] * len(lowered),
+        range_.simulator,
+        range_.tally,
+    )
+    out = [replace(f, margin=m) for f, m in zip(flown, margins, strict=True)]
+    for i, flight in zip(lowered, again, strict=True):
+        out[i] = replace(out[i], design=designs[i], record=flight.record, tightest=flight.tightest)
+    return out
+
+
+def _extremes(range_: Range, designs: Sequence[Design], envelope: Envelope, n: int) -> list[_Extremes]:
+    """Return the extremes of each design over the same ``n`` airs."""
+    from testbench.flight.batch.fly import fly_jobs
+
+    airs: list[Air | None] = range_.airs(0, n)
+    rate = range_.trimmed.rate_hz
+    names = tuple(dict.fromkeys([*envelope.channels, *SHOWN]))
+    jobs = [
+        Job(
+            range_.aircraft,
+            range_.trimmed,
+            manoeuvre_of(d.family, d.specs, d.duration_s, 0.0, rate),
+            range_.problem.rate_hz,
+            names,
+            air,
+        )
+        for d in designs
+        for air in airs
+    ]
+    rows = []
+    for record in fly_jobs(jobs, range_.simulator, range_.tally, 1):
+        if isinstance(record, TestbenchError) or record.outcome == "aborted":
+            rows.append(np.full(len(envelope.names), 1.0 / ABORTED))
+        else:
+            rows.append(envelope.shares(record))
+    shares = np.array(rows).reshape(len(designs), n, -1)
+    return [_Extremes(part, int(np.count_nonzero(part.max(axis=1) > 1.0))) for part in shares]

@@ -1,0 +1,141 @@
+"""A plan after its flights in sentences: what was flown and found, what must be repeated, and what comes next."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+
+from testbench.core.constants import PERCENT
+from testbench.page.labels import number
+from testbench.page.words import counted, listed, some
+from testbench.questions.design.answer import is_ratio
+from testbench.questions.plan.result import Card
+from testbench.questions.plan.verdicts import Campaign, JudgedCard, Target
+
+_CHANGED = 3.0  # standard errors from the believed value, from which it is told
+_MOST = 4
+Sentences = Iterator[tuple[str, str]]
+
+
+def close_answer(campaign: Campaign) -> list[tuple[str, str]]:
+    """Return (kind, sentence): what was found, whether promises are kept, what to repeat, and which card is next."""
+    closed, plan = campaign.closed, campaign.plan
+    wanted = sum(c.repeats for c in plan.cards)
+    good = sum(not r.faults for r in closed.runs)
+    logs, found = counted(len(closed.logs), "log"), counted(len(closed.runs), "run")
+    out = [("lead", f"{found} of {wanted} found in {logs}, {good} as their cards say")]
+    out += _verdicts(campaign)
+    never = [str(c.number) for c in plan.cards if c.repeats and not closed.of(c)]
+    if never:
+        out.append(("finding", f"not flown: {'cards' if never[1:] else 'card'} {listed(never)}"))
+    bad = [f"card {r.card.number} at {r.start_s:.1f} s of {r.log} ({r.faults[0]})" for r in closed.runs if r.faults]
+    if bad:
+        out.append(("doubt", f"to be repeated: {some(bad)}"))
+    out += _more_runs(campaign)
+    out += _next(campaign)
+    return out
+
+
+def _all(campaign: Campaign, *verdicts: str) -> list[tuple[JudgedCard, Target]]:
+    return [(c, t) for c in campaign.cards for t in c.targets if t.verdict in verdicts]
+
+
+def _verdicts(campaign: Campaign) -> Sentences:
+    for verdict, words in (("reached", "known as well as promised"), ("found", "found, of which nothing was promised")):
+        told = [_value(c, t) for c, t in _all(campaign, verdict)]
+        if told:
+            yield "finding", f"{words}: {some(told, _MOST, ', ')}"
+    for c, t in _first(_all(campaign, "not reached")):
+        why = f": {t.causes[0]}" if t.causes else ""
+        limit = error_words(t, t.allowed)
+        yield "doubt", f"not as well known as promised: {_value(c, t)}, where {limit} would keep the promise{why}"
+    lost: dict[str, list[str]] = {}
+    for c, t in _all(campaign, "not identifiable"):
+        lost.setdefault(t.causes[0] if t.causes else "", []).append(f"{t.name} of card {c.card.number}")
+    for why, names in list(lost.items())[:_MOST]:
+        yield "doubt", f"not identifiable from these logs: {listed(names)}: {why}"
+    for c in campaign.cards:
+        if c.flown.runs and c.flown.reason and not c.targets:
+            yield "doubt", f"card {c.card.number} is not identified: {c.flown.reason}"
+    for c in campaign.cards:
+        if c.flown.distrusted and any(t.verdict in ("reached", "found") for t in c.targets):
+            assert c.flown.case is not None
+            told_of = "; its like may be in the simulated flights, whose errors are counted" if _simulated(c) else ""
+            advice = c.flown.case.model.advice[0]
+            yield "doubt", f"card {c.card.number}: the estimator distrusts its model: {advice}{told_of}"
+    changed = [(c, t) for c, t in _all(campaign, "reached", "found", "not reached") if abs(t.differs) > _CHANGED]
+    if changed:
+        texts = [f"{_value(c, t)}, believed {number(t.here, 3)}" for c, t in changed]
+        yield "finding", f"not as believed: {some(texts, _MOST)}"
+
+
+def _simulated(c: JudgedCard) -> bool:
+    return c.flown.promise is not None and c.flown.promise.realised is not None
+
+
+def _first(found: list[tuple[JudgedCard, Target]]) -> Iterable[tuple[JudgedCard, Target]]:
+    return sorted(found, key=lambda ct: -ct[1].lack)[:_MOST]
+
+
+def _value(c: JudgedCard, t: Target) -> str:
+    assert t.estimate is not None
+    return f"{t.name} {number(t.estimate.value, 3)} ± {number(t.error, 2)} (card {c.card.number})"
+
+
+def error_words(t: Target, error: float) -> str:
+    """Return a standard error as people read it: in percent of the believed value, of a damping ratio as it is."""
+    if not math.isfinite(error):
+        return "no bound"
+    return f"{number(error / abs(t.believed) / PERCENT, 2)} %" if is_ratio(t.name) else number(error, 2)
+
+
+def _more_runs(campaign: Campaign) -> Sentences:
+    """Yield how many more runs reach what was wanted, and what no number of runs reaches."""
+    for c in campaign.cards:
+        short = [t for t in c.targets if t.estimate is not None and t.more]
+        if short:
+            t = max(short, key=lambda t: t.more or 0)
+            goal = error_words(t, t.goal)
+            verb = "brings" if t.more == 1 else "bring"
+            yield "finding", f"{counted(t.more or 0, 'more run')} of card {c.card.number} {verb} {t.name} to {goal}"
+        never = [t for t in c.targets if t.verdict in ("reached", "not reached") and t.more is None]
+        if never:
+            names = listed([f"{t.name} to {error_words(t, t.goal)}" for t in never])
+            yield (
+                "doubt",
+                f"repeating card {c.card.number} does not bring {names}: {_in_the_way(never)}; design another input",
+            )
+
+
+def _in_the_way(targets: list[Target]) -> str:
+    lasting = any(t.realised is not None and t.realised[0] > t.goal for t in targets)
+    return (
+        "the simulated flights of its design have a mean error of that size, which stays"
+        if lasting
+        else "it would take too many runs"
+    )
+
+
+def _next(campaign: Campaign) -> Sentences:
+    held = [c for c in campaign.cards if c.missing and c.go]
+    if held:
+        texts = [f"card {c.card.number}: {c.go}" for c in held]
+        yield "finding", f"NO-GO for {some(texts)}"
+    following = campaign.following
+    if following is not None:
+        card, left = following.card, counted(following.more, "run")
+        yield "finding", f"next is card {card.number}, {card.title}: GO for {left}{_if_damped(campaign, card)}"
+    elif any(c.missing for c in campaign.cards):
+        yield "doubt", "no card may be flown next"
+    else:
+        yield "finding", "every card is flown as often as it should be"
+
+
+def _if_damped(campaign: Campaign, card: Card) -> str:
+    """Return which damping must have been measured at the speed before, for elastic modes; "" without one."""
+    before = [p for p in campaign.plan.points if p.next_V_m_s == card.point.V_m_s and p.h_m == card.point.h_m]
+    modes = [m for p in before for m in p.modes if m.elastic and m.go is not None]
+    if not modes:
+        return ""
+    m = min(modes, key=lambda m: m.zeta - (m.go or 0.0))
+    return f", if {m.name} showed a damping ratio of at least {m.go:.3g} at {before[0].V_m_s:g} m/s"

@@ -1,0 +1,84 @@
+"""A campaign rehearsed: the runs of a plan flown in the simulator, in turbulence, and logged as the aircraft's log is.
+
+One log per flight, with what the sensors of the plan read and what was commanded. `testbench plan close` takes it as it
+takes a real one, so that the way from the card to derivatives can be tried before anybody flies.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from testbench.aircraft import Aircraft
+from testbench.core.errors import RecordError
+from testbench.core.record import FlightRecord
+from testbench.core.scenario.air import LOWEST_M, AirSpec
+from testbench.flight import FlightCondition, trim
+from testbench.flight.air import air_of
+from testbench.line import fly_and_measure
+from testbench.questions.plan.commanded import commanded
+from testbench.questions.plan.response import scaled
+from testbench.questions.plan.result import Card, Plan
+
+_QUIET_S = 3.0  # of undisturbed flight before the settling time of every run
+
+
+def rehearse(
+    plan: Plan, aircraft: Aircraft | None = None, seed: int = 0, say: Callable[[str], None] = lambda text: None
+) -> dict[int, FlightRecord]:
+    """Return flight -> its log.
+
+    Args:
+        plan: with its runs.
+        aircraft: what flies instead of the aircraft of the plan: one that is not as it is believed to be.
+        seed: of turbulence and noise; every run has its own.
+        say: called with a few words as each run begins.
+
+    Raises:
+        RecordError: the plan has no run.
+        TestbenchError: an aircraft that does not trim there, or a run that leaves its limits.
+    """
+    if not plan.runs:
+        raise RecordError("a rehearsal needs a card that can be flown, but every card of the plan is refused")
+    flown: dict[int, list[FlightRecord]] = {}
+    for run in plan.runs:
+        say(f"fly run {run.number} of {len(plan.runs)}")
+        flown.setdefault(run.flight, []).append(_measured(plan, run.card, aircraft, seed + 1000 * run.number))
+    return {flight: _joined(parts) for flight, parts in flown.items()}
+
+
+def _measured(plan: Plan, card: Card, other: Aircraft | None, seed: int) -> FlightRecord:
+    """Return what is logged of one run: the sensors, and the commands that they do not read."""
+    point, suite, scenario = card.point, plan.suite, plan.scenario
+    rate = suite.rate_hz * math.ceil(point.trimmed.rate_hz / suite.rate_hz - 1e-9)  # the sensors' rate divides it
+    aircraft, trimmed = other or plan.aircraft, point.trimmed
+    if other is not None or rate != trimmed.rate_hz:
+        trimmed = trim(aircraft, FlightCondition(point.V_m_s, point.h_m), rate)
+    rms = scenario.turbulence_rms_m_s
+    air = air_of(AirSpec(turbulence_rms_m_s=rms, height_m=max(point.h_m, LOWEST_M)), point.h_m, seed) if rms else None
+    spec = card.spec
+    flight = fly_and_measure(
+        aircraft,
+        trimmed,
+        spec.name,
+        commanded(scaled(spec.input, card.factor), spec.duration_s, rate, scenario.held_ms),
+        log_rate_hz=rate,
+        settle_s=spec.settle_s + _QUIET_S,
+        suites=[suite],
+        seed=seed,
+        air=air,
+    )
+    record, truth = flight.measured[suite.name], flight.flown
+    told = [f"{c}_cmd" for c in plan.aircraft.controls if f"{c}_cmd" in truth and f"{c}_cmd" not in record]
+    rows = np.minimum(np.searchsorted(truth.t_s, record.t_s - 1e-9), len(truth) - 1)
+    record = record.with_columns({name: truth[name][rows] for name in told})
+    return record.between(0.0, _QUIET_S + card.length_s)  # without the sample at its end, which begins the next run
+
+
+def _joined(parts: list[FlightRecord]) -> FlightRecord:
+    """Return the runs of one flight one after the other."""
+    rows, valid = np.concatenate([p.data for p in parts]), np.concatenate([p.valid for p in parts])
+    t_s = parts[0].dt_s * np.arange(len(rows), dtype=float)
+    return FlightRecord(t_s, parts[0].channels, rows, "measured", valid)

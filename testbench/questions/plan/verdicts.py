@@ -1,0 +1,395 @@
+"""Promised, realised in simulation and flown, target by target: is the promise kept, why not, and how many more runs?
+
+The error of n runs falls with the root of n, but for a mean error m that the simulated flights of the design show: that
+stays. The flown error is
+
+    sqrt((s c k)^2 + m^2),
+
+with s stated by the estimator, c the scatter of the runs and k what the scatter of simulated errors exceeds the stated
+ones; m, c - 1 and k - 1 are zero where they may be chance. It keeps the promise below the value that it has with the
+stated error that simulated flights pass with a probability of one in a hundred. Where no flights of a design were
+simulated, m is what the estimator makes of the expected response of the card, k = 1, and s may be a quarter larger than
+promised.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.stats import chi2, t
+
+from testbench.core.constants import PERCENT
+from testbench.core.record import FlightRecord
+from testbench.estimators.parametric.model import ParametricModel
+from testbench.page.labels import number
+from testbench.page.words import listed
+from testbench.questions.design.realise import Realised
+from testbench.questions.plan.close import Closed, FlownRun, command_of
+from testbench.questions.plan.flown_card import Estimate, FlownCard
+from testbench.questions.plan.result import Card, Plan
+
+Verdict = Literal["reached", "not reached", "found", "not identifiable", "not flown"]
+"""Found: known, and nothing was promised or wanted of it."""
+CHANCE = 0.01
+"""Probability that a flown error as the simulated ones is said to break the promise."""
+SLACK = 1.25
+"""Judged: a promise by information alone is kept within a quarter."""
+MOST = 50
+"""Judged: more runs than this are no plan."""
+_WEAK = 0.95  # of the card's amplitude, below which that is named
+_SLOWER = 0.9  # of the rate of the sensors, below which that of the log is named
+_NOISIER = 1.5  # residuals over the noise of the sensor, from which something else is in them
+_CLIPPED = 0.03  # of the samples of a run, at which a control stays at its extreme where the card goes beyond
+
+
+@dataclass(frozen=True)
+class Target:
+    """One target of one card.
+
+    Attributes:
+        name: "M_q", "wn of short period".
+        believed: value of the believed aircraft at the condition of the card.
+        here: the same at the recorded speed and height.
+        wanted: standard error that was asked for; NaN if none was.
+        promised: standard error of ``runs`` runs by information; NaN if there is no promise.
+        realised: (rms, low, high) of ``runs`` runs by simulation, with the 95 % interval of one run's; None if it was
+            not computed.
+        runs: that are counted: those flown, else those planned.
+        estimate: flown; None if not.
+        error: its standard error, with scatter and what simulation adds; NaN without one.
+        allowed: the largest error that keeps the promise; NaN if there is none.
+        differs: (estimate - here) in standard errors; NaN if not known.
+        verdict: see :data:`Verdict`.
+        causes: what makes the error larger than promised, the likeliest first, in sentences.
+        more: runs that are still to be flown for the wanted error, or else the promise; None if no number reaches it.
+    """
+
+    name: str
+    believed: float
+    here: float
+    wanted: float
+    promised: float
+    realised: tuple[float, float, float] | None
+    runs: int
+    estimate: Estimate | None
+    error: float
+    allowed: float
+    differs: float
+    verdict: Verdict
+    causes: tuple[str, ...]
+    more: int | None
+
+    @property
+    def goal(self) -> float:
+        """The error that is wanted, else the promised one, else NaN."""
+        return self.wanted if math.isfinite(self.wanted) else self.allowed
+
+    @property
+    def lack(self) -> float:
+        """The error over the goal; infinite for what is not known at all, 0 where there is no goal."""
+        if self.verdict in ("not flown", "not identifiable"):
+            return math.inf
+        return self.error / self.goal if math.isfinite(self.goal) else 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedCard:
+    """A card with the verdicts on its targets.
+
+    Attributes:
+        flown: the card and what its runs said.
+        targets: of the promise; without one all derivatives that were found.
+        missing: runs of the plan that are still to be flown.
+        go: "" if it may be flown next, else why not, in words.
+    """
+
+    flown: FlownCard
+    targets: tuple[Target, ...]
+    missing: int
+    go: str
+
+    @property
+    def card(self) -> Card:
+        """The card."""
+        return self.flown.card
+
+    @property
+    def more(self) -> int:
+        """Runs to fly: those that the plan misses, or as many as the targets need that a number of runs can reach."""
+        return max([self.missing, *(t.more for t in self.targets if t.more is not None)])
+
+    @property
+    def lack(self) -> float:
+        """The largest lack of its targets; infinite if none is known."""
+        if not self.flown.runs or not self.targets:
+            return math.inf if self.missing or self.flown.runs else 0.0
+        return max(t.lack for t in self.targets)
+
+
+@dataclass(frozen=True, eq=False)
+class Campaign:
+    """A plan after its flights: what was found in the logs, and every card judged."""
+
+    closed: Closed
+    cards: tuple[JudgedCard, ...]
+
+    @property
+    def plan(self) -> Plan:
+        """The plan."""
+        return self.closed.plan
+
+    @property
+    def following(self) -> JudgedCard | None:
+        """The card to fly next: of those that may be flown the one with the largest lack; None if none is to fly."""
+        open_ = [c for c in self.cards if c.more and not c.go]
+        return max(open_, key=lambda c: (c.missing > 0, c.lack, -c.card.number), default=None)
+
+
+def judge(closed: Closed, flown: Sequence[FlownCard]) -> Campaign:
+    """Return every card with its verdicts, and which is next."""
+    cards = []
+    for f in flown:
+        missing = closed.missing(f.card)
+        cards.append(JudgedCard(f, tuple(_targets(closed, f)), missing, no_go(closed, f.card)))
+    return Campaign(closed, tuple(cards))
+
+
+def no_go(closed: Closed, card: Card) -> str:
+    """Return why a card must not be flown next, in words; "" if it may.
+
+    A build-up goes from slow to fast: every card of the slower points at the same height comes first, and a limit that
+    was met there, or a response that left its band, is looked at on the ground.
+    """
+    if card.status == "refused":
+        return f"it is refused: {card.met[0]}"
+    slower = [c for c in closed.plan.cards if c.point.h_m == card.point.h_m and c.point.V_m_s < card.point.V_m_s]
+    lacking = [str(c.number) for c in slower if closed.missing(c)]
+    if lacking:
+        return f"{'cards' if lacking[1:] else 'card'} {listed(lacking)} at a lower speed come first"
+    for c in slower:
+        strange = [r for r in closed.of(c) if any(_of_response(f) for f in r.faults)]
+        if len(strange) > len(closed.good(c)):
+            return f"card {c.number} met a limit or left its band more often than not: evaluate that on the ground"
+    return ""
+
+
+def _of_response(fault: str) -> bool:
+    return "passes" in fault or "left its band" in fault
+
+
+def _targets(closed: Closed, f: FlownCard) -> Iterator[Target]:
+    promise, n = f.promise, len(f.runs)
+    if promise is None:
+        for name, found in f.estimates.items():
+            yield _unpromised(name, found, n)
+        return
+    causes = tuple(causes_of(closed, f)) if f.runs else ()
+    for k, name in enumerate(promise.names):
+        yield _target(f, k, name, f.estimates.get(name), causes)
+
+
+def _unpromised(name: str, found: Estimate, runs: int) -> Target:
+    """Return a derivative of which nothing is known before: found if the data decide it."""
+    known = found.believed in ("determined", "in doubt")
+    verdict: Verdict = "found" if known else "not identifiable"
+    why, none = () if known else (_undecided(found),), math.nan
+    return Target(name, none, none, none, none, None, runs, found, found.error, none, none, verdict, why, 0)
+
+
+def _target(f: FlownCard, k: int, name: str, found: Estimate | None, causes: tuple[str, ...]) -> Target:
+    promise, card = f.promise, f.card
+    assert promise is not None
+    runs = len(f.runs) or max(card.repeats, 1)
+    believed, one = float(promise.values[k]), float(promise.promised[k])
+    here = believed * f.here.get(name, 1.0)
+    promised = one / math.sqrt(runs)
+    realised = None if promise.realised is None else _realised_of(promise.realised, k, runs)
+    factor = 1.0 if promise.realised is None else excess(promise.realised, k)
+    lasting = abs(f.bends.get(name, 0.0)) if promise.realised is None else lasting_error(promise.realised, k)
+    allowed = math.hypot(SLACK * promised, lasting)
+    if promise.realised is not None:
+        allowed = max(SLACK * promised, math.hypot(factor * _limit(promise.realised, k) / math.sqrt(runs), lasting))
+    wanted = float(promise.wanted[k])
+    base = (name, believed, here, wanted, promised, realised, runs)
+    if not f.runs:
+        return Target(*base, None, math.nan, allowed, math.nan, "not flown", (), None)
+    if found is None or found.believed not in ("determined", "in doubt"):
+        why = (f.reason or f"the structure that the log allows has no {name}") if found is None else _undecided(found)
+        error = math.nan if found is None else math.hypot(found.error * factor, lasting)
+        return Target(*base, found, error, allowed, math.nan, "not identifiable", (why, *causes), None)
+    error = math.hypot(found.error * factor, lasting)
+    spread = math.hypot(error, _speed_doubt(f, here))
+    differs = (found.value - here) / spread if spread > 0.0 else math.nan
+    if not f.asked:
+        return Target(*base, found, error, math.nan, differs, "found", tuple(_distrust(f)), 0)
+    unsure = f.distrusted and promise.realised is None  # simulated errors would hold what the model lacks
+    reached = error <= np.nanmax([allowed, wanted]) and not unsure
+    told = causes if not reached else ()
+    if found.scatter > 1.0 and not reached:
+        told = (
+            f"the runs differ by {found.scatter:.2g} times what their errors say: air, trim or speed differed",
+            *told,
+        )
+    goal = wanted if math.isfinite(wanted) else allowed
+    more = 0 if reached and not math.isfinite(wanted) else more_runs(error, goal, runs, lasting)
+    return Target(*base, found, error, allowed, differs, "reached" if reached else "not reached", told, more)
+
+
+def _distrust(f: FlownCard) -> Iterator[str]:
+    """Yield why the estimator says of its model that it must not be used."""
+    if f.case is not None:
+        yield from (str(a) for a in f.case.model.advice if getattr(a, "severity", "doubt") == "wrong")
+
+
+def _undecided(found: Estimate) -> str:
+    return {"weak": "its error is more than half of its value"}.get(found.believed, f"it is {found.believed}")
+
+
+def _realised_of(realised: Realised, k: int, runs: int) -> tuple[float, float, float] | None:
+    """Return the realised error of several runs, and the 95 % interval of one run's shrunk alike."""
+    rms = float(realised.found.rms[k])
+    if not math.isfinite(rms) or rms == 0.0:
+        return None
+    share = _after(rms, lasting_error(realised, k), runs) / rms
+    low, high = realised.found.interval()
+    return rms * share, float(low[k]) * share, float(high[k]) * share
+
+
+def lasting_error(realised: Realised | None, k: int) -> float:
+    """Return the mean error of the simulated flights if it is no chance (1 %), else 0: no number of runs removes it."""
+    if realised is None or realised.found.n < 3:
+        return 0.0
+    e = realised.found.errors[:, k]
+    spread = float(e.std(ddof=1)) / math.sqrt(len(e))
+    limit = float(t.ppf(1.0 - 0.5 * CHANCE, len(e) - 1))
+    return abs(float(e.mean())) if abs(float(e.mean())) > limit * spread else 0.0
+
+
+def _after(one: float, lasting: float, runs: int) -> float:
+    """Return the error of several runs from that of one, of which a part lasts."""
+    return math.sqrt(lasting**2 + max(one**2 - lasting**2, 0.0) / runs)
+
+
+def excess(realised: Realised, k: int) -> float:
+    """Return by how much simulated errors scatter more than was stated there; 1 if by no more than chance.
+
+    If stated errors s are right, the sum of (e - m)^2 / s^2 over n flights is chi-square with n degrees of freedom.
+    """
+    found = realised.found
+    if found.n < 3:
+        return 1.0
+    e = found.errors[:, k] - (float(found.bias[k]) if lasting_error(realised, k) else 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        total = float(np.sum((e / found.stated[:, k]) ** 2))
+    if not math.isfinite(total):
+        return 1.0
+    return math.sqrt(total / found.n) if total > chi2.ppf(1.0 - CHANCE, found.n) else 1.0
+
+
+def _limit(realised: Realised | None, k: int) -> float:
+    """Return the stated error of one run that simulated ones pass with the probability :data:`CHANCE`; 0 if unknown."""
+    if realised is None or realised.found.n < 3:
+        return 0.0
+    s = np.log(realised.found.stated[:, k])
+    n = len(s)
+    if not np.all(np.isfinite(s)):
+        return 0.0
+    return float(np.exp(s.mean() + t.ppf(1.0 - CHANCE, n - 1) * s.std(ddof=1) * math.sqrt(1.0 + 1.0 / n)))
+
+
+def more_runs(error: float, goal: float, runs: int, lasting: float) -> int | None:
+    """Return how many more runs reach a goal; None if no number does, or more than :data:`MOST`."""
+    if error <= goal * (1.0 + 1e-9):
+        return 0
+    room = goal**2 - lasting**2
+    if not room > 0.0:
+        return None
+    falls = max(error**2 - lasting**2, goal**2 - lasting**2) * runs
+    needed = math.ceil(falls / room - 1e-9) - runs
+    return needed if needed <= MOST else None
+
+
+def _speed_doubt(f: FlownCard, here: float) -> float:
+    """Return what the offset of the airspeed sensor makes of a value: 2 dV / V of it, as of a moment by an angle."""
+    case = f.case
+    if f.V_m_s is None or case is None:
+        return 0.0
+    return 2.0 * abs(here) * f.V_offset_m_s / f.V_m_s
+
+
+def causes_of(closed: Closed, f: FlownCard) -> Iterator[str]:
+    """Yield what may have made the errors of a card larger than promised, in sentences."""
+    case, plan = f.case, closed.plan
+    if f.recipe is not None and f.recipe.missing:
+        yield f"not logged: {listed(f.recipe.missing)}, which the design identifies from"
+    gain = float(np.mean([r.gain for r in f.runs]))
+    if gain < _WEAK:
+        yield f"the amplitude was {gain / PERCENT:.0f} % of the card's: errors are {1.0 / gain:.2g} times as large"
+    for control in f.card.spec.controls:
+        if any(_clipped(r, control) for r in f.runs):
+            yield f"{control} stayed at an extreme where the card goes beyond it: saturated"
+    if case is None:
+        return
+    assert isinstance(case.model, ParametricModel)
+    yield from _slower(plan, f)
+    yield from _noisier(plan, f, case.identification, case.model)
+    for advice in case.model.advice:
+        if getattr(advice, "severity", "doubt") != "note":
+            yield str(advice)
+
+
+def _clipped(run: FlownRun, control: str) -> bool:
+    """Return whether the recorded command rests at its extreme while the card's still moves beyond."""
+    name = command_of(run.record, control)
+    if name is None:
+        return False
+    from_start = run.record.t_s >= run.start_s - 1e-9
+    x = run.record[name][from_start]
+    signal = run.card.signal
+    rows = np.minimum((np.arange(x.size) * run.record.dt_s / signal.dt_s + 1e-6).astype(int), len(signal.u) - 1)
+    u = signal.u[rows, signal.channels.index(control)]
+    for side in (1.0, -1.0):
+        top = float((side * x).max())
+        span = float(np.ptp(x))
+        resting = side * x > top - 1e-3 * span
+        wanted = side * u[resting]
+        if resting.sum() > _CLIPPED * x.size and np.ptp(wanted) > 0.1 * float(np.ptp(u)):
+            return True
+    return False
+
+
+def _slower(plan: Plan, f: FlownCard) -> Iterator[str]:
+    """Yield outputs that were logged at a lower rate than the sensors of the plan give."""
+    rates = {s.channel: s.rate_hz or plan.suite.rate_hz for s in plan.suite.sensors}
+    assert f.case is not None
+    for name in f.case.model.outputs:
+        shares = [float(r.record.valid[:, r.record.channels.index(name)].mean()) for r in f.runs if name in r.record]
+        if name in rates and shares:
+            rate = float(np.mean(shares)) / f.runs[0].record.dt_s
+            if rate < _SLOWER * rates[name]:
+                larger = math.sqrt(rates[name] / rate)
+                yield (
+                    f"{name} was logged at {rate:.3g} Hz instead of {rates[name]:g}: as much as {larger:.2g} times the "
+                    "error"
+                )
+
+
+def _noisier(plan: Plan, f: FlownCard, records: Sequence[FlightRecord], model: ParametricModel) -> Iterator[str]:
+    """Yield the output whose residuals exceed the noise of its sensor most: air, or what the model lacks."""
+    noise: Mapping[str, float] = {
+        s.channel: math.hypot(s.noise_std, s.quantum / math.sqrt(12.0)) for s in plan.suite.sensors
+    }
+    left = np.asarray(model.diagnostics.get("residual_std", ()))
+    ratios = {n: float(r) / noise[n] for n, r in zip(model.outputs, left, strict=False) if noise.get(n)}
+    if not ratios:
+        return
+    name = max(ratios, key=lambda n: ratios[n])
+    if ratios[name] > _NOISIER:
+        yield (
+            f"residuals of {name} are {number(ratios[name], 2)} times the noise of its sensor: wind and turbulence, "
+            "noise that its file does not state, or what the model lacks"
+        )
