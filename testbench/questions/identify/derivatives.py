@@ -21,6 +21,7 @@ class BeliefCriteria(NamedTuple):
     Attributes:
         weak: standard error relative to the value from which the data say little of it.
         coloured: factor by which coloured residuals raise an error from which it is in doubt.
+        turbulent: factor by which they raise the error of some derivative of a fit from which all of its are in doubt.
         together: correlation from which two estimates stand for one another.
         changed: errors between the value before and the one found from which they are told to differ.
     """
@@ -28,6 +29,7 @@ class BeliefCriteria(NamedTuple):
     weak: float = 0.5
     together: float = 0.98
     coloured: float = 1.5
+    turbulent: float = 2.0
     changed: float = 3.0
 
 
@@ -121,6 +123,7 @@ def _beliefs(model: ParametricModel, names: Sequence[str]) -> dict[str, str]:
     if len(correlation) == len(model.structure.parameters):
         correlation = correlation[np.ix_(model.structure.free, model.structure.free)]
     inflated = np.asarray(found.get("error_inflation", np.ones(len(names))))
+    spoilt = model.status == "wrong" or float(np.max(inflated, initial=1.0)) > CRITERIA.turbulent
     out = {}
     for i, name in enumerate(names):
         value, error = model.values[name], model.standard_errors[name]
@@ -134,7 +137,7 @@ def _beliefs(model: ParametricModel, names: Sequence[str]) -> dict[str, str]:
             out[name] = "weak"
         elif others[partner] > CRITERIA.together:
             out[name] = f"correlated with {names[partner]}"
-        elif inflated[i] > CRITERIA.coloured or model.status == "wrong":
+        elif spoilt or inflated[i] > CRITERIA.coloured:
             out[name] = "in doubt"
         else:
             out[name] = "determined"
