@@ -74,7 +74,8 @@ class Visitor:
             'parameters = ["M_alpha", "M_q", "M_de"]\n'
         )
         design = (
-            f'{head}suites = ["eolo_alpha"]\ncontrols = ["de"]\nduration_s = 12.0\nstart_s = 1.0\nrealise = 5\n{condition}'
+            f'{head}suites = ["eolo_alpha"]\ncontrols = ["de"]\nduration_s = 12.0\nstart_s = 1.0\nrealise = 5\n'
+            f"{condition}"
             '[targets]\nparameters = { M_alpha = 5.0, M_q = 5.0, M_de = 5.0 }\nmodes = ["short period"]\n'
             f"[limits]\ndeflection_deg = {{ de = {4.0 * self.amplitude_deg} }}\nload_factor = [0.0, 2.0]\n"
             "alpha_deg = [-8.0, 14.0]\nspeed_change_m_s = 10.0\npitch_change_deg = 30.0\n"
