@@ -27,6 +27,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.channels import CHANNELS, CONTROLS, modal_channels
 from testbench.core.constants import FT_M, LBF_N
 from testbench.core.errors import ModelError
+from testbench.core.interrupts import held_back
 from testbench.core.record import FloatArray
 from testbench.core.scratch import Scratch
 from testbench.flight.condition import FlightCondition
@@ -98,6 +99,7 @@ class Executive:
         ModelError: JSBSim refuses the model; the message carries JSBSim's own words.
     """
 
+    @held_back()  # JSBSim tells our logger what it does while it loads a model
     def __init__(self, aircraft: Aircraft, rate_hz: float, condition: FlightCondition) -> None:
         self.aircraft = aircraft
         self.rate_hz = rate_hz

@@ -6,6 +6,7 @@ import io
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 from rich.console import Console
@@ -59,10 +60,12 @@ def test_a_pipe_that_is_closed_ends_a_command_quietly():
     assert process.returncode == 141
 
 
-def test_an_interrupt_of_a_stage_is_one_line_and_130(tmp_path):
+@pytest.mark.parametrize("after_s", [0.0, *(pytest.param(0.002 * k, marks=pytest.mark.slow) for k in range(1, 40))])
+def test_an_interrupt_of_a_stage_is_one_line_and_130(tmp_path, after_s):
     words = [*PYTHON, "run", "eolo_methods", "-o", str(tmp_path)]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr.readline().startswith("... ")
+        time.sleep(after_s)
         process.send_signal(signal.SIGINT)
         said = [line for line in process.stderr.read().splitlines() if not line.startswith("... ")]
     assert process.returncode == 130

@@ -39,6 +39,7 @@ _EXACT = 1e-11  # residuals below this share of every output's size are rounding
 _ROUNDS = 50
 _FOLLOWING = 2  # steps of a round between the first and the last: R moves as fast as the parameters
 _COLOURED = 1e-3  # probability of white residuals below which a fit is looked at again from other starts
+_FINE = 1e-5  # residuals relative to an output's motion that no false minimum leaves, whatever their colour (judged)
 _POOR = 0.3  # residuals relative to an output's motion from which on a third start must agree (judged)
 _SCATTERED = 4  # start points besides the structure's, equation error's and filter error's
 _SAME = 2.0  # difference of ln L within which two ends are one minimum, or as good as one
@@ -214,6 +215,8 @@ def _settled(likelihood: Likelihood, ends: list[_Found]) -> bool:
 def _looks_bad(likelihood: Likelihood, end: _Found) -> bool:
     if not (end.minimum.converged and end.settled) or np.any(end.minimum.at_bound):
         return True
+    if np.all(np.sqrt(np.diag(end.R)) < _FINE * likelihood.size):
+        return False
     residuals = likelihood.residuals(end.minimum.point, end.params)
     white = whiteness(residuals, [s.valid for s in likelihood.stretches], likelihood.size, end.R)
     return bool(np.any(white < _COLOURED))

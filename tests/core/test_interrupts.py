@@ -1,0 +1,52 @@
+"""An interrupt that comes while it is held back acts afterwards, once, and is not lost."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+
+import pytest
+
+from testbench.core.interrupts import held_back
+
+
+def test_an_interrupt_acts_after_the_block():
+    done = []
+
+    @held_back()
+    def block():
+        os.kill(os.getpid(), signal.SIGINT)
+        done.append("all of the block")
+
+    with pytest.raises(KeyboardInterrupt):
+        block()
+    assert done == ["all of the block"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_error_of_the_block_and_a_block_without_interrupts_pass():
+    with pytest.raises(ZeroDivisionError), held_back():
+        _ = 1 / 0
+    with held_back():
+        pass
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_in_another_thread_and_where_interrupts_are_ignored_nothing_changes():
+    seen = []
+
+    def work():
+        with held_back():
+            seen.append(signal.getsignal(signal.SIGINT))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert seen == [signal.default_int_handler]
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        with held_back():
+            assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGINT, before)
