@@ -11,6 +11,14 @@ import pytest
 from testbench.core.interrupts import held_back
 
 
+@pytest.fixture(autouse=True)
+def interrupts():
+    """Interrupts act as they do in a command, whatever runs the tests."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def test_an_interrupt_acts_after_the_block():
     done = []
 
