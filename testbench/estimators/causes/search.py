@@ -320,8 +320,11 @@ def _coloured(model: IdentifiedModel, best: _Best) -> Found | None:
 
 
 def _far_from_best(model: IdentifiedModel, best: _Best, start: Regression) -> Found | None:
-    """Return how far the estimates are from the best of their kind, if the free run errs measurably more for it."""
-    if best.model is model:
+    """Return how far the estimates are from the best of their kind, if the free run errs measurably more for it.
+
+    Those of output error are the best but for the colour of the noise, which its own advice weighs.
+    """
+    if best.model is model or model.method == "output_error":
         return None
     statistic, degrees = start.criterion - best.fit.criterion, len(best.found)
     before, after = (np.sum(np.hstack(r.left) ** 2, axis=1) for r in (start, best.fit))

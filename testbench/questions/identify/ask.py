@@ -132,8 +132,8 @@ def _notes(description: RecordDescription, cases: Sequence[Case], servos: Mappin
     for name, servo in servos.items():
         if name in believed and isinstance(servo.lag_s, float):
             out.append(
-                f"the lag of {name} is believed to be {servo.lag_s:.3g} +- {STATED_STD * servo.lag_s:.2g} s, "
-                f"as {description.aircraft} states it; the records decide"
+                f"the lag of {name} is estimated: {description.aircraft} states {servo.lag_s:.3g} s, which counts as a "
+                f"belief (+- {STATED_STD * servo.lag_s:.2g} s) where prior_std asks for one"
             )
         elif name not in description.servo:
             limit = f", at most {servo.rate_limit_deg_s:.3g} deg/s" if servo.rate_limit_deg_s else ""

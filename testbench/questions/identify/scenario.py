@@ -57,15 +57,18 @@ STATED_STD = 0.2
 
 
 def believed(estimator: Structured, servos: Mapping[str, Servo]) -> Structured:
-    """Return the estimator with the stated lags as start and prior of those that it estimates.
+    """Return the estimator with the stated lags as start of those that it estimates, and in place of its priors.
 
-    They count more than ``start`` and ``prior_std`` of the estimator, which import writes without knowing the aircraft.
+    Import writes a prior without knowing the aircraft; what the aircraft states counts more. Where no prior was asked
+    for, none is taken: the servo that flew may be another.
     """
     start, spread = dict(estimator.start), dict(estimator.prior_std)
     for name, servo in servos.items():
         if name in estimator.servo and estimator.servo[name].lag_s == "estimate" and isinstance(servo.lag_s, float):
             tau = f"tau_{name.removesuffix('_cmd')}"
-            start[tau], spread[tau] = servo.lag_s, STATED_STD * servo.lag_s
+            start[tau] = servo.lag_s
+            if tau in spread:
+                spread[tau] = STATED_STD * servo.lag_s
     return estimator.model_copy(update={"start": start, "prior_std": spread})
 
 
@@ -98,7 +101,7 @@ class RecordDescription(Recorded):
     def asked_of(self, servos: Mapping[str, Servo]) -> Identification:
         """Return the identification with ``servos`` at every estimator of a structure that says nothing of its own.
 
-        Where a lag is to be estimated, that of ``servos`` is what is believed of it (:func:`believed`).
+        Where a lag is to be estimated, that of ``servos`` is its start, and its prior if it has one (:func:`believed`).
         """
         given = {**servos, **self.servo}
         estimators = tuple(
