@@ -13,11 +13,12 @@ Outputs that were not measured correct nothing: e = 0 there. With ``disturbances
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.core.advice import Advice, doubt, wrong
 from testbench.core.errors import EstimationError
@@ -25,11 +26,12 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records, continuous_poles
-from testbench.estimators.parametric.accuracy import whiteness
+from testbench.estimators.parametric.accuracy import coloured_score, whiteness
 from testbench.estimators.parametric.gauss_newton import Minimum, Problem, minimise
 from testbench.estimators.parametric.kalman.gain import steady_covariance
+from testbench.estimators.parametric.sensitivities import Sensitivities, in_blocks, square_root
 from testbench.estimators.predictor import Layout, Matrices, errors, orbit
-from testbench.estimators.residuals import coloured_information, corrected_covariance
+from testbench.estimators.residuals import corrected_covariance
 from testbench.estimators.settings import PredictionError
 from testbench.estimators.state_accuracy import pole_accuracy
 from testbench.estimators.state_space import Series, StateSpaceModel, check_sample_time
@@ -265,26 +267,36 @@ def _covariance(e: Sequence[FloatArray], counts: FloatArray, series: Sequence[Se
 
 
 def _problem(data: _Data, layout: Layout, centre: Matrices, basis: FloatArray, S: FloatArray) -> Problem:
-    """Return weighted errors and their Jacobian by coordinates in ``basis`` around ``centre``, then the nuisances."""
+    """Return weighted errors and their Jacobian by coordinates in ``basis`` around ``centre``, then the nuisances.
+
+    Both are reduced to as many rows as say the same (:func:`square_root`).
+    """
     whiten = np.linalg.inv(np.linalg.cholesky(S))
     c, k = basis.shape[1], layout.nuisances
+    total = c + k * len(data.series)
+    alone = np.append(np.arange(total) >= c, False)  # the errors, last, meet in all records
 
-    def weighted(point: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def parts(point: FloatArray) -> Iterator[tuple[Iterable[FloatArray], NDArray[np.intp]]]:
         s = layout.moved(centre, basis @ point[:c])
-        residuals, rows = [], []
         causal = not layout.disturbances or np.max(np.abs(np.linalg.eigvals(s.A - s.K @ s.C))) < 1.0
         for i, part in enumerate(data.series):
-            at = slice(c + i * k, c + (i + 1) * k)
-            with np.errstate(all="ignore"):  # a trial point may diverge: the search sees that and steps back
-                r = errors(s, part, point[at], layout, derivatives=True)
-                J = np.zeros((r.e.size, point.size))
-                J[:, :c] = (whiten @ (r.de[:, :, : layout.size] @ basis)).reshape(-1, c)
-                J[:, at] = (whiten @ r.de[:, :, layout.size :]).reshape(-1, k)
-                residuals.append((r.e @ whiten.T).ravel() if causal else np.full(r.e.size, np.inf))
-            rows.append(J)
-        return np.concatenate(residuals), np.vstack(rows)
+            r = errors(s, part, point[c + i * k : c + (i + 1) * k], layout, derivatives=True)
+            felt = _felt(r.de, basis, layout, i)
+            yield in_blocks(r.e if causal else np.full(r.e.shape, np.inf), felt, whiten), np.append(felt.columns, total)
+
+    def weighted(point: FloatArray) -> tuple[FloatArray, FloatArray]:
+        with np.errstate(all="ignore"):  # a trial point may diverge: the search sees that and steps back
+            root = square_root(parts(point), alone)
+        return root[:, -1], root[:, :-1]
 
     return weighted
+
+
+def _felt(de: FloatArray, basis: FloatArray, layout: Layout, i: int) -> Sensitivities:
+    """Return the sensitivities of the i-th record by coordinates in ``basis`` and by its own nuisances."""
+    c, k = basis.shape[1], layout.nuisances
+    columns = np.concatenate([np.arange(c), np.arange(c + i * k, c + (i + 1) * k)])
+    return Sensitivities(np.concatenate([de[:, :, : layout.size] @ basis, de[:, :, layout.size :]], axis=2), columns)
 
 
 def _search(
@@ -341,21 +353,17 @@ def _finish(
     e, c, k = [r.e for r in parts], found.basis.shape[1], layout.nuisances
     unknowns = c + k * len(parts)
     S = _covariance(e, counts, data.series) * counts.sum() / (counts.sum() - unknowns)
-    jacobians = []
-    for i, r in enumerate(parts):
-        J = np.zeros((*r.e.shape, unknowns))
-        J[:, :, :c] = r.de[:, :, : layout.size] @ found.basis
-        J[:, :, c + i * k : c + (i + 1) * k] = r.de[:, :, layout.size :]
-        jacobians.append(J)
+    felt = [_felt(r.de, found.basis, layout, i) for i, r in enumerate(parts)]
     whiten = np.linalg.inv(np.linalg.cholesky(S))
-    R = np.asarray(np.linalg.qr(np.vstack([(whiten @ J).reshape(-1, unknowns) for J in jacobians]), mode="r"))
+    rows = ((in_blocks(v, f, whiten), np.append(f.columns, unknowns)) for v, f in zip(e, felt, strict=True))
+    R = square_root(rows, np.append(np.arange(unknowns) >= c, False))[:, :-1]
     size = np.sqrt(np.sum(R**2, axis=0))
     size = np.where(size > 0.0, size, 1.0)
     _, sigma, Vt = np.linalg.svd(R / size)
     kept = sigma > _LOST * sigma[0]
     root = Vt[kept].T / sigma[kept] / size[:, None]
     plain = root @ root.T
-    score = coloured_information([np.linalg.inv(S) @ J for J in jacobians], e)
+    score = coloured_score(e, felt, S, unknowns)
     corrected = corrected_covariance(plain, score)[:c, :c]
     unit = layout.units(data.size_u, data.size_y)
     covariance = (found.basis @ corrected @ found.basis.T) * np.outer(unit, unit)

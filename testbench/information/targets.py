@@ -52,6 +52,21 @@ class Targets:
             found |= {f"wn of {name}": wn, f"zeta of {name}": -0.5 * total / wn if wn else math.nan}
         return np.array([found[name] for name in self.names])
 
+    def slopes(
+        self, structure: AircraftStructure, params: FloatArray, moving: Sequence[int] | None = None
+    ) -> FloatArray:
+        """Return the derivatives (t, k) of the targets at other parameters (k,), by central differences.
+
+        Those by parameters that are not ``moving`` are zero; all move if it is not given.
+        """
+        out = np.zeros((len(self.names), params.size))
+        for k in range(params.size) if moving is None else moving:
+            step = np.zeros(params.size)
+            step[k] = 1e-6 * max(abs(params[k]), 1e-6)
+            high, low = (self.at(structure, params + sign * step) for sign in (1.0, -1.0))
+            out[:, k] = (high - low) / (2.0 * step[k])
+        return out
+
     @property
     def gradient(self) -> FloatArray:
         """(t, k) targets in units of their wanted errors by the parameters."""

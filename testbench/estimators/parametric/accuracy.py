@@ -71,11 +71,25 @@ def accuracy(
     inverse = np.linalg.inv(scaled) / size[:, None]
     plain = np.zeros((k, k))
     plain[np.ix_(moving, moving)] = inverse @ inverse.T
-    colour, inverse_R, score = Colour.of(residuals), np.linalg.inv(R), np.diag(prior_weight**2)
-    for s in sensitivities():
-        score[np.ix_(s.columns, s.columns)] += colour.score(inverse_R @ s.values)
-    score = 0.5 * (score + score.T)
+    score = np.diag(prior_weight**2) + coloured_score(residuals, sensitivities(), R, k)
     return Accuracy(plain, corrected_covariance(plain, score), float(np.linalg.cond(scaled)))
+
+
+def coloured_score(
+    residuals: Sequence[FloatArray], sensitivities: Iterable[Sensitivities], R: FloatArray, k: int
+) -> FloatArray:
+    """Return the covariance (k, k) of the score of residuals as coloured as they are, weighed by their covariance R.
+
+    Args:
+        residuals: per record (N, p); zero where not valid.
+        sensitivities: of each record, zero where not valid; consumed one by one.
+        R: (p, p) covariance of the residuals.
+        k: number of unknowns.
+    """
+    colour, inverse, out = Colour.of(residuals), np.linalg.inv(R), np.zeros((k, k))
+    for s in sensitivities:
+        out[np.ix_(s.columns, s.columns)] += colour.score(inverse @ s.values)
+    return np.asarray(0.5 * (out + out.T))
 
 
 def correlations(covariance: FloatArray) -> FloatArray:

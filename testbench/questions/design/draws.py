@@ -273,7 +273,7 @@ def kept_in_all(
     good = [t for t in tried if t[0]]
     _, factor, design, flights = max(good, key=lambda t: t[1]) if good else min(tried, key=lambda t: t[1])
     if factor < 1.0:
-        ((record, _, tight),) = fly_all([aircraft], [trimmed], [design], [envelope], simulator, tally)
+        ((record, _, tight),) = fly_all(aircraft, trimmed, [design], envelope, simulator, tally)
         limit = max((f.tightest for f in flights), key=lambda t: t.share).name
         flown = replace(flown, design=replace(design, limit=limit), record=record, tightest=tight)
     return flown, OverDraws(told(design, draws, problem.targets.names), flights, factor)

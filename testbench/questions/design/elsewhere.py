@@ -113,10 +113,8 @@ def _flown(
     there = replace(range_, aircraft=aircraft, trimmed=trimmed, problem=problem, targets=problem.targets)
     envelope = Envelope.of(limits, problem)
     seen = seen_in(problem, design)
-    ((_, broken, tightest),) = fly_all([aircraft], [trimmed], [design], [envelope], range_.simulator, range_.tally)
-    airs = there.airs(0, n)
-    truths = there.fly(design, airs) if there.moves else there.fly(design, airs[:1]) * n
-    found = there.estimate(truths, range_.suite, 0, lambda i: None)
+    ((_, broken, tightest),) = fly_all(aircraft, trimmed, [design], envelope, range_.simulator, range_.tally)
+    found = there.errors(design, 0, n)
     return Elsewhere(factor, "", seen.errors, problem.targets.values, found, tightest, broken[0] if broken else "")
 
 

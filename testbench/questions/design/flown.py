@@ -217,8 +217,8 @@ def fly_designs(
     wanted = {i: next(search) for i, search in enumerate(searches)}
     out: dict[int, Flown] = {}
     while wanted:
-        n, now = len(wanted), list(wanted.values())
-        flights = fly_all([aircraft] * n, [trimmed] * n, now, [limits] * n, simulator, tally)
+        now = list(wanted.values())
+        flights = fly_all(aircraft, trimmed, now, limits, simulator, tally)
         for i, flight in zip(list(wanted), flights, strict=True):
             try:
                 wanted[i] = searches[i].send(flight)
@@ -279,20 +279,21 @@ def fly_each(
 
 
 def fly_all(
-    aircraft: Sequence[Aircraft],
-    trimmed: Sequence[TrimmedFlight],
+    aircraft: Aircraft,
+    trimmed: TrimmedFlight,
     designs: Sequence[Design],
-    limits: Sequence[Envelope],
+    limits: Envelope,
     simulator: Simulator,
     tally: Tally,
 ) -> list[Flight]:
-    """Fly designs as :func:`fly_each` does.
+    """Fly designs of one aircraft within the same limits, as :func:`fly_each` does.
 
     Raises:
         TestbenchError: of the first that cannot be flown at all.
     """
     out = []
-    for flight in fly_each(aircraft, trimmed, designs, limits, simulator, tally):
+    n = len(designs)
+    for flight in fly_each([aircraft] * n, [trimmed] * n, designs, [limits] * n, simulator, tally):
         if isinstance(flight, TestbenchError):
             raise flight
         out.append(flight)

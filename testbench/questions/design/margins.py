@@ -13,10 +13,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import t as student
 
-from testbench.core.errors import TestbenchError
-from testbench.flight.air import Air
-from testbench.flight.batch.jobs import Job
-from testbench.line import manoeuvre_of
 from testbench.questions.design.flown import ABORTED, SHOWN, Envelope, Flown, Margin, fly_all
 from testbench.questions.design.problem import Design, rescaled
 from testbench.questions.design.realise import Range
@@ -82,14 +78,8 @@ def with_margins(range_: Range, flown: Sequence[Flown], envelope: Envelope, n: i
             left.append(i)
         open_ = left
     lowered = [i for i in range(len(flown)) if factors[i] < 1.0]
-    again = fly_all(
-        [range_.aircraft] * len(lowered),
-        [range_.trimmed] * len(lowered),
-        [designs[i] for i in lowered],
-        [envelope] * len(lowered),
-        range_.simulator,
-        range_.tally,
-    )
+    now = [designs[i] for i in lowered]
+    again = fly_all(range_.aircraft, range_.trimmed, now, envelope, range_.simulator, range_.tally)
     out = [replace(f, margin=m) for f, m in zip(flown, margins, strict=True)]
     for i, flight in zip(lowered, again, strict=True):
         out[i] = replace(out[i], design=designs[i], record=flight.record, tightest=flight.tightest)
@@ -98,28 +88,9 @@ def with_margins(range_: Range, flown: Sequence[Flown], envelope: Envelope, n: i
 
 def _extremes(range_: Range, designs: Sequence[Design], envelope: Envelope, n: int) -> list[_Extremes]:
     """Return the extremes of each design over the same ``n`` airs."""
-    from testbench.flight.batch.fly import fly_jobs
-
-    airs: list[Air | None] = range_.airs(0, n)
-    rate = range_.trimmed.rate_hz
-    names = tuple(dict.fromkeys([*envelope.channels, *SHOWN]))
-    jobs = [
-        Job(
-            range_.aircraft,
-            range_.trimmed,
-            manoeuvre_of(d.family, d.specs, d.duration_s, 0.0, rate),
-            range_.problem.rate_hz,
-            names,
-            air,
-        )
-        for d in designs
-        for air in airs
+    flights = range_.fly_each(designs, range_.airs(0, n), (*envelope.channels, *SHOWN), fewest=1)
+    aborted = np.full(len(envelope.names), 1.0 / ABORTED)
+    shares = [
+        np.array([aborted if isinstance(record, str) else envelope.shares(record) for record in own]) for own in flights
     ]
-    rows = []
-    for record in fly_jobs(jobs, range_.simulator, range_.tally, 1):
-        if isinstance(record, TestbenchError) or record.outcome == "aborted":
-            rows.append(np.full(len(envelope.names), 1.0 / ABORTED))
-        else:
-            rows.append(envelope.shares(record))
-    shares = np.array(rows).reshape(len(designs), n, -1)
     return [_Extremes(part, int(np.count_nonzero(part.max(axis=1) > 1.0))) for part in shares]

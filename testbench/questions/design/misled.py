@@ -43,15 +43,8 @@ def weighed(range_: Range, flown: Sequence[Flown], envelope: Envelope) -> list[F
         if not better:
             break
     lowered = [i for i in range(len(flown)) if shares[i] < 1.0]
-    n = len(lowered)
-    flights = fly_all(
-        [range_.aircraft] * n,
-        [range_.trimmed] * n,
-        [best[i][0] for i in lowered],
-        [envelope] * n,
-        range_.simulator,
-        range_.tally,
-    )
+    now = [best[i][0] for i in lowered]
+    flights = fly_all(range_.aircraft, range_.trimmed, now, envelope, range_.simulator, range_.tally)
     out = [replace(f, design=d) for f, (d, _) in zip(flown, best, strict=True)]
     for i, flight in zip(lowered, flights, strict=True):
         out[i] = replace(out[i], record=flight.record, tightest=flight.tightest, curbed=float(shares[i]))

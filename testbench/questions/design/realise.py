@@ -203,15 +203,30 @@ class Range:
         """Return the truth of a design's flights through several airs; why, of one that did not end well."""
         return self.fly_each([design], airs)[0]
 
-    def fly_each(self, designs: Sequence[Design], airs: Sequence[Air | None]) -> list[list[FlightRecord | str]]:
-        """Return the truth of several designs' flights, each through the same airs."""
+    def fly_each(
+        self,
+        designs: Sequence[Design],
+        airs: Sequence[Air | None],
+        channels: Sequence[str] | None = None,
+        fewest: int | None = None,
+    ) -> list[list[FlightRecord | str]]:
+        """Return the truth of several designs' flights, each through the same airs; why, of one that did not end well.
+
+        Args:
+            designs: what is flown.
+            airs: one flight in each.
+            channels: of the records; what the sensors need if not given.
+            fewest: flights that are worth a batch; as :mod:`testbench.flight.batch.fly` has it, or any number where
+                something has been flown in batches before, if not given.
+        """
         from testbench.flight.batch.fly import FEWEST, fly_jobs
 
         rate = self.trimmed.rate_hz
-        wanted = tuple(dict.fromkeys(name for s in self.suite.sensors for name in s.needs))
+        needed = [name for s in self.suite.sensors for name in s.needs] if channels is None else channels
+        wanted = tuple(dict.fromkeys(needed))
         flown = [manoeuvre_of(d.family, d.specs, d.duration_s, 0.0, rate) for d in designs]
         jobs = [Job(self.aircraft, self.trimmed, m, self.problem.rate_hz, wanted, air) for m in flown for air in airs]
-        fewest = 1 if self.tally.batch else FEWEST
+        fewest = (1 if self.tally.batch else FEWEST) if fewest is None else fewest
         out: list[FlightRecord | str] = []
         for found in fly_jobs(jobs, self.simulator, self.tally, fewest):
             if isinstance(found, TestbenchError):
@@ -243,20 +258,10 @@ class Range:
                 failed.append(error.message)
                 continue
             errors.append(value - self.targets.values)
-            jacobian = self._jacobian(params)
+            jacobian = self.targets.slopes(self.identified.structure, params)
             stated.append(np.sqrt(np.maximum(np.einsum("ti,ij,tj->t", jacobian, covariance, jacobian), 0.0)))
         t = len(self.targets.names)
         return Errors(np.array(errors).reshape(-1, t), np.array(stated).reshape(-1, t), tuple(failed))
-
-    def _jacobian(self, params: FloatArray) -> FloatArray:
-        """Return the derivatives (t, k) of the targets at other parameters, by central differences."""
-        structure, out = self.identified.structure, []
-        for k, value in enumerate(params):
-            step = np.zeros(params.size)
-            step[k] = 1e-6 * max(abs(value), 1e-6)
-            high, low = (self.targets.at(structure, params + sign * step) for sign in (1.0, -1.0))
-            out.append((high - low) / (2.0 * step[k]))
-        return np.stack(out, axis=1)
 
     def realised(self, design: Design, n: int, say: Callable[[str], None]) -> Realised:
         """Return the errors of a design over ``n`` flights.

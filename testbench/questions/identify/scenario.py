@@ -38,6 +38,10 @@ class ReferenceLengths(Strict):
     cbar_m: Positive
 
 
+TrendVariable = Literal["auto", "none", "V", "qbar", "alpha"]
+"""Variable that pooled coefficients may be linear in."""
+
+
 class Pooling(Strict):
     """How several records, or several descriptions, become one set of coefficients.
 
@@ -48,7 +52,7 @@ class Pooling(Strict):
 
     each: bool = False
     prior: Text | None = None
-    trend: Literal["auto", "none", "V", "qbar", "alpha"] = "auto"
+    trend: TrendVariable = "auto"
     method: Text | None = None
 
 

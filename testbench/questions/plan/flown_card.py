@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from scipy.stats import chi2
@@ -342,21 +342,17 @@ class _Reading:
 
     def of(self, model: ParametricModel) -> tuple[FloatArray, FloatArray]:
         """Return values (t,) and stated standard errors (t,); NaN where a mode is not there."""
-        params, slopes = model.params, np.zeros((len(self.names), model.params.size))
-        values = self._at(model, params)
-        for j in np.flatnonzero(np.diag(model.covariance) > 0.0):
-            step = np.zeros(params.size)
-            step[j] = 1e-6 * max(abs(float(params[j])), 1e-6)
-            slopes[:, j] = (self._at(model, params + step) - self._at(model, params - step)) / (2.0 * step[j])
+        params, structure = model.params, cast("Any", model.structure)
+        if self.modes:
+            t = len(self.names)
+            read = Targets(self.names, np.zeros(t), np.zeros(t), np.zeros((t, params.size)), self.modes)
+            values = read.at(structure, params)
+            slopes = read.slopes(structure, params, np.flatnonzero(np.diag(model.covariance) > 0.0).tolist())
+        else:
+            at = [structure.parameter_names.index(n) for n in self.names]
+            values, slopes = params[at], np.eye(params.size)[at]
         variance = np.einsum("ti,ij,tj->t", slopes, model.covariance, slopes)
         return values, np.sqrt(np.maximum(variance, 0.0))
-
-    def _at(self, model: ParametricModel, params: FloatArray) -> FloatArray:
-        zeros = np.zeros(len(self.names))
-        structure: Any = model.structure
-        if not self.modes:
-            return params[[structure.parameter_names.index(n) for n in self.names]]
-        return Targets(self.names, zeros, zeros, np.zeros((zeros.size, params.size)), self.modes).at(structure, params)
 
 
 def _bends(card: Card, case: Case, promise: Promise) -> dict[str, float]:

@@ -15,7 +15,7 @@ from testbench.core.errors import EstimationError, ScenarioError, TestbenchError
 from testbench.core.words import with_error
 from testbench.estimators.identification import estimator_name
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.flight import FlightCondition, load_aircraft, trim
+from testbench.flight import FlightCondition, TrimmedFlight, load_aircraft, trim
 from testbench.line import Report
 from testbench.questions.identify.amend.choose import aims_of, chosen_case, servo_aims
 from testbench.questions.identify.amend.folder import (
@@ -126,7 +126,7 @@ def amend(
     changed = tuple(
         Coefficient(key, value, _number(base, key), _number(loaded, key)) for key, value in coefficients.items()
     )
-    origin = _origin(folder.name, base, parts, changed, sources, loaded)
+    origin = _origin(folder.name, base, parts, changed, sources)
     write_folder({**files, SOURCES: origin}, folder)
     out = {}
     for part in parts:
@@ -146,7 +146,7 @@ def amend(
             part.servos,
             tuple(c for c in changed if c.name.partition("_")[2] in own),
             replays(case, _names(part.found), base, loaded, part.condition),
-            (*part.notes, *_trim_note(part, loaded)),
+            part.notes,
             (*part.doubts, *refused),
         )
     return out
@@ -200,8 +200,9 @@ def _parts(found: Sequence[Identified]) -> tuple[list[_Part], list[str]]:
 
 
 def _with_reached(part: _Part, loaded: Aircraft) -> _Part:
-    """Return a part with what the aircraft has, and what is said of what is far from its aim."""
-    has = derivatives_of(loaded, trim(loaded, part.condition), part.structure)
+    """Return a part with what the aircraft has, and what is said of what is far from its aim and of the equilibrium."""
+    trimmed = trim(loaded, part.condition)
+    has = derivatives_of(loaded, trimmed, part.structure)
     aims = tuple(replace(a, reached=has[a.name]) for a in part.aims)
     own = servos_of(loaded, [f"{s.control}_cmd" for s in part.servos])
     lags = {n.removesuffix("_cmd"): s.lag_s for n, s in own.items()}
@@ -215,7 +216,8 @@ def _with_reached(part: _Part, loaded: Aircraft) -> _Part:
         and a.aimed is not None
         and abs((a.reached or 0.0) - a.aimed) > 0.1 * a.std
     ]
-    return replace(part, aims=aims, servos=servos, doubts=(*part.doubts, *far))
+    notes = (*part.notes, _trim_note(part, trimmed))
+    return replace(part, aims=aims, servos=servos, notes=notes, doubts=(*part.doubts, *far))
 
 
 def _float(value: object) -> float | None:
@@ -230,9 +232,8 @@ def _names(found: Identified) -> list[tuple[str, str]]:
     return [*((n, "identification") for n in (*fit, *split)), *((n, "validation") for n in (*judge, *split))]
 
 
-def _trim_note(part: _Part, loaded: Aircraft) -> list[str]:
+def _trim_note(part: _Part, trimmed: TrimmedFlight) -> str:
     """Say that the equilibrium is left as it was, beside what was recorded of it."""
-    trimmed = trim(loaded, part.condition)
     records = part.found.cases[part.index].identification
     said = []
     for name in ("alpha", "de"):
@@ -245,10 +246,10 @@ def _trim_note(part: _Part, loaded: Aircraft) -> list[str]:
             degrees = np.degrees([float(np.mean(values)), float(trimmed.state[name])])
             said.append(f"{name} {degrees[0]:.1f} deg in the records and {degrees[1]:.1f} deg in the aircraft")
     beside = f": {', '.join(said)}" if said else ""
-    return [
+    return (
         f"the equilibrium at {part.condition.V_m_s:.4g} m/s stays what it was, since derivatives say nothing of it"
         f"{beside}"
-    ]
+    )
 
 
 def _number(aircraft: Aircraft, name: str) -> float | None:
@@ -277,7 +278,6 @@ def _origin(
     parts: Sequence[_Part],
     changed: Sequence[Coefficient],
     sources: str,
-    loaded: Aircraft,
 ) -> str:
     """Return SOURCES.md: what changed, by which flight, and what the sources of the aircraft before say."""
     lines = [
@@ -314,7 +314,7 @@ def _origin(
         ]  # fmt: skip
         if part.servos:
             lines += ["", *(f"- servo of {s.control}: a lag of {s.lag_s:.4g} s" for s in part.servos)]
-        lines += ["", *(f"- {text}" for text in (*part.doubts, *part.notes, *_trim_note(part, loaded)))]
+        lines += ["", *(f"- {text}" for text in (*part.doubts, *part.notes))]
     lines += [
         "",
         "## Coefficients",

@@ -76,7 +76,7 @@ def identify_and_pool(
         >>> tb.identify_and_pool(days).pooled.coefficient("Cm_alpha").value  # doctest: +SKIP
     """
     say = progress or (lambda text: None)
-    asked = settings if settings is not None else _agreed(descriptions)
+    asked = settings if settings is not None else agreed(descriptions)
     _one_aircraft(descriptions)
     _known_method(asked.method, descriptions)
     given = _given_prior(asked.prior, descriptions)
@@ -147,7 +147,12 @@ def parts_of(descriptions: Sequence[RecordDescription], each: bool) -> Iterator[
         yield file_stem(name), description
 
 
-def _agreed(descriptions: Sequence[RecordDescription]) -> Pooling:
+def agreed(descriptions: Sequence[RecordDescription]) -> Pooling:
+    """Return how descriptions are to be pooled, as their tables [pool] say, the default if none says anything.
+
+    Raises:
+        ScenarioError: the tables do not agree.
+    """
     given = {d.pool for d in descriptions if d.pool != Pooling()}
     if len(given) > 1:
         raise ScenarioError(

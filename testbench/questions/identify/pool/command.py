@@ -10,7 +10,7 @@ from testbench.page.labels import file_stem
 from testbench.page.terminal import console, stages
 from testbench.page.write import record_keeper
 from testbench.questions.identify.page import identify_page
-from testbench.questions.identify.pool.ask import identify_and_pool
+from testbench.questions.identify.pool.ask import agreed, identify_and_pool
 from testbench.questions.identify.pool.page import pool_page
 from testbench.questions.identify.scenario import Pooling, RecordDescription
 
@@ -26,12 +26,8 @@ def settings_of(descriptions: Sequence[RecordDescription], several: bool, **give
     Raises:
         ScenarioError: the tables do not agree; or an option is given that only pooling uses, and there is one log.
     """
-    tables = {d.pool for d in descriptions if d.pool != Pooling()}
     options = {key: value for key, value in given.items() if value not in (None, False)}
-    if len(tables) > 1:
-        names = ", ".join(str(d.file) for d in descriptions if d.pool != Pooling())
-        raise ScenarioError([f"descriptions that are pooled must agree in their table [pool], got others in {names}"])
-    asked = next(iter(tables), Pooling()).model_copy(update=options)
+    asked = agreed(descriptions).model_copy(update=options)
     if several or asked.each or asked.prior is not None:
         return asked
     if options:

@@ -10,7 +10,8 @@ from scipy.stats import chi2 as chi_square
 
 from testbench.core.record import FloatArray
 from testbench.questions.identify.pool.least_squares import Fit, LogCoefficients, Trend, alone, fit, inverse, rows
-from testbench.questions.identify.pool.trends import TrendVariable, best_trend
+from testbench.questions.identify.pool.trends import best_trend
+from testbench.questions.identify.scenario import TrendVariable
 
 _RATES = ("_p", "_q", "_r")
 _SIZES = (0.01, 0.02, 0.05, 0.1, 0.2)  # relative deviations from log to log that a cause is tried with

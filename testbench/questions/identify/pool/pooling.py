@@ -15,7 +15,8 @@ from testbench.core.record import FloatArray
 from testbench.questions.identify.pool.disagreement import Disagreement, added, disagreement
 from testbench.questions.identify.pool.least_squares import Fit, LogCoefficients, Trend, fit, inverse, solve
 from testbench.questions.identify.pool.prior import Prior
-from testbench.questions.identify.pool.trends import TrendVariable, best_trend
+from testbench.questions.identify.pool.trends import best_trend
+from testbench.questions.identify.scenario import TrendVariable
 
 
 class PoolCriteria(NamedTuple):

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Literal
 
 from scipy.stats import chi2 as chi_square
 from scipy.stats import f as f_distribution
 
 from testbench.core.errors import EstimationError
 from testbench.questions.identify.pool.least_squares import Fit, LogCoefficients, Trend, all_names, alone, fit
+from testbench.questions.identify.scenario import TrendVariable
 
-TrendVariable = Literal["auto", "none", "V", "qbar", "alpha"]
 VARIABLES = ("V", "qbar", "alpha")
 _APART = 0.1  # two conditions are two if they differ by this share of the range of all
 _RANGES = {"V": 0.05, "qbar": 0.1, "alpha": 0.0}  # least range of a variable, as a share of its largest value
