@@ -107,6 +107,14 @@ def test_feedback_is_a_note_for_a_method_that_bears_it():
     assert "closed_loop" not in codes
 
 
+def coloured(rng: np.random.Generator, pole: float, *shape: int) -> np.ndarray:
+    """Return noise of first order that begins at zero, time along the first axis."""
+    noise = np.zeros(shape)
+    for k in range(1, len(noise)):
+        noise[k] = pole * noise[k - 1] + 0.002 * rng.standard_normal(shape[1:])
+    return noise
+
+
 def test_an_input_that_acts_between_its_samples_is_no_feedback():
     # The surface moves on between samples; white residuals would show it as news that goes with the output.
     rng = np.random.default_rng(8)
@@ -115,12 +123,8 @@ def test_an_input_that_acts_between_its_samples_is_no_feedback():
         record = fly("clean", seed)
         de = record["de"] + 0.01 * rng.standard_normal(len(record))
         q = record["q"] - 18.0 * 0.02 * 0.5 * (de - record["de"])  # the half sample that has acted already
-        noise = np.zeros(len(record))
-        for k in range(1, len(record)):
-            noise[k] = 0.9 * noise[k - 1] + 0.002 * rng.standard_normal()
-        flown = FlightRecord(
-            record.t_s, (*INPUTS, *OUTPUTS), np.column_stack([de, record["alpha"] + noise, q]), "measured"
-        )
+        alpha = record["alpha"] + coloured(rng, 0.9, len(record))
+        flown = FlightRecord(record.t_s, (*INPUTS, *OUTPUTS), np.column_stack([de, alpha, q]), "measured")
         codes = [a.code for a in with_causes(estimate("dsr_e", [flown], INPUTS, OUTPUTS, **HORIZONS), [flown]).advice]
         named += "closed_loop" in codes
     assert named <= 1  # each errs in 1 % of flights: two of five by chance in 0.1 %
@@ -133,10 +137,7 @@ def test_inputs_of_another_flight_are_no_feedback():
     for seed in range(11, 19):
         record = fly("clean", seed)
         de = record["de"] + 0.002 * rng.standard_normal(len(record))
-        noise = np.zeros((len(record), 2))
-        for k in range(1, len(record)):
-            noise[k] = 0.97 * noise[k - 1] + 0.002 * rng.standard_normal(2)
-        data = np.column_stack([de, record.columns(OUTPUTS) + noise])
+        data = np.column_stack([de, record.columns(OUTPUTS) + coloured(rng, 0.97, len(record), 2)])
         flown = FlightRecord(record.t_s, (*INPUTS, *OUTPUTS), data, "measured")
         codes = [a.code for a in with_causes(estimate("dsr_e", [flown], INPUTS, OUTPUTS, **HORIZONS), [flown]).advice]
         named += "closed_loop" in codes
