@@ -53,6 +53,7 @@ from testbench.estimators.causes.leavings import (
 from testbench.estimators.causes.tangent import Direction, directions, feeds_through, moved, moved_poles
 from testbench.estimators.discrete_transfer import TransferFunctionModel, in_free_run
 from testbench.estimators.model import IdentifiedModel
+from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.prediction_error import predict
 from testbench.estimators.residuals import autoregression, ljung_box
 from testbench.estimators.state_space import StateSpaceModel
@@ -334,7 +335,10 @@ def _far_from_best(model: IdentifiedModel, best: _Best, start: Regression) -> Fo
 
 
 def _shift(model: IdentifiedModel, best: _Best, fit: Regression) -> tuple[float, str, float]:
-    """Return the largest shift over its standard error, whose it is, and relative to the value; the pole's without."""
+    """Return the largest shift over its standard error, whose it is, and relative to the value; the pole's without.
+
+    What is left of trim values takes up every drift, which need not touch the others: it counts where nothing else is.
+    """
     found = best.found
     b, std = fit.b[: len(found)], fit.std[: len(found)]
     first = directions(model)
@@ -343,5 +347,9 @@ def _shift(model: IdentifiedModel, best: _Best, fit: Regression) -> tuple[float,
         return np.nan, "", moved_poles(model, best.model, found, b)
     b = b + np.array([d.value for d in found]) - np.array([d.value for d in first])
     size = np.where(np.abs(b) > _SURE * std, np.abs(b), 0.0) / error
+    constants = model.structure.trim_constants if isinstance(model, ParametricModel) else ()
+    counts = np.array([d.name not in constants for d in first])
+    if np.any(counts):
+        size = np.where(counts, size, 0.0)
     i = int(np.argmax(size))
     return float(size[i]), first[i].name, float(abs(b[i]) / max(abs(first[i].value), 1e-300))

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from testbench.core.advice import Advice, doubt, note, wrong
 from testbench.core.record import FloatArray
-from testbench.estimators.parametric.structure import LinearStructure
 
 _LOST = 1e-7  # smallest over largest singular value of the scaled sensitivities below which nothing is decided
 _NAMED = 0.3  # share of a null direction that makes a parameter worth naming
@@ -67,16 +66,16 @@ def advice_in_words(model: Any) -> Any:
                 "no standard error; widen the bound, or find out why the data lead beyond it",
             )
         )
-    # What is left of trim values may well be nothing; and rounding of noise-free records says nothing of a true zero.
-    linear = isinstance(model.structure, LinearStructure)
+    # Rounding of noise-free records says nothing of a true zero.
+    constants = model.structure.trim_constants
     noisy = float(np.median(errors / np.maximum(np.abs(values), 1e-300))) > _EXACT
     vague = [
         f"{n} {v:.3g} +- {e:.2g}"
         for n, v, e in zip(names, values, errors, strict=True)
-        if noisy and e > _VAGUE * abs(v) and e > 0.0 and not (linear and n.endswith("_0"))
+        if noisy and e > _VAGUE * abs(v) and e > 0.0 and n not in constants
     ]
     if vague:
-        asked = sum(not (linear and n.endswith("_0")) for n in names)
+        asked = sum(n not in constants for n in names)
         rank = doubt if len(vague) > _MANY * asked else note  # an error that is stated misleads nobody
         out.append(
             rank(
@@ -109,7 +108,7 @@ def advice_in_words(model: Any) -> Any:
         inflation = np.asarray(found["error_inflation"])
         factor = float(np.max(inflation))
         # a constant takes up every drift, which need not touch the derivatives
-        slopes = np.array([0.0 if linear and n.endswith("_0") else 1.0 for n in names]) * inflation
+        slopes = np.array([0.0 if n in constants else 1.0 for n in names]) * inflation
         # a correction of errors that are not to be believed would lend them weight
         why = [_WHY[a.code].format(", ".join(found["at_bound"])) for a in out if a.code in _WHY]
         if why:

@@ -136,6 +136,11 @@ class ModelStructure(ABC):
         return np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
 
     @property
+    def trim_constants(self) -> tuple[str, ...]:
+        """Parameters that hold what is left of trim values, which may well be nothing: their size says little."""
+        return ()
+
+    @property
     def begun(self) -> tuple[str, ...]:
         """States whose start the structure itself knows, whatever the record says."""
         return ()
@@ -218,6 +223,11 @@ class ModelStructure(ABC):
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LinearStructure(ModelStructure):
     """A structure that is linear in states and inputs."""
+
+    @property
+    def trim_constants(self) -> tuple[str, ...]:
+        """The constants of its equations."""
+        return tuple(n for n in self.parameter_names if n.endswith("_0"))
 
     @abstractmethod
     def matrices(self, params: AnyArray) -> Matrices:
