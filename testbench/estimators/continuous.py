@@ -87,6 +87,7 @@ class ContinuousTransferModel(IdentifiedModel):
 
         Raises:
             ChannelError: the record lacks an input or output of the model.
+            EstimationError: a pole grows beyond all numbers within a sample of the record.
         """
         u, part = record.columns(self.inputs), record.select(self.outputs)
         out = np.zeros(part.data.shape)

@@ -102,6 +102,9 @@ class StateVariableFilter:
         a: (n + 1,) coefficients 1, a1 ... an of A(s), highest power first, n >= 1.
         dt_s: sample time, s.
         samples: number of samples N.
+
+    Raises:
+        EstimationError: a pole grows beyond all numbers within one sample.
     """
 
     def __init__(self, a: FloatArray, dt_s: float, samples: int) -> None:
@@ -116,7 +119,14 @@ class StateVariableFilter:
         self._h = dt_s * self._scale
         self._known: dict[float, tuple[FloatArray, FloatArray, FloatArray]] = {}
         self.a, self.order, self.samples = a, n, samples
-        self._paths = Trajectories(self._moments(1.0)[0], samples)
+        with np.errstate(all="ignore"):
+            step = self._moments(1.0)[0]
+        if not np.all(np.isfinite(step)):
+            fastest = float(np.max(np.roots(a).real))
+            raise EstimationError(
+                f"a pole must not grow beyond all numbers within a sample of {dt_s:g} s, got one at {fastest:.3g} 1/s"
+            )
+        self._paths = Trajectories(step, samples)
 
     def _moments(self, part: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return exp(F h), the response to v = 1 and to a v that rises from 0 to 1 over h = part of a sample."""
