@@ -39,6 +39,7 @@ def write_file(
     part = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        part.unlink(missing_ok=True)  # a link of this name is not to be followed
         if callable(content):
             part.touch()  # a folder that cannot be written to shows here, before a library trips over it
             content(part)

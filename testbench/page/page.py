@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from testbench.core.files import write_file
+from testbench.page.beside import PAGE, written_beside
 from testbench.page.flown import flown_table, flown_words
 from testbench.page.terminal import print_answer, print_table
 from testbench.page.words import Answer, sentence
-from testbench.page.write import PAGE, claim_folder, write_plates, write_tables
+from testbench.page.write import claim_folder, write_plates, write_tables
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -80,13 +81,20 @@ class Page:
     def write(self, folder: Path | str) -> list[Path]:
         """Write tables, figures, the files beside the page and report.html; return the paths, the page last.
 
-        Every file appears complete or not at all: it is written under another name and renamed.
+        All of it is written beside what is there and moved into place together, see
+        :func:`testbench.page.beside.written_beside`.
 
         Raises:
             RecordError: the folder cannot be written to.
         """
         folder = Path(folder)
         claim_folder(folder)
+        with written_beside(folder) as part:
+            made = [path.relative_to(part) for path in self._write_into(part)]
+        return [folder / path for path in made]
+
+    def _write_into(self, folder: Path) -> list[Path]:
+        """Write all of the page into a folder; return the paths, the page last."""
         by = [] if self.flown is None else [flown_table(self.flown)]
         out = write_tables([*self.more_tables, *self.tables, *by], folder)
         for name, content in self.files.items():

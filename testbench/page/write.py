@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from testbench.core.claim import claim
 from testbench.core.errors import RecordError
 from testbench.core.files import write_file
+from testbench.page.beside import PAGE, within
 from testbench.page.labels import file_stem
 
 if TYPE_CHECKING:
@@ -19,21 +20,23 @@ if TYPE_CHECKING:
     from testbench.page.plot import Plate
     from testbench.page.tables import Table
 
-PAGE = "report.html"
-
 
 def record_keeper(folder: Path | str) -> Keep:
     """Return a function that saves each record as folder/records/NAME.nc, for ``run(keep=...)``.
 
+    The first record takes away the page of an older run, which belongs to other records.
+
     Raises:
-        RecordError: the folder cannot be made, or another process writes into it.
+        RecordError: the folder cannot be made, another process writes into it, or folder/records is a link out of it.
     """
-    claim_folder(Path(folder))
-    records = Path(folder) / "records"
+    folder = Path(folder)
+    claim_folder(folder)
 
     def keep(name: str, record: FlightRecord) -> None:
         """Save one record under its name."""
-        record.save(records / f"{file_stem(name)}.nc")
+        path = within(folder, folder / "records" / f"{file_stem(name)}.nc")
+        (folder / PAGE).unlink(missing_ok=True)
+        record.save(path)
 
     return keep
 
