@@ -28,6 +28,7 @@ from testbench.page.plot import (
 )
 from testbench.questions.gap.evidence.locate import BANDS_HZ
 from testbench.questions.gap.evidence.stepwise import followed
+from testbench.questions.gap.part_figure import part_plate
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -49,8 +50,11 @@ _SEGMENTS = 8  # of a residual spectrum, averaged
 
 
 def gap_plates(result: GapResult) -> list[Plate]:
-    """Return the figures of a gap case: maps, ranking, and before and after on each held-out manoeuvre."""
+    """Return the figures of a gap case: where to look, maps, ranking, and before and after on held-out manoeuvres."""
+    verdict = result.finding.verdict
+    where = None if verdict is None else part_plate(verdict)
     out = [_answer_plate(result)] if result.finding.shrink and result.finding.changed else []
+    out += [] if where is None else [where]
     out += [_map_plate(result), _region_plate(result)] if result.finding.regions else [_map_plate(result)]
     if result.finding.forces:
         out.append(_force_plate(result))

@@ -20,6 +20,7 @@ from testbench.questions.gap.evidence.forces import EquationErrors
 from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
 from testbench.questions.gap.open_set import FirstLook
 from testbench.questions.gap.parameters import WrongParameter, off_parameters
+from testbench.questions.gap.verdict import Verdict, verdict_of
 
 # By so much a simulator may err in the short period and after a power change, in roll and yaw response and in a steady
 # sideslip, 14 CFR 60, appendix A, table A2A; the pitch angle's tolerance is taken for the angle of attack.
@@ -125,10 +126,17 @@ class GapFinding:
         return self.naming.best is not None or bool(self.parameters)
 
     @property
+    def verdict(self) -> Verdict | None:
+        """Where the cause sits, with how often such a call was right; None where there is no gap."""
+        return verdict_of(self.naming)
+
+    @property
     def sentences(self) -> tuple[str, ...]:
         """The answer in words."""
         re_tuned = "; ".join(p.sentence for p in self.parameters)
         out = [f"{re_tuned}; beside that, {self.naming.sentence}" if re_tuned else self.naming.sentence]
+        verdict = self.verdict
+        out += [] if verdict is None else verdict.sentences
         out += [*self._evidence(), *([self.next_flight] if self.next_flight else [])]
         for s in self.shrink if self.changed else ():
             k = int(np.argmax(s.energy_before))

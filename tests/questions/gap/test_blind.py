@@ -291,6 +291,12 @@ def test_the_report_reads_out_rates_sizes_and_confusion(tmp_path):
     assert "10,11,0.5,+0.100" in (tmp_path / "sizes.csv").read_text(encoding="utf-8")
     assert len((tmp_path / "cases.csv").read_text(encoding="utf-8").splitlines()) == 4
     assert "## What stands against a name" not in page  # nobody has looked
+    parts = (tmp_path / "parts.csv").read_text(encoding="utf-8").splitlines()
+    assert parts[1:3] == [
+        "one effect,2,0.342,1.000,1,2",
+        "two effects,0,0.000,1.000,0,0",
+    ]  # a delay is of the same part
+    assert "| set | 1 of 1 | 21 to 100 % | 1 of 1 |" in page
 
 
 def test_the_report_counts_what_stands_against_names(tmp_path):

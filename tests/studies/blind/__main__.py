@@ -16,10 +16,13 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: two workers with two threads each are far slower
 
 from studies.blind.cases import SHORT, STRATA, WITHOUT, Case, draw, opened, seal
+from studies.blind.parts import CALLED_TABLE, called, called_text
 from studies.blind.report import write_report
 from studies.blind.rows import leave_with, look_at_rest, run_case
 
 SEED = 20261210
+RESULTS = Path(__file__).resolve().parents[3] / "results" / "gap"
+"""Where the committed rows are; the verdict of a case reads what they say of parts."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -52,7 +55,10 @@ def main(arguments: list[str] | None = None) -> int:
         for row in _kept(rows_file, _rows(due, asked.workers, stop)):
             done[row["case"]] = row
             print(f"{len(done)} {row['case']}: {row['outcome']} {' | '.join(row['names'])}", flush=True)
-    write_report(asked.out, cases, {n: {**r, **left.get(n, {})} for n, r in done.items()}, digest, asked.seed)
+    rows = {n: {**r, **left.get(n, {})} for n, r in done.items()}
+    write_report(asked.out, cases, rows, digest, asked.seed)
+    if asked.out.resolve() == RESULTS:
+        CALLED_TABLE.write_text(called_text(called(cases, rows)), encoding="utf-8")
     print(f"summary: {asked.out / 'README.md'}")
     return 0
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from scipy.stats import chi2
 from studies.blind.cases import SHORT, STRATA, WITHOUT, Case
+from studies.blind.parts import called
 from studies.blind.score import (
     FEWEST,
     ByEffect,
@@ -39,6 +40,7 @@ _EFFECTS = (
 )  # fmt: skip
 _RATES = ("manoeuvres", "rate", "count", "of", "value", "wilson_low", "wilson_high", "bar", "met")
 _WITHOUT = ("case", "hidden", "taken_out", "outcome", "said", "chi2_left", "samples")
+_PARTS = ("call", "right_part", "part_low", "part_high", "right_effect", "cases")
 _SIZES = ("case", "manoeuvres", "hidden", "true", "estimate", "standard_error", "relative_error")
 
 
@@ -47,7 +49,7 @@ def write_report(
 ) -> None:
     """Write the tables of the cases that have a row, and README.md.
 
-    cases.csv, confusion.csv, effects.csv, rates.csv, sizes.csv, without.csv.
+    cases.csv, confusion.csv, effects.csv, parts.csv, rates.csv, sizes.csv, without.csv.
     """
     failed = [n for n, r in rows.items() if r["outcome"] == "failed"]
     flown = [c for c in cases if c.name in rows and c.name not in failed]
@@ -63,10 +65,12 @@ def write_report(
     _csv(folder / "cases.csv", _CASES, (_case(n, s) for n, s in scored))
     _csv(folder / "confusion.csv", _CONFUSION, ((*k, c) for k, c in sorted(table.items())))
     _csv(folder / "effects.csv", _EFFECTS, (_effect(n, e) for n, e in effects))
+    calls = called(cases, rows)
+    _csv(folder / "parts.csv", _PARTS, ((c, p, *_interval(p, n), e, n) for c, (p, e, n) in calls.items()))
     _csv(folder / "rates.csv", _RATES, (_rate(n, r) for n, r in found))
     _csv(folder / "sizes.csv", _SIZES, (_size(*row) for row in compared))
     _csv(folder / "without.csv", _WITHOUT, (_without(s) for s in six if _flew_without(s)))
-    (folder / "README.md").write_text(_page(six, two, cases, failed, digest, seed), encoding="utf-8")
+    (folder / "README.md").write_text(_page(six, two, cases, failed, digest, seed, calls), encoding="utf-8")
 
 
 def _case(manoeuvres: str, s: Score) -> tuple[object, ...]:
@@ -110,7 +114,13 @@ def _hidden(score: Score) -> str:
 
 
 def _page(
-    six: Sequence[Score], two: Sequence[Score], cases: Sequence[Case], failed: Sequence[str], digest: str, seed: int
+    six: Sequence[Score],
+    two: Sequence[Score],
+    cases: Sequence[Case],
+    failed: Sequence[str],
+    digest: str,
+    seed: int,
+    calls: Mapping[str, tuple[int, int, int]],
 ) -> str:
     counts = Counter(s.case.stratum for s in six)
     cpu = [s.row["seconds"] for s in six]
@@ -167,6 +177,17 @@ def _page(
         "",
         *_names_without(six),
         *_rests(six),
+        "## Part",
+        "",
+        "An effect acts in a part of the aircraft (testbench/questions/gap/parts.py). A call had the right part if the "
+        "hidden truth acts in every part that was called, of a set in one of them. Cases of six and of two manoeuvres "
+        "and those without the true effect in the library count alike. Where nothing is named, the nearest effect says "
+        "little of the part, and no part is called.",
+        "",
+        "| call | right part | interval | right effect |",
+        "|---|---|---|---|",
+        *(_call(name, *counts) for name, counts in calls.items()),
+        "",
         "## By effect",
         "",
         "One effect hidden: right names of all cases, and wrong ones; of those that the library does not hold, how many"
@@ -177,8 +198,8 @@ def _page(
         *_by_effect(six, two),
         "",
         "`cases.csv`: every case; `confusion.csv`: what was hidden against what was said, in still air; `effects.csv`, "
-        "`rates.csv`, `sizes.csv`, `without.csv`: the tables above; `rows.jsonl`: all that the workflow said. "
-        "`earlier_draws.csv`: what the draws before this one gave; it is kept by hand.",
+        "`parts.csv`, `rates.csv`, `sizes.csv`, `without.csv`: the tables above; `rows.jsonl`: all that the workflow "
+        "said. `earlier_draws.csv`: what the draws before this one gave; it is kept by hand.",
         "",
     ]
     return "\n".join(lines)
@@ -241,6 +262,12 @@ def _refused(row: Mapping[str, Any]) -> bool:
     """Return whether a name that a row gives is refused by what was added after the row was made."""
     much = bool(row["rest"]) and more_than_form(row["rest"]["gain"], row["gain"])
     return bool(row.get("beyond")) or (much and len(row["names"]) == 1)
+
+
+def _call(name: str, part: int, effect: int, cases: int) -> str:
+    low, high = proportion_interval(part, cases)
+    called = "nothing, nearest effect" if name == "unexplained" else name
+    return f"| {called} | {part} of {cases} | {100 * low:.0f} to {100 * high:.0f} % | {effect} of {cases} |"
 
 
 def _line(rate: Rate, bars: bool) -> str:

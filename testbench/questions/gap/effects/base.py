@@ -84,6 +84,9 @@ class Effect:
         met: values -> the gust that one record met; None for all effects that belong to aircraft or sensors.
         upstream: how far up the path from the pilot's command to the forces it acts (FORCES, LINKAGE, ...). Effects
             found together act in that order, whichever was found first.
+        part: part of the aircraft that whoever looks for the cause goes to, see :mod:`testbench.questions.gap.parts`;
+            that of ``place`` if not given.
+        ground_check: the cheapest check on the ground, in words; that of the part if not given.
         looks: number of places (records, times, components) where the effect was sought, the best of which was taken;
             thresholds are Bonferroni's over all of them. 0 if it was not found anywhere.
     """
@@ -104,6 +107,8 @@ class Effect:
     met: Callable[[Values], MetGust] | None = None
     looks: int = 1
     upstream: int = FORCES
+    part: str = ""
+    ground_check: str = ""
 
     @property
     def singles(self) -> tuple[Effect, ...]:

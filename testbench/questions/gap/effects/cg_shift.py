@@ -31,6 +31,7 @@ EFFECT = Effect(
     name="cg_shift",
     title="shift of the centre of gravity",
     place="pitching moment",
+    part="mass",
     physics=(
         "The centre of gravity lies further aft or forward than believed, so that lift acts with another arm. "
         "Static stability changes by the shift times the lift slope, and accelerometers sit elsewhere beside it."

@@ -33,6 +33,7 @@ EFFECT = Effect(
     name="elevator_mode",
     title="structural mode excited by the elevator",
     place="pitching moment",
+    part="structure",
     physics=(
         "The elevator's load bends tail boom or fuselage, a lightly damped mode whose deflection turns the tail. "
         "The pitching moment due to the elevator rings at the mode's frequency."

@@ -22,6 +22,7 @@ EFFECT = Effect(
     name="filtered_pitch_damper",
     title="pitch damper with filter",
     place="pitching moment",
+    part="autopilot",
     physics=(
         "An autopilot turns the elevator in proportion to pitch rate, but behind a filter that keeps out the gyro's "
         "noise and vibration. Late feedback damps less and stiffens more; it may set off an oscillation."

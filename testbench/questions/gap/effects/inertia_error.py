@@ -22,6 +22,7 @@ EFFECT = Effect(
     name="inertia_error",
     title="moment of inertia other than believed",
     place="pitching moment",
+    part="mass",
     physics=(
         "Masses lie further out or further in than believed. "
         "All moments turn the aircraft slower or faster by the same factor, and no force changes."

@@ -23,6 +23,7 @@ EFFECT = Effect(
     name="pitch_damper",
     title="pitch damper",
     place="pitching moment",
+    part="autopilot",
     physics=(
         "An autopilot turns the elevator in proportion to pitch rate, behind the recorded command and through the "
         "servo. The short period is damped more, or less with the other sign, than the aircraft itself would be."

@@ -22,6 +22,7 @@ EFFECT = Effect(
     name="washed_pitch_damper",
     title="pitch damper with washout",
     place="pitching moment",
+    part="autopilot",
     physics=(
         "An autopilot turns the elevator in proportion to pitch rate, but lets a lasting rate pass, so that it does "
         "not work against a pull-up. The short period is damped more, and the phugoid stays as it is."

@@ -42,6 +42,7 @@ EFFECT = Effect(
     name="wing_bending",
     title="symmetric wing bending",
     place="lift",
+    part="structure",
     physics=(
         "The wing bends, and twists a little, under its lift and springs back as a lightly damped mode. "
         "Its plunging takes lift away while it moves, its twist adds lift in proportion to its deflection."

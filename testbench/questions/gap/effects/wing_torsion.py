@@ -36,6 +36,7 @@ EFFECT = Effect(
     name="wing_torsion",
     title="symmetric wing torsion",
     place="lift",
+    part="structure",
     physics=(
         "The lift twists the wing about its elastic axis and the twist adds to the angle of attack. "
         "The lift slope grows with dynamic pressure, and near the mode's frequency lift leads or lags alpha."

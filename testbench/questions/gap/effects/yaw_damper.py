@@ -22,6 +22,7 @@ EFFECT = Effect(
     name="yaw_damper",
     title="yaw damper",
     place="rudder",
+    part="autopilot",
     physics=(
         "An autopilot turns the rudder in proportion to yaw rate, behind the recorded command and through the servo; a "
         "washout lets a steady turn pass. The Dutch roll is damped more, or less with the other sign, than by the "

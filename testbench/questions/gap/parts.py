@@ -1,0 +1,78 @@
+"""Parts of an aircraft that an engineer can go to, and the cheapest check of each on the ground.
+
+An effect names its part, or its ``place`` tells it. Effects of one part do much the same to a flight. Whoever is sent
+to the right part with a relative of the true effect finds it there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from testbench.questions.gap.effects import Effect
+
+
+@dataclass(frozen=True)
+class Part:
+    """One part.
+
+    Attributes:
+        name: as in results and in sentences.
+        ground_check: what to do on the ground, as an order.
+    """
+
+    name: str
+    ground_check: str
+
+
+_SURFACE = (
+    "command the {0} in steps and film stick and surface together: delay, lag, limited rate, throw and dead band show; "
+    "then push the surface by hand: play is felt"
+)
+_SENSOR = {
+    "alpha": "turn the vane by hand to angles of a protractor: scale, offset and stickiness show",
+    "beta": "turn the vane by hand to angles of a protractor: scale, offset and stickiness show",
+    "V": "press a known height of water on the pitot tube: scale, offset and leaks show",
+    "q": "turn the aircraft about its pitch axis by 90 deg and integrate the gyro: scale and offset show",
+    "p": "turn the aircraft about its roll axis by 90 deg and integrate the gyro: scale and offset show",
+    "r": "turn the aircraft about its yaw axis by 90 deg and integrate the gyro: scale and offset show",
+    "theta": "tilt the aircraft to angles of an inclinometer: scale and offset show",
+    "phi": "tilt the aircraft to angles of an inclinometer: scale and offset show",
+    "az": "turn the aircraft upside down: the accelerometer must go from -1 g to 1 g; measure where it sits",
+    "ay": "lay the aircraft on either side: the accelerometer must go from -1 g to 1 g; measure where it sits",
+    "ax": "stand the aircraft on nose and tail: the accelerometer must go from -1 g to 1 g; measure where it sits",
+}
+_CHECKS = {
+    **{f"{s} path": _SURFACE.format(s) for s in ("elevator", "aileron", "rudder")},
+    "control path": _SURFACE.format("surface"),
+    "thrust": "hold the aircraft by a spring scale at half and full throttle: thrust, its rise and its line show",
+    "mass": "weigh the aircraft as it flew and balance it on two points: mass and centre of gravity show",
+    "structure": "push wing tips and tail by hand and let go: what is loose moves, and what rings is heard or filmed",
+    "lift": "look along the wings: dirt, dents, warps, open hatches; measure their incidence with an inclinometer",
+    "drag": "look for what stands in the air and is not in the model: antennas, wheels, gaps, open hatches",
+    "pitching moment": "measure incidence of wing and tail with an inclinometer; balance the aircraft on two points",
+    "lateral moments": "measure incidence and twist of both wings with an inclinometer; balance it on nose and tail",
+    "autopilot": "turn the aircraft by hand with all switched on: a surface that follows is fed back; read settings",
+    "air": "none on the ground: fly the manoeuvre again in calm air and compare",
+}
+_OF_PLACE = {"elevator": "elevator path", "aileron": "aileron path", "rudder": "rudder path", "throttle": "thrust"}
+
+
+def part_names(effect: Effect) -> tuple[str, ...]:
+    """Return the names of the parts that an effect, or each of several together, acts in; none twice."""
+    return tuple(dict.fromkeys(e.part or _OF_PLACE.get(e.place, e.place) for e in effect.singles))
+
+
+def parts_of(effects: Sequence[Effect]) -> tuple[Part, ...]:
+    """Return the parts of several effects, with the checks on the ground; none twice.
+
+    The check of a part is that of its first effect, if this brings one of its own.
+    """
+    out: dict[str, Part] = {}
+    for effect in (single for e in effects for single in e.singles):
+        name = part_names(effect)[0]
+        channel = name.removesuffix(" sensor")
+        known = _SENSOR.get(channel, "compare the sensor at rest with another one") if channel != name else ""
+        check = effect.ground_check or known or _CHECKS.get(name, "look at it, and measure what the effect says of it")
+        out.setdefault(name, Part(name, check))
+    return tuple(out.values())

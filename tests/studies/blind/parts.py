@@ -1,0 +1,84 @@
+"""How often the part that was called was the right one: what was said against where the hidden truth acts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from studies.blind.cases import Case
+from studies.blind.score import judge
+
+from testbench.flight import load_aircraft
+from testbench.questions.gap.effects import library
+from testbench.questions.gap.parts import part_names
+from testbench.questions.gap.verdict import call_of
+from testbench.sensors import load_suite
+
+CALLED_TABLE = Path(__file__).resolve().parents[3] / "testbench" / "questions" / "gap" / "called.py"
+CALLS = ("one effect", "two effects", "set", "unexplained")
+NO_PART = ("nothing", "nothing in turbulence")
+# Where kinds act that the library does not hold.
+UNSEEN: Mapping[str, str] = {
+    "coarse command": "elevator path",
+    "damping curved in alpha": "pitching moment",
+    "elevator that fades": "pitching moment",
+    "frozen attitude": "theta sensor",
+    "gyro that saturates on one side": "q sensor",
+    "lift of the thrust": "lift",
+    "motor with a bent curve": "thrust",
+    "sticky vane": "alpha sensor",
+    "stuck link": "elevator path",
+    "vibration": "structure",
+    "wandering attitude": "theta sensor",
+}
+
+
+def called(cases: Iterable[Case], rows: Mapping[str, Mapping[str, Any]]) -> dict[str, tuple[int, int, int]]:
+    """Return for each kind of call: rows with the right part, with the right effect, and all that were called so.
+
+    Rows of cases with six and two manoeuvres, and of those without the true effect, count alike. A part is right if
+    every part that was called is one in which the hidden truth acts, or, of a set, if one of them is.
+    """
+    by_name = {c.name: c for c in cases}
+    found: dict[str, Counter[str]] = {call: Counter() for call in CALLS}
+    for name, row in rows.items():
+        case = by_name[name.split(", ")[0]]
+        if case.stratum in NO_PART or row["outcome"] in ("failed", "no gap") or row["best"] is None:
+            continue
+        call = call_of(row["names"])
+        said = _parts(row["names"] or [row["best"]])
+        true = {p for kind, right in zip(case.kinds, case.right, strict=True) for p in _true_parts(kind, right)}
+        count = found[call]
+        count["all"] += 1
+        count["part"] += bool(said & true) if call == "set" else said <= true
+        count["effect"] += judge(case, row).verdict in ("right", "in set")
+    return {call: (count["part"], count["effect"], count["all"]) for call, count in found.items()}
+
+
+def called_text(found: Mapping[str, tuple[int, int, int]]) -> str:
+    """Return the module that holds the counts."""
+    rows = "".join(f'    "{call}": {counts},\n' for call, counts in found.items())
+    return (
+        '"""Written by `python -m studies.blind --report` from results/gap/parts.csv."""\n\n'
+        f"CALLED: dict[str, tuple[int, int, int]] = {{\n{rows}}}\n"
+        '"""Kind of call -> cases of the blind test with the right part, with the right effect, and all."""\n'
+    )
+
+
+def _true_parts(kind: str, right: Iterable[str]) -> set[str]:
+    return _parts(right) or {UNSEEN[kind]}
+
+
+def _parts(names: Iterable[str]) -> set[str]:
+    return {part for name in names for single in name.split(" + ") for part in _part(single)}
+
+
+def _part(name: str) -> tuple[str, ...]:
+    return ("air",) if name == "gust" else part_names(_LIBRARY[name])
+
+
+_LIBRARY = library(load_suite("eolo_alpha"), load_aircraft("eolo", "rigid")) | library(
+    load_suite("eolo_gap"), load_aircraft("taurus")
+)
