@@ -24,7 +24,7 @@ NOT_CODE = {  # kind of file that is read at run time, and where it lies in the 
     "*.css": "testbench/questions/studio/page",
     "*.lua": "testbench/questions/plan/injection",
     "*.md": "testbench/questions/exercise/catalogue",
-    "*.ipynb": "testbench/questions/exercise/notebooks",
+    "*.steps.md": "testbench/questions/exercise/catalogue",
     "*.toml": "testbench/sensors/suites",
 }
 

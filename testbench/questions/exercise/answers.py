@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,9 @@ from testbench.questions.exercise.exercise import Choice, Exercise, Question
 
 ANSWERS = "answers.toml"
 UNANSWERED = "?"
+_COMMA = re.compile(r"^(\s*\w+\s*=\s*[-+]?\d*),(\d+(?:[eE][-+]?\d+)?\s*(?:#.*)?)$", re.MULTILINE)
 _HABITS = {
-    r"^\w+\s*=\s*[-+]?\d+,\d": "numbers need a decimal point, not a comma",
+    r"^\s*\w+\s*=\s*[-+]?\d+,\d+,": "thousands go without commas",
     r"^\w+\s*=\s*[-+]?[\d.]+(e[-+]?\d+)?\s*[a-zA-Z°%]": "a number goes without its unit",
     r"^\w+\s*=\s*[a-zA-Z]": "a word must stand in quotes",
 }
@@ -26,7 +28,7 @@ def template(student: str, exercise: Exercise) -> str:
     """Return answers.toml with every answer still missing."""
     lines = [
         f"# {exercise.title}: answers of {student}.",
-        f'# Replace "{UNANSWERED}" by a number (decimal point, no unit) or by one of the words listed.',
+        f'# Replace "{UNANSWERED}" by a number (no unit) or by one of the words listed.',
         f'# What is not known stays "{UNANSWERED}". Then: testbench exercise check FOLDER',
         "",
     ]
@@ -50,12 +52,14 @@ def _tolerance(relative: float, absolute: float) -> str:
 def read_answers(file: Path, questions: Sequence[Question]) -> dict[str, Any]:
     """Return key -> answer of a file of answers, without questions that are not answered.
 
+    A decimal comma is read as a decimal point, and a number in quotes as a number.
+
     Raises:
         RecordError: the file is missing.
         ScenarioError: it is not TOML or holds a key that no question has, with the nearest key.
     """
     try:
-        content = read_toml(file)
+        content = _read(file)
     except ScenarioError as error:
         text = file.read_text(encoding="utf-8")
         for pattern, hint in _HABITS.items():
@@ -68,7 +72,34 @@ def read_answers(file: Path, questions: Sequence[Question]) -> dict[str, Any]:
     faults = [f"{file}, {key}: no question has this key{nearest(key, keys)}" for key in content if key not in keys]
     if faults:
         raise ScenarioError(faults)
-    return {k: v for k, v in content.items() if not (isinstance(v, str) and v.strip() in ("", UNANSWERED))}
+    given = {k: v for k, v in content.items() if not (isinstance(v, str) and v.strip() in ("", UNANSWERED))}
+    numbers = {q.key for q in questions if not isinstance(q, Choice)}
+    return {k: _number(v) if k in numbers else v for k, v in given.items()}
+
+
+def _read(file: Path) -> dict[str, Any]:
+    """Return the content of a file of answers; where it is not TOML, that with points for decimal commas."""
+    try:
+        return read_toml(file)
+    except ScenarioError:
+        text = file.read_text(encoding="utf-8")
+        points = _COMMA.sub(r"\1.\2", text)
+        if points == text:
+            raise
+    try:
+        return tomllib.loads(points)
+    except tomllib.TOMLDecodeError:
+        return read_toml(file)  # for its own words
+
+
+def _number(value: Any) -> Any:
+    """Return a number in quotes as a number; anything else as it is."""
+    if not isinstance(value, str):
+        return value
+    try:
+        return float(value.strip().replace(",", ".") if value.count(",") == 1 and "." not in value else value)
+    except ValueError:
+        return value
 
 
 def write_answers(folder: Path, answers: Mapping[str, float | str | None]) -> None:

@@ -11,7 +11,8 @@ from testbench.core.schema import Strict, parse, read_toml
 from testbench.core.toml_text import quoted
 from testbench.questions.exercise.answers import ANSWERS, template
 from testbench.questions.exercise.exercise import Case, Exercise, Handout
-from testbench.questions.exercise.names import CATALOGUE, NOTEBOOKS, load_exercise
+from testbench.questions.exercise.names import CATALOGUE, load_exercise
+from testbench.questions.exercise.notebook import NOTEBOOK, notebook
 from testbench.questions.exercise.seal import Seal, seal
 
 CARD, GIVEN, TEXT = "exercise.toml", "given.toml", "README.md"
@@ -118,8 +119,8 @@ def _texts(name: str, student: str, exercise: Exercise, handout: Handout) -> dic
     files = {TEXT: text, ANSWERS: template(student, exercise), **handout.files}
     if handout.given:
         files[GIVEN] = "".join(f"{key} = {value!r}\n" for key, value in handout.given.items())
-    if exercise.notebook:
-        files["notebook.ipynb"] = (NOTEBOOKS / exercise.notebook).read_text(encoding="utf-8")
+    steps = CATALOGUE / f"{name}.steps.md"
+    files[NOTEBOOK] = notebook(text, steps.read_text(encoding="utf-8") if steps.is_file() else "", exercise.questions)
     return files
 
 

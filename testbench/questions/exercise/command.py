@@ -51,6 +51,60 @@ def exercise_start(
     print_started(start(name, student, read_key(key_file), out), console())
 
 
+@command.command("roster")
+def exercise_roster(
+    students: Annotated[
+        str, typer.Argument(help="Number of students, or a file with one name a line.", show_default=False)
+    ],
+    exercise: Annotated[
+        list[str], typer.Option(help="Exercise of the course; may be repeated.", show_default=False)
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the class.")] = Path("class"),
+    key_file: KeyOption = None,
+) -> None:
+    """Write the folders of a class: each student's own version of each exercise, and a key that only you have.
+
+    Example: `testbench exercise roster 25 --exercise doublet_length --exercise short_period`. Hand out what is in
+    class/students; keep class/key.txt. Students who join later are added by the same command.
+    """
+    from testbench.questions.exercise.roster import HANDED_OUT, make_roster, students_of
+
+    found = make_roster(students_of(students), exercise, out, key_file)
+    left = f", {len(found.kept)} were there already" if found.kept else ""
+    console().print(f"{len(found.begun)} folders written to {out / HANDED_OUT}{left}", highlight=False, soft_wrap=True)
+    console().print(f"Hand out: {out / HANDED_OUT}", highlight=False, soft_wrap=True)
+    console().print(f"Keep:     {found.key_file}", highlight=False, soft_wrap=True)
+    console().print(f"Marks:    testbench exercise marks {out}", highlight=False, soft_wrap=True)
+
+
+@command.command("marks")
+def exercise_marks(
+    places: Annotated[
+        list[Path], typer.Argument(help="Folder of a class, or folders that were handed in.", show_default=False)
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Table; marks.csv in the first folder if not given.")
+    ] = None,
+    key_file: KeyOption = None,
+) -> None:
+    """Collect the answers of a class into one table: how many are right, what each student missed, and why.
+
+    Example: `testbench exercise marks class`. The key is that of --key-file, else key.txt in the first folder.
+    """
+    from testbench.core.files import write_file
+    from testbench.questions.exercise.check import check_class
+    from testbench.questions.exercise.roster import KEY, MARKS, folders_of, marks_text
+    from testbench.questions.exercise.seal import read_key
+    from testbench.questions.exercise.show import print_class
+
+    own = places[0] / KEY
+    key = read_key(key_file or (own if own.is_file() else None))
+    results = check_class(folders_of(places), key)
+    print_class(results, console())
+    table = write_file(out or places[0] / MARKS, marks_text(results))
+    console().print(f"Table: {table}", highlight=False, soft_wrap=True)
+
+
 @command.command("check")
 def exercise_check(
     folders: Annotated[

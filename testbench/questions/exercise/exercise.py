@@ -92,7 +92,7 @@ class Handout:
 
 @dataclass(frozen=True, eq=False)
 class Exercise:
-    """One exercise; its text lies beside its module as NAME.md.
+    """One exercise; its text lies beside its module as NAME.md, steps that its notebook shows as NAME.steps.md.
 
     Attributes:
         title, level, minutes: as listed; level 1 is for a first course, 3 for those who know the methods.
@@ -101,7 +101,6 @@ class Exercise:
         hand_out: makes what the student gets, from a case.
         answer: key -> right answer, computed from the case, never from the records.
         solve: the worked solution: answers from the folder that was handed out, and nothing else.
-        notebook: name of a notebook to hand out too, or none.
     """
 
     title: str
@@ -112,4 +111,3 @@ class Exercise:
     hand_out: Callable[[Case], Handout]
     answer: Callable[[Case], Mapping[str, Answer]]
     solve: Callable[[Path], Mapping[str, float | str]]
-    notebook: str = ""

@@ -9,7 +9,6 @@ from testbench.core.errors import RecordError, nearest
 from testbench.questions.exercise.exercise import Exercise
 
 CATALOGUE = Path(__file__).parent / "catalogue"
-NOTEBOOKS = Path(__file__).parent / "notebooks"
 NAMES = (
     "doublet_length",
     "short_period",

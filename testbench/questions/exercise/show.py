@@ -10,6 +10,7 @@ from testbench.core.errors import TestbenchError
 from testbench.page.terminal import print_rows
 from testbench.questions.exercise.exercise import Number
 from testbench.questions.exercise.names import NAMES, load_exercise
+from testbench.questions.exercise.notebook import NOTEBOOK
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -25,8 +26,7 @@ def print_list(console: Console) -> None:
     rows = []
     for name in NAMES:
         exercise = load_exercise(name)
-        notebook = " (with a notebook)" if exercise.notebook else ""
-        rows.append((name, str(exercise.level), f"{exercise.minutes}\u00a0min", exercise.title + notebook))
+        rows.append((name, str(exercise.level), f"{exercise.minutes}\u00a0min", exercise.title))
     print_rows(console, ("exercise", "level", "time", "what it is about"), rows, (False, True, True, False))
     console.print("\nStart one: testbench exercise start NAME --student YOUR_NAME", highlight=False)
 
@@ -38,7 +38,7 @@ def print_started(started: Started, console: Console) -> None:
     console.print(Text(f"{started.exercise.title}: the version of {started.student}", style="bold"))
     for line in (
         f"Read:   {started.folder / 'README.md'}",
-        *([f"Run:    {started.folder / 'notebook.ipynb'} (Jupyter)"] if started.exercise.notebook else []),
+        f"Run:    {started.folder / NOTEBOOK} (Jupyter), if you like",
         f"Fill:   {started.folder / 'answers.toml'}",
         f"Check:  testbench exercise check {started.folder}",
     ):

@@ -108,7 +108,7 @@ def test_a_misspelt_key_is_named_with_the_nearest(folder):
 @pytest.mark.parametrize(
     ("line", "words"),
     [
-        ("omega_n_rad_s = 3,5", "decimal point, not a comma"),
+        ("omega_n_rad_s = 1,234,567", "thousands go without commas"),
         ("omega_n_rad_s = 3.5 rad/s", "without its unit"),
         ("omega_n_rad_s = unknown", "must stand in quotes"),
         ("omega_n_rad_s = ", "must be TOML"),
@@ -118,6 +118,21 @@ def test_what_is_not_toml_is_explained(folder, line, words):
     write(folder, f"{line}\n")
     with pytest.raises(ScenarioError, match=words):
         check(folder, PUBLIC_KEY)
+
+
+@pytest.mark.parametrize(
+    "written", ["{:.6f}", '"{:.6f}"', '" {:.6f} "', "{:.6e}", "{:.6f}  # read off", "+{:.6f}", '"{:.6e}"']
+)
+@pytest.mark.parametrize("comma", [False, True])
+def test_decimal_commas_and_numbers_in_quotes_are_read_as_what_they_are(folder, written, comma):
+    exercise = load_exercise("doublet_length")
+    truth = float(exercise.answer(case_of(exercise, seal(PUBLIC_KEY, "doublet_length", "anna")))["omega_n_rad_s"].value)
+    number = written.format(truth)
+    write(folder, f"omega_n_rad_s = {number.replace('.', ',') if comma else number}\nstep_s = 0,5 # guess\n")
+    result = check(folder, PUBLIC_KEY)
+    assert result.verdicts[0].outcome == "right"
+    assert result.verdicts[0].given == pytest.approx(truth, rel=1e-5)
+    assert result.verdicts[1].given == 0.5
 
 
 def test_one_folder_that_cannot_be_judged_does_not_stop_the_others(folder, tmp_path):

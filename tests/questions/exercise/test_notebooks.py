@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from testbench.questions.exercise.ask import start
-from testbench.questions.exercise.names import NAMES, NOTEBOOKS, load_exercise
+from testbench.questions.exercise.names import CATALOGUE, NAMES, load_exercise
+from testbench.questions.exercise.notebook import notebook
 from testbench.questions.exercise.seal import PUBLIC_KEY, VARIABLE
 
 nbformat = pytest.importorskip("nbformat", reason="the notebooks are run with nbformat: install the extra 'teaching'")
@@ -15,26 +16,37 @@ nbclient = pytest.importorskip("nbclient", reason="the notebooks are run with nb
 pytest.importorskip("ipykernel", reason="the notebooks are run with ipykernel: install the extra 'teaching'")
 
 ROOT = Path(__file__).resolve().parents[3]
-WITH_NOTEBOOK = [name for name in NAMES if load_exercise(name).notebook]
+STEPS = {p.name.removesuffix(".steps.md") for p in CATALOGUE.glob("*.steps.md")}
 
 
 def printed(cell) -> str:
     return "".join(o.get("text", "") for o in cell.outputs)
 
 
-def test_every_notebook_belongs_to_an_exercise_and_is_clean():
-    assert len(WITH_NOTEBOOK) >= 3
-    assert {p.name for p in NOTEBOOKS.glob("*.ipynb")} == {load_exercise(n).notebook for n in WITH_NOTEBOOK}
-    for name in WITH_NOTEBOOK:
-        book = nbformat.read(NOTEBOOKS / load_exercise(name).notebook, as_version=4)
-        nbformat.validate(book)
-        code = [c for c in book.cells if c.cell_type == "code"]
-        assert all(not c.outputs and c.execution_count is None for c in code)
-        assert (NOTEBOOKS / load_exercise(name).notebook).stat().st_size < 20_000
+@pytest.mark.parametrize("name", NAMES)
+def test_every_exercise_has_a_clean_notebook_of_its_own_text(name):
+    text = (CATALOGUE / f"{name}.md").read_text(encoding="utf-8")
+    steps = (CATALOGUE / f"{name}.steps.md").read_text(encoding="utf-8") if name in STEPS else ""
+    made = notebook(text, steps, load_exercise(name).questions)
+    book = nbformat.reads(made, as_version=4)
+    nbformat.validate(book)
+    assert made == notebook(text, steps, load_exercise(name).questions), "the same text gives the same bytes"
+    code = [c for c in book.cells if c.cell_type == "code"]
+    assert book.cells[0].source == text.strip("\n")
+    assert len(code) == 3 + (steps.count("```python\n") if steps else 2)
+    assert all(not c.outputs and c.execution_count is None for c in code)
+    assert len({c.id for c in book.cells}) == len(book.cells)
+    for cell in code:
+        compile(cell.source, name, "exec")
+    assert "```" not in "".join(c.source for c in code)
+
+
+def test_steps_belong_to_exercises():
+    assert {"doublet_length", "short_period", "dsr_horizon"} <= STEPS <= set(NAMES)
 
 
 @pytest.mark.parametrize(
-    "name", [WITH_NOTEBOOK[0], *(pytest.param(name, marks=pytest.mark.slow) for name in WITH_NOTEBOOK[1:])]
+    "name", [n if n == "doublet_length" else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
 )
 def test_a_notebook_runs_unanswered_and_answered(name, tmp_path, monkeypatch):
     monkeypatch.setenv("PYTHONPATH", str(ROOT))

@@ -99,5 +99,4 @@ EXERCISE = Exercise(
     hand_out=hand_out,
     answer=answer,
     solve=solve,
-    notebook="doublet_length.ipynb",
 )

@@ -157,5 +157,4 @@ EXERCISE = Exercise(
     hand_out=hand_out,
     answer=answer,
     solve=solve,
-    notebook="dsr_horizon.ipynb",
 )

@@ -147,5 +147,4 @@ EXERCISE = Exercise(
     hand_out=hand_out,
     answer=answer,
     solve=solve,
-    notebook="short_period.ipynb",
 )

@@ -1,0 +1,137 @@
+"""A class: folders for every student, and a table of what each of them answered."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from testbench.core.errors import RecordError, ScenarioError, TestbenchError
+from testbench.core.escape import csv_cell
+from testbench.core.files import write_file
+from testbench.questions.exercise.ask import CARD, start
+from testbench.questions.exercise.check import Result
+from testbench.questions.exercise.names import load_exercise
+from testbench.questions.exercise.seal import read_key
+
+KEY, TABLE, MARKS = "key.txt", "roster.csv", "marks.csv"
+HANDED_OUT = "students"
+_MOST = 500
+_HEADS = ("student", "exercise", "right", "of", "not right", "why")
+
+
+@dataclass(frozen=True)
+class Roster:
+    """What was written for a class.
+
+    Attributes:
+        folder: of the class; all in ``students`` may be handed out, the rest is the teacher's.
+        key_file: with the teacher's own key.
+        begun: folders that were written now.
+        kept: folders that were there already.
+    """
+
+    folder: Path
+    key_file: Path
+    begun: tuple[Path, ...]
+    kept: tuple[Path, ...]
+
+
+def students_of(words: str) -> tuple[str, ...]:
+    """Return names of students: of a file with one name a line, or "student 1" and so on if a number is given.
+
+    Raises:
+        RecordError: there is no such file.
+        ScenarioError: the number is not 1 to 500, or a name comes twice.
+    """
+    if re.fullmatch(r"[0-9]+", words):
+        count = int(words)
+        if not 1 <= count <= _MOST:
+            raise ScenarioError([f"a class must have 1 to {_MOST} students, got {words}"])
+        return tuple(f"student {k + 1}" for k in range(count))
+    try:
+        lines = Path(words).read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not text"
+        raise RecordError(
+            f"a class must be a number of students or a file with one name a line, got '{words}': {reason}"
+        ) from error
+    names = tuple(name for name in (line.strip() for line in lines) if name)
+    folders = [_folder(name) for name in names]
+    twice = sorted({n for n, f in zip(names, folders, strict=True) if folders.count(f) > 1})
+    if twice or not names:
+        got = f"{', '.join(twice)} twice" if twice else "no name"
+        raise ScenarioError([f"{words}: names of students must differ, in letters and digits, got {got}"])
+    return names
+
+
+def make_roster(students: Sequence[str], exercises: Sequence[str], folder: Path, key_file: Path | None) -> Roster:
+    """Write the folder of every exercise for every student; what is there already is left alone.
+
+    The teacher's key is that of ``key_file``, else the one in the folder, else a new one that is written there.
+
+    Raises:
+        RecordError: there is no such exercise, or the folder cannot be written to.
+        ScenarioError: a name or the key breaks a law.
+    """
+    for name in exercises:
+        load_exercise(name)
+    key_file = key_file or folder / KEY
+    if not key_file.is_file():
+        write_file(key_file, secrets.token_hex(16) + "\n")
+    key = read_key(key_file)
+    begun, kept, rows = [], [], [("student", "exercise", "folder")]
+    for student in students:
+        for name in exercises:
+            place = folder / HANDED_OUT / _folder(student) / name
+            if (place / CARD).is_file():
+                kept.append(place)
+            else:
+                start(name, student, key, place)
+                begun.append(place)
+            rows.append((student, name, str(place.relative_to(folder))))
+    write_file(folder / TABLE, _csv(rows))
+    return Roster(folder, key_file, tuple(begun), tuple(kept))
+
+
+def folders_of(places: Sequence[Path]) -> list[Path]:
+    """Return the folders of exercises in some places, at whatever depth.
+
+    Raises:
+        RecordError: there is none.
+    """
+    found = sorted({card.parent for place in places for card in place.rglob(CARD)})
+    if not found:
+        raise RecordError(
+            f"marks are made of folders that `testbench exercise roster` or `start` wrote, got "
+            f"'{', '.join(map(str, places))}' without any {CARD}"
+        )
+    return found
+
+
+def marks_text(results: Mapping[Path, Result | TestbenchError]) -> str:
+    """Return the marks as CSV: one row a folder, with what was not right and why."""
+    rows: list[tuple[str, ...]] = [_HEADS]
+    for folder, result in results.items():
+        if isinstance(result, TestbenchError):
+            rows.append((folder.parent.name, folder.name, "", "", "", str(result)))
+            continue
+        missed = [v for v in result.verdicts if v.outcome != "right"]
+        why = "; ".join(f"{v.question.key} = {v.given}: {v.words}" for v in missed if v.outcome != "missing")
+        keys = ", ".join(f"{v.question.key} (missing)" if v.outcome == "missing" else v.question.key for v in missed)
+        rows.append((result.student, result.name, str(result.right), str(len(result.verdicts)), keys, why))
+    return _csv(rows)
+
+
+def _folder(student: str) -> str:
+    return re.sub(r"[^\w.-]+", "_", student.strip()).strip(".") or "_"
+
+
+def _csv(rows: Sequence[Sequence[str]]) -> str:
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows([csv_cell(cell) for cell in row] for row in rows)
+    return out.getvalue()

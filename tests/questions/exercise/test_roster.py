@@ -1,0 +1,94 @@
+"""A class: folders for every student, a key that nobody else has, and marks that say what each missed."""
+
+from __future__ import annotations
+
+import csv
+import re
+
+import pytest
+from commands import command
+
+from testbench.core.errors import RecordError, ScenarioError
+from testbench.questions.exercise.answers import write_answers
+from testbench.questions.exercise.ask import reopen
+from testbench.questions.exercise.names import load_exercise
+from testbench.questions.exercise.roster import KEY, TABLE, make_roster, students_of
+from testbench.questions.exercise.seal import PUBLIC_KEY, read_key
+
+EXERCISE = "doublet_length"
+
+
+def table(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_class_from_roster_to_marks(tmp_path):
+    names = tmp_path / "names.txt"
+    names.write_text("Ada Lovelace\n\nJosé Núñez\n=cmd|' /C calc'!A0\n", encoding="utf-8")
+    done = command("exercise", "roster", names, "--exercise", EXERCISE, "-o", tmp_path / "class")
+    assert done.returncode == 0, done.stderr
+    key_file = tmp_path / "class" / KEY
+    key = read_key(key_file)
+    assert re.fullmatch(r"[0-9a-f]{32}", key)
+    handed = tmp_path / "class" / "students"
+    assert sorted(p.name for p in handed.iterdir()) == ["Ada_Lovelace", "José_Núñez", "_cmd_C_calc_A0"]
+    everything = b"".join(p.read_bytes() for p in handed.rglob("*") if p.is_file())
+    assert key.encode() not in everything
+    ada = handed / "Ada_Lovelace" / EXERCISE
+    solved = load_exercise(EXERCISE).solve(ada)
+    write_answers(ada, {**solved, "step_s": 1e3})
+    write_answers(handed / "José_Núñez" / EXERCISE, solved)
+    done = command("exercise", "marks", tmp_path / "class")
+    assert done.returncode == 0, done.stderr
+    rows = {row["student"]: row for row in table(tmp_path / "class" / "marks.csv")}
+    assert rows["Ada Lovelace"]["right"] == "2"
+    assert rows["Ada Lovelace"]["not right"] == "step_s"
+    assert "step_s = 1000.0: too large by a factor" in rows["Ada Lovelace"]["why"]
+    assert (rows["José Núñez"]["right"], rows["José Núñez"]["not right"]) == ("3", "")
+    hostile = rows["'=cmd|' /C calc'!A0"]
+    assert hostile["not right"].count("(missing)") == int(hostile["of"]) == 3
+
+
+def test_who_joins_later_is_added_and_nothing_is_written_twice(tmp_path):
+    first = make_roster(students_of("2"), [EXERCISE], tmp_path, None)
+    assert (len(first.begun), len(first.kept)) == (2, 0)
+    answers = tmp_path / "students" / "student_1" / EXERCISE / "answers.toml"
+    answers.write_text("step_s = 2.0\n")
+    key = first.key_file.read_text()
+    again = make_roster(students_of("3"), [EXERCISE], tmp_path, None)
+    assert (len(again.begun), len(again.kept)) == (1, 2)
+    assert answers.read_text() == "step_s = 2.0\n"
+    assert again.key_file.read_text() == key
+    assert len(table(tmp_path / TABLE)) == 3
+    with pytest.raises(RecordError, match="started with another key"):
+        reopen(answers.parent, PUBLIC_KEY)
+
+
+@pytest.mark.parametrize(
+    ("words", "error", "said"),
+    [
+        ("0", ScenarioError, "1 to 500 students, got 0"),
+        ("100000", ScenarioError, "1 to 500 students, got 100000"),
+        ("-3", RecordError, "a number of students or a file"),
+        ("missing.txt", RecordError, "a number of students or a file"),
+    ],
+)
+def test_a_class_that_cannot_be(words, error, said):
+    with pytest.raises(error, match=said):
+        students_of(words)
+
+
+def test_names_that_would_share_a_folder_are_refused(tmp_path):
+    (tmp_path / "names.txt").write_text("Ann Lee\nAnn/Lee\n")
+    with pytest.raises(ScenarioError, match="must differ, in letters and digits, got Ann Lee, Ann/Lee twice"):
+        students_of(str(tmp_path / "names.txt"))
+    (tmp_path / "names.txt").write_text("\n")
+    with pytest.raises(ScenarioError, match="got no name"):
+        students_of(str(tmp_path / "names.txt"))
+
+
+def test_marks_of_a_folder_without_exercises(tmp_path):
+    done = command("exercise", "marks", tmp_path)
+    assert done.returncode == 2
+    assert "without any exercise.toml" in " ".join(done.stderr.split())
