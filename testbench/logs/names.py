@@ -53,6 +53,12 @@ _NAMES = {
     "tascg": "V", "alfcg": "alpha", "betcg": "beta", "the": "theta", "delv": "de", "dail": "da", "drud": "dr",
     "pdyn": "qbar", "axcg": "ax", "aycg": "ay", "azcg": "az",
 }  # fmt: skip
+# Only with a unit of theirs: without one, commands are numbers of a transmitter or of JSBSim, from -1 to 1.
+_COMMANDS = {
+    f"{surface}_{word}": f"{control}_cmd"
+    for surface, control in {"elevator": "de", "aileron": "da", "rudder": "dr", "throttle": "thr"}.items()
+    for word in ("command", "cmd", "commanded", "demand", "setpoint")
+}
 _ANY_CASE = {name.lower(): name for name in CHANNELS if name.lower() not in ("u", "v", "h")}  # V and v are two channels
 # Properties of JSBSim and FlightGear, without their unit: those of the channel table, and those in other units.
 _PROPERTIES = {
@@ -153,7 +159,9 @@ def meaning(name: str, stated: str = "") -> Meaning | None:
         if (found := _named(short)) is not None:
             unit = stated_unit(found.channel, stated or inside)
             return Meaning(found.channel, unit if stated or inside else found.unit)
-    return None
+    command = _COMMANDS.get(_label(name.rsplit(".", 1)[-1]), "")
+    unit = stated_unit(command, stated or inside) if command else ""
+    return Meaning(command, unit) if unit else None
 
 
 def _named(name: str) -> Meaning | None:

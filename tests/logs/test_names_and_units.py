@@ -16,6 +16,8 @@ from testbench.logs.names import clock_called, meaning, plain_unit, split_unit, 
         ("V_{Total}", "ft/s", "V", "ft/s"), ("q bar", "psf", "qbar", "psf"), ("Alpha", "deg", "alpha", "deg"),
         ("Aero V_{X Body}", "ft/s", "u", "ft/s"), ("Wind V_{North}", "ft/s", "wind_north", "ft/s"),
         ("Altitude ASL", "ft", "h", "ft"), ("Left Aileron Position", "deg", "da", "deg"),
+        ("Elevator command", "deg", "de_cmd", "deg"), ("Aileron cmd [rad]", "", "da_cmd", "rad"),
+        ("rudder_demand (deg)", "", "dr_cmd", "deg"), ("Throttle command", "%", "thr_cmd", "%"),
         # properties of JSBSim and FlightGear
         ("/fdm/jsbsim/velocities/q-rad_sec", "", "q", "rad/s"), ("fcs/elevator-pos-rad", "", "de", "rad"),
         ("fcs/elevator-pos-deg", "", "de", "deg"), ("velocities/vt-fps", "", "V", "ft/s"),
@@ -42,7 +44,9 @@ def test_headings_of_many_writers(heading, stated, channel, unit):
 @pytest.mark.parametrize(
     "heading",
     ["Q(1)_{LOCAL}", "Q_{inertial}", "V_{Inertial}", "q_s", "V_s", "hding,_true", "UBody", "y[1]", "q[2]", "Vind,_kias",
-     "Elevator Command", "velocities/vc-kts", "fcs/right-aileron-pos-rad", "fcs/elevator-cmd-norm", "", "flight.y"],
+     "Elevator Command",
+     "Elevator command [kg]", "velocities/vc-kts", "fcs/right-aileron-pos-rad", "fcs/elevator-cmd-norm", "",
+     "flight.y"],
 )  # fmt: skip
 def test_what_is_no_channel_stays_none(heading):
     assert meaning(heading) is None

@@ -125,4 +125,5 @@ def _texts(name: str, student: str, exercise: Exercise, handout: Handout) -> dic
 
 
 def _write(folder: Path, name: str, text: str) -> None:
+    (folder / name).parent.mkdir(parents=True, exist_ok=True)
     (folder / name).write_text(text, encoding="utf-8")

@@ -56,9 +56,7 @@ def exercise_roster(
     students: Annotated[
         str, typer.Argument(help="Number of students, or a file with one name a line.", show_default=False)
     ],
-    exercise: Annotated[
-        list[str], typer.Option(help="Exercise of the course; may be repeated.", show_default=False)
-    ],
+    exercise: Annotated[list[str], typer.Option(help="Exercise of the course; may be repeated.", show_default=False)],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the class.")] = Path("class"),
     key_file: KeyOption = None,
 ) -> None:

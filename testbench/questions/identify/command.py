@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
 from testbench.questions.options import DataOption, OutOption, StrictOption, refuse
 
@@ -68,9 +69,9 @@ def command(
     """Identify models from recorded flights, with the same estimators, evaluation and report as a run.
 
     The description names the files, the channel and unit of each column, and the time segments to use; `testbench
-    import LOG --out FOLDER` writes one. Of a log itself, what import would write goes to OUT/LOG and
-    is identified at once. Several descriptions or logs of one aircraft are pooled into one set of nondimensional
-    coefficients, with their trend over the condition and what they add to a prior.
+    import LOG --out FOLDER` writes one, and FOLDER stands for it. Of a log itself, what import would write goes to
+    OUT/LOG and is identified at once. Several descriptions or logs of one aircraft are pooled into one set of
+    nondimensional coefficients, with their trend over the condition and what they add to a prior.
     Examples: `testbench identify records/attas_short_period`, `testbench identify flight.ulg`, `testbench identify
     day1.toml day2.toml day3.toml --prior aircraft`, `testbench identify flight.ulg --aircraft plane --amend
     plane_flown`.
@@ -85,7 +86,10 @@ def command(
         refuse(context, "without --amend, which writes an aircraft", "force")
     asked: list[RecordDescription] = []
     for path in descriptions:
-        files = _of_log(path, out) if path.is_file() and path.suffix.lower() != ".toml" else []
+        if path.is_dir():
+            files = _in_folder(path)
+        else:
+            files = _of_log(path, out) if path.is_file() and path.suffix.lower() != ".toml" else []
         for file in files or [find(path, "identify")]:
             loaded = RecordDescription.load(file)
             asked.append(loaded if aircraft is None else loaded.changed(aircraft=aircraft))
@@ -107,6 +111,24 @@ def command(
         found.append(result)
     if amend is not None:
         _amend(found, amend, force, out)
+
+
+def _in_folder(folder: Path) -> list[Path]:
+    """Return the descriptions that lie in a folder, as import writes one for each motion.
+
+    Raises:
+        RecordError: there is none.
+    """
+    from testbench.questions import BY_COMMAND
+    from testbench.questions.files import kinds_of
+
+    found = [p for p in sorted(folder.glob("*.toml")) if BY_COMMAND["identify"] in kinds_of(p)]
+    if not found:
+        raise RecordError(
+            f"a folder to identify must hold a description of records (.toml), got '{folder}' without one; `testbench "
+            "import LOG --out FOLDER` writes one"
+        )
+    return found
 
 
 def _written(result: Identified, out: Path, say: Report, amended: Amended | None = None) -> Page:
@@ -165,7 +187,6 @@ def _of_log(log: Path, out: Path) -> list[Path]:
     Raises:
         RecordError: the log cannot be read, or nothing in it can be identified.
     """
-    from testbench.core.errors import RecordError
     from testbench.questions.importing.ask import import_log, write_import
 
     paths = write_import(import_log(log), out / log.stem)

@@ -230,6 +230,12 @@ def _naive(name: str, folder: Path) -> dict[str, tuple[float | str, str]]:
         "what_alpha_buys": {
             "flights_saved_for": (lambda: n("std_without_1_s") / n("std_with_1_s"), "square the ratio")
         },
+        "wrong_sign": {"wrong": (lambda: "Cm_q" if good["wrong"] != "Cm_q" else "Cl_p", "its sign is right")},
+        "log_to_derivatives": {"servo_ms": (lambda: n("servo_ms") / 1000.0, "in seconds")},
+        "plan_within_limits": {
+            "largest_deg": (lambda: n("largest_deg") / 0.8, "the margin is missing"),
+            "n_peak": (lambda: n("n_peak") - 1.0, "one g of level flight"),
+        },
         "coloured_residuals": {
             "inflation": (lambda: 1.0, "not white"),
             "cure": (lambda: "faster", "more samples"),

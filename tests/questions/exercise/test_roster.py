@@ -26,11 +26,12 @@ def table(path):
 def test_a_class_from_roster_to_marks(tmp_path):
     names = tmp_path / "names.txt"
     names.write_text("Ada Lovelace\n\nJosé Núñez\n=cmd|' /C calc'!A0\n", encoding="utf-8")
+    key_file = tmp_path / "class" / KEY
+    key_file.parent.mkdir()
+    key_file.write_text("0123456789abcdef0123456789abcdef\n")
     done = command("exercise", "roster", names, "--exercise", EXERCISE, "-o", tmp_path / "class")
     assert done.returncode == 0, done.stderr
-    key_file = tmp_path / "class" / KEY
     key = read_key(key_file)
-    assert re.fullmatch(r"[0-9a-f]{32}", key)
     handed = tmp_path / "class" / "students"
     assert sorted(p.name for p in handed.iterdir()) == ["Ada_Lovelace", "José_Núñez", "_cmd_C_calc_A0"]
     everything = b"".join(p.read_bytes() for p in handed.rglob("*") if p.is_file())
@@ -38,7 +39,8 @@ def test_a_class_from_roster_to_marks(tmp_path):
     ada = handed / "Ada_Lovelace" / EXERCISE
     solved = load_exercise(EXERCISE).solve(ada)
     write_answers(ada, {**solved, "step_s": 1e3})
-    write_answers(handed / "José_Núñez" / EXERCISE, solved)
+    jose = handed / "José_Núñez" / EXERCISE
+    write_answers(jose, load_exercise(EXERCISE).solve(jose))
     done = command("exercise", "marks", tmp_path / "class")
     assert done.returncode == 0, done.stderr
     rows = {row["student"]: row for row in table(tmp_path / "class" / "marks.csv")}
@@ -56,6 +58,7 @@ def test_who_joins_later_is_added_and_nothing_is_written_twice(tmp_path):
     answers = tmp_path / "students" / "student_1" / EXERCISE / "answers.toml"
     answers.write_text("step_s = 2.0\n")
     key = first.key_file.read_text()
+    assert re.fullmatch(r"[0-9a-f]{32}\n", key), "a key of its own"
     again = make_roster(students_of("3"), [EXERCISE], tmp_path, None)
     assert (len(again.begun), len(again.kept)) == (1, 2)
     assert answers.read_text() == "step_s = 2.0\n"

@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 import testbench as tb
 from testbench.cli import app
-from testbench.core.errors import ScenarioError
+from testbench.core.errors import RecordError, ScenarioError
 from testbench.questions.identify.answer import identify_answer
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.before import servos_of
@@ -135,3 +135,15 @@ def test_identify_takes_a_log_itself(tmp_path, monkeypatch):
     assert (tmp_path / "results/flight/flight_longitudinal.toml").is_file()
     html = (tmp_path / "results/flight_longitudinal/report.html").read_text()
     assert html.index('id="derivatives"') < html.index('id="flown"')
+
+
+def test_identify_takes_the_folder_that_import_wrote(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    table(tmp_path / "flight.csv", 0.08)
+    assert CliRunner().invoke(app, ["import", "flight.csv", "--out", "mylog"]).exit_code == 0
+    done = CliRunner().invoke(app, ["identify", "mylog", "--out", "results"])
+    assert done.exit_code == 0, done.output
+    assert "M_q" in done.output
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(RecordError, match=r"must hold a description of records \(.toml\), got 'empty'"):
+        CliRunner().invoke(app, ["identify", "empty"], catch_exceptions=False)
