@@ -10,7 +10,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from math import ceil
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,8 +18,10 @@ from testbench.aircraft import Aircraft
 from testbench.core.constants import PERCENT
 from testbench.core.errors import EstimationError, LimitError, located
 from testbench.core.record import FloatArray
+from testbench.evaluation.envelope import Onset
 from testbench.flight import LinearModel, TrimmedFlight, linearise, load_aircraft
 from testbench.flight.batch.jobs import Simulator, Tally
+from testbench.information.fisher import accuracy
 from testbench.information.modes import modes_of
 from testbench.line import Report, trim_for
 from testbench.questions.design.air import expected_air
@@ -28,6 +30,7 @@ from testbench.questions.design.draws import Draws, OverDraws, draw_aircraft, fl
 from testbench.questions.design.elsewhere import Elsewhere, elsewhere
 from testbench.questions.design.flown import Envelope, Flown, fly_designs
 from testbench.questions.design.identified import identified_by
+from testbench.questions.design.known import AllKnown, Known, of_problem, total_errors, with_values
 from testbench.questions.design.limits import Limits
 from testbench.questions.design.margins import with_margins
 from testbench.questions.design.maximin import for_the_worst
@@ -39,6 +42,7 @@ from testbench.questions.design.refine import minimum_time
 from testbench.questions.design.result import DesignResult, Ranked
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.design.search import best_of_families, screen, search
+from testbench.questions.identify.pool.prior import Prior
 from testbench.sensors import SensorSuite, load_suite
 
 _FLOWN = 7  # designs that are flown,
@@ -52,6 +56,7 @@ def run_design(
     seed: int | None = None,
     progress: Report | None = None,
     simulator: Simulator = "auto",
+    after: Prior | None = None,
 ) -> DesignResult:
     """Design the input that a scenario asks for.
 
@@ -61,8 +66,11 @@ def run_design(
         progress: called with a few words as each stage begins.
         simulator: "jsbsim" flies one flight after the other; "auto" flies designs, and drawn aircraft, at once
             where their model has been found equal to JSBSim.
+        after: what earlier flights told of the derivatives; see :func:`testbench.known_after`. The input is designed at
+            those values, for what is known and what the flight adds to it.
 
     Raises:
+        AllKnown: ``after`` tells every target as well as wanted.
         TestbenchError: with the file and key that it comes from; above the onset of vibration, or where no signal
             tells anything of some target.
 
@@ -76,17 +84,14 @@ def run_design(
     if seed is not None:
         scenario = scenario.changed(seed=seed)
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)
-    say("trim and linearise")
-    trimmed = trim_for(scenario, aircraft)
-    with located(where, "condition"):
-        linear = linearise(aircraft, trimmed)
-        onsets = onsets_of(aircraft, scenario)
-    modes = modes_of(linear, aircraft, scenario.plane)
     suites = [load_suite(name) for name in scenario.suites]
+    say("trim and linearise")
+    posed, known = _pose(scenario, aircraft, suites[0]), None
+    if after is not None:
+        say("believe what was flown before")
+        posed, known = _after(scenario, posed, suites[0], after)
+    aircraft, trimmed, linear, onsets, modes, limits, problem = posed
     with located(where, "limits"):
-        limits = limits_of(scenario, aircraft, trimmed, onsets)
-        _check_rates(scenario, trimmed, suites[0])
-        problem = problem_of(scenario, aircraft, trimmed, linear, modes, suites[0], limits, starts=True)
         envelope = Envelope.of(limits, problem)
     say("screen every family by spectral energy and information")
     start = time.perf_counter()
@@ -126,7 +131,8 @@ def run_design(
         there = elsewhere(scenario, range_, limits, admissible[0].design, repeats(scenario.realise), say)
     best = admissible[0].design
     others = {
-        suite.name: _through(scenario, aircraft, trimmed, linear, modes, suite, limits, best) for suite in suites[1:]
+        suite.name: _through(scenario, aircraft, trimmed, linear, modes, suite, limits, best, problem.known)
+        for suite in suites[1:]
     }
     counts: dict[str, list[float]] = {}
     for entry in ranked:
@@ -164,7 +170,56 @@ def run_design(
         range_.air if scenario.realise else None,
         there,
         next((k for k, f in enumerate(admissible) if f.predicted is believed), None) if scenario.robust else None,
+        known,
     )
+
+
+class _Posed(NamedTuple):
+    aircraft: Aircraft
+    trimmed: TrimmedFlight
+    linear: LinearModel
+    onsets: tuple[Onset, ...]
+    modes: Mapping[str, complex]
+    limits: Limits
+    problem: Problem
+
+
+def _pose(scenario: DesignScenario, aircraft: Aircraft, suite: SensorSuite) -> _Posed:
+    """Return the design problem of an aircraft."""
+    where = scenario.file
+    trimmed = trim_for(scenario, aircraft)
+    with located(where, "condition"):
+        linear = linearise(aircraft, trimmed)
+        onsets = onsets_of(aircraft, scenario)
+    modes = modes_of(linear, aircraft, scenario.plane)
+    with located(where, "limits"):
+        limits = limits_of(scenario, aircraft, trimmed, onsets)
+        _check_rates(scenario, trimmed, suite)
+        problem = problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, starts=True)
+    return _Posed(aircraft, trimmed, linear, onsets, modes, limits, problem)
+
+
+def _after(scenario: DesignScenario, posed: _Posed, suite: SensorSuite, flown: Prior) -> tuple[_Posed, Known]:
+    """Return the design problem at the values that earlier flights gave, with their information, and what is known.
+
+    Raises:
+        AllKnown: every target is known as well as wanted.
+    """
+    part, M = of_problem(flown, posed.problem)
+    before = posed.problem.targets
+    aircraft, notes = with_values(posed.aircraft, posed.trimmed, posed.problem.experiment.structure, part)
+    posed = _pose(scenario, aircraft, suite)
+    names = posed.problem.targets.names
+    if names == before.names:  # a mode may split, or join: wanted errors stay those of the scenario where they can
+        values = before.values
+    else:
+        had = dict(zip(before.names, before.values.tolist(), strict=True))
+        values = np.array([had.get(n, np.nan) for n in names])
+    problem = replace(posed.problem, known=M)
+    known = Known(part, problem.targets.errors(accuracy(M)), values, (*part.notes, *notes))
+    if np.all(known.errors <= problem.targets.wanted):
+        raise AllKnown(problem, known)
+    return posed._replace(problem=problem), known
 
 
 def _check_rates(scenario: DesignScenario, trimmed: TrimmedFlight, suite: SensorSuite) -> None:
@@ -248,7 +303,8 @@ def _realised(
             break
         say(f"realise the {design.family}: fly and identify it {n} times")
         found[id(design)] = range_.realised(design, n, say)
-        cost = float(np.max(found[id(design)].headline / range_.targets.wanted))
+        total = total_errors(range_.problem, design, found[id(design)].headline)
+        cost = float(np.max(total / range_.targets.wanted))
         if first is None or cost < _CLEARLY * first[0]:
             first = cost, pair
     assert first is not None
@@ -332,7 +388,8 @@ def _through(
     suite: SensorSuite,
     limits: Limits,
     design: Design,
+    known: FloatArray | None,
 ) -> FloatArray:
-    """Return the standard errors (t,) of the targets that a design gives through another suite."""
-    other = problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, starts=True)
-    return seen_in(other, design).errors
+    """Return the standard errors (t,) of the targets after a flight of a design through another suite."""
+    other = replace(problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, starts=True), known=known)
+    return total_errors(other, seen_in(other, design))

@@ -133,7 +133,9 @@ def _switched(
     duration_s: float | None = None,
 ) -> Design:
     rate = problem.rate_hz
-    form = switching(experiment, prediction, problem.targets.gradient, problem.criterion, step, start, count, repeats)
+    form = switching(
+        experiment, prediction, problem.targets.gradient, problem.criterion, step, start, count, repeats, problem.known
+    )
     starts = []
     middle = start + step // 2 + step * np.arange(count)
     for entry in ranked[:4]:
@@ -176,9 +178,10 @@ def designed_multisine(problem: Problem, best: Screened | None) -> list[Design]:
         room.append(problem.prediction.largest_factor(v)[0] ** 2)
         lines.append(room[-1] * (problem.experiment.information(u) + problem.experiment.information(v)))
     K, G = np.stack(lines), problem.targets.gradient
+    known = np.zeros(K.shape[1:]) if problem.known is None else problem.known
     power = np.full(len(numbers), 1.0 / len(numbers))
     for _ in range(_POWER_ROUNDS):
-        half = np.linalg.solve(np.einsum("l,lij->ij", power, K), G.T)
+        half = np.linalg.solve(np.einsum("l,lij->ij", power, K) + known, G.T)
         worth = np.einsum("it,lij,jt->l", half, K, half)
         power = power * np.sqrt(worth)
         power /= power.sum()

@@ -32,6 +32,7 @@ class Switching:
         prediction: the limits.
         gradient: (t, k) targets in units of their wanted standard errors by parameters.
         criterion: what the design minimises.
+        known: (k, k) information that earlier flights gave; None: none.
     """
 
     K: FloatArray
@@ -39,11 +40,14 @@ class Switching:
     prediction: Prediction
     gradient: FloatArray
     criterion: Criterion
+    known: FloatArray | None = None
 
     def value(self, M: FloatArray, deviation: FloatArray) -> float:
         """Return the cost at the largest admissible amplitude."""
         factor, _ = self.prediction.factor_of(deviation)
-        return cost(M, self.gradient, self.criterion) / factor
+        if self.known is None:
+            return cost(M, self.gradient, self.criterion) / factor
+        return cost(factor**2 * M + self.known, self.gradient, self.criterion)
 
     def exchange(self, signs: FloatArray, levels: Sequence[float] = LEVELS) -> tuple[FloatArray, float]:
         """Return signs (b,) that no change of a single step improves, and their cost, starting from others."""
@@ -80,10 +84,11 @@ def switching(
     start: int,
     count: int,
     repeats: int = 1,
+    known: FloatArray | None = None,
 ) -> Switching:
     """Return the quadratic form for ``count`` steps of ``step`` input samples each from sample ``start`` on.
 
-    The whole sequence is flown ``repeats`` times, one after the other.
+    The whole sequence is flown ``repeats`` times, one after the other. ``known`` is what earlier flights gave.
 
     With several controls each has ``count`` blocks, all of the first control first.
     """
@@ -100,7 +105,7 @@ def switching(
             moved.append(prediction.response(u)[:: experiment.stride])
     W = np.stack(columns, axis=1).reshape(-1, len(columns) * k)
     K = (W.T @ W).reshape(len(columns), k, len(columns), k).transpose(0, 2, 1, 3)
-    return Switching(K, np.stack(moved), prediction, gradient, criterion)
+    return Switching(K, np.stack(moved), prediction, gradient, criterion, known)
 
 
 def design_switching(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from testbench.page.page import COMPUTED, Content, Page, source_of
 from testbench.page.write import json_text
 from testbench.questions.plan.card_text import card_stem
@@ -9,7 +11,7 @@ from testbench.questions.plan.close_answer import close_answer
 from testbench.questions.plan.close_figures import close_plates
 from testbench.questions.plan.close_tables import cards_table, runs_table, targets_table
 from testbench.questions.plan.flown_card import DESCRIPTIONS
-from testbench.questions.plan.verdicts import Campaign
+from testbench.questions.plan.verdicts import Campaign, JudgedCard
 
 _SHORT = ("card", "target", "flown", "error", "as", "promised", "realised", "flown error", "verdict", "more")
 
@@ -23,7 +25,7 @@ def close_page(campaign: Campaign) -> Page:
     notes, descriptions = [], []
     for c in campaign.cards:
         if c.flown.case is not None:
-            files[f"models/{card_stem(c.card)}.json"] = json_text(c.flown.case.model.written())
+            files[f"models/{card_stem(c.card)}.json"] = json_text(_written(c))
         if c.flown.file is not None:
             descriptions.append(c.flown.file.name)
         notes += [f"card {c.card.number}: {text}" for text in c.flown.notes]
@@ -44,3 +46,10 @@ def close_page(campaign: Campaign) -> Page:
         terminal=[cards_table(campaign).without("promise"), *([short] if targets.rows else [])],
         closing=closing,
     )
+
+
+def _written(c: JudgedCard) -> dict[str, Any]:
+    """Return the model of a card, with the condition of its flight, which `testbench design --after` asks for."""
+    assert c.flown.case is not None
+    V = c.card.point.V_m_s if c.flown.V_m_s is None else c.flown.V_m_s
+    return {**c.flown.case.model.written(), "condition": {"V_m_s": V, "h_m": c.card.point.h_m}}
