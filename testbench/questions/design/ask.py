@@ -9,8 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import ceil
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,24 +17,22 @@ from testbench.aircraft import Aircraft
 from testbench.core.constants import PERCENT
 from testbench.core.errors import EstimationError, LimitError, located
 from testbench.core.record import FloatArray
-from testbench.evaluation.envelope import Onset
-from testbench.flight import LinearModel, TrimmedFlight, linearise, load_aircraft
+from testbench.flight import LinearModel, TrimmedFlight, load_aircraft
 from testbench.flight.batch.jobs import Simulator, Tally
-from testbench.information.fisher import accuracy
-from testbench.information.modes import modes_of
-from testbench.line import Report, trim_for
+from testbench.line import Report
 from testbench.questions.design.air import expected_air
-from testbench.questions.design.build import limits_of, onsets_of, problem_of
+from testbench.questions.design.build import problem_of
 from testbench.questions.design.draws import Draws, OverDraws, draw_aircraft, flown_in, kept_in_all, told
 from testbench.questions.design.elsewhere import Elsewhere, elsewhere
 from testbench.questions.design.flown import Envelope, Flown, fly_designs
 from testbench.questions.design.identified import identified_by
-from testbench.questions.design.known import AllKnown, Known, of_problem, total_errors, with_values
+from testbench.questions.design.known import total_errors
 from testbench.questions.design.limits import Limits
 from testbench.questions.design.margins import with_margins
 from testbench.questions.design.maximin import for_the_worst
 from testbench.questions.design.misled import weighed
 from testbench.questions.design.obstacles import obstacles
+from testbench.questions.design.posed import believe, pose
 from testbench.questions.design.problem import Design, Problem, seen_in
 from testbench.questions.design.realise import Range, Realised, repeats
 from testbench.questions.design.refine import minimum_time
@@ -86,10 +83,10 @@ def run_design(
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)
     suites = [load_suite(name) for name in scenario.suites]
     say("trim and linearise")
-    posed, known = _pose(scenario, aircraft, suites[0]), None
+    posed, known = pose(scenario, aircraft, suites[0]), None
     if after is not None:
         say("believe what was flown before")
-        posed, known = _after(scenario, posed, suites[0], after)
+        posed, known = believe(scenario, posed, suites[0], after)
     aircraft, trimmed, linear, onsets, modes, limits, problem = posed
     with located(where, "limits"):
         envelope = Envelope.of(limits, problem)
@@ -172,64 +169,6 @@ def run_design(
         next((k for k, f in enumerate(admissible) if f.predicted is believed), None) if scenario.robust else None,
         known,
     )
-
-
-class _Posed(NamedTuple):
-    aircraft: Aircraft
-    trimmed: TrimmedFlight
-    linear: LinearModel
-    onsets: tuple[Onset, ...]
-    modes: Mapping[str, complex]
-    limits: Limits
-    problem: Problem
-
-
-def _pose(scenario: DesignScenario, aircraft: Aircraft, suite: SensorSuite) -> _Posed:
-    """Return the design problem of an aircraft."""
-    where = scenario.file
-    trimmed = trim_for(scenario, aircraft)
-    with located(where, "condition"):
-        linear = linearise(aircraft, trimmed)
-        onsets = onsets_of(aircraft, scenario)
-    modes = modes_of(linear, aircraft, scenario.plane)
-    with located(where, "limits"):
-        limits = limits_of(scenario, aircraft, trimmed, onsets)
-        _check_rates(scenario, trimmed, suite)
-        problem = problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, starts=True)
-    return _Posed(aircraft, trimmed, linear, onsets, modes, limits, problem)
-
-
-def _after(scenario: DesignScenario, posed: _Posed, suite: SensorSuite, flown: Prior) -> tuple[_Posed, Known]:
-    """Return the design problem at the values that earlier flights gave, with their information, and what is known.
-
-    Raises:
-        AllKnown: every target is known as well as wanted.
-    """
-    part, M = of_problem(flown, posed.problem)
-    before = posed.problem.targets
-    aircraft, notes = with_values(posed.aircraft, posed.trimmed, posed.problem.experiment.structure, part)
-    posed = _pose(scenario, aircraft, suite)
-    names = posed.problem.targets.names
-    if names == before.names:  # a mode may split, or join: wanted errors stay those of the scenario where they can
-        values = before.values
-    else:
-        had = dict(zip(before.names, before.values.tolist(), strict=True))
-        values = np.array([had.get(n, np.nan) for n in names])
-    problem = replace(posed.problem, known=M)
-    known = Known(part, problem.targets.errors(accuracy(M)), values, (*part.notes, *notes))
-    if np.all(known.errors <= problem.targets.wanted):
-        raise AllKnown(problem, known)
-    return posed._replace(problem=problem), known
-
-
-def _check_rates(scenario: DesignScenario, trimmed: TrimmedFlight, suite: SensorSuite) -> None:
-    """Check that what is designed can be flown and sensed."""
-    rate, wanted = trimmed.rate_hz, suite.rate_hz
-    if scenario.realise and abs(rate / wanted - round(rate / wanted)) > 1e-9:
-        raise LimitError(
-            f"the rate of the suite {suite.name} must divide that of the simulation, {rate:g} Hz, got {wanted:g} Hz; "
-            f"give [simulation] rate_hz = {ceil(rate / wanted) * wanted:g}"
-        )
 
 
 def range_of(

@@ -172,6 +172,7 @@ def _read(file: Path, V_m_s: float) -> Prior:
         free = [bool(p["free"]) for p in parameters.values()]
         condition, status = content.get("condition"), str(content.get("status", "good"))
         flown = None if condition is None else float(condition["V_m_s"])
+        errors = {str(name): float(e) for name, e in content.get("flown_errors", {}).items()}
     if structure != STRUCTURE and structure not in _PACKAGED:
         raise EstimationError(
             f"what was flown before must be identified by the estimator of a design, or by one of the structures "
@@ -185,15 +186,17 @@ def _read(file: Path, V_m_s: float) -> Prior:
     keep = [i for i, (p, s) in enumerate(zip(free, np.diag(P), strict=True)) if p and s > 0.0]
     names = [name for i, name in enumerate(parameters) if i in keep]
     per = np.array([V_m_s if structure == "short_period" and n.startswith("Z_") else 1.0 for n in names])
-    notes = []
+    scaled, notes = values[keep] * per, []
     if flown is None:
         notes.append(f"{file.name} does not say at which speed it was flown: that of the design is taken")
     if status == "wrong":
         notes.append(f"the estimator distrusts its model {file.name}: its derivatives and their errors may be wrong")
     if structure != STRUCTURE:
         notes.append(f"{file.name} is of the structure {structure}: what it holds fixed counts as known in its errors")
+    stated = np.sqrt(np.diag(P)[keep])
+    per = per * np.array([max(errors.get(n, 0.0) / s, 1.0) for n, s in zip(names, stated, strict=True)])
     covariance = P[np.ix_(keep, keep)] * np.outer(per, per)
-    return Prior(tuple(names), values[keep] * per, 0.5 * (covariance + covariance.T), str(file), tuple(notes))
+    return Prior(tuple(names), scaled, 0.5 * (covariance + covariance.T), str(file), tuple(notes))
 
 
 def of_problem(prior: Prior, problem: Problem) -> tuple[Prior, FloatArray]:
@@ -266,14 +269,19 @@ def total_errors(problem: Problem, design: Design, headline: FloatArray | None =
     Args:
         problem: of the design.
         design: that is flown.
-        headline: (t,) errors of this flight alone to plan with. Its information counts with the largest ratio of them
-            to the promised ones, if that exceeds 1.
+        headline: (t,) errors of this flight alone to plan with; those of the design if not given.
+
+    Where headline errors h exceed those of the information, s, the covariance C of the flight grows by K diag(h^2 -
+    s^2) K', K = C J' (J C J')^-1, J the targets by the parameters: the least that gives the targets the errors h.
     """
-    M, known = design.information, problem.known
+    M, known, targets = design.information, problem.known, problem.targets
+    alone = design.errors if headline is None else headline
     if known is None:
-        return design.errors if headline is None else headline
-    by = problem.targets.errors(accuracy(M))
-    worse = np.max((design.errors if headline is None else headline) / by)
-    if not np.isfinite(worse):
-        return problem.targets.errors(accuracy(known))
-    return problem.targets.errors(accuracy(M / max(worse, 1.0) ** 2 + known))
+        return alone
+    own = accuracy(M)
+    more = alone**2 - targets.errors(own) ** 2
+    if not (np.all(np.isfinite(own.std)) and np.all(np.isfinite(more))):
+        return targets.errors(accuracy(known))
+    J, C = targets.jacobian, own.covariance
+    K = C @ J.T @ np.linalg.pinv(J @ C @ J.T)
+    return targets.errors(accuracy(np.linalg.inv(C + (K * np.maximum(more, 0.0)) @ K.T) + known))

@@ -73,8 +73,9 @@ def ranking_table(result: DesignResult) -> Table:
     caption = (
         f"Each design has its largest admissible amplitude in the nonlinear simulator. Criterion "
         f"{result.scenario.criterion}, in units of the wanted errors{counted}: at 1 or less they are reached. "
-        "Standard errors are Cramér-Rao bounds for these sensors in the air that is expected; sensor offsets, initial states of a "
-        "rigid aircraft and all other free parameters are estimated too. What is realised stands in its own table."
+        "Standard errors are Cramér-Rao bounds for these sensors in the air that is expected; sensor offsets, initial "
+        "states of a rigid aircraft and all other free parameters are estimated too. What is realised stands in its "
+        "own table."
     )
     if drawn:
         caption += " Median and worst: the criterion of the same commands over the drawn aircraft" + (

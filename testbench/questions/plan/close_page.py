@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from testbench.page.page import COMPUTED, Content, Page, source_of
@@ -49,7 +50,11 @@ def close_page(campaign: Campaign) -> Page:
 
 
 def _written(c: JudgedCard) -> dict[str, Any]:
-    """Return the model of a card, with the condition of its flight, which `testbench design --after` asks for."""
+    """Return the model of a card, with what `testbench design --after` asks for: the condition, and flown errors.
+
+    They hold the scatter of the runs and what estimates in simulated flights of the design had beyond stated errors.
+    """
     assert c.flown.case is not None
+    errors = {t.name: t.error for t in c.targets if t.estimate is not None and math.isfinite(t.error)}
     V = c.card.point.V_m_s if c.flown.V_m_s is None else c.flown.V_m_s
-    return {**c.flown.case.model.written(), "condition": {"V_m_s": V, "h_m": c.card.point.h_m}}
+    return {**c.flown.case.model.written(), "condition": {"V_m_s": V, "h_m": c.card.point.h_m}, "flown_errors": errors}
