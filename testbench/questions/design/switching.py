@@ -18,7 +18,8 @@ from testbench.core.record import FloatArray
 from testbench.information.fisher import Criterion, Experiment, cost
 from testbench.questions.design.prediction import Prediction
 
-_PASSES = 20
+PASSES = 20
+"""Most visits of all steps."""
 LEVELS = (1.0, -1.0, 0.0)
 
 
@@ -45,6 +46,10 @@ class Switching:
     def value(self, M: FloatArray, deviation: FloatArray) -> float:
         """Return the cost at the largest admissible amplitude."""
         factor, _ = self.prediction.factor_of(deviation)
+        return self.cost_at(M, factor)
+
+    def cost_at(self, M: FloatArray, factor: float) -> float:
+        """Return the cost at a factor on unit amplitude."""
         if self.known is None:
             return cost(M, self.gradient, self.criterion) / factor
         return cost(factor**2 * M + self.known, self.gradient, self.criterion)
@@ -55,7 +60,7 @@ class Switching:
         M = np.einsum("i,j,ijkl->kl", s, s, self.K)
         deviation = np.tensordot(s, self.y, axes=1)
         best = self.value(M, deviation)
-        for _ in range(_PASSES):
+        for _ in range(PASSES):
             changed = False
             for b in range(s.size):
                 row = np.tensordot(s, self.K[b], axes=1)  # sum_j s_j K_bj
