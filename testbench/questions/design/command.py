@@ -41,7 +41,7 @@ def command(
     from testbench.questions.files import find
 
     loaded = DesignScenario.load(find(scenario, "design"))
-    folder = out / f"design_{loaded.name}"
+    folder = out / f"design_{loaded.name}{f'_after_{len(after)}' if after else ''}"  # plans refer to the design before
     flown = known_after(after, loaded.condition.V_m_s) if after else None
     with stages() as say:
         try:

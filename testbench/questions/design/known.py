@@ -283,5 +283,7 @@ def total_errors(problem: Problem, design: Design, headline: FloatArray | None =
     if not (np.all(np.isfinite(own.std)) and np.all(np.isfinite(more))):
         return targets.errors(accuracy(known))
     J, C = targets.jacobian, own.covariance
-    K = C @ J.T @ np.linalg.pinv(J @ C @ J.T)
-    return targets.errors(accuracy(np.linalg.inv(C + (K * np.maximum(more, 0.0)) @ K.T) + known))
+    L = C @ J.T @ np.linalg.pinv(J @ C @ J.T) * np.sqrt(np.maximum(more, 0.0))
+    felt = M @ L  # (C + L L')^-1 = M - M L (1 + L' M L)^-1 L' M
+    own_wider = M - felt @ np.linalg.solve(np.eye(L.shape[1]) + L.T @ felt, felt.T)
+    return targets.errors(accuracy(0.5 * (own_wider + own_wider.T) + known))
