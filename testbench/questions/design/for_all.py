@@ -21,7 +21,8 @@ from testbench.questions.design.problem import Design, Problem
 from testbench.questions.design.refine import BLOCKS, lines_of, room, shaped, switched
 from testbench.questions.design.switching import LEVELS, PASSES, Switching, switching
 
-_STARTS, _RANDOM = 5, 2  # designs, and random signs, that the exchange starts from
+_STARTS, _RANDOM = 5, 2  # designs, random signs, and random signs with rests, that the exchange starts from
+_KEPT = 2  # of its results: which is best when it is flown is not certain
 _ROUNDS, _LOOK = 240, 10  # of the multiplicative algorithm, and how often the multisine itself is judged
 _PULL = 0.3  # exponent with which a draw's weight follows its cost
 
@@ -44,7 +45,7 @@ def worst_of(draws: Draws, u: FloatArray, cut: float = np.inf) -> float:
 
 
 def for_all(problem: Problem, designs: Sequence[Design], draws: Draws) -> tuple[Design, ...]:
-    """Return further designs, made for all draws at once: a switching signal, and a multisine unless a pilot flies.
+    """Return further designs, made for all draws at once: switching signals, and a multisine unless a pilot flies.
 
     Args:
         problem: of the believed aircraft.
@@ -53,10 +54,10 @@ def for_all(problem: Problem, designs: Sequence[Design], draws: Draws) -> tuple[
     """
     ranked = sorted(designs, key=lambda d: worst_of(draws, d.u))
     shape = [] if problem.by_hand else _shaped_for_all(problem, ranked, draws)
-    return (*shape, _switched_for_all(problem, [*shape, *ranked], draws))
+    return (*shape, *_switched_for_all(problem, [*shape, *ranked], draws))
 
 
-def _switched_for_all(problem: Problem, ranked: Sequence[Design], draws: Draws) -> Design:
+def _switched_for_all(problem: Problem, ranked: Sequence[Design], draws: Draws) -> list[Design]:
     start, left, shortest = room(problem)
     step = shortest * ceil(left / shortest / max(BLOCKS // len(problem.controls), 1))
     count = left // step
@@ -67,13 +68,14 @@ def _switched_for_all(problem: Problem, ranked: Sequence[Design], draws: Draws) 
     middle = start + step // 2 + step * np.arange(count)
     points = [np.sign(np.round(d.u[middle].T.ravel(), 9)) for d in ranked[:_STARTS]]
     rng = np.random.default_rng(problem.seed)
-    points += [rng.choice([1.0, -1.0], len(forms[0].K)) for _ in range(_RANDOM)]
-    found = [_exchange(forms, s) for s in points if np.any(s)]
-    signs, _ = min(found, key=lambda pair: pair[1])
-    return switched(problem, problem.prediction, signs, (step, start, count, 1), "switching for all draws")
+    for levels in ([1.0, -1.0], [1.0, -1.0, 0.0]):
+        points += [rng.choice(levels, len(forms[0].K)) for _ in range(_RANDOM)]
+    found = sorted((exchange_for_all(forms, s) for s in points if np.any(s)), key=lambda pair: pair[1])
+    best = [found[0][0], *(s for s, _ in found[1:] if not np.array_equal(s, found[0][0]))][:_KEPT]
+    return [switched(problem, problem.prediction, s, (step, start, count, 1), "switching for all draws") for s in best]
 
 
-def _exchange(forms: Sequence[Switching], signs: FloatArray) -> tuple[FloatArray, float]:
+def exchange_for_all(forms: Sequence[Switching], signs: FloatArray) -> tuple[FloatArray, float]:
     """Return signs (b,) that no change of a single step improves in the worst draw, and their worst cost."""
     s = np.array(signs, float)
     M = [np.einsum("i,j,ijkl->kl", s, s, f.K) for f in forms]
