@@ -182,7 +182,7 @@ def write(path: Path, columns: tuple[str, ...], rows: list[dict[str, Any]]) -> N
 def main() -> None:
     """Run the trials that are missing, and write both tables after each."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, default=20, help="wrong models of each aircraft")
+    parser.add_argument("--trials", type=int, default=40, help="wrong models of each aircraft")
     parser.add_argument("--only", nargs="*", default=list(NAMES), help="names of designs")
     parser.add_argument("--out", type=Path, default=TRIALS)
     asked = parser.parse_args()
