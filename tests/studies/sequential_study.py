@@ -56,7 +56,7 @@ WANTED = 1.0
 _FLOWN = 4  # designs that are flown, besides the best 3-2-1-1
 COLUMNS = ("design", "trial", "way", "flights", "target", "error_percent", "limit_met")
 SUMMARY = (
-    "design", "way", "flights", "trials", "worst_target_rms_percent", "rms_percent", "median_worst_percent",
+    "design", "way", "flights", "trials", "flown", "worst_target_rms_percent", "rms_percent", "median_worst_percent",
     "over_one_shot", "limits_met_percent",
 )  # fmt: skip
 
@@ -159,14 +159,17 @@ def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         for way in ("one-shot", "sequential", "3-2-1-1"):
             for k in range(1, FLIGHTS + 1):
                 of = [r for r in own if r["way"] == way and int(r["flights"]) == k]
-                at = {(int(r["trial"]), r["target"]): float(r["error_percent"]) for r in of}
+                # a sequential design that finds everything known stops: its last estimate stands
+                before = [r for r in own if r["way"] == way and int(r["flights"]) < k]
+                at = {(int(r["trial"]), r["target"]): float(r["error_percent"]) for r in (*before, *of)}
+                flown = len({r["trial"] for r in of})
                 e = np.array([[at[t, n] for n in targets] for t in trials])
                 rms = np.sqrt(np.mean(e**2, axis=0))
                 once.setdefault(k, rms)
                 met = 100.0 * np.mean([int(r["limit_met"]) for r in of])
                 numbers = (rms.max(), np.sqrt(np.mean(rms**2)), np.median(np.abs(e).max(axis=1)))
                 ratio = float(np.exp(np.mean(np.log(rms / once[k]))))
-                cells = (name, way, k, len(trials), *(f"{x:.3g}" for x in (*numbers, ratio, met)))
+                cells = (name, way, k, len(trials), flown, *(f"{x:.3g}" for x in (*numbers, ratio, met)))
                 out.append(dict(zip(SUMMARY, cells, strict=True)))
     return out
 
