@@ -12,7 +12,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
   tests/questions/campaign/test_draws.py tests/questions/run/test_scenario.py tests/test_house_rules.py \
   tests/test_packaging.py
 
-.PHONY: demo quick lint test fuzz test-slow benchmarks stock blind-test docs campaign-cost design-study promise-study estimator-study advice-study reproduction autopilot-log-study clean
+.PHONY: demo quick lint test fuzz test-slow benchmarks stock blind-test docs campaign-cost design-study promise-study sequential-study estimator-study advice-study reproduction autopilot-log-study clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -65,6 +65,10 @@ design-study: $(VENV)/installed-dev
 promise-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/promise_study.py
 	$(BIN)/python tests/studies/robust_study.py
+
+# Writes results/design/sequential.csv; some 8 s of processor time a trial. Interrupted: it goes on where it stopped.
+sequential-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/sequential_study.py
 
 # Writes results/estimators/*.csv; about an hour of processor time. Interrupted: estimator_study.py --resume.
 estimator-study: $(VENV)/installed-dev

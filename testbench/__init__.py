@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from testbench.questions.campaign.load import load_campaign
     from testbench.questions.compare.ask import compare
     from testbench.questions.design.ask import run_design
+    from testbench.questions.design.known import known_after
     from testbench.questions.files import load
     from testbench.questions.gap.ask import run_gap
     from testbench.questions.gap.open_set import first_look
@@ -87,6 +88,7 @@ _HOME = {
     "pool": "testbench.questions.identify.pool.pooling",
     "Prior": "testbench.questions.identify.pool.prior",
     "import_log": "testbench.questions.importing.ask",
+    "known_after": "testbench.questions.design.known",
     "linearise": "testbench.flight",
     "load": "testbench.questions.files",
     "load_aircraft": "testbench.flight",
@@ -128,6 +130,7 @@ __all__ = [
     "identify",
     "identify_and_pool",
     "import_log",
+    "known_after",
     "linearise",
     "load",
     "load_aircraft",

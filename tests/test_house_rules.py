@@ -38,7 +38,7 @@ ASKS = {
     "importing": {"identify"},
     "compare": {"run", "design"},
     "campaign": {"run"},
-    "design": {"run"},
+    "design": {"run", "identify"},  # what was flown before, and the aircraft that has it
     "plan": {"design", "identify", "importing", "run"},
     "gap": {"compatibility", "identify", "run"},
     "studio": {"design"},

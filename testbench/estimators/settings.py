@@ -186,13 +186,15 @@ class FilterError(_Simulated):
 
     ``process_noise`` names the states whose process noise is estimated; all if not given. ``process_noise_model`` says
     what form it has: "none", "diagonal" (each state by itself), "full" (the states together), "gust" (of first order,
-    in the flow angle), or "auto": the likelihood chooses.
+    in the flow angle), or "auto": the likelihood chooses. ``against_none`` tests whether there is any process noise, by
+    a second fit without it; it changes nothing of a single form that is asked for.
     """
 
     method: Literal["filter_error"] = "filter_error"
     process_noise: Names | None = None
     process_noise_model: ProcessNoiseModel = "auto"
     fixed_process_noise: dict[str, NonNegative] = {}
+    against_none: bool = True
 
 
 class ExtendedFilter(Settings, Structured):

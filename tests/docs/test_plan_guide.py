@@ -68,6 +68,15 @@ def test_the_whole_way_from_geometry_to_derivatives_in_small(tmp_path, monkeypat
         assert row["verdict"] in ("reached", "not reached", "not identifiable")
     assert "Not realised in simulation: card 1" in Path("results/close_short_period/report.html").read_text("utf-8")
     assert "M_alpha" in said[5]
+    (line,) = lines_of("### Design the next flight", "\n## What")[:1]
+    done = command(*shlex.split(line)[1:])
+    assert done.returncode == 0, done.stderr
+    with Path("results/design_short_period_after_1/tables/known.csv").open(encoding="utf-8") as file:
+        known = {row["target"]: row for row in csv.DictReader(file)}
+    assert set(known) == set(rows)
+    for name, row in known.items():
+        assert float(row["value"]) == pytest.approx(float(rows[name]["flown"]), rel=0.1)
+        assert float(row["after"]) < min(float(row["now"]), float(row["alone"]))
 
 
 @pytest.mark.slow

@@ -69,6 +69,7 @@ def estimate(
     process_noise: Sequence[str] | None,
     fixed_process_noise: Mapping[str, float] | None,
     process_noise_model: ProcessNoiseModel,
+    against_none: bool,
     initial_states: Initial,
     output_biases: Sequence[str],
     output_trends: Sequence[str],
@@ -89,6 +90,7 @@ def estimate(
         process_noise_model: "none", "diagonal" (every state by itself), "full" (of all states together), "gust" (of
             first order, in the flow angle; see ``kalman.gust``), or "auto": the likelihood chooses among them, between
             none and diagonal if states are named (see ``kalman.forms``).
+        against_none: whether a form is tested against none, which needs a second fit.
         initial_states: "free" estimates one per record; "record" takes the first sample of the channels of that name,
             "zero" takes trim.
         output_biases: outputs with a constant of their own in every record.
@@ -156,7 +158,7 @@ def estimate(
     forms = _forms(structure, process_noise_model, process_noise, fixed_process_noise)
     calm = Likelihood(structure, stretches, layout, dt_s, hold, substeps=substeps)
     values = first_points(calm, records, delays_s, held)[0]
-    choice = chosen(forms, make, values, max_iterations)
+    choice = chosen(forms, make, values, max_iterations, against_none)
     likelihood, found = choice.fit.likelihood, choice.fit.found
     diagnostics, white, corrected = _diagnose(choice, layout)
     extra = len(likelihood.base.structure.states) - len(structure.states)  # the gust

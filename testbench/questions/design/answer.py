@@ -10,7 +10,7 @@ import numpy as np
 from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD, G0_M_S2, PERCENT
 from testbench.page.labels import number, shown_unit, symbol
-from testbench.page.words import counted
+from testbench.page.words import counted, listed
 from testbench.questions.design.air import LIGHT_KG
 from testbench.questions.design.flown import limit_words
 from testbench.questions.design.realise import CAUSES
@@ -67,7 +67,7 @@ def worst_target(result: DesignResult, errors: FloatArray) -> int:
 
 def design_sentences(result: DesignResult) -> list[str]:
     """Return the recommendation, most important first; the first sentence is the answer."""
-    out = _verdict(result) + _realised(result) + _over_draws(result)
+    out = _verdict(result) + _known(result) + _realised(result) + _over_draws(result)
     out += (
         _elsewhere(result)
         + _shortest(result)
@@ -89,7 +89,7 @@ def _verdict(result: DesignResult) -> list[str]:
     best, over = result.best.design, result.best.over
     robust = over is not None and result.scenario.robust
     t = result.problem.targets
-    errors = errors_over(result, over.told.worst) if over is not None and robust else result.best.errors
+    errors = errors_over(result, over.told.worst) if over is not None and robust else result.total(result.best)
     k = worst_target(result, errors)
     what = f"the {family_label(best.family)} on the {controls_words(best)} ({best.words}), peak {peak_words(best)}"
     left = f"with a standard error of {error_words(result, errors, k)}"
@@ -109,6 +109,21 @@ def _verdict(result: DesignResult) -> list[str]:
             "flights"
         )
     return out
+
+
+def _known(result: DesignResult) -> list[str]:
+    """Return what was known before this flight, which targets need no more, and what the flight adds."""
+    known, t = result.known, result.problem.targets
+    if known is None:
+        return []
+    total = result.total(result.best)
+    met = [n for n, e, w in zip(t.names, known.errors, t.wanted, strict=True) if e <= w]
+    open_ = [k for k, n in enumerate(t.names) if n not in met]
+    k = max(open_, key=lambda k: float(known.errors[k] / t.wanted[k]))
+    text = f"Of {len(t.names)} targets {listed(met) if met else 'none'} {'are' if met[1:] else 'is'} known as well as "
+    text += f"wanted by what was flown before. The least known is {t.names[k]}: {error_words(result, known.errors, k)} "
+    text += f"now, {error_words(result, total, k)} after this flight"
+    return [text, *known.notes]
 
 
 _FIX = {
@@ -255,6 +270,8 @@ def _over_draws(result: DesignResult) -> list[str]:
             )
         out.append(
             "No prior is counted in these errors, because output error has none: they are what the flight itself tells"
+            if result.known is None
+            else "These errors count what was flown before"
         )
     if draws.lost:
         out.append(

@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from math import ceil
 from typing import Any
 
 import numpy as np
@@ -18,27 +17,29 @@ from testbench.aircraft import Aircraft
 from testbench.core.constants import PERCENT
 from testbench.core.errors import EstimationError, LimitError, located
 from testbench.core.record import FloatArray
-from testbench.flight import LinearModel, TrimmedFlight, linearise, load_aircraft
+from testbench.flight import LinearModel, TrimmedFlight, load_aircraft
 from testbench.flight.batch.jobs import Simulator, Tally
-from testbench.information.modes import modes_of
-from testbench.line import Report, trim_for
+from testbench.line import Report
 from testbench.questions.design.air import expected_air
-from testbench.questions.design.build import limits_of, onsets_of, problem_of
+from testbench.questions.design.build import problem_of
 from testbench.questions.design.draws import Draws, OverDraws, draw_aircraft, flown_in, kept_in_all, told
 from testbench.questions.design.elsewhere import Elsewhere, elsewhere
 from testbench.questions.design.flown import Envelope, Flown, fly_designs
 from testbench.questions.design.identified import identified_by
+from testbench.questions.design.known import total_errors
 from testbench.questions.design.limits import Limits
 from testbench.questions.design.margins import with_margins
 from testbench.questions.design.maximin import for_the_worst
 from testbench.questions.design.misled import weighed
 from testbench.questions.design.obstacles import obstacles
+from testbench.questions.design.posed import believe, pose
 from testbench.questions.design.problem import Design, Problem, seen_in
 from testbench.questions.design.realise import Range, Realised, repeats
 from testbench.questions.design.refine import minimum_time
 from testbench.questions.design.result import DesignResult, Ranked
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.design.search import best_of_families, screen, search
+from testbench.questions.identify.pool.prior import Prior
 from testbench.sensors import SensorSuite, load_suite
 
 _FLOWN = 7  # designs that are flown,
@@ -52,6 +53,7 @@ def run_design(
     seed: int | None = None,
     progress: Report | None = None,
     simulator: Simulator = "auto",
+    after: Prior | None = None,
 ) -> DesignResult:
     """Design the input that a scenario asks for.
 
@@ -61,8 +63,11 @@ def run_design(
         progress: called with a few words as each stage begins.
         simulator: "jsbsim" flies one flight after the other; "auto" flies designs, and drawn aircraft, at once
             where their model has been found equal to JSBSim.
+        after: what earlier flights told of the derivatives; see :func:`testbench.known_after`. The input is designed at
+            those values, for what is known and what the flight adds to it.
 
     Raises:
+        AllKnown: ``after`` tells every target as well as wanted.
         TestbenchError: with the file and key that it comes from; above the onset of vibration, or where no signal
             tells anything of some target.
 
@@ -76,17 +81,14 @@ def run_design(
     if seed is not None:
         scenario = scenario.changed(seed=seed)
     aircraft = load_aircraft(scenario.aircraft, scenario.wings)
-    say("trim and linearise")
-    trimmed = trim_for(scenario, aircraft)
-    with located(where, "condition"):
-        linear = linearise(aircraft, trimmed)
-        onsets = onsets_of(aircraft, scenario)
-    modes = modes_of(linear, aircraft, scenario.plane)
     suites = [load_suite(name) for name in scenario.suites]
+    say("trim and linearise")
+    posed, known = pose(scenario, aircraft, suites[0]), None
+    if after is not None:
+        say("believe what was flown before")
+        posed, known = believe(scenario, posed, suites[0], after)
+    aircraft, trimmed, linear, onsets, modes, limits, problem = posed
     with located(where, "limits"):
-        limits = limits_of(scenario, aircraft, trimmed, onsets)
-        _check_rates(scenario, trimmed, suites[0])
-        problem = problem_of(scenario, aircraft, trimmed, linear, modes, suites[0], limits, starts=True)
         envelope = Envelope.of(limits, problem)
     say("screen every family by spectral energy and information")
     start = time.perf_counter()
@@ -126,7 +128,8 @@ def run_design(
         there = elsewhere(scenario, range_, limits, admissible[0].design, repeats(scenario.realise), say)
     best = admissible[0].design
     others = {
-        suite.name: _through(scenario, aircraft, trimmed, linear, modes, suite, limits, best) for suite in suites[1:]
+        suite.name: _through(scenario, aircraft, trimmed, linear, modes, suite, limits, best, problem.known)
+        for suite in suites[1:]
     }
     counts: dict[str, list[float]] = {}
     for entry in ranked:
@@ -164,17 +167,8 @@ def run_design(
         range_.air if scenario.realise else None,
         there,
         next((k for k, f in enumerate(admissible) if f.predicted is believed), None) if scenario.robust else None,
+        known,
     )
-
-
-def _check_rates(scenario: DesignScenario, trimmed: TrimmedFlight, suite: SensorSuite) -> None:
-    """Check that what is designed can be flown and sensed."""
-    rate, wanted = trimmed.rate_hz, suite.rate_hz
-    if scenario.realise and abs(rate / wanted - round(rate / wanted)) > 1e-9:
-        raise LimitError(
-            f"the rate of the suite {suite.name} must divide that of the simulation, {rate:g} Hz, got {wanted:g} Hz; "
-            f"give [simulation] rate_hz = {ceil(rate / wanted) * wanted:g}"
-        )
 
 
 def range_of(
@@ -248,7 +242,8 @@ def _realised(
             break
         say(f"realise the {design.family}: fly and identify it {n} times")
         found[id(design)] = range_.realised(design, n, say)
-        cost = float(np.max(found[id(design)].headline / range_.targets.wanted))
+        total = total_errors(range_.problem, design, found[id(design)].headline)
+        cost = float(np.max(total / range_.targets.wanted))
         if first is None or cost < _CLEARLY * first[0]:
             first = cost, pair
     assert first is not None
@@ -332,7 +327,8 @@ def _through(
     suite: SensorSuite,
     limits: Limits,
     design: Design,
+    known: FloatArray | None,
 ) -> FloatArray:
-    """Return the standard errors (t,) of the targets that a design gives through another suite."""
-    other = problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, starts=True)
-    return seen_in(other, design).errors
+    """Return the standard errors (t,) of the targets after a flight of a design through another suite."""
+    other = replace(problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits, starts=True), known=known)
+    return total_errors(other, seen_in(other, design))

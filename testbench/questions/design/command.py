@@ -3,13 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from testbench.page.terminal import console, stages
 from testbench.questions.options import FlownBy, OutOption, ScenarioArgument, SeedOption, SimulatorOption
 
+AfterOption = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--after",
+        help="What was flown before: folder of plan close, identify or run, or a file of its models/; once or more.",
+        show_default=False,
+    ),
+]
+
 
 def command(
     scenario: ScenarioArgument,
+    after: AfterOption = None,
     out: OutOption = Path("results"),
     seed: SeedOption = None,
     simulator: SimulatorOption = FlownBy.auto,
@@ -17,18 +30,24 @@ def command(
     """Design the input that tells wanted parameters or modes through given sensors, inside given limits.
 
     The command screens every signal family, refines the best ones by information, flies them, ranks them and says what
-    to fly. It writes the signals, and scenarios ready for `testbench run`. Example: `testbench design eolo_modes`.
+    to fly. It writes the signals, and scenarios ready for `testbench run`. Example: `testbench design eolo_modes`. With
+    --after the next input is designed for what earlier flights left uncertain: `testbench design mine.toml --after
+    results/close_mine`.
     """
     from testbench.questions.design.ask import run_design
-    from testbench.questions.design.page import design_page
+    from testbench.questions.design.known import AllKnown, known_after
+    from testbench.questions.design.page import design_page, nothing_page
     from testbench.questions.design.scenario import DesignScenario
     from testbench.questions.files import find
 
     loaded = DesignScenario.load(find(scenario, "design"))
-    folder = out / f"design_{loaded.name}"
+    folder = out / f"design_{loaded.name}{f'_after_{len(after)}' if after else ''}"  # plans refer to the design before
+    flown = known_after(after, loaded.condition.V_m_s) if after else None
     with stages() as say:
-        result = run_design(loaded, seed, say, simulator.value)
+        try:
+            page = design_page(run_design(loaded, seed, say, simulator.value, flown))
+        except AllKnown as nothing:
+            page = nothing_page(loaded, nothing)
         say("write report")
-        page = design_page(result)
         page.write(folder)
     page.show(console(), folder)

@@ -21,11 +21,11 @@ from testbench.evaluation.envelope import Onset
 from testbench.flight import TrimmedFlight, linearise
 from testbench.flight.batch.jobs import Simulator, Tally
 from testbench.information.modes import modes_of
-from testbench.information.targets import Targets
 from testbench.line import trim_for
 from testbench.questions.design.build import limits_of, problem_of
 from testbench.questions.design.candidates import Candidate
 from testbench.questions.design.flown import ABORTED, Envelope, Flown, Tightest, fly_all, fly_each
+from testbench.questions.design.known import total_errors
 from testbench.questions.design.problem import Design, Problem, rescaled, seen_in
 from testbench.questions.design.scenario import DesignScenario
 from testbench.sensors import SensorSuite
@@ -171,7 +171,7 @@ def draw_aircraft(
     for index in range(count):
         one = drawn(aircraft, scenario.seed, index)
         try:
-            made.append(_draw(scenario, index, one, suite, onsets, problem.targets))
+            made.append(_draw(scenario, index, one, suite, onsets, problem))
         except TestbenchError as error:
             lost.append(Lost(index, error.message))
     models, trims, limits = [d.aircraft for d in made], [d.trimmed for d in made], [d.envelope for d in made]
@@ -192,8 +192,9 @@ def _draw(
     aircraft: Aircraft,
     suite: SensorSuite,
     onsets: Sequence[Onset],
-    believed: Targets,
+    of: Problem,
 ) -> Draw:
+    believed = of.targets
     whole = [m for m in scenario.targets.modes if f"wn of {m}" in believed.names]
     trimmed = trim_for(scenario, aircraft)
     linear = linearise(aircraft, trimmed)
@@ -203,7 +204,7 @@ def _draw(
     wanted = dict(zip(believed.names, believed.wanted, strict=True))
     own = problem.targets
     same = np.array([wanted.get(name, w) for name, w in zip(own.names, own.wanted, strict=True)])
-    problem = replace(problem, targets=replace(own, wanted=same))
+    problem = replace(problem, targets=replace(own, wanted=same), known=of.known)
     return Draw(index, aircraft, trimmed, problem, Envelope.of(limits, problem))
 
 
@@ -219,7 +220,8 @@ def told(design: Design, draws: Draws, names: Sequence[str]) -> Told:
     for draw in draws.judged:
         seen, targets = seen_in(draw.problem, design), draw.problem.targets
         costs.append(seen.cost)
-        found = dict(zip(targets.names, seen.errors / targets.wanted, strict=True))
+        errors = total_errors(draw.problem, seen)
+        found = dict(zip(targets.names, errors / targets.wanted, strict=True))
         ratios.append([found.get(name, np.nan) for name in names])
         reached += all(ratio <= 1.0 for ratio in found.values())
     return Told(np.array(costs), np.array(ratios), reached)

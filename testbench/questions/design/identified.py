@@ -26,6 +26,7 @@ from testbench.estimators.parametric.likelihood import held_inputs
 from testbench.estimators.parametric.response import respond
 from testbench.estimators.parametric.start import of_servos
 from testbench.estimators.parametric.structures.build import build
+from testbench.estimators.settings import FilterError
 from testbench.information.aircraft_structure import AircraftStructure
 from testbench.information.fisher import start_responses
 from testbench.sensors import Sensor, SensorSuite
@@ -71,7 +72,10 @@ class Identified:
             EstimationError: no estimate.
         """
         outputs = tuple(n for n in record.channels if n not in self.inputs)
-        model: Any = estimate(self.asked.estimators[0], [record], self.inputs, outputs)
+        entry = self.asked.estimators[0]
+        if isinstance(entry, FilterError):  # whether there is any turbulence is not asked of every flight
+            entry = entry.model_copy(update={"against_none": False})
+        model: Any = estimate(entry, [record], self.inputs, outputs)
         at = [model.structure.parameter_names.index(name) for name in self.structure.parameter_names]
         if not np.all(np.isfinite(model.params[at])):
             raise EstimationError("the estimate is not finite")

@@ -1,7 +1,7 @@
 """Designs for the aircraft in which the best one does worst: maximin over drawn aircraft, by exchange.
 
 The design whose worst criterion over the draws is smallest has some draw in which it does worst. Designs are searched
-for that aircraft, join the others, and the question is asked again.
+for that aircraft, join the others, and the question is asked again. Two more are made for all of them at once.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import numpy as np
 from testbench.core.errors import EstimationError
 from testbench.core.record import FloatArray
 from testbench.questions.design.draws import Draws, told
+from testbench.questions.design.for_all import for_all
 from testbench.questions.design.problem import Design, Problem, seen_in
 from testbench.questions.design.search import search
 
@@ -23,7 +24,7 @@ _EACH = 3  # designs that each of them adds
 def for_the_worst(
     problem: Problem, designs: Sequence[Design], draws: Draws, say: Callable[[str], None]
 ) -> tuple[Design, ...]:
-    """Return further designs, each the best of a drawn aircraft in which the best of those before does worst.
+    """Return further designs: the best of drawn aircraft in which the best of those before does worst, and for all.
 
     Args:
         problem: of the believed aircraft, which judges them, too.
@@ -48,6 +49,8 @@ def for_the_worst(
         more = [seen_in(problem, d) for d in found]
         out += more
         costs += [_costs(d, draws, names) for d in more]
+    say("search for all drawn aircraft at once")
+    out += for_all(problem, [*designs, *out], draws)
     return tuple(out)
 
 

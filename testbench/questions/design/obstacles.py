@@ -7,9 +7,8 @@ from math import ceil
 
 import numpy as np
 
-from testbench.information.fisher import cost
 from testbench.questions.design.flown import limit_words
-from testbench.questions.design.problem import Design, Problem, with_off
+from testbench.questions.design.problem import Design, Problem
 
 _QUIET = 0.01  # of a sensor's noise that is left when it is taken away
 _FREE = 1e9  # times a limit
@@ -43,11 +42,11 @@ def obstacles(problem: Problem, design: Design) -> Obstacles:
     one input add up their information: what scatters falls as the root of their number, what the estimates are off by
     stays.
     """
-    experiment, gradient = problem.experiment, problem.targets.gradient
+    experiment = problem.experiment
     out = []
     for i, sensor in enumerate(experiment.sensors):
         M = experiment.with_less_noise(i, _QUIET).information(design.u)
-        less = cost(with_off(M, design.off), gradient, problem.criterion)
+        less = problem.cost_off(M, design.off)
         out.append(Obstacle(f"the noise of {sensor.channel}", less))
     prediction = problem.prediction
     deviation = prediction.response(design.u)
@@ -59,14 +58,14 @@ def obstacles(problem: Problem, design: Design) -> Obstacles:
     gain = min(max(float(others.min()) if others.size else _FREE, 1.0), _FREE)
     words = f"the limit on {limit_words(prediction.names[binding]).removeprefix('the ')}"
     off = None if design.off is None else gain * design.off
-    out.append(Obstacle(words, cost(with_off(gain**2 * design.information, off), gradient, problem.criterion)))
+    out.append(Obstacle(words, problem.cost_off(gain**2 * design.information, off)))
     return Obstacles(tuple(sorted(out, key=lambda o: o.cost)), _flights(problem, design))
 
 
 def _flights(problem: Problem, design: Design) -> int:
-    """Return how many flights together reach the wanted errors; 0 if none do."""
-    alone = cost(design.information, problem.targets.gradient, problem.criterion)
-    if not np.isfinite(alone):
+    """Return how many flights together reach the wanted errors; 0 if none do, or if earlier ones count, too."""
+    alone = problem.cost_of(design.information)
+    if not np.isfinite(alone) or problem.known is not None:
         return 0
     off = np.zeros(len(design.information)) if design.off is None else design.off
     stays = float(np.max(np.abs(problem.targets.gradient @ off)))

@@ -36,6 +36,7 @@ class Problem:
         bands: the modes that candidates are screened for by spectral energy; None: by information alone.
         deflected: the structure of the experiment, driven by deflections: without servos.
         servo_lag_s: control -> time constant of its servo, of those that have one.
+        known: (k, k) information of the parameters that earlier flights gave; None: nothing is known but the model.
     """
 
     experiment: Experiment
@@ -52,6 +53,7 @@ class Problem:
     bands: ModeBands | None = None
     deflected: AircraftStructure | None = None
     servo_lag_s: Mapping[str, float] = field(default_factory=dict)
+    known: FloatArray | None = None
 
     @property
     def rate_hz(self) -> float:
@@ -65,6 +67,22 @@ class Problem:
             return experiment.until(round(duration_s / experiment.dt_s / experiment.stride))
         return experiment
 
+    def cost_of(self, M: FloatArray, factor: float = 1.0) -> float:
+        """Return the criterion of an input with information M (k, k) flown at ``factor`` times its amplitude.
+
+        What earlier flights gave is added. It does not grow with the amplitude.
+        """
+        if self.known is None:
+            return cost(M, self.targets.gradient, self.criterion) / factor
+        return cost(factor**2 * M + self.known, self.targets.gradient, self.criterion)
+
+    def cost_off(self, M: FloatArray, off: FloatArray | None) -> float:
+        """Return the same if estimates from M alone are off by ``off`` (k,) besides; those before dilute it."""
+        if off is None or self.known is None:
+            return self.cost_of(with_off(M, off))
+        total = M + self.known
+        return cost(with_off(total, np.asarray(np.linalg.solve(total, M @ off))), self.targets.gradient, self.criterion)
+
 
 @dataclass(frozen=True, eq=False)
 class Design:
@@ -76,8 +94,9 @@ class Design:
         controls: (m,) controls that move.
         u: (samples, m) what is commanded, deviation from trim.
         limit: the limit that binds.
-        cost: the criterion, in wanted errors; 1 or less reaches them.
-        errors: (t,) predicted errors of the targets: standard errors, and what they are off by if that is known.
+        cost: the criterion, in wanted errors; 1 or less reaches them. It counts what earlier flights gave.
+        errors: (t,) predicted errors of the targets by this flight alone: standard errors, and what they are off by if
+            that is known.
         information: (k, k) Fisher information.
         end_s: when the last input ends, s.
         duration_s: when the record ends, s.
@@ -127,7 +146,7 @@ def by_energy(problem: Problem, candidate: Candidate) -> Screened:
 def by_information(problem: Problem, entry: Screened) -> Screened:
     """Return a screened candidate with its cost at its largest admissible amplitude."""
     M = problem.experiment.information(entry.candidate.u)
-    return entry._replace(cost=cost(M, problem.targets.gradient, problem.criterion) / entry.factor)
+    return entry._replace(cost=problem.cost_of(M, entry.factor))
 
 
 def judge(problem: Problem, candidate: Candidate) -> Screened:
@@ -162,13 +181,13 @@ def seen_in(problem: Problem, design: Design) -> Design:
 def misled(problem: Problem, design: Design, off: FloatArray) -> Design:
     """Return a design that tells of estimates that are off by ``off`` (k,), parameters, without any noise.
 
-    Errors and criterion are those of the mean square M^-1 + off off', M the information.
+    Errors and criterion are those of the mean square M^-1 + off off', M the information; the criterion counts earlier
+    flights, too.
     """
     M, targets = design.information, problem.targets
     by = targets.jacobian @ off
     variance = targets.errors(accuracy(M))
-    square = cost(with_off(M, off), targets.gradient, problem.criterion)
-    return replace(design, cost=square, errors=np.hypot(variance, by), off=off)
+    return replace(design, cost=problem.cost_off(M, off), errors=np.hypot(variance, by), off=off)
 
 
 def best_share(problem: Problem, design: Design, off: FloatArray) -> float:
@@ -177,9 +196,7 @@ def best_share(problem: Problem, design: Design, off: FloatArray) -> float:
     Sensitivities grow with the amplitude, what bends with its square.
     """
     shares = np.geomspace(1.0, 0.1, 24)
-    costs = [
-        cost(with_off(r**2 * design.information, r * off), problem.targets.gradient, problem.criterion) for r in shares
-    ]
+    costs = [problem.cost_off(r**2 * design.information, r * off) for r in shares]
     return float(shares[int(np.argmin(costs))])
 
 
@@ -203,7 +220,7 @@ def _told(
         problem.controls,
         u,
         limit,
-        cost(M, problem.targets.gradient, problem.criterion),
+        problem.cost_of(M),
         problem.targets.errors(accuracy(M)),
         M,
         float(moving[-1] + 1) / problem.rate_hz if moving.size else 0.0,

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from scipy.stats import chi2
 
 from testbench.aircraft import Aircraft
 from testbench.core.errors import EstimationError, TestbenchError
+from testbench.core.processes import cores, processes, spread
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.air import AirSpec
 from testbench.core.scenario.base import Preparation
@@ -54,6 +56,7 @@ _RANDOM: Mapping[str, Any] = {
     "drift_std": 0.0,
     "drift_time_s": None,
 }
+_BLOCK = 5  # flights that one process identifies between two words of progress
 _FEWEST = 3  # estimates below which nothing is said
 CAUSES = {
     "noise": "noise of the sensors",
@@ -242,26 +245,37 @@ class Range:
         self, truths: Sequence[FlightRecord | str], suite: SensorSuite, first: int, say: Callable[[int], None]
     ) -> Errors:
         """Sense and identify flights; number ``first`` is that of the noise of the first one."""
-        errors, stated, failed = [], [], []
-        for i, truth in enumerate(truths):
-            say(i + 1)
+
+        def one(i: int) -> tuple[FloatArray, FloatArray] | str:
             try:
-                if isinstance(truth, str):
-                    raise EstimationError(truth)
-                record = prepared(suite.measure(truth, self.seed + first + i), self.problem.start_s, Preparation())
-                with np.errstate(all="ignore"):  # a search may pass values at which it overflows, and turns back
-                    params, covariance = self.identified.estimate(record)
-                value = self.targets.at(self.identified.structure, params)
-                if not np.all(np.isfinite(value)):
-                    raise EstimationError("a mode of the estimate has no frequency")
+                return self._estimated(truths[i], suite, first + i)
             except TestbenchError as error:
-                failed.append(error.message)
-                continue
-            errors.append(value - self.targets.values)
-            jacobian = self.targets.slopes(self.identified.structure, params)
-            stated.append(np.sqrt(np.maximum(np.einsum("ti,ij,tj->t", jacobian, covariance, jacobian), 0.0)))
-        t = len(self.targets.names)
-        return Errors(np.array(errors).reshape(-1, t), np.array(stated).reshape(-1, t), tuple(failed))
+                return error.message
+
+        found: list[tuple[FloatArray, FloatArray] | str] = []
+        step = _BLOCK * cores()
+        with processes(cores()):
+            for begin in range(0, len(truths), step):
+                say(begin + 1)
+                found += spread([partial(one, i) for i in range(begin, min(begin + step, len(truths)))])
+        good = [f for f in found if not isinstance(f, str)]
+        failed = tuple(f for f in found if isinstance(f, str))
+        errors, stated = (np.array([f[k] for f in good]).reshape(-1, len(self.targets.names)) for k in (0, 1))
+        return Errors(errors, stated, failed)
+
+    def _estimated(self, truth: FlightRecord | str, suite: SensorSuite, number: int) -> tuple[FloatArray, FloatArray]:
+        """Return errors and stated standard errors (t,) of the targets from one flight."""
+        if isinstance(truth, str):
+            raise EstimationError(truth)
+        record = prepared(suite.measure(truth, self.seed + number), self.problem.start_s, Preparation())
+        with np.errstate(all="ignore"):  # a search may pass values at which it overflows, and turns back
+            params, covariance = self.identified.estimate(record)
+        value = self.targets.at(self.identified.structure, params)
+        if not np.all(np.isfinite(value)):
+            raise EstimationError("a mode of the estimate has no frequency")
+        jacobian = self.targets.slopes(self.identified.structure, params)
+        stated = np.sqrt(np.maximum(np.einsum("ti,ij,tj->t", jacobian, covariance, jacobian), 0.0))
+        return value - self.targets.values, stated
 
     def realised(self, design: Design, n: int, say: Callable[[str], None]) -> Realised:
         """Return the errors of a design over ``n`` flights.
@@ -353,7 +367,6 @@ def without_noise(suite: SensorSuite) -> SensorSuite:
 
 def _counting(say: Callable[[str], None], words: str, n: int) -> Callable[[int], None]:
     def count(i: int) -> None:
-        if i == 1 or i % 10 == 0:
-            say(f"{words} {i} of {n}")
+        say(f"{words} {i} of {n}")
 
     return count

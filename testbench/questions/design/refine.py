@@ -8,6 +8,7 @@ from math import ceil
 import numpy as np
 
 from testbench.core.errors import ScenarioError
+from testbench.core.record import FloatArray
 from testbench.core.scenario.inputs import Input, Multisine
 from testbench.information.fisher import Experiment
 from testbench.inputs.multisine import harmonics
@@ -19,9 +20,11 @@ from testbench.questions.design.switching import design_switching, switching
 
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 _ROUNDS = 10  # of the golden section
-_BLOCKS = 48  # most steps of a designed switching signal, all controls together
+BLOCKS = 48
+"""Most steps of a designed switching signal, all controls together."""
 _RANDOM_STARTS = 6
 _POWER_ROUNDS = 60
+_LEAST_POWER = 1e-3  # of the largest, below which a line is left out
 _TIMES = ("period_s", "step_s", "width_s")
 _BISECTIONS = 6
 
@@ -69,8 +72,8 @@ def designed_switching(problem: Problem, ranked: Sequence[Screened]) -> list[Des
 
     Steps have the shortest length that can be held, or are longer if there would be too many.
     """
-    start, left, shortest = _samples(problem)
-    most = max(_BLOCKS // len(problem.controls), 1)
+    start, left, shortest = room(problem)
+    most = max(BLOCKS // len(problem.controls), 1)
     step = shortest * ceil(left / shortest / most)
     out = [_switched(problem, ranked, problem.experiment, problem.prediction, step, start, left // step, 1)]
     if left // (most * shortest) >= 2:
@@ -84,9 +87,9 @@ def minimum_time(problem: Problem, ranked: Sequence[Screened], wanted: float = 1
 
     The record ends with the manoeuvre. Its end is found by bisection over whole steps.
     """
-    start, left, shortest = _samples(problem)
+    start, left, shortest = room(problem)
     stride, rate = problem.experiment.stride, problem.rate_hz
-    most = max(_BLOCKS // 2 // len(problem.controls), 1)
+    most = max(BLOCKS // 2 // len(problem.controls), 1)
     found: Design | None = None
     low, high = 0, left // shortest
     for _ in range(_BISECTIONS):
@@ -113,7 +116,7 @@ def minimum_time(problem: Problem, ranked: Sequence[Screened], wanted: float = 1
     return found
 
 
-def _samples(problem: Problem) -> tuple[int, int, int]:
+def room(problem: Problem) -> tuple[int, int, int]:
     """Return in samples when the input starts, how much time is left from there, and the shortest step."""
     rate = problem.rate_hz
     start = round(problem.start_s * rate)
@@ -132,14 +135,38 @@ def _switched(
     repeats: int,
     duration_s: float | None = None,
 ) -> Design:
-    rate = problem.rate_hz
-    form = switching(experiment, prediction, problem.targets.gradient, problem.criterion, step, start, count, repeats)
+    form = switching(
+        experiment, prediction, problem.targets.gradient, problem.criterion, step, start, count, repeats, problem.known
+    )
     starts = []
     middle = start + step // 2 + step * np.arange(count)
     for entry in ranked[:4]:
         starts.append(np.sign(np.round(entry.candidate.u[middle].T.ravel(), 9)))
     starts = [s for s in starts if np.any(s)]
     signs, _ = design_switching(form, starts, _RANDOM_STARTS, problem.seed)
+    family = "designed switching" if duration_s is None else "shortest switching"
+    return switched(problem, prediction, signs, (step, start, count, repeats), family, duration_s)
+
+
+def switched(
+    problem: Problem,
+    prediction: Prediction,
+    signs: FloatArray,
+    steps: tuple[int, int, int, int],
+    family: str,
+    duration_s: float | None = None,
+) -> Design:
+    """Return a switching signal as a design at its largest admissible amplitude.
+
+    Args:
+        problem: of the design.
+        prediction: the limits.
+        signs: (b,) of all steps of the first control, then of the next one.
+        steps: samples of a step, first sample, number of steps of a control, and how often they are flown.
+        family: its name.
+        duration_s: when the record ends; with the manoeuvre of the problem if not given.
+    """
+    (step, start, count, repeats), rate = steps, problem.rate_hz
     specs: tuple[Input, ...] = ()
     for i, control in enumerate(problem.controls):
         pattern = signs[i * count : (i + 1) * count].tolist() * repeats
@@ -150,8 +177,26 @@ def _switched(
         f", {repeats} times" if repeats > 1 else ""
     )
     factor, limit = prediction.largest_factor(u)
-    candidate = Candidate("designed switching" if duration_s is None else "shortest switching", words, specs, u)
+    candidate = Candidate(family, words, specs, u)
     return design_of(problem, Screened(0.0, candidate, factor, limit), duration_s)
+
+
+def lines_of(problem: Problem, spec: Multisine) -> tuple[Multisine, list[tuple[FloatArray, FloatArray]]]:
+    """Return the widest multisine on the lines of another, and the cosine and sine (samples, 1) of each line."""
+    wide = spec.model_copy(update={"f_min_hz": 1.0 / spec.period_s, "f_max_hz": _highest(problem, spec)})
+    t = np.arange(round(problem.duration_s * problem.rate_hz)) / problem.rate_hz - problem.start_s
+    phases = [2.0 * np.pi * number / spec.period_s * t for number in harmonics(wide)]
+    waves = [tuple(np.where(t >= 0.0, f(p), 0.0)[:, None] for f in (np.cos, np.sin)) for p in phases]
+    return wide, [(c, s) for c, s in waves]
+
+
+def shaped(problem: Problem, wide: Multisine, power: FloatArray, family: str, words: str) -> Design:
+    """Return a multisine with relative line powers (lines,) as a design; the least powers are left out."""
+    power = np.where(power > _LEAST_POWER * power.max(), power, 0.0)
+    spec = wide.model_copy(update={"powers": tuple(np.round(power / power.max(), 4).tolist())})
+    u = sampled([spec], problem.controls, problem.duration_s, problem.rate_hz)
+    words = f"{np.count_nonzero(power)} lines of {spec.period_s:.3g} s, {words}"
+    return design_of(problem, judge(problem, Candidate(family, words, (spec,), u)))
 
 
 def designed_multisine(problem: Problem, best: Screened | None) -> list[Design]:
@@ -166,28 +211,20 @@ def designed_multisine(problem: Problem, best: Screened | None) -> list[Design]:
         return []
     spec = best.candidate.specs[0]
     assert isinstance(spec, Multisine)
-    wide = spec.model_copy(update={"f_min_hz": 1.0 / spec.period_s, "f_max_hz": _highest(problem, spec)})
-    numbers = harmonics(wide)
-    t = np.arange(len(best.candidate.u)) / problem.rate_hz - problem.start_s
-    lines, room = [], []
-    for number in numbers:
-        phase = 2.0 * np.pi * number / spec.period_s * t
-        u, v = (np.where(t >= 0.0, f(phase), 0.0)[:, None] for f in (np.cos, np.sin))
-        room.append(problem.prediction.largest_factor(v)[0] ** 2)
-        lines.append(room[-1] * (problem.experiment.information(u) + problem.experiment.information(v)))
+    wide, waves = lines_of(problem, spec)
+    lines, free = [], []
+    for u, v in waves:
+        free.append(problem.prediction.largest_factor(v)[0] ** 2)
+        lines.append(free[-1] * (problem.experiment.information(u) + problem.experiment.information(v)))
     K, G = np.stack(lines), problem.targets.gradient
-    power = np.full(len(numbers), 1.0 / len(numbers))
+    known = np.zeros(K.shape[1:]) if problem.known is None else problem.known
+    power = np.full(len(waves), 1.0 / len(waves))
     for _ in range(_POWER_ROUNDS):
-        half = np.linalg.solve(np.einsum("l,lij->ij", power, K), G.T)
+        half = np.linalg.solve(np.einsum("l,lij->ij", power, K) + known, G.T)
         worth = np.einsum("it,lij,jt->l", half, K, half)
         power = power * np.sqrt(worth)
         power /= power.sum()
-    power = power * np.array(room)
-    power = np.where(power > 1e-3 * power.max(), power, 0.0)
-    shaped = wide.model_copy(update={"powers": tuple(np.round(power / power.max(), 4).tolist())})
-    u = sampled([shaped], problem.controls, problem.duration_s, problem.rate_hz)
-    words = f"{np.count_nonzero(power)} lines of {spec.period_s:.3g} s, powers shaped to the targets"
-    return [design_of(problem, judge(problem, Candidate("designed multisine", words, (shaped,), u)))]
+    return [shaped(problem, wide, power * np.array(free), "designed multisine", "powers shaped to the targets")]
 
 
 def _highest(problem: Problem, spec: Multisine) -> float:

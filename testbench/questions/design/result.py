@@ -18,6 +18,7 @@ from testbench.questions.design.draws import Draws, OverDraws
 from testbench.questions.design.elsewhere import Elsewhere
 from testbench.questions.design.flown import Envelope, Flown
 from testbench.questions.design.identified import Identified
+from testbench.questions.design.known import Known, total_errors
 from testbench.questions.design.limits import Limits
 from testbench.questions.design.obstacles import Obstacles
 from testbench.questions.design.problem import Design, Problem
@@ -70,6 +71,7 @@ class DesignResult:
         air: in which designs were realised; None if they were not.
         elsewhere: the best design where the aircraft is another than believed.
         nominal: of a robust design, the index in the ranking of the one that the believed aircraft alone would get.
+        known: what earlier flights gave; None without them.
     """
 
     scenario: DesignScenario
@@ -95,6 +97,7 @@ class DesignResult:
     air: AirSpec | None = None
     elsewhere: tuple[Elsewhere, ...] = ()
     nominal: int | None = None
+    known: Known | None = None
 
     @property
     def name(self) -> str:
@@ -105,6 +108,10 @@ class DesignResult:
     def best(self) -> Ranked:
         """The best design."""
         return self.ranking[0]
+
+    def total(self, entry: Ranked) -> FloatArray:
+        """Return the errors (t,) to plan with after a flight of a design, what was known before included."""
+        return total_errors(self.problem, entry.design, entry.errors)
 
     def spectrum(self, design: Design, omega: FloatArray) -> FloatArray:
         """Return the energy spectral density of a design's commands, all controls together; (k,)."""

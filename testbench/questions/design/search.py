@@ -10,6 +10,7 @@ from collections.abc import Callable
 import numpy as np
 
 from testbench.core.errors import EstimationError
+from testbench.core.record import FloatArray
 from testbench.information.fisher import accuracy
 from testbench.questions.design.candidates import candidates
 from testbench.questions.design.problem import Design, Problem, Screened, by_energy, by_information, design_of
@@ -97,11 +98,16 @@ def search(
     return sorted(designed, key=lambda d: d.cost)
 
 
+def _with_known(problem: Problem, entry: Screened) -> FloatArray:
+    M = problem.experiment.information(entry.candidate.u)
+    return M if problem.known is None else M + problem.known
+
+
 def _untold(problem: Problem, ranked: list[Screened]) -> str:
     """Return the error that says which targets no candidate tells."""
     lost: set[str] = set(problem.targets.names)
     for entry in ranked:
-        errors = problem.targets.errors(accuracy(problem.experiment.information(entry.candidate.u)))
+        errors = problem.targets.errors(accuracy(_with_known(problem, entry)))
         lost &= {n for n, e in zip(problem.targets.names, errors, strict=True) if not np.isfinite(e)}
         if not lost:
             break

@@ -18,7 +18,8 @@ from testbench.core.record import FloatArray
 from testbench.information.fisher import Criterion, Experiment, cost
 from testbench.questions.design.prediction import Prediction
 
-_PASSES = 20
+PASSES = 20
+"""Most visits of all steps."""
 LEVELS = (1.0, -1.0, 0.0)
 
 
@@ -32,6 +33,7 @@ class Switching:
         prediction: the limits.
         gradient: (t, k) targets in units of their wanted standard errors by parameters.
         criterion: what the design minimises.
+        known: (k, k) information that earlier flights gave; None: none.
     """
 
     K: FloatArray
@@ -39,11 +41,18 @@ class Switching:
     prediction: Prediction
     gradient: FloatArray
     criterion: Criterion
+    known: FloatArray | None = None
 
     def value(self, M: FloatArray, deviation: FloatArray) -> float:
         """Return the cost at the largest admissible amplitude."""
         factor, _ = self.prediction.factor_of(deviation)
-        return cost(M, self.gradient, self.criterion) / factor
+        return self.cost_at(M, factor)
+
+    def cost_at(self, M: FloatArray, factor: float) -> float:
+        """Return the cost at a factor on unit amplitude."""
+        if self.known is None:
+            return cost(M, self.gradient, self.criterion) / factor
+        return cost(factor**2 * M + self.known, self.gradient, self.criterion)
 
     def exchange(self, signs: FloatArray, levels: Sequence[float] = LEVELS) -> tuple[FloatArray, float]:
         """Return signs (b,) that no change of a single step improves, and their cost, starting from others."""
@@ -51,7 +60,7 @@ class Switching:
         M = np.einsum("i,j,ijkl->kl", s, s, self.K)
         deviation = np.tensordot(s, self.y, axes=1)
         best = self.value(M, deviation)
-        for _ in range(_PASSES):
+        for _ in range(PASSES):
             changed = False
             for b in range(s.size):
                 row = np.tensordot(s, self.K[b], axes=1)  # sum_j s_j K_bj
@@ -80,10 +89,11 @@ def switching(
     start: int,
     count: int,
     repeats: int = 1,
+    known: FloatArray | None = None,
 ) -> Switching:
     """Return the quadratic form for ``count`` steps of ``step`` input samples each from sample ``start`` on.
 
-    The whole sequence is flown ``repeats`` times, one after the other.
+    The whole sequence is flown ``repeats`` times, one after the other. ``known`` is what earlier flights gave.
 
     With several controls each has ``count`` blocks, all of the first control first.
     """
@@ -100,7 +110,7 @@ def switching(
             moved.append(prediction.response(u)[:: experiment.stride])
     W = np.stack(columns, axis=1).reshape(-1, len(columns) * k)
     K = (W.T @ W).reshape(len(columns), k, len(columns), k).transpose(0, 2, 1, 3)
-    return Switching(K, np.stack(moved), prediction, gradient, criterion)
+    return Switching(K, np.stack(moved), prediction, gradient, criterion, known)
 
 
 def design_switching(

@@ -12,8 +12,10 @@ from testbench.questions.design.answer import air_words, family_label, is_ratio,
 from testbench.questions.design.realise import FALSE_ALARM, INTERVAL, TRUST
 
 if TYPE_CHECKING:
+    from testbench.core.record import FloatArray
     from testbench.questions.design.draws import OverDraws
-    from testbench.questions.design.problem import Design
+    from testbench.questions.design.known import Known
+    from testbench.questions.design.problem import Design, Problem
     from testbench.questions.design.result import DesignResult, Ranked
 
 _DRAWN = "over drawn aircraft"
@@ -24,6 +26,7 @@ def design_tables(result: DesignResult) -> list[Table]:
     """Return the ranking, the errors over drawn aircraft, the energy in the modes, the screening, and the obstacles."""
     out = [
         ranking_table(result),
+        known_table(result.problem, result.known, result.total(result.best), result.best.errors),
         realised_table(result),
         elsewhere_table(result),
         draws_table(result),
@@ -66,17 +69,66 @@ def ranking_table(result: DesignResult) -> Table:
         rows.append((str(rank), *_ranking_row(result, entry.design, entry.over), *_flown_cells(entry.flown)))
     for flown in result.rejected:
         rows.append(("rejected", *_ranking_row(result, flown.design, None), *_flown_cells(flown)))
+    counted = "" if result.known is None else ", with what was flown before; the errors are those of the flight alone"
     caption = (
         f"Each design has its largest admissible amplitude in the nonlinear simulator. Criterion "
-        f"{result.scenario.criterion}, in units of the wanted errors: at 1 or less they are reached. Standard errors "
-        "are Cramér-Rao bounds for these sensors in the air that is expected; sensor offsets, initial states of a "
-        "rigid aircraft and all other free parameters are estimated too. What is realised stands in its own table."
+        f"{result.scenario.criterion}, in units of the wanted errors{counted}: at 1 or less they are reached. "
+        "Standard errors are Cramér-Rao bounds for these sensors in the air that is expected; sensor offsets, initial "
+        "states of a rigid aircraft and all other free parameters are estimated too. What is realised stands in its "
+        "own table."
     )
     if drawn:
         caption += " Median and worst: the criterion of the same commands over the drawn aircraft" + (
             "; the designs are ranked by the worst." if result.scenario.robust else "."
         )
     return Table("ranking", "Designs, ranked", caption, tuple(columns), tuple(rows), wide=True)
+
+
+def known_table(
+    problem: Problem, known: Known | None, after: FloatArray | None = None, alone: FloatArray | None = None
+) -> Table:
+    """Return per target what is known now and after the recommended flight; without earlier flights no rows.
+
+    Args:
+        problem: of the design.
+        known: by earlier flights.
+        after: (t,) errors after the flight of the recommended input; None: nothing is to be flown.
+        alone: (t,) errors of that flight alone.
+    """
+    t, flown = problem.targets, after is not None
+    columns = [
+        Column("target", "target"),
+        Column("unit", "unit"),
+        Column("model", "value of the model", digits=3),
+        Column("value", "value now", digits=3),
+        Column("wanted", "wanted error", digits=2),
+        Column("now", "known now", digits=2),
+    ]
+    if flown:
+        columns += [
+            Column("alone", "this flight alone", digits=2),
+            Column("after", "after this flight", digits=2),
+        ]
+    columns.append(Column("verdict", "verdict"))
+    rows: list[tuple[Value, ...]] = []
+    for k, name in enumerate(t.names if known is not None else ()):
+        assert known is not None
+        shown = 100.0 / abs(t.values[k]) if is_ratio(name) else 1.0
+        errors = [t.wanted[k], known.errors[k]]
+        if alone is not None and after is not None:
+            errors += [alone[k], after[k]]
+        met = "met" if known.errors[k] <= t.wanted[k] else None
+        if met is None:
+            met = "met after this flight" if after is not None and after[k] <= t.wanted[k] else "not met"
+        cells = (float(shown * e) if np.isfinite(e) else None for e in errors)
+        model = float(known.before[k]) if np.isfinite(known.before[k]) else None
+        rows.append((name, "%" if is_ratio(name) else "", model, float(t.values[k]), *cells, met))
+    caption = (
+        "Standard errors by all flights before, by this flight alone (realised where it was realised), and by both "
+        "together. The input is designed at the values that are believed now: those of the flights, and of the model "
+        "where they hardly tell."
+    )
+    return Table("known", "Known now, promised after this flight", caption, tuple(columns), tuple(rows))
 
 
 def _ranking_row(result: DesignResult, design: Design, over: OverDraws | None) -> tuple[Value, ...]:

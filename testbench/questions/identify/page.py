@@ -23,7 +23,7 @@ def identify_page(found: Identified, amended: Amended | None = None) -> Page:
         found: what was identified.
         amended: the aircraft that it was written into, which gets a section of its own.
     """
-    page = run_page(found)
+    page = run_page(found, found.flown.V_m_s if found.flown is not None else None)
     table = derivative_table(found)
     page = replace(page, answer=identify_answer(found))
     if table is None:

@@ -44,6 +44,7 @@ class FlownRun:
         V_m_s: mean airspeed of the settling time; None if the log has none.
         inside: channel -> part of the samples inside the card's 95 % band, deviations from the settling time.
         faults: why it must be repeated, in words; empty if it need not.
+        unexpected: whether the aircraft met a limit or left the band of the card, whatever else is at fault.
         record: from the settling time to the end of the manoeuvre.
         gain: amplitude of the recorded command over the card's; negative where its sign is the other one.
         broken_s: when it was broken off, from the start of the input; None if it was not.
@@ -59,6 +60,7 @@ class FlownRun:
     record: FlightRecord
     gain: float = 1.0
     broken_s: float | None = None
+    unexpected: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -266,12 +268,14 @@ def _run(plan: Plan, log: str, record: FlightRecord, m: _Match) -> FlownRun:
     if V is not None and abs(V - card.point.V_m_s) > 2.0 * window:
         faults.append(f"it began at {V:.1f} m/s instead of {card.point.V_m_s:g}")
     bands = {x.channel: (x.low, x.high) for x in card.limits if x.channel in record and x.channel not in "de da dr thr"}
-    faults += [b._replace(t_s=b.t_s - t0).sentence for b in breaches(cut, bands)]
+    met = [b._replace(t_s=b.t_s - t0).sentence for b in breaches(cut, bands)]
+    faults += met
     inside = _inside(record, card, start, m.length, before)
     strange = [name for name, part in inside.items() if part < _INSIDE]
     if strange:
         faults.append(f"the response left its band: {', '.join(strange)}")
-    return FlownRun(card, log, t0, m.likeness, V, inside, tuple(faults), cut, m.gain, broken)
+    unexpected = bool(met or strange)
+    return FlownRun(card, log, t0, m.likeness, V, inside, tuple(faults), cut, m.gain, broken, unexpected)
 
 
 def _faults_of_command(m: _Match, broken_s: float | None) -> Iterator[str]:

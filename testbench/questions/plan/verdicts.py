@@ -171,14 +171,10 @@ def no_go(closed: Closed, card: Card) -> str:
     if lacking:
         return f"{'cards' if lacking[1:] else 'card'} {listed(lacking)} at a lower speed come first"
     for c in slower:
-        strange = [r for r in closed.of(c) if any(_of_response(f) for f in r.faults)]
+        strange = [r for r in closed.of(c) if r.unexpected]
         if len(strange) > len(closed.good(c)):
             return f"card {c.number} met a limit or left its band more often than not: evaluate that on the ground"
     return ""
-
-
-def _of_response(fault: str) -> bool:
-    return "passes" in fault or "left its band" in fault
 
 
 def _targets(closed: Closed, f: FlownCard) -> Iterator[Target]:

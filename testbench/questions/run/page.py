@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from testbench.core.scenario.base import FlownAt
 from testbench.page.labels import file_stem, unique
 from testbench.page.page import COMPUTED, FLOWN, Page, source_of
 from testbench.page.write import json_text
@@ -18,9 +19,17 @@ if TYPE_CHECKING:
     from testbench.questions.run.result import RunResult
 
 
-def run_page(result: RunResult) -> Page:
-    """Return the page of a run: what was flown and found, the models, and beside it the models with all digits."""
+def run_page(result: RunResult, V_m_s: float | None = None) -> Page:
+    """Return the page of a run: what was flown and found, the models, and beside it the models with all digits.
+
+    Args:
+        result: of the run.
+        V_m_s: airspeed of recorded flights; None if nobody knows.
+    """
     simulated = result.truth is not None
+    if isinstance(result.source, FlownAt):
+        V_m_s = result.source.condition.V_m_s
+    at = {} if V_m_s is None else {"condition": {"V_m_s": V_m_s}}
     flown = flown_tables(result)
     stems = unique([file_stem(case.label) for case in result.cases])
     models = zip(map(file_stem, stems), result.cases, strict=True)
@@ -33,7 +42,7 @@ def run_page(result: RunResult) -> Page:
         tables=result_tables(result),
         more_tables=flown,
         plates=plates(result),
-        files={f"models/{stem}.json": json_text(case.model.written()) for stem, case in models},
+        files={f"models/{stem}.json": json_text({**case.model.written(), **at}) for stem, case in models},
         template="questions/run/page.html.j2",
         context={
             "simulated": simulated,

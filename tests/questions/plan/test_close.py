@@ -102,12 +102,13 @@ def test_a_run_that_is_not_as_its_card_says_must_be_repeated(plan):
     hard = hard.with_columns({"az": np.where(hard.t_s > 6.0, -25.0, hard["az"])})
     off = log_of([(slow, 1.0)])
     off = off.with_columns({"V": off["V"] + 4.0})
-    for record, words in (
-        (weak, "the command was not the card's"),
-        (rough, "the response left its band: q"),
-        (hard, "az passes -19.61"),
+    for record, words, unexpected in (
+        (weak, "the command was not the card's", False),
+        (rough, "the response left its band: q", True),
+        (hard, "az passes -19.61", True),
     ):
         (run,) = close_plan(plan, [("x", record)]).runs
+        assert run.unexpected is unexpected
         assert any(words in fault for fault in run.faults), (words, run.faults)
     (run,) = close_plan(plan, [("x", quick)]).runs
     assert run.card is slow  # 13.9 m/s is nearer to 13 than to 15

@@ -119,17 +119,19 @@ def chosen(
     make: Callable[[Form], FilterLikelihood],
     values: FloatArray,
     max_iterations: int,
+    against_none: bool = True,
 ) -> Choice:
     """Fit forms of process noise and choose one.
 
-    "none" is always fitted beside the others, for the test against it; it is taken if it is the only one asked for, or
-    if it is among those asked for and the test does not refuse it.
+    "none" is fitted beside the others, for the test against it, unless ``against_none`` is False; it is taken if it is
+    the only one asked for, or if it is among those asked for and the test does not refuse it.
 
     Args:
         forms: asked for; the first that is not "none" starts the others.
         make: the likelihood with one form.
         values: (k,) parameter values to start from, of the structure without gust.
         max_iterations: Gauss-Newton steps of the last round.
+        against_none: whether "none" is fitted where it is not asked for.
 
     Raises:
         EstimationError: no form that was asked for can be fitted; the reason of the first.
@@ -137,7 +139,8 @@ def chosen(
     fits: list[Fit] = []
     failure: EstimationError | None = None
     noisy = [form for form in forms if form.name != "none"]
-    for form in (*noisy, Form("none")):
+    calm_too = against_none or len(noisy) < len(forms)
+    for form in (*noisy, *((Form("none"),) if calm_too else ())):
         likelihood = make(form)
         first = likelihood.base.structure.values.copy()
         first[: values.size] = values
