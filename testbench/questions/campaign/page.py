@@ -13,6 +13,7 @@ from testbench.questions.campaign.answer import campaign_answer, cost_sentence
 from testbench.questions.campaign.figures import campaign_plates
 from testbench.questions.campaign.scenario import Normal
 from testbench.questions.campaign.tables import campaign_tables, runs_csv, tally_of
+from testbench.questions.campaign.tidy import tidy_files
 
 if TYPE_CHECKING:
     from testbench.questions.campaign.result import CampaignResult
@@ -29,7 +30,7 @@ def campaign_page(result: CampaignResult) -> Page:
         tables=campaign_tables(result),
         more_tables=[flown_table(tally_of(result.summary), "run")],
         plates=campaign_plates(result.summary),
-        files={"tables/runs.csv": runs_csv(result.summary)},
+        files={"tables/runs.csv": runs_csv(result.summary), **tidy_files(result.folder, result.counts.finished)},
         template="questions/campaign/page.html.j2",
         asked=[
             *((key, f"grid: {', '.join(map(str, values))}") for key, values in spec.grid.items()),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from testbench.questions.campaign.summary import Summary, summarise, truth_of
@@ -24,6 +25,7 @@ class CampaignResult:
         stopped: number of runs after which the stopping rule was met, or None.
         seconds: processor time of all finished runs.
         size: of the store, bytes.
+        folder: of the store.
         records_size: of the time histories, bytes.
     """
 
@@ -33,6 +35,7 @@ class CampaignResult:
     stopped: int | None
     seconds: float
     size: int
+    folder: Path
     records_size: int = 0
 
 
@@ -47,6 +50,7 @@ def read_campaign(campaign: Campaign, store: Store) -> CampaignResult:
         None if stopped is None else int(stopped),
         seconds,
         size,
+        store.path.parent,
         sum(path.stat().st_size for path in store.path.parent.glob("records/*.nc")),
     )
 

@@ -27,6 +27,7 @@ def campaign_tables(result: CampaignResult) -> list[Table]:
         figure_table(result.summary),
         grid_table(result),
         cause_table(result.summary),
+        cell_table(result.summary),
     ]
     return [table for table in made if table.rows]
 
@@ -118,6 +119,19 @@ def cause_table(summary: Summary) -> Table:
     rows = tuple((c.count, c.first, c.example) for c in summary.causes)
     caption = "Reasons that differ in numbers only are counted together."
     return Table("failures", "Why runs failed", caption, columns, rows, wide=True)
+
+
+def cell_table(summary: Summary) -> Table:
+    """Return which suites and estimators gave no model in runs that are done, and why."""
+    columns = (
+        Column("case", "suite, estimator"),
+        Column("runs", "runs"),
+        Column("first", "first"),
+        Column("reason", "reason, as the first run gives it"),
+    )
+    rows = tuple((c.case, c.cause.count, c.cause.first, c.cause.example) for c in summary.cells)
+    caption = "The other estimators of these runs are not touched. Reasons that differ in numbers only count together."
+    return Table("failed", "Estimators that gave no model", caption, columns, rows, wide=True)
 
 
 def tally_of(summary: Summary) -> Tally:
