@@ -25,8 +25,8 @@ class CampaignResult:
         stopped: number of runs after which the stopping rule was met, or None.
         seconds: processor time of all finished runs.
         size: of the store, bytes.
-        folder: of the store.
         records_size: of the time histories, bytes.
+        folder: of the store; None if there is none.
     """
 
     campaign: Campaign
@@ -35,8 +35,8 @@ class CampaignResult:
     stopped: int | None
     seconds: float
     size: int
-    folder: Path
     records_size: int = 0
+    folder: Path | None = None
 
 
 def read_campaign(campaign: Campaign, store: Store) -> CampaignResult:
@@ -50,8 +50,8 @@ def read_campaign(campaign: Campaign, store: Store) -> CampaignResult:
         None if stopped is None else int(stopped),
         seconds,
         size,
-        store.path.parent,
         sum(path.stat().st_size for path in store.path.parent.glob("records/*.nc")),
+        store.path.parent,
     )
 
 

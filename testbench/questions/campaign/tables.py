@@ -12,8 +12,10 @@ import numpy as np
 from testbench.core.escape import csv_cell
 from testbench.flight.batch.jobs import Tally
 from testbench.page.tables import Column, Table, Value
+from testbench.questions.campaign.methods import contests, ranked_contests
 from testbench.questions.campaign.result import errors
 from testbench.questions.campaign.summary import ALONE, QUANTILES, TOGETHER
+from testbench.questions.side_by_side import pair_table, rank_table
 
 if TYPE_CHECKING:
     from testbench.questions.campaign.result import CampaignResult
@@ -28,6 +30,8 @@ def campaign_tables(result: CampaignResult) -> list[Table]:
         grid_table(result),
         cause_table(result.summary),
         cell_table(result.summary),
+        pair_table(contests(result)),
+        rank_table(*ranked_contests(result)),
     ]
     return [table for table in made if table.rows]
 

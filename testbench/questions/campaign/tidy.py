@@ -71,8 +71,10 @@ def tidy_store(folder: Path) -> Iterator[pd.DataFrame]:
             yield out
 
 
-def tidy_files(folder: Path, runs: int) -> dict[str, Callable[[Path], None]]:
+def tidy_files(folder: Path | None, runs: int) -> dict[str, Callable[[Path], None]]:
     """Return the files of the tidy table of a store with so many finished runs, for its page."""
+    if folder is None:
+        return {}
 
     def parquet(path: Path) -> None:
         """Write the table as Parquet."""

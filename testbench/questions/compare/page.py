@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 from testbench.page.page import Page, source_of
 from testbench.questions.compare.answer import compare_answer, compare_sentences, quantity_words
 from testbench.questions.compare.figures import compare_plates
+from testbench.questions.compare.methods import OVER, ranked_contests
 from testbench.questions.compare.tables import compare_tables, information_table
+from testbench.questions.side_by_side import rank_plates
 from testbench.questions.tidy import COLUMNS, files_of
 
 if TYPE_CHECKING:
@@ -41,7 +43,7 @@ def compare_page(result: CompareResult) -> Page:
         question=result.scenario.question,
         answer=compare_answer(result),
         tables=compare_tables(result),
-        plates=compare_plates(result),
+        plates=[*compare_plates(result), *rank_plates(ranked_contests(result), OVER)],
         files=files_of(tidy_comparison(result)) if result.errors else {},
         template="questions/compare/page.html.j2",
         context={"result": result, "details": compare_sentences(result)},
