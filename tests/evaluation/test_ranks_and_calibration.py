@@ -44,9 +44,7 @@ def test_the_printed_example_comes_out() -> None:
 def test_the_printed_critical_values_come_out(k, q) -> None:
     n = 20
     found = ranks(np.random.default_rng(1).random((n, k)))
-    assert found.critical / np.sqrt(k * (k + 1) / (6.0 * n)) == pytest.approx(
-        q, abs=1e-3
-    )  # some are printed without rounding up
+    assert found.critical / np.sqrt(k * (k + 1) / (6.0 * n)) == pytest.approx(q, abs=1e-3)  # not all are rounded
 
 
 def test_without_ties_the_statistic_is_that_of_scipy() -> None:

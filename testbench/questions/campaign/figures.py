@@ -148,9 +148,11 @@ def _few_ticks(axes: Any, whole: bool) -> None:
 
 
 def _short(name: str, names: list[str]) -> str:
-    """Return a panel's title: without the case where all panels have the same."""
-    cases = {n.partition(": ")[0] for n in names}
-    return name.partition(": ")[2] if len(cases) == 1 else name
+    """Return a panel's title: the figure, then suite and estimator as far as the panels differ in them."""
+    case, _, figure = name.partition(": ")
+    cases = [n.partition(": ")[0].split(", ", 1) for n in names]
+    parts = [part for k, part in enumerate(case.split(", ", 1)) if len({c[k] for c in cases}) > 1]
+    return f"{figure}; {', '.join(parts)}" if parts else figure
 
 
 def _scatter(axes: Axes, summary: Summary, name: str) -> None:
