@@ -63,7 +63,8 @@ def flown(tmp_path_factory):
     folder = tmp_path_factory.mktemp("campaign")
     write(folder, TWO)
     (folder / "own.toml").write_text(
-        'title = "t"\nbase = "cells.toml"\nrepeats = 2\nseed = 2\n[grid]\n"condition.V_m_s" = [15.5, 15.8, 16.0, 16.2, 16.4]\n'
+        'title = "t"\nbase = "cells.toml"\nrepeats = 2\nseed = 2\n[grid]\n'
+        '"condition.V_m_s" = [15.5, 15.8, 16.0, 16.2, 16.4]\n'
     )
     loaded = load_campaign(folder / "own.toml")
     fly_campaign(loaded, folder / "s", workers=1)
