@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.run.ask import load_scenario, run
     from testbench.questions.run.page import write_results
+    from testbench.questions.tidy import read_results
     from testbench.sensors import load_suite
 
 __version__ = "0.1.0"
@@ -98,6 +99,7 @@ _HOME = {
     "load_scenario": "testbench.questions.run.ask",
     "load_suite": "testbench.sensors",
     "read_records": "testbench.logs.read",
+    "read_results": "testbench.questions.tidy",
     "run": "testbench.questions.run.ask",
     "run_design": "testbench.questions.design.ask",
     "run_gap": "testbench.questions.gap.ask",
@@ -142,6 +144,7 @@ __all__ = [
     "make_plan",
     "pool",
     "read_records",
+    "read_results",
     "run",
     "run_design",
     "run_gap",

@@ -88,14 +88,17 @@ def check(
     suites/my_suite.toml my_method.py:estimate`.
     """
     from testbench.questions.brought import laws_of
-    from testbench.questions.files import check_file
+    from testbench.questions.files import check_and_notes
 
     faults: list[str] = []
     for thing in things:
         try:
             brought = laws_of(thing)
             if brought is None:
-                console().print(f"{thing}: a valid {check_file(thing)}", highlight=False)
+                kind, notes = check_and_notes(thing)
+                console().print(f"{thing}: a valid {kind}", highlight=False)
+                for note in notes:
+                    console().print(f"note: {note}", highlight=False)
                 continue
             kind, laws = brought
             for law in laws:

@@ -15,11 +15,12 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.bring import short
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import TestbenchError, located
+from testbench.core.errors import EstimationError, TestbenchError, located
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.core.scenario.base import Condition, FlownAt, FlownInAir, Preparation, Simulation
 from testbench.core.scenario.inputs import Input
 from testbench.estimators import estimate
+from testbench.estimators.cells import FailedCell, contained, need_numbers
 from testbench.estimators.identification import Estimator, Identification, estimator_name
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
@@ -225,6 +226,7 @@ def identify_and_judge(
     truth: Truth | None = None,
     noise: Mapping[str, Mapping[str, float]] | None = None,
     causes: bool = False,
+    failed: list[FailedCell] | None = None,
 ) -> tuple[Case, ...]:
     """Prepare the records of every suite, run every estimator on them, and judge the models.
 
@@ -239,12 +241,14 @@ def identify_and_judge(
         noise: suite -> channel -> standard deviation, from which the error by noise alone follows.
         causes: look for what the residuals of each model come from, which takes a tenth of a second of a processor,
             half of one with four outputs.
+        failed: takes each suite and estimator without a model; the others go on. The first is an error if not given.
 
     Raises:
-        TestbenchError: with file and key.
+        TestbenchError: with file and key; with ``failed`` only if no estimator gives a model.
     """
     say, noise = progress or (lambda text: None), noise or {}
-    cases = []
+    cases: list[Case] = []
+    first: TestbenchError | None = None
     for suite in suites:
         with located(where, "preparation"):
             parts = [(f.use, prepared(f.measured[suite], f.trim_s, preparation)) for f in flights]
@@ -253,15 +257,39 @@ def identify_and_judge(
         outputs = tuple(n for n in (identification.outputs or sensed) if n in sensed and n not in identification.inputs)
         for k, spec in enumerate(identification.estimators):
             say(f"identify {suite} with {short(spec.method)}")
-            with located(where, f"identification.estimators[{k}]"):
-                model = estimate(spec, fit, identification.inputs, outputs, judge)
-                if causes:
-                    from testbench.estimators.causes import with_causes
+            try:
+                with (
+                    located(where, f"identification.estimators[{k}]"),
+                    contained(spec.method, identification.limit_s),
+                ):
+                    model = need_numbers(estimate(spec, fit, identification.inputs, outputs, judge))
+                    if causes:
+                        from testbench.estimators.causes import with_causes
 
-                    model = with_causes(model, fit)
-                scores = evaluate(model, fit, judge, noise_std=noise.get(suite), **told_of(truth, model, fit))
+                        model = with_causes(model, fit)
+                    scores = evaluate(model, fit, judge, noise_std=noise.get(suite), **told_of(truth, model, fit))
+                    if np.isnan(scores.identification.mrse_percent).all():
+                        raise EstimationError(f"{model.method} must predict numbers, got NaN for every output")
+            except TestbenchError as error:
+                if failed is None:
+                    raise
+                first = first or error
+                failed.append(FailedCell(suite, estimator_name(spec), error.message))
+                continue
             cases.append(Case(suite, spec, tuple(fit), tuple(judge), model, scores))
+    if failed and first is not None and not cases:
+        raise first if len(failed) == 1 else _nothing_works(failed, first)
     return tuple(cases)
+
+
+def _nothing_works(failed: Sequence[FailedCell], first: TestbenchError) -> EstimationError:
+    """Return the error of a run without any model: every reason, with those that it holds for."""
+    of: dict[str, list[str]] = {}
+    for cell in failed:
+        of.setdefault(cell.reason, []).append(cell.label)
+    error = EstimationError("no estimator gave a model: " + "; ".join(f"{' and '.join(c)}: {r}" for r, c in of.items()))
+    error.place = first.place if len(of) == 1 else None
+    return error
 
 
 def _divide(

@@ -8,7 +8,7 @@ from pydantic import Discriminator, Field, Tag, ValidationError, ValidationInfo,
 
 from testbench.core.bring import is_brought
 from testbench.core.errors import nearest
-from testbench.core.schema import Strict
+from testbench.core.schema import Positive, Strict
 from testbench.estimators import METHODS
 from testbench.estimators.equations import STAND_IN, Equations, Symbol
 from testbench.estimators.own import OwnMethod
@@ -45,12 +45,14 @@ class Identification(Strict):
     """Which measured channels are inputs and outputs, and which estimators run on them.
 
     If ``outputs`` is empty, every channel of the suite that is not a control is an output. ``structures`` holds state
-    equations of one's own, by the names that the estimators give as their structure.
+    equations of one's own, by the names that the estimators give as their structure. ``limit_s`` is the longest time
+    that one estimator may take for the records of one suite; one that takes longer counts as failed.
     """
 
     inputs: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
     outputs: Annotated[tuple[str, ...], Field(strict=False)] = ()
     structures: dict[Symbol, Equations] = {}
+    limit_s: Positive = 600.0
     estimators: Annotated[tuple[Estimator, ...], Field(min_length=1, strict=False)]
 
     @model_validator(mode="before")

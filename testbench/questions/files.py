@@ -101,6 +101,12 @@ def check_file(path: Path) -> str:
     return _checked(path)[0].kind
 
 
+def check_and_notes(path: Path) -> tuple[str, list[str]]:
+    """Check a file as :func:`check_file` does; return which kind it is, and what is to be known of it."""
+    question, asked = _checked(path)
+    return question.kind, asked.notes()
+
+
 def _checked(path: Path) -> tuple[Question, Asked]:
     file = find_scenario(path)
     if not file.is_file():

@@ -44,6 +44,9 @@ class Asked(Strict):
     checked_by: ClassVar[str] = ""
     """Function, "module:name", that takes it and returns every law that it breaks beyond its schema."""
 
+    noted_by: ClassVar[str] = ""
+    """Function, "module:name", that takes it and returns what is to be known of it, though it breaks no law."""
+
     title: Annotated[str, Field(min_length=1)]
     question: str = ""
     _file: Path | None = PrivateAttr(default=None)
@@ -70,9 +73,16 @@ class Asked(Strict):
 
     def faults(self) -> list[str]:
         """Return every law that the file breaks beyond its schema, in words with file and key; nothing is flown."""
-        if not self.checked_by:
+        return self._asked_of(self.checked_by)
+
+    def notes(self) -> list[str]:
+        """Return what ``testbench check`` says of a file that breaks no law, in words; nothing is flown."""
+        return self._asked_of(self.noted_by)
+
+    def _asked_of(self, function: str) -> list[str]:
+        if not function:
             return []
-        module, name = self.checked_by.split(":")  # by name: what checks a scenario knows the scenario's class
+        module, name = function.split(":")  # by name: what checks a scenario knows the scenario's class
         found: list[str] = getattr(import_module(module), name)(self)
         return found
 

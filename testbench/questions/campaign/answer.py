@@ -24,14 +24,16 @@ def campaign_answer(result: CampaignResult) -> list[tuple[str, str]]:
     counts, summary = result.counts, result.summary
     out = [("lead", _lead(result)), ("finding", _progress(result))]
     shown = most_biased(summary)
-    if len(summary.accuracies) == 1:  # the lead has said it
+    judged = [a for a in summary.accuracies if a.n > 1]
+    if len(judged) == 1:  # the lead has said it
         shown = []
+    elif judged and counts.done:
+        out.insert(1, ("finding", _spread(judged)))
     for a in shown:
-        share = f", {number(100 * a.bias / abs(a.true_mean), 2)} % of the true value" if a.true_mean else ""
         out.append(
             (
                 "doubt",
-                f"{a.name}: bias {number(a.bias)} ± {number(a.bias_half, 2)}{share}; "
+                f"{a.name}: bias {number(a.bias)} ± {number(a.bias_half, 2)}, {_against(a)}; "
                 f"scatter from run to run {number(a.scatter)}",
             )
         )
@@ -47,6 +49,10 @@ def campaign_answer(result: CampaignResult) -> list[tuple[str, str]]:
     if lost:
         worst = max(lost, key=lambda a: a.missing)
         out.append(("doubt", f"{worst.name} was not found in {worst.missing} of {worst.n + worst.missing} runs"))
+    for c in summary.cells[:_LINES]:
+        out.append(("doubt", f"{c.case} gave no model in {c.cause.count} of {counts.done} runs: {c.cause.example}"))
+    if len(summary.cells) > _LINES:
+        out.append(("doubt", f"{len(summary.cells) - _LINES} more reasons stand in the table of failed estimators"))
     if summary.causes and counts.done:
         out.append(("doubt", _cause(result)))
     return out
@@ -82,8 +88,7 @@ def _lead(result: CampaignResult) -> str:
 
 def _of_one(a: Accuracy) -> str:
     bias = f"{number(a.bias)} ± {number(a.bias_half, 2)}"
-    share = f", {number(100 * a.bias / abs(a.true_mean), 2)} % of the true value" if a.true_mean else ""
-    said = f"is off by {bias}{share}" if a.biased else f"shows no bias beyond chance ({bias})"
+    said = f"is off by {bias}, {_against(a)}," if a.biased else f"shows no bias beyond chance ({bias})"
     covered = (
         f"its stated 95 % interval holds the truth in {number(100 * a.coverage)} % of {a.n} runs"
         if math.isfinite(a.coverage)
@@ -92,20 +97,44 @@ def _of_one(a: Accuracy) -> str:
     return f"{a.name} {said} and scatters by {number(a.scatter, 2)} from run to run; {covered}"
 
 
+def _against(a: Accuracy) -> str:
+    """Return a bias in percent of the truth; where the truth is near zero, in units of the scatter."""
+    if a.near_zero:
+        times = f"{number(abs(a.bias) / a.scatter, 2)} times the scatter" if a.scatter > 0.0 else "without scatter"
+        return f"{times} (the truth, {number(a.true_mean, 2)}, is near zero)"
+    return f"{number(100 * a.bias / abs(a.true_mean), 2)} % of the true value"
+
+
 def _of_many(judged: Sequence[Accuracy]) -> str:
+    """Return the answer in one sentence: how many are biased, and by how much."""
     fair = sum(1 for a in judged if not a.biased)
     text = f"{fair or 'none'} of {len(judged)} estimates {'shows' if fair in (0, 1) else 'show'} no bias beyond chance"
-    off = [100.0 * _relative(a) for a in judged if a.biased and a.true_mean]
+    if fair == len(judged):
+        return text
+    off = [100.0 * _relative(a) for a in judged if a.biased and not a.near_zero]
+    return text + (f"; the others are off by {_span(off)} % of the true value" if off else "")
+
+
+def _spread(judged: Sequence[Accuracy]) -> str:
+    """Return scatter and coverage of many estimates, and the bias of those whose truth is near zero."""
+    parts = []
+    near = [a for a in judged if a.near_zero]
+    off = [abs(a.bias) / a.scatter for a in near if a.biased and a.scatter > 0.0]
     if off:
-        text += f"; the others are off by {_span(off)} % of the true value"
-    scatters = [100.0 * a.scatter / abs(a.true_mean) for a in judged if a.true_mean]
+        parts.append(
+            f"{counted(len(off), 'estimate')} whose truth is near zero {'is' if len(off) == 1 else 'are'} off by "
+            f"{_span(off)} times the scatter"
+        )
+    scatters = [100.0 * a.scatter / abs(a.true_mean) for a in judged if not a.near_zero]
     if scatters:
-        text += f"; from run to run they scatter by {_span(scatters)} % of it"
+        parts.append(f"from run to run they scatter by {_span(scatters)} % of the true value")
     covered = [100.0 * a.coverage for a in judged if math.isfinite(a.coverage)]
-    if not covered:
-        return text + "; their method states no errors to judge"
-    of = "" if len(covered) == len(judged) else f" (of the {len(covered)} estimates that have one)"
-    return text + f"; the stated 95 % interval{of} holds the truth in {_span(covered)} % of the runs"
+    if covered:
+        of = "" if len(covered) == len(judged) else f" (of the {len(covered)} estimates that have one)"
+        parts.append(f"the stated 95 % interval{of} holds the truth in {_span(covered)} % of the runs")
+    else:
+        parts.append("their method states no errors to judge")
+    return "; ".join(parts)
 
 
 def _span(values: Sequence[float]) -> str:
@@ -144,13 +173,16 @@ def _simulators(summary: Summary) -> str:
 
 
 def most_biased(summary: Summary) -> list[Accuracy]:
-    """Return the three estimates, at most, with the largest relative bias beyond its interval."""
+    """Return the three estimates, at most, with the largest bias beyond its interval: relative to the truth, and where
+    that is near zero, after all others, relative to the scatter.
+    """
     biased = [a for a in summary.accuracies if a.biased and a.n > 1]
-    return sorted(biased, key=_relative, reverse=True)[:_LINES]
+    return sorted(biased, key=lambda a: (a.near_zero, -_relative(a)))[:_LINES]
 
 
 def _relative(a: Accuracy) -> float:
-    return abs(a.bias / a.true_mean) if a.true_mean else math.inf
+    against = a.scatter if a.near_zero else abs(a.true_mean)
+    return abs(a.bias) / against if against > 0.0 else math.inf
 
 
 def cost_sentence(result: CampaignResult) -> str:

@@ -124,9 +124,13 @@ def fly_campaign(
             store.stop_at(stopped)
             return Ending(store.counts(), stopped, 0.0)
         found = found or stack.enter_context(local_workers(workers or cores()))
-        packages = tuple(versions().items())
         job = Job(
-            campaign.spec.model_dump_json(), json.dumps(campaign.content), packages, campaign.spec.records, simulator
+            campaign.spec.model_dump_json(),
+            json.dumps(campaign.content),
+            tuple(versions().items()),
+            campaign.spec.records,
+            simulator,
+            campaign.files,
         )
         return _Session(campaign, store, folder, found, watch, task, job, store.counts()).fly(progress)
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from testbench.evaluation.calibration import calibration
 from testbench.page.plot import COLOURS, INK, MEASURED, QUIET, Plate, grid, label, new_figure
 from testbench.questions.campaign.answer import most_biased
 from testbench.questions.campaign.result import errors
@@ -53,6 +54,19 @@ def campaign_plates(summary: Summary) -> list[Plate]:
             _panels(list(of_errors), lambda axes, name: _settling(axes, of_errors[name]), "runs", "mean"),
         ),
     ]
+    stated = [a.name for a in summary.accuracies if np.isfinite(a.stated) and a.n > 2]
+    of_stated = [name for name in chosen if name in stated] or stated[:_MOST]
+    if of_stated:
+        plates.append(
+            Plate(
+                "calibration",
+                "Errors over stated errors",
+                "Estimate minus truth over the standard error that the estimator states, sorted, against the normal "
+                "distribution. On the line the stated errors are true; steeper, the errors are larger than stated; "
+                "beside it, they are biased. Shaded: where each point lies with 95 % if they are true.",
+                _panels(of_stated, lambda axes, name: _calibration(axes, summary, name), "normal", "error / stated"),
+            )
+        )
     if chosen:
         plates.insert(
             0,
@@ -134,9 +148,11 @@ def _few_ticks(axes: Any, whole: bool) -> None:
 
 
 def _short(name: str, names: list[str]) -> str:
-    """Return a panel's title: without the case where all panels have the same."""
-    cases = {n.partition(": ")[0] for n in names}
-    return name.partition(": ")[2] if len(cases) == 1 else name
+    """Return a panel's title: the figure, then suite and estimator as far as the panels differ in them."""
+    case, _, figure = name.partition(": ")
+    cases = [n.partition(": ")[0].split(", ", 1) for n in names]
+    parts = [part for k, part in enumerate(case.split(", ", 1)) if len({c[k] for c in cases}) > 1]
+    return f"{figure}; {', '.join(parts)}" if parts else figure
 
 
 def _scatter(axes: Axes, summary: Summary, name: str) -> None:
@@ -152,6 +168,15 @@ def _scatter(axes: Axes, summary: Summary, name: str) -> None:
     axes.plot([low - margin, high + margin], [low - margin, high + margin], color=INK, linewidth=0.9)
     axes.plot(true[::every], found[::every], ".", color=COLOURS[0], markersize=3.5, alpha=0.6)
     axes.set_xlim(low - margin, high + margin)
+
+
+def _calibration(axes: Axes, summary: Summary, name: str) -> None:
+    z = calibration(errors(summary)[name][summary.done], summary.columns[f"{name}, std"][summary.done])
+    every = max(1, z.found.size // _POINTS)
+    axes.fill_between(z.expected, z.low, z.high, color=MEASURED, alpha=0.5, linewidth=0)
+    end = float(np.abs(z.expected).max(initial=1.0))
+    axes.plot([-end, end], [-end, end], color=INK, linewidth=0.9)
+    axes.plot(z.expected[::every], z.found[::every], ".", color=COLOURS[0], markersize=3.5, alpha=0.6)
 
 
 def _histogram(axes: Axes, values: FloatArray, zero: bool) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
+import socket
 import threading
 import time
 import traceback
@@ -19,6 +19,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.bring import sha256
 from testbench.core.errors import CampaignError, ScenarioError, TestbenchError
 from testbench.core.record import FlightRecord
 from testbench.core.schema import parse
@@ -28,14 +29,14 @@ from testbench.flight import load_aircraft
 from testbench.flight.air import air_of
 from testbench.flight.batch.jobs import BATCH, Simulator, Tally
 from testbench.flight.batch.jobs import Job as FlightJob
-from testbench.line import Case, condition_of
+from testbench.line import condition_of
 from testbench.questions.campaign.draws import run_inputs, run_seed
 from testbench.questions.campaign.load import versions
 from testbench.questions.campaign.scenario import CampaignSpec
 from testbench.questions.campaign.summary import ALONE, TOGETHER
 from testbench.questions.campaign.targets import change_aircraft, change_suites, set_keys
 from testbench.questions.run.ask import Prepared, run, wanted_flights
-from testbench.questions.run.result import RunResult
+from testbench.questions.run.found import found_of
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import SensorSuite, load_suite
 
@@ -53,6 +54,7 @@ class Job:
         versions: of the packages that the figures depend on.
         records: whether time histories come back.
         simulator: what flies; see :mod:`testbench.flight.batch.jobs`.
+        files: (absolute path, SHA-256) of estimators and structures of the user's own.
     """
 
     spec: str
@@ -60,6 +62,7 @@ class Job:
     versions: tuple[tuple[str, str], ...]
     records: bool = False
     simulator: Simulator = "auto"
+    files: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -110,13 +113,6 @@ _TRIMS, _TRUTHS = Remembered(), Remembered()
 _ONE_AT_A_TIME = threading.Lock()  # JSBSim's logger belongs to a thread, and threads of one process gain nothing here
 
 
-def _damping(pole: complex) -> float:
-    return -pole.real / abs(pole) if pole != 0.0 else math.nan
-
-
-OF_MODES: tuple[tuple[str, Callable[[complex], float]], ...] = (("wn, rad/s", abs), ("zeta", _damping))
-
-
 @lru_cache(maxsize=16)
 def _aircraft(name: str, wings: str) -> Aircraft:
     return load_aircraft(name, wings)
@@ -136,15 +132,38 @@ def fly_batch(job: Job, indices: Sequence[int]) -> list[Outcome]:
     """Fly the runs ``indices`` one after the other and return what each found.
 
     Raises:
-        CampaignError: this process has other versions of the packages that the figures depend on.
+        CampaignError: this process has other versions of the packages that the figures depend on, or other files of
+            the user's own.
     """
     here = versions()
     other = [f"{name} {here[name]} (campaign: {wanted})" for name, wanted in job.versions if here[name] != wanted]
     if other:
         raise CampaignError(f"workers must have the versions of the campaign, got {', '.join(other)}")
+    for file, wanted in job.files:
+        _need_same(file, wanted)
     with _ONE_AT_A_TIME, np.errstate(all="ignore"):
         # numpy's complaints about overflowing predictions of unstable models are figures here, not news
         return _fly(job, [_Run.of(job, index) for index in indices])
+
+
+def _need_same(file: str, wanted: str) -> None:
+    """Check that this process reads the same file of the user's as the one that handed out the batch.
+
+    Raises:
+        CampaignError: it has none, or another one; with both hashes.
+    """
+    place = f"worker at {socket.gethostname()}"
+    if not Path(file).is_file():
+        raise CampaignError(
+            f"workers must have the estimator or structure '{file}' of the campaign (SHA-256 {wanted}), but the "
+            f"{place} has no such file; put it there, or start workers where it is"
+        )
+    have = sha256(Path(file))
+    if have != wanted:
+        raise CampaignError(
+            f"workers must have the same '{file}' as the campaign, SHA-256 {wanted}, but that of the {place} has "
+            f"{have}; copy it there, and go on with `testbench campaign resume`"
+        )
 
 
 @dataclass
@@ -221,7 +240,7 @@ def _fly(job: Job, runs: Sequence[_Run]) -> list[Outcome]:
         assert run_.scenario is not None
         with run_.attempt():
             keep = (lambda name, record, to=run_.kept: to.append((name, record))) if spec.records else None
-            found = _found(run(run_.scenario, run_.seed, keep, prepared=run_.ready))
+            found = found_of(run(run_.scenario, run_.seed, keep, prepared=run_.ready))
             flown = run_.ready.flown if run_.ready is not None else ()
             together = any(record.provenance.get("simulator") == BATCH for record in flown)
             found["flown"] = TOGETHER if together else f"{ALONE}{why}"
@@ -315,53 +334,6 @@ def _with_pilots(content: dict[str, Any], inputs: Mapping[str, Any], seed: int) 
                 sequence = np.random.SeedSequence([seed, zlib.crc32(place.encode())])
                 signal["pilot"]["seed"] = int(sequence.generate_state(1)[0])
     return content
-
-
-def _found(result: RunResult) -> dict[str, Any]:
-    """Return what a run found, a number that is not finite as None.
-
-    ``figures``: case -> name -> number; ``poles``: case -> outputs -> [real, imaginary], rad/s, upper half plane;
-    ``true``: name -> number, of the modes of the aircraft, if the truth is asked for.
-    """
-    out: dict[str, Any] = {"figures": {}, "poles": {}}
-    for case in result.cases:
-        out["figures"][case.label] = {name: _finite(value) for name, value in _figures(case).items()}
-        out["poles"][case.label] = {
-            outputs: [
-                [p.real, p.imag] for p in sorted(poles[poles.imag >= 0.0].tolist(), key=lambda p: (abs(p), p.real))
-            ]
-            for outputs, poles in case.model.poles().items()
-        }
-    if result.truth is not None:
-        modes = result.truth.modes.items()
-        out["true"] = {f"{mode} {name}": _finite(value(s)) for mode, s in modes for name, value in OF_MODES}
-    return out
-
-
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(value)
-
-
-def _figures(case: Case) -> dict[str, float | None]:
-    """Return the scalars of one case: prediction, modes and parameters, these with standard error and truth beside."""
-    e = case.evaluation
-    out: dict[str, float | None] = {"warning": float(case.model.status != "good")}
-    for k, output in enumerate(case.model.outputs):
-        out[f"validation MRSE of {output}, %"] = float(e.validation.mrse_percent[k])
-        out[f"validation fit of {output}, %"] = float(e.validation.fit_percent[k])
-    out["validation MRSE, %"] = e.validation.mrse_mean
-    out["identification MRSE, %"] = e.identification.mrse_mean
-    sets = len({match.outputs for match in e.poles})
-    for match in e.poles:
-        of = f" ({match.outputs})" if sets > 1 else ""
-        for name, value in OF_MODES:
-            out[f"{match.name}{of} {name}"] = None if match.found is None else value(match.found)
-    for p in e.parameters:
-        if p.free:
-            out[p.name], out[f"{p.name}, std"] = p.value, p.std
-            if p.true is not None:
-                out[f"{p.name}, true"] = p.true
-    return out
 
 
 def _netcdf(record: FlightRecord) -> bytes:

@@ -24,7 +24,7 @@ from testbench.questions.campaign.draws import nominal_inputs
 from testbench.questions.campaign.own_laws import own_keys, with_own_laws
 from testbench.questions.campaign.scenario import CampaignSpec
 from testbench.questions.campaign.targets import change_aircraft, change_suites, check_target, is_scenario_key, set_keys
-from testbench.questions.run.check import check
+from testbench.questions.run.check import check, notes
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import SensorSuite, load_suite
 
@@ -76,16 +76,17 @@ class Campaign:
             repr(aircraft.elastic),
             sorted(aircraft.engine_files.items()),
             suites,
-            *self._brought(),
+            *(told for _, told in self.files),
         ]
         return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()
 
-    def _brought(self) -> list[str]:
-        """Return the SHA-256 of every estimator and structure of the user's own."""
+    @property
+    def files(self) -> tuple[tuple[str, str], ...]:
+        """(Absolute path, SHA-256) of every estimator and structure of the user's own, as workers must have them."""
         entries = self.content["identification"]["estimators"]
         names = [entry[key] for entry in entries for key in _BROUGHT if is_brought(entry.get(key))]
         texts = [entry["structure"] for entry in entries if is_text(entry.get("structure"))]
-        return [sha256(path) for path in (*(place(name)[0] for name in names), *map(Path, texts))]
+        return tuple((str(path), sha256(path)) for path in (*(place(name)[0] for name in names), *map(Path, texts)))
 
 
 def versions() -> dict[str, str]:
@@ -140,6 +141,14 @@ def campaign_faults(spec: CampaignSpec) -> list[str]:
     if not found:
         faults += _check_grid(spec, content, file)
     return faults or _check_stop(spec, content, file)
+
+
+def campaign_notes(spec: CampaignSpec) -> list[str]:
+    """Return what is to be known of the base scenario: the suites and estimators that cannot work together."""
+    assert spec.file is not None
+    content, origin = _base(spec, spec.file)
+    bare, _ = parse(Scenario, content, origin)
+    return [] if bare is None else notes(bare.at(origin))
 
 
 def _base(spec: CampaignSpec, file: Path) -> tuple[dict[str, Any], Path]:

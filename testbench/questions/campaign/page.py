@@ -11,8 +11,11 @@ from testbench.page.labels import number
 from testbench.page.page import Page
 from testbench.questions.campaign.answer import campaign_answer, cost_sentence
 from testbench.questions.campaign.figures import campaign_plates
+from testbench.questions.campaign.methods import ranked_contests
 from testbench.questions.campaign.scenario import Normal
 from testbench.questions.campaign.tables import campaign_tables, runs_csv, tally_of
+from testbench.questions.campaign.tidy import tidy_files
+from testbench.questions.side_by_side import rank_plates
 
 if TYPE_CHECKING:
     from testbench.questions.campaign.result import CampaignResult
@@ -28,8 +31,8 @@ def campaign_page(result: CampaignResult) -> Page:
         answer=campaign_answer(result),
         tables=campaign_tables(result),
         more_tables=[flown_table(tally_of(result.summary), "run")],
-        plates=campaign_plates(result.summary),
-        files={"tables/runs.csv": runs_csv(result.summary)},
+        plates=[*campaign_plates(result.summary), *rank_plates(*ranked_contests(result))],
+        files={"tables/runs.csv": runs_csv(result.summary), **tidy_files(result.folder, result.counts.finished)},
         template="questions/campaign/page.html.j2",
         asked=[
             *((key, f"grid: {', '.join(map(str, values))}") for key, values in spec.grid.items()),

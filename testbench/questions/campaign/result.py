@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from testbench.questions.campaign.summary import Summary, summarise, truth_of
@@ -25,6 +26,7 @@ class CampaignResult:
         seconds: processor time of all finished runs.
         size: of the store, bytes.
         records_size: of the time histories, bytes.
+        folder: of the store; None if there is none.
     """
 
     campaign: Campaign
@@ -34,6 +36,7 @@ class CampaignResult:
     seconds: float
     size: int
     records_size: int = 0
+    folder: Path | None = None
 
 
 def read_campaign(campaign: Campaign, store: Store) -> CampaignResult:
@@ -48,6 +51,7 @@ def read_campaign(campaign: Campaign, store: Store) -> CampaignResult:
         seconds,
         size,
         sum(path.stat().st_size for path in store.path.parent.glob("records/*.nc")),
+        store.path.parent,
     )
 
 

@@ -107,6 +107,7 @@ class CampaignSpec(Asked):
 
     unnamed: ClassVar[str] = "campaign"
     checked_by: ClassVar[str] = "testbench.questions.campaign.load:campaign_faults"
+    noted_by: ClassVar[str] = "testbench.questions.campaign.load:campaign_notes"
 
     base: Annotated[str, Field(min_length=1)] | None = None
     scenario: dict[str, Any] | None = None

@@ -8,7 +8,7 @@ key of its row, and because a row once finished is never written again.
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -101,6 +101,8 @@ class Store:
                 for statement in filter(str.strip, _SCHEMA.split(";")):
                     db.execute(statement)
                 meta = {"digest": campaign.digest(), "name": campaign.spec.name, "campaign": campaign.text}
+                base = campaign.base
+                meta |= {"aircraft": base.aircraft, "input": " + ".join(m.name for m in base.manoeuvre)}
                 meta |= {f"version {k}": v for k, v in versions().items()}
                 db.executemany("INSERT INTO meta VALUES (?, ?)", meta.items())
                 _add_runs(db, 0, campaign.spec.total)
@@ -201,8 +203,8 @@ class Store:
             )
         if self.meta("digest") != campaign.digest():
             raise CampaignError(
-                f"'{self.path}' belongs to another campaign: since then its distributions, seed, scenario, aircraft or "
-                "sensors have changed; give another folder with --out, or undo the change"
+                f"'{self.path}' belongs to another campaign: since then its distributions, seed, scenario, aircraft, "
+                "sensors or own estimators have changed; give another folder with --out, or undo the change"
             )
 
     @contextmanager
@@ -296,6 +298,10 @@ class Store:
         total = self._db.execute("SELECT coalesce(sum(seconds), 0.0) FROM runs").fetchone()[0]
         pages = self._db.execute("PRAGMA page_count").fetchone()[0] * self._db.execute("PRAGMA page_size").fetchone()[0]
         return float(total), int(pages)
+
+    def asked(self, query: str, values: Mapping[str, int]) -> sqlite3.Cursor:
+        """Return what the store answers to a query, row by row."""
+        return self._db.execute(query, values)
 
     def rows(self, first: int = 0, end: int | None = None) -> Iterator[Row]:
         """Yield the finished runs from ``first`` up to ``end``, in order."""

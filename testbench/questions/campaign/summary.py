@@ -6,7 +6,7 @@ import json
 import math
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -81,6 +81,11 @@ class Accuracy:
         """Whether the mean error differs from zero by more than its 95 % interval."""
         return bool(abs(self.bias) > self.bias_half)
 
+    @property
+    def near_zero(self) -> bool:
+        """Whether the true value is smaller than the errors, so that percent of it say nothing."""
+        return not abs(self.true_mean) > self.rms
+
 
 @dataclass(frozen=True)
 class Cause:
@@ -90,6 +95,14 @@ class Cause:
     count: int
     first: int
     example: str
+
+
+@dataclass(frozen=True)
+class CellCause:
+    """Runs in which one suite and estimator gave no model for one reason, whatever the numbers in it."""
+
+    case: str
+    cause: Cause
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,6 +115,7 @@ class Summary:
         columns: name of a figure -> (n,) values, NaN where there is none.
         inputs: varied key -> (n,) values as given.
         figures, accuracies, causes: in the order of their names; causes by number of runs.
+        cells: suites and estimators that gave no model in runs that are done, by number of runs.
     """
 
     runs: FloatArray
@@ -112,6 +126,7 @@ class Summary:
     accuracies: tuple[Accuracy, ...]
     causes: tuple[Cause, ...]
     simulators: Mapping[str, int]
+    cells: tuple[CellCause, ...] = ()
 
     @property
     def failed(self) -> int:
@@ -161,8 +176,7 @@ def summarise(rows: Iterable[Row]) -> Summary:
     columns = _Columns()
     runs: list[int] = []
     done: list[bool] = []
-    first: dict[str, Row] = {}
-    counts: dict[str, int] = {}
+    whole, cells = _Reasons(), _Reasons()
     inputs: dict[str, list[Entry]] = {}
     simulators: dict[str, int] = {}
     for row in rows:
@@ -178,13 +192,12 @@ def summarise(rows: Iterable[Row]) -> Summary:
                 columns.add(TRUE, found["true"])
             if "flown" in found:  # stores of earlier versions do not say
                 simulators[found["flown"]] = simulators.get(found["flown"], 0) + 1
+            for case, reason in found.get("failed", {}).items():
+                cells.add(case, row.run, reason)
         else:
-            reason = _NUMBER.sub("#", row.reason or "no reason given")
-            first.setdefault(reason, row)
-            counts[reason] = counts.get(reason, 0) + 1
+            whole.add("", row.run, row.reason or "no reason given")
         columns.next_row()
     named, flown = columns.named(), np.array(done, bool)
-    ordered = sorted(first, key=lambda reason: (-counts[reason], reason))
     return Summary(
         np.array(runs, float),
         flown,
@@ -192,9 +205,28 @@ def summarise(rows: Iterable[Row]) -> Summary:
         {key: tuple(values) for key, values in inputs.items()},
         tuple(_figure(name, values[flown]) for name, values in named.items() if not _beside(name, named)),
         tuple(_accuracy(name, truth, named, flown) for name in named if (truth := truth_of(name, named))),
-        tuple(Cause(r, counts[r], first[r].run, first[r].reason or "") for r in ordered),
+        tuple(cause for _, cause in whole.ordered()),
         simulators,
+        tuple(CellCause(case, cause) for case, cause in cells.ordered()),
     )
+
+
+class _Reasons:
+    """Counts reasons of failure, those that differ in numbers only together."""
+
+    def __init__(self) -> None:
+        self._found: dict[tuple[str, str], Cause] = {}
+
+    def add(self, case: str, run: int, reason: str) -> None:
+        """Count the reason of one run."""
+        key = case, _NUMBER.sub("#", reason)
+        before = self._found.get(key) or Cause(key[1], 0, run, reason)
+        self._found[key] = replace(before, count=before.count + 1)
+
+    def ordered(self) -> list[tuple[str, Cause]]:
+        """Return case and cause, the most frequent first."""
+        found = [(case, cause) for (case, _), cause in self._found.items()]
+        return sorted(found, key=lambda item: (-item[1].count, item[0], item[1].reason))
 
 
 def truth_of(name: str, columns: Mapping[str, FloatArray]) -> str:

@@ -12,8 +12,10 @@ import numpy as np
 from testbench.core.escape import csv_cell
 from testbench.flight.batch.jobs import Tally
 from testbench.page.tables import Column, Table, Value
+from testbench.questions.campaign.methods import contests, ranked_contests
 from testbench.questions.campaign.result import errors
 from testbench.questions.campaign.summary import ALONE, QUANTILES, TOGETHER
+from testbench.questions.side_by_side import pair_table, rank_table
 
 if TYPE_CHECKING:
     from testbench.questions.campaign.result import CampaignResult
@@ -27,6 +29,9 @@ def campaign_tables(result: CampaignResult) -> list[Table]:
         figure_table(result.summary),
         grid_table(result),
         cause_table(result.summary),
+        cell_table(result.summary),
+        pair_table(contests(result)),
+        rank_table(*ranked_contests(result)),
     ]
     return [table for table in made if table.rows]
 
@@ -118,6 +123,19 @@ def cause_table(summary: Summary) -> Table:
     rows = tuple((c.count, c.first, c.example) for c in summary.causes)
     caption = "Reasons that differ in numbers only are counted together."
     return Table("failures", "Why runs failed", caption, columns, rows, wide=True)
+
+
+def cell_table(summary: Summary) -> Table:
+    """Return which suites and estimators gave no model in runs that are done, and why."""
+    columns = (
+        Column("case", "suite, estimator"),
+        Column("runs", "runs"),
+        Column("first", "first"),
+        Column("reason", "reason, as the first run gives it"),
+    )
+    rows = tuple((c.case, c.cause.count, c.cause.first, c.cause.example) for c in summary.cells)
+    caption = "The other estimators of these runs are not touched. Reasons that differ in numbers only count together."
+    return Table("failed", "Estimators that gave no model", caption, columns, rows, wide=True)
 
 
 def tally_of(summary: Summary) -> Tally:

@@ -11,9 +11,11 @@ from testbench.page.labels import number, symbol
 from testbench.page.words import listed, some
 
 if TYPE_CHECKING:
-    from testbench.questions.compare.result import CompareResult, Gain, Quantity
+    from testbench.questions.compare.result import CompareResult, Failure, Gain, Quantity
     from testbench.sensors import SensorSuite
 
+MOST_WORDS = 25  # of the answer
+_FEW_WORDS = 9  # of what a suite adds, if the answer is to say it
 _NAMED = 3  # gains and losses that are named one by one
 _KINDS = {
     "prediction": "of predictions",
@@ -44,8 +46,67 @@ def added(result: CompareResult, suite: SensorSuite) -> str:
     return f"{text} ({', '.join(cost)})" if cost else text
 
 
+def compare_answer(result: CompareResult) -> list[tuple[str, str]]:
+    """Return the answer as (kind, sentence): what the best suite buys, in 25 words at most, and the doubts."""
+    return [("lead", lead(result)), *(("doubt", text) for text in _doubts(result))]
+
+
+def lead(result: CompareResult) -> str:
+    """Return in one sentence of at most 25 words what the best suite buys."""
+    others = result.suites[1:]
+    if not others:
+        return _within(*_placed_in_short(result))
+    if not result.errors:
+        best = max(others, key=lambda s: worth(result, s) or 0.0)
+        factor = worth(result, best)
+        if factor is None:
+            return f"information gives no standard error that every suite tells; {len(others)} compared"
+        text = f"by information, {_named_suite(result, best)} divides the standard errors by {number(factor, 2)}"
+        return _within(text, ", in the geometric mean")
+    found = {s.name: _sure(result, s) for s in others}
+    best = max(others, key=lambda s: len(found[s.name][1]) - len(found[s.name][2]))
+    tested, better, worse = found[best.name]
+    if not better and not worse:
+        return _within(f"{_named_suite(result, best)} changes none of {len(tested)} errors by more than chance")
+    foremost = better[0] if better else worse[0]
+    unit = " %" if foremost.quantity.unit else ""
+    return _within(
+        f"{_named_suite(result, best)} surely makes {len(better) or 'none'} of {len(tested)} errors smaller",
+        f" and {len(worse) or 'none'} larger",
+        f", foremost {quantity_words(foremost.quantity)}",
+        f", from {number(foremost.before)} to {number(foremost.after)}{unit}",
+    )
+
+
+def _named_suite(result: CompareResult, suite: SensorSuite) -> str:
+    more = added(result, suite)
+    short = len(more.split()) <= _FEW_WORDS and not more.startswith("nothing")
+    return f"adding {more}" if short else suite.name
+
+
+def _placed_in_short(result: CompareResult) -> tuple[str, ...]:
+    p = result.placed
+    assert p is not None
+    ratios = {n: float(b / a) for n, b, a in zip(p.names, p.before, p.after, strict=True) if a > 0.0}
+    text = f"{len(p.spots)} sensors at the best stations of the wing"
+    if not ratios:
+        return (f"{text} tell nothing of {_listed(p.names)}",)
+    best = max(ratios, key=lambda n: ratios[n])
+    return f"{text} divide the standard error of {best} by {number(ratios[best], 2)}", f", beside {p.base}"
+
+
+def _within(*clauses: str) -> str:
+    """Return the clauses, joined, as long as they have no more than 25 words together."""
+    text = clauses[0]
+    for clause in clauses[1:]:
+        if len((text + clause).split()) > MOST_WORDS:
+            break
+        text += clause
+    return text
+
+
 def compare_sentences(result: CompareResult) -> list[str]:
-    """Return the answer: per suite what is more than chance, then information, agreement, placement and doubts."""
+    """Return all in detail: per suite what is more than chance, then information, agreement, placement and doubts."""
     out: list[str] = []
     for suite in result.suites[1:]:
         if result.errors:
@@ -64,10 +125,7 @@ def compare_sentences(result: CompareResult) -> list[str]:
 
 def _by_simulation(result: CompareResult, suite: SensorSuite) -> str:
     """Return how many errors a suite makes surely smaller or larger, kind by kind, and the foremost of them."""
-    gains = [g for g in result.gains if g.case.suite == suite.name and g.p_holm is not None]
-    sure = [g for g in gains if g.significant(result.scenario.level)]
-    better = sorted((g for g in sure if _difference(g) > 0.0), key=lambda g: -_share(g))
-    worse = sorted((g for g in sure if _difference(g) <= 0.0), key=_share)
+    gains, better, worse = _sure(result, suite)
     text = (
         f"adding {added(result, suite)} to {result.suites[0].name} surely makes {len(better) or 'none'} of "
         f"{len(gains)} errors smaller and {len(worse) or 'none'} of them larger"
@@ -83,6 +141,14 @@ def _by_simulation(result: CompareResult, suite: SensorSuite) -> str:
         if found:
             text += f"; {word}: {some([_named(result, g) for g in found], _NAMED)}"
     return text
+
+
+def _sure(result: CompareResult, suite: SensorSuite) -> tuple[list[Gain], list[Gain], list[Gain]]:
+    """Return all gains of a suite that were tested, those that are surely smaller errors, and surely larger ones."""
+    gains = [g for g in result.gains if g.case.suite == suite.name and g.p_holm is not None]
+    sure = [g for g in gains if g.significant(result.scenario.level)]
+    better = sorted((g for g in sure if _difference(g) > 0.0), key=lambda g: -_share(g))
+    return gains, better, sorted((g for g in sure if _difference(g) <= 0.0), key=_share)
 
 
 def _meaning(result: CompareResult) -> str:
@@ -247,12 +313,16 @@ def _doubts(result: CompareResult) -> list[str]:
             f"{result.scenario.seeds} repetitions cannot show anything beyond chance among {len(result.gains)} "
             f"questions: at least {result.too_few} are needed; raise seeds, or ask for less"
         )
-    if result.failures:
-        first = result.failures[0]
-        out.append(
-            f"{len(result.failures)} identifications gave no model, the first one by {first.case.estimator} through "
-            f"{first.case.suite}: {first.reason}"
-        )
+    cells: dict[tuple[str, str], list[Failure]] = {}
+    for failure in result.failures:
+        cells.setdefault((failure.case.suite, failure.case.estimator), []).append(failure)
+    if cells:
+        out.append(f"{len(result.failures)} identifications gave no model; they are left out")
+    for (suite, estimator), failures in list(cells.items())[:_NAMED]:
+        of = len(result.manoeuvres) * result.scenario.seeds
+        out.append(f"{suite}, {estimator} gave no model in {len(failures)} of {of}: {failures[0].reason}")
+    if len(cells) > _NAMED:
+        out.append(f"{len(cells) - _NAMED} more suites and estimators failed; the table of failures says why")
     vague = [s.name for s in result.suites if any(not _near(result, m, s.name) for m in result.manoeuvres)]
     if vague:
         out.append(

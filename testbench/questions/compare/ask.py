@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.core.errors import TestbenchError, located
+from testbench.core.errors import EstimationError, TestbenchError, located
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators import estimate
+from testbench.estimators.cells import contained, need_numbers
 from testbench.estimators.model import IdentifiedModel
 from testbench.estimators.prepare import prepared
 from testbench.flight import linearise, load_aircraft
@@ -30,9 +32,6 @@ from testbench.sensors import SensorSuite, load_suite
 
 _AT_ONCE = 64  # repetitions in turbulence that are flown together
 _FAST_MODE = {"longitudinal": "short period", "lateral": "Dutch roll"}
-
-
-# --- reading and checking ---------------------------------------------------------------------------------------------
 
 
 # --- the comparison ---------------------------------------------------------------------------------------------------
@@ -100,6 +99,11 @@ def compare(
             say(f"identify: repetition {k + 1} of {scenario.seeds}")
             for suite in suites:
                 _repeat(scenario, known, suite, truths, k, seed, errors, failures)
+        if failures and not errors:
+            raise EstimationError(
+                f"some estimator must give a model of some suite, got none in {scenario.seeds} repetitions; the first "
+                f"reason, of {failures[0].case.estimator} through {failures[0].case.suite}: {failures[0].reason}"
+            )
     return CompareResult(
         scenario, known, suites, seed, errors, tuple(failures), predictions, of_flight, placed, flights, tally
     )
@@ -207,12 +211,15 @@ def _repeat(
     for spec in scenario.manoeuvre:
         if spec.use != "identification":
             continue
-        for label, model in _models(scenario, known, suite, measured[spec.name], outputs, judge):
+        for label, method, make in _models(scenario, known, suite, measured[spec.name], outputs, judge):
             case = CaseKey(spec.name, suite.name, label)
-            if isinstance(model, str):
-                failures.append(Failure(case, repetition, model))
+            try:
+                with contained(method, scenario.identification.limit_s):
+                    found = errors_of(known, need_numbers(make()), judge, list(clean.values()))
+            except TestbenchError as failure:  # a suite may lack a channel that a structure needs: a finding too
+                failures.append(Failure(case, repetition, failure.message))
                 continue
-            for quantity, error in errors_of(known, model, judge, list(clean.values())).items():
+            for quantity, error in found.items():
                 series = errors.setdefault(case, {})
                 series.setdefault(quantity, np.full(scenario.seeds, np.nan))[repetition] = error
 
@@ -243,20 +250,14 @@ def _models(
     record: FlightRecord,
     outputs: tuple[str, ...],
     judge: Sequence[FlightRecord],
-) -> Iterator[tuple[str, IdentifiedModel | str]]:
-    """Yield label and model of every estimator, or why there is none."""
+) -> Iterator[tuple[str, str, Callable[[], IdentifiedModel]]]:
+    """Yield label and method of every estimator, and what makes its model."""
     identification = scenario.identification
     for spec, label in zip(identification.estimators, identification.labels, strict=False):
-        try:
-            yield label, estimate(spec, [record], identification.inputs, outputs, judge)
-        except TestbenchError as error:  # a suite may lack a channel that a structure needs: that is a finding too
-            yield label, error.message
+        yield label, spec.method, partial(estimate, spec, [record], identification.inputs, outputs, judge)
     if identification.best_case:
         structure = lagged_structure(known, sensors_of(suite, identification.outputs), identification.inputs)
-        try:
-            yield BEST_CASE, best_estimate(record, structure, suite)
-        except TestbenchError as error:
-            yield BEST_CASE, error.message
+        yield BEST_CASE, BEST_CASE, partial(best_estimate, record, structure, suite)
 
 
 # --- placement --------------------------------------------------------------------------------------------------------

@@ -91,6 +91,7 @@ class CompareScenario(Experiment):
 
     unnamed: ClassVar[str] = "comparison"
     checked_by: ClassVar[str] = "testbench.questions.compare.check:check"
+    noted_by: ClassVar[str] = "testbench.questions.run.check:notes"
 
     seeds: Annotated[int, Field(ge=3, le=1000)] = 12
     test: Literal["wilcoxon", "t"] = "wilcoxon"

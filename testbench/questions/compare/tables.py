@@ -9,6 +9,8 @@ import numpy as np
 from testbench.page.labels import number
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.compare.answer import added, more_of, per_hundred, quantity_words, worth
+from testbench.questions.compare.methods import OVER, contests, ranked_contests
+from testbench.questions.side_by_side import pair_table, rank_table
 
 if TYPE_CHECKING:
     from testbench.questions.compare.result import CompareResult, Gain
@@ -17,7 +19,8 @@ if TYPE_CHECKING:
 def compare_tables(result: CompareResult) -> list[Table]:
     """Return what the suites cost, what they buy, all errors, what information says, placement and failures."""
     out = [suite_table(result), gain_table(result), error_table(result), information_table(result)]
-    out += [worth_table(result), *placement_tables(result), failure_table(result)]
+    out += [worth_table(result), *placement_tables(result), pair_table(contests(result))]
+    out += [rank_table(ranked_contests(result), OVER), failure_table(result)]
     return [t for t in out if t.rows]
 
 

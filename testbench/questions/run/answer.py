@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from testbench.core.advice import Advice, ranked
 from testbench.page.words import Line, advice_lines, counted, sentence
+from testbench.questions.run.failed import failed_sentences
 from testbench.questions.run.labels import case_names
 from testbench.questions.run.pole_tables import reference_tables
 
@@ -35,6 +36,7 @@ def run_answer(result: RunResult, most_doubts: int = 4) -> list[Line]:
         doubts = [*doubts[:most_doubts], Line("doubt", text)]
     lines = [Line("lead" if i == 0 else "finding", text) for i, text in enumerate(found)]
     lines[1:1] = [line for line in doubts if line.kind == "wrong"]
+    lines += [Line("doubt", text) for text in failed_sentences(result.failed)]
     lines += [Line("doubt", text) for text in result.questions]
     lines += [line for line in doubts if line.kind != "wrong"]
     return [Line(kind, sentence(text)) for kind, text in [*lines, *_notes(result)]]

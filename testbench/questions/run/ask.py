@@ -8,6 +8,7 @@ from pathlib import Path
 from testbench.aircraft import Aircraft
 from testbench.core.errors import located
 from testbench.core.record import FlightRecord
+from testbench.estimators.cells import FailedCell
 from testbench.estimators.identification import Identification
 from testbench.evaluation.truth import Truth, excited, true_model
 from testbench.flight import TrimmedFlight, load_aircraft
@@ -66,7 +67,8 @@ def run(
         prepared: takes the place of loading, trimming and linearising what the scenario names.
 
     Raises:
-        TestbenchError: with the file and key of the scenario that it comes from.
+        TestbenchError: with the file and key of the scenario that it comes from. A suite and an estimator that give no
+            model are an entry of ``failed`` with their reason; only if none gives one it is an error.
 
     Example:
         >>> import testbench as tb
@@ -83,11 +85,13 @@ def run(
         known = _truth(ready, flights, scenario.identification)
     noise = {s.name: s.noise_std for s in ready.suites} if scenario.preparation.lowpass_hz is None else {}
     names = [s.name for s in ready.suites]
+    failed: list[FailedCell] = []
     cases = identify_and_judge(
-        flights, names, scenario.preparation, scenario.identification, scenario.file, say, known, noise
+        flights, names, scenario.preparation, scenario.identification, scenario.file, say, known, noise, failed=failed
     )
     return RunResult(
-        scenario.name, scenario.title, scenario.question, scenario, seed, flights, cases, known, ready.suites
+        *(scenario.name, scenario.title, scenario.question, scenario, seed, flights, cases, known, ready.suites),
+        failed=tuple(failed),
     )
 
 

@@ -7,10 +7,13 @@ from collections.abc import Sequence
 from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import Faults, LimitError, nearest
+from testbench.estimators.cells import FailedCell, impossible
+from testbench.estimators.identification import estimator_name
 from testbench.flight import load_aircraft
 from testbench.flight.simulate import require_room_to_fly, stride
 from testbench.inputs import build
 from testbench.line import log_rate
+from testbench.questions.run.failed import failed_sentences
 from testbench.questions.run.scenario import Experiment
 from testbench.sensors import SensorSuite, load_suite
 
@@ -41,7 +44,29 @@ def check(scenario: Experiment) -> list[str]:
     for name in (*scenario.identification.inputs, *scenario.identification.outputs):
         if not any(name in s.channels for s in suites):
             attempt("identification", _no_such_sensor, name, suites)
+    if not faults:
+        attempt("identification.estimators", _none_possible, scenario, suites)
     return faults
+
+
+def notes(scenario: Experiment) -> list[str]:
+    """Return the suites and estimators of a valid scenario that cannot work together; it goes on without them."""
+    pairs = impossible_pairs(scenario, [load_suite(name) for name in scenario.suites])
+    return [f"the scenario goes on without {text}" for text in failed_sentences(pairs, "")]
+
+
+def impossible_pairs(scenario: Experiment, suites: Sequence[SensorSuite]) -> list[FailedCell]:
+    """Return the suites and estimators that cannot work together, from what methods and structures need."""
+    asked, out = scenario.identification, []
+    for suite in suites:
+        channels = suite.channels
+        sensed = asked.outputs or channels
+        outputs = tuple(name for name in sensed if name in channels and name not in asked.inputs)
+        for entry in asked.estimators:
+            reason = impossible(entry, channels, asked.inputs, outputs)
+            if reason is not None:
+                out.append(FailedCell(suite.name, estimator_name(entry), reason))
+    return out
 
 
 def check_amplitude(aircraft: Aircraft, control: str, amplitude: float) -> None:
@@ -63,6 +88,14 @@ def check_amplitude(aircraft: Aircraft, control: str, amplitude: float) -> None:
 
 def _no_settling() -> None:
     raise LimitError('settle_s > 0 must hold where preparation.bias = "trim" (the bias is read there), got 0')
+
+
+def _none_possible(scenario: Experiment, suites: Sequence[SensorSuite]) -> None:
+    found = impossible_pairs(scenario, suites)
+    if found and len(found) == len(suites) * len(scenario.identification.estimators):
+        raise LimitError(
+            "some estimator must be able to work with some suite, got none: " + "; ".join(failed_sentences(found, ""))
+        )
 
 
 def _no_such_sensor(name: str, suites: Sequence[SensorSuite]) -> None:

@@ -10,12 +10,17 @@ from testbench.page.labels import file_stem, unique
 from testbench.page.page import COMPUTED, FLOWN, Page, source_of
 from testbench.page.write import json_text
 from testbench.questions.run.answer import run_answer
+from testbench.questions.run.failed import failed_table
 from testbench.questions.run.figures import plates
 from testbench.questions.run.flown_tables import flown_tables
+from testbench.questions.run.found import found_of
 from testbench.questions.run.labels import case_names
 from testbench.questions.run.tables import result_tables, validation_table
+from testbench.questions.tidy import files_of, of_found
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from testbench.questions.run.result import RunResult
 
 
@@ -42,7 +47,10 @@ def run_page(result: RunResult, V_m_s: float | None = None) -> Page:
         tables=result_tables(result),
         more_tables=flown,
         plates=plates(result),
-        files={f"models/{stem}.json": json_text({**case.model.written(), **at}) for stem, case in models},
+        files={
+            **{f"models/{stem}.json": json_text({**case.model.written(), **at}) for stem, case in models},
+            **files_of(tidy_run(result)),
+        },
         template="questions/run/page.html.j2",
         context={
             "simulated": simulated,
@@ -52,8 +60,16 @@ def run_page(result: RunResult, V_m_s: float | None = None) -> Page:
         packages=FLOWN if simulated else COMPUTED,
         provenance=[("seed", str(result.seed) if simulated else "none: recorded data"), *_records(result)],
         source=source_of(result.source),
-        terminal=[validation_table(result)],
+        terminal=[validation_table(result), *([failed_table(result.failed)] if result.failed else [])],
     )
+
+
+def tidy_run(result: RunResult) -> pd.DataFrame:
+    """Return one row per suite, estimator and figure; see :func:`testbench.questions.tidy.read_results`."""
+    flown = " + ".join(flight.name for flight in result.flights)
+    aircraft = getattr(result.source, "aircraft", "")
+    same = {"scenario": result.name, "aircraft": str(aircraft or ""), "input": flown}
+    return of_found(found_of(result), 0, result.seed, **same)
 
 
 def write_results(result: RunResult, folder: Path | str) -> list[Path]:

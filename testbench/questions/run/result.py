@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from testbench.core.advice import ranked
+from testbench.estimators.cells import FailedCell
 from testbench.estimators.identification import estimator_name
 from testbench.evaluation.truth import Truth
 from testbench.line import Case, Flight
@@ -23,7 +24,8 @@ if TYPE_CHECKING:
 class RunResult:
     """Everything a run found. ``table`` and ``findings`` are made from it; nothing is stored twice.
 
-    ``questions`` are values of recorded flights that are hardly meant, in words.
+    ``questions`` are values of recorded flights that are hardly meant, in words. ``failed`` are the suites and
+    estimators that gave no model.
     """
 
     name: str
@@ -37,6 +39,7 @@ class RunResult:
     suites: tuple[SensorSuite, ...] = ()
     reference: Mapping[str, Any] = field(default_factory=dict)
     questions: tuple[str, ...] = ()
+    failed: tuple[FailedCell, ...] = ()
 
     @cached_property
     def table(self) -> Any:

@@ -23,6 +23,7 @@ class Scenario(Experiment):
     """One experiment: aircraft, condition, manoeuvres, sensor suites, estimators."""
 
     checked_by: ClassVar[str] = "testbench.questions.run.check:check"
+    noted_by: ClassVar[str] = "testbench.questions.run.check:notes"
 
     @model_validator(mode="after")
     def _uses_and_names(self) -> Scenario:

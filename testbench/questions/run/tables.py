@@ -9,6 +9,7 @@ import numpy as np
 
 from testbench.page.labels import number, superscript, symbol
 from testbench.page.tables import Column, Table, Value
+from testbench.questions.run.failed import failed_table
 from testbench.questions.run.labels import case_names, outputs_of
 from testbench.questions.run.parameter_tables import parameter_table
 from testbench.questions.run.pole_tables import mode_table, pole_table, reference_tables
@@ -29,6 +30,7 @@ def result_tables(result: RunResult) -> list[Table]:
         *reference_tables(result),
         pole_table(result),
         transfer_function_table(result),
+        failed_table(result.failed),
     ]
     return [table for table in made if table is not None and table.rows]
 

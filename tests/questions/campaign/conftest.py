@@ -3,6 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from clusters import Cluster
 from short_campaigns import SHORT
 
 from testbench.questions.campaign.load import load_campaign
@@ -26,3 +27,10 @@ def written(tmp_path):
 def short(written):
     """Load a campaign of short flights."""
     return lambda *args, **kwargs: load_campaign(written(*args, **kwargs))
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    found = Cluster(tmp_path)
+    yield found
+    found.stop()

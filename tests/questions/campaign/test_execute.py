@@ -10,10 +10,10 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
+from clusters import ENVIRONMENT, WAIT_S, wait_until
 from short_campaigns import SHORT
 
 from testbench.core.errors import CampaignError, EstimationError
@@ -25,10 +25,6 @@ from testbench.questions.campaign.store import Row, Store
 from testbench.questions.campaign.summary import summarise
 from testbench.questions.campaign.tables import runs_csv
 from testbench.questions.campaign.workers import Died, Lost, Workers
-
-ROOT = Path(__file__).resolve().parents[3]
-ENVIRONMENT = {**os.environ, "PYTHONPATH": str(ROOT), "COLUMNS": "200", "OPENBLAS_NUM_THREADS": "1"}
-WAIT_S = 120.0  # for what takes seconds on an idle machine
 
 
 def table(folder: Path) -> str:
@@ -52,13 +48,6 @@ def rows(folder: Path) -> list[Row]:
 def behind(folder: Path) -> int:
     with Store.read(folder) as store:
         return 1 + max(row.run for row in store.rows())
-
-
-def wait_until(done, what: str) -> None:
-    end = time.monotonic() + WAIT_S
-    while not done():
-        assert time.monotonic() < end, f"{what} takes too long"
-        time.sleep(0.05)
 
 
 def command(*arguments: object, cwd: Path) -> subprocess.Popen[str]:
@@ -273,56 +262,6 @@ def test_time_histories_are_kept_as_netcdf(short, tmp_path):
     record = load_record(tmp_path / "s" / "records" / names[0])
     assert record.kind == "measured"
     assert record.duration_s == pytest.approx(6.0, abs=0.2)
-
-
-class Cluster:
-    """A scheduler and workers as processes of their own, as on other machines."""
-
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        self.processes: list[subprocess.Popen[str]] = []
-
-    def start(self, *arguments: str) -> subprocess.Popen[str]:
-        self.processes.append(
-            subprocess.Popen(
-                [sys.executable, "-m", "dask", *arguments],
-                cwd=self.folder,
-                env=ENVIRONMENT,
-                text=True,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-            )
-        )
-        return self.processes[-1]
-
-    def scheduler(self, number: int) -> tuple[subprocess.Popen[str], str]:
-        file = self.folder / f"scheduler{number}.json"
-        process = self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard",
-                             "--scheduler-file", str(file))  # fmt: skip
-
-        def written() -> bool:
-            with contextlib.suppress(ValueError, OSError, KeyError):
-                return bool(json.loads(file.read_text())["address"])
-            return False
-
-        wait_until(written, "the scheduler")
-        return process, str(json.loads(file.read_text())["address"])
-
-    def worker(self, address: str) -> subprocess.Popen[str]:
-        return self.start("worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard")
-
-    def stop(self) -> None:
-        for process in self.processes:
-            if process.poll() is None:
-                process.kill()
-            process.wait()
-
-
-@pytest.fixture
-def cluster(tmp_path):
-    found = Cluster(tmp_path)
-    yield found
-    found.stop()
 
 
 def test_a_cluster_of_separate_processes_gives_the_same_table_whatever_is_killed(

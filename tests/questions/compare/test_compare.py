@@ -12,7 +12,7 @@ from scipy import stats
 from testbench.core.errors import ScenarioError
 from testbench.flight import load_aircraft
 from testbench.flight.batch.jobs import Tally
-from testbench.questions.compare.answer import compare_sentences
+from testbench.questions.compare.answer import compare_answer, compare_sentences
 from testbench.questions.compare.ask import _flight_errors, _flights, _known, compare, derived_seed
 from testbench.questions.compare.page import compare_page
 from testbench.questions.compare.result import CaseKey, Quantity
@@ -252,6 +252,8 @@ def test_report_of_the_packaged_scenario(packaged, tmp_path: Path) -> None:
     assert {p.name for p in paths} >= {"report.html", "errors.png", "gains.csv", "gains.json", "without_each.csv"}
     answer = compare_sentences(packaged)
     assert answer[0].startswith("adding alpha (400 €, 80 g) to eolo_no_alpha surely makes ")
+    said = compare_answer(packaged)
+    assert said[0] == ("lead", "adding alpha (400 €, 80 g) changes none of 19 errors by more than chance")
     assert page.index("The answer") < page.index('id="figure-errors"') < page.index("How it was compared")
     assert page.index("How it was compared") < page.index('<h2 id="tables">')
     assert page.count('id="figure-errors"') == 1

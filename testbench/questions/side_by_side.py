@@ -1,0 +1,184 @@
+"""Estimators side by side on the same flights and noise: pairs, ranks and the diagram of critical differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from testbench.core.record import FloatArray
+from testbench.evaluation.ranks import Ranks, ranks
+from testbench.page.plot import COLOURS, INK, Plate, grid, new_figure
+from testbench.page.tables import Column, Table, Value
+from testbench.questions.compare.statistics import LEAST_PAIRS, Test, holm, paired
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_EXACT = 100
+"""Pairs up to which the signed rank test is taken; beyond, the mean of so many differences is normal, and t is apt."""
+_MOST_PLATES = 3
+_ROW_IN, _HEAD_IN = 0.24, 0.75
+
+
+@dataclass(frozen=True, eq=False)
+class Contest:
+    """One figure by several estimators on the same data.
+
+    Attributes:
+        where: suite and input, in words.
+        figure: what the error is of.
+        unit: of the errors; "" for none.
+        methods: (k,) names.
+        errors: (n, k) sizes of errors, pair by pair; NaN where an estimator gave none.
+    """
+
+    where: str
+    figure: str
+    unit: str
+    methods: tuple[str, ...]
+    errors: FloatArray
+
+    @property
+    def ranked(self) -> Ranks | None:
+        """Ranks over all data; None for fewer than three data sets."""
+        return ranks(self.errors) if len(self.errors) >= LEAST_PAIRS else None
+
+
+def pair_table(contests: Sequence[Contest]) -> Table:
+    """Return every pair of estimators: the difference of the sizes of their errors, with interval and probability."""
+    rows: list[tuple[Value, ...]] = []
+    tested: list[int] = []
+    chances: list[float] = []
+    for c in contests:
+        for i, k in combinations(range(len(c.methods)), 2):
+            both = np.isfinite(c.errors[:, [i, k]]).all(axis=1)
+            first, second = c.errors[both, i], c.errors[both, k]
+            test: Test = "wilcoxon" if len(first) <= MOST_EXACT else "t"
+            found = paired(first - second, test)
+            d = found.difference
+            medians = (float(np.median(e)) if e.size else None for e in (first, second))
+            if found.p is not None:
+                tested.append(len(rows))
+                chances.append(found.p)
+            figure = c.figure + (f", {c.unit}" if c.unit else "")
+            ends = (d.value, d.low, d.high) if d else (None, None, None)
+            rows.append(
+                (c.where, figure, c.methods[i], c.methods[k], *medians, *ends, found.pairs, test, found.p, None)
+            )
+    for row, p in zip(tested, holm(chances), strict=True):
+        rows[row] = (*rows[row][:-1], p)
+    caption = (
+        "Size of the error of the first estimator minus that of the second, in the same flight with the same noise: "
+        "Hodges-Lehmann pseudo-median with its 95 % interval by Wilcoxon's signed rank test, or beyond "
+        f"{MOST_EXACT} pairs the mean by Student's paired t test. Below zero the first is better. p corrected: for all "
+        "pairs of this table together (Holm). Data on which one of the two gave nothing are left out."
+    )
+    columns = (
+        Column("where", "suite, input"),
+        Column("figure", "error of"),
+        Column("first", "first"),
+        Column("second", "second"),
+        Column("first median", "of the first", "", "median size", digits=3),
+        Column("second median", "of the second", "", "median size", digits=3),
+        Column("difference", "difference", "", "paired difference", digits=3),
+        Column("low", "from", "", "paired difference", digits=3),
+        Column("high", "to", "", "paired difference", digits=3),
+        Column("pairs", "pairs"),
+        Column("test", "test"),
+        Column("p", "p", digits=2),
+        Column("p_holm", "p corrected", digits=2),
+    )
+    return Table("pairs", "Estimators side by side", caption, columns, tuple(rows), wide=True)
+
+
+def rank_table(contests: Sequence[Contest], over: str) -> Table:
+    """Return the mean rank of every estimator; ``over`` says what the data sets are."""
+    columns = (
+        Column("where", "suite, input"),
+        Column("figure", "error of"),
+        Column("estimator", "estimator"),
+        Column("rank", "mean rank", decimals=2),
+        Column("critical", "critical difference", decimals=2),
+        Column("sets", "data sets"),
+        Column("p", "p", digits=2),
+    )
+    rows: list[tuple[Value, ...]] = []
+    for c in contests:
+        r = c.ranked
+        if r is not None:
+            order = np.argsort(r.mean, kind="stable").tolist()
+            rows += [(c.where, c.figure, c.methods[k], float(r.mean[k]), r.critical, r.blocks, r.p) for k in order]
+    caption = (
+        f"Rank 1 is the smallest error of a data set; data sets are {over}. An estimator that gave nothing ranks last. "
+        "p: Friedman's test, by the F of Iman and Davenport, that all are alike. Two mean ranks differ at 5 % if they "
+        "are further apart than the critical difference (Nemenyi; Demsar 2006)."
+    )
+    return Table("ranks", "Ranks of the estimators", caption, columns, tuple(rows))
+
+
+def rank_plates(contests: Sequence[Contest], over: str) -> list[Plate]:
+    """Return the diagrams of critical differences of the first few contests that can be ranked."""
+    found = [(c, r) for c in contests if (r := c.ranked) is not None][:_MOST_PLATES]
+    return [
+        Plate(
+            f"ranks_{n}" if n else "ranks",
+            f"Ranks of the estimators: {c.where}",
+            f"Mean rank of the error of {c.figure} over {r.blocks} data sets ({over}); 1 is best. Bars join "
+            f"estimators that Nemenyi's test at 5 % cannot tell apart, closer than {r.critical:.2f} (Demsar 2006).",
+            _diagram(c, r),
+        )
+        for n, (c, r) in enumerate(found)
+    ]
+
+
+def _diagram(contest: Contest, found: Ranks) -> Callable[[bool], Figure]:
+    k, groups = len(contest.methods), found.groups()
+
+    def make(wide: bool) -> Figure:
+        """Draw one row per estimator and one bar per group below."""
+        rows = k + len(groups) + 1
+        figure = new_figure(wide, 0.2 + _ROW_IN * rows + _HEAD_IN)
+        axes = grid(figure, 0.2, [_ROW_IN * rows], left_in=0.2)[0, 0]
+        order = np.argsort(found.mean, kind="stable").tolist()
+        middle = 0.5 * (1 + k)
+        for row, i in enumerate(order):
+            rank = float(found.mean[i])
+            axes.plot(rank, row, "o", color=COLOURS[0], markersize=6)
+            left = rank > middle
+            axes.annotate(
+                f"{contest.methods[i]}  {rank:.2f}",
+                (rank, row),
+                xytext=(-8 if left else 8, 0),
+                textcoords="offset points",
+                ha="right" if left else "left",
+                va="center",
+                fontsize=8,
+                color=INK,
+                parse_math=False,
+            )
+        for row, group in enumerate(groups, start=k):
+            ends = [float(found.mean[i]) for i in (group[0], group[-1])]
+            axes.plot(ends, [row, row], color=INK, linewidth=3.0, solid_capstyle="butt")
+        last = rows - 1
+        axes.plot([1.0, 1.0 + found.critical], [last, last], color=COLOURS[1], linewidth=1.5, marker="|", markersize=8)
+        axes.annotate(
+            f"critical difference {found.critical:.2f}",
+            (1.0 + found.critical, last),
+            xytext=(8, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=8,
+            color=INK,
+        )
+        axes.set_xlim(0.85, max(k, 1.0 + found.critical) + 0.15)
+        axes.set_ylim(rows - 0.4, -0.6)
+        axes.set_yticks([])
+        axes.grid(axis="y", visible=False)
+        axes.set_xlabel("mean rank")
+        return figure
+
+    return make
