@@ -7,7 +7,6 @@ placed in inches: matplotlib's automatic layouts draw every figure three times o
 from __future__ import annotations
 
 import io
-import re
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.page.labels import superscript
+from testbench.page.svg import small_svg
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from testbench.core.record import FlightRecord, FloatArray
+    from testbench.page.explore import Explorable
 
 # Okabe and Ito, "Color Universal Design", 2008: told apart with any colour vision; each has its own dash, for print.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -34,8 +35,6 @@ WIDE_IN, NARROW_IN = 8.6, 3.75
 PNG_DPI = 144
 _POINTS_PER_LETTER = 5.2  # of 9 point DejaVu Sans, on average
 Item = TypeVar("Item")
-_PATH = re.compile(r' d="[^"]*"')
-_LONG_NUMBER = re.compile(r"(-?\d+\.\d\d)\d+")
 
 
 def line_look(k: int) -> dict[str, Any]:
@@ -111,12 +110,14 @@ class Plate:
         title: what it shows.
         caption: what to look at.
         make: draws it: side by side if True, else one panel below the other, for narrow screens.
+        explore: returns its numbers, which the page then lets its reader explore; None leaves it a drawing.
     """
 
     name: str
     title: str
     caption: str
     make: Callable[[bool], Figure]
+    explore: Callable[[], Explorable] | None = None
 
     def draw(self, wide: bool = True, png: bool = True) -> Drawing:
         """Return the figure as SVG text and, unless ``png`` is False, PNG bytes; always the same for one plate."""
@@ -130,12 +131,7 @@ class Plate:
             figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
             if png:
                 figure.savefig(raster, format="png", dpi=PNG_DPI, metadata={"Software": None})
-        return Drawing(_rounded(svg.getvalue()), raster.getvalue())
-
-
-def _rounded(svg: str) -> str:
-    """Return ``svg`` with path coordinates cut to a hundredth of a point, which halves it."""
-    return _PATH.sub(lambda path: _LONG_NUMBER.sub(r"\1", path[0]), svg)
+        return Drawing(small_svg(svg.getvalue()), raster.getvalue())
 
 
 def new_figure(wide: bool, height_in: float, share: float = 1.0) -> Figure:

@@ -6,6 +6,7 @@ Each function returns Plates; nothing is drawn before :meth:`testbench.page.plot
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,6 +37,7 @@ from testbench.page.plot import (
     widths,
 )
 from testbench.questions.run.answer_figures import answer_plates
+from testbench.questions.run.explored import histories
 from testbench.questions.run.frequency_figures import bode_plates, input_plates
 from testbench.questions.run.labels import case_names, outputs_of
 from testbench.questions.run.parameter_figures import parameter_plates
@@ -52,6 +54,7 @@ __all__ = ["bode_plates", "history_plates", "input_plates", "plates", "pole_plat
 
 _PER_PLATE = 3  # records side by side in one figure of time histories
 _MOST_DRAWN = 9  # records of one use; a second for each would keep the reader of an hour's flight waiting
+_STRETCHES = 250  # of a record in one panel: two points each are finer than print; the page explores the rest
 _REACH = 0.6  # a diverging prediction may widen the axis by this much of the measured range, on either side
 
 
@@ -138,7 +141,9 @@ def _history_plate(result: RunResult, parts: Sequence[tuple[str, int]], part: in
         return figure
 
     title = "Measured and predicted outputs" + (f", part {part}" if part else "")
-    return Plate(f"time_histories_{part}" if part else "time_histories", title, caption, make)
+    titles = [_part_title(result, use, i) for use, i in parts]
+    explore = partial(histories, result, parts, channels, _REACH, titles)
+    return Plate(f"time_histories_{part}" if part else "time_histories", title, caption, make, explore)
 
 
 def _share_y(row: Iterable[Axes]) -> None:
@@ -160,7 +165,9 @@ def _draw_history(axes: Axes, result: RunResult, name: str, use: str, i: int) ->
     measured = factor * record[name]
     low, high = float(measured.min()), float(measured.max())
     given = name in result.cases[0].model.inputs
-    axes.plot(*envelope(record.t_s, measured), color=INK if given else MEASURED, linewidth=0.8 if given else 1.2)
+    axes.plot(
+        *envelope(record.t_s, measured, _STRETCHES), color=INK if given else MEASURED, linewidth=0.8 if given else 1.2
+    )
     shown = [low, high]
     texts: list[tuple[str, str]] = []
     reach = _REACH * max(high - low, 1e-12)
@@ -170,7 +177,7 @@ def _draw_history(axes: Axes, result: RunResult, name: str, use: str, i: int) ->
         column = case.model.outputs.index(name)
         y = factor * getattr(case.evaluation, use).predictions[i][:, column]
         y = np.clip(y, low - 4.0 * reach, high + 4.0 * reach)  # of one that diverges, what leaves the panel is enough
-        axes.plot(*envelope(getattr(case, use)[i].t_s, y), **line_look(k), linewidth=1.2)
+        axes.plot(*envelope(getattr(case, use)[i].t_s, y, _STRETCHES), **line_look(k), linewidth=1.2)
         finite = y[np.isfinite(y)]
         shown += [max(float(finite.min(initial=low)), low - reach), min(float(finite.max(initial=high)), high + reach)]
         if i == 0:  # the figures are over all records of that use, so once

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from testbench.page.labels import number, symbol
 from testbench.page.plot import FAINT, INK, Plate, grid, label, legend, legend_in, marker_look, new_figure
+from testbench.questions.run.explored import pole_map
 from testbench.questions.run.labels import case_names, elastic_names
 from testbench.questions.run.pole_tables import printed_poles
 
@@ -53,7 +55,8 @@ def pole_plates(result: RunResult) -> list[Plate]:
         legend(figure, handles)
         return figure
 
-    return [Plate("poles", f"Poles found and {word}" if true else "Poles found", caption, make)]
+    explore = partial(pole_map, found, true, word, windows)
+    return [Plate("poles", f"Poles found and {word}" if true else "Poles found", caption, make, explore)]
 
 
 def _windows(result: RunResult, found: _Found, true: Mapping[str, complex]) -> list[float]:
