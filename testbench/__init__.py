@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from testbench.questions.importing.ask import import_log
     from testbench.questions.modes.ask import fly_modes
     from testbench.questions.plan.ask import make_plan
+    from testbench.questions.results.ask import compare_results, list_results
     from testbench.questions.run.ask import load_scenario, run
     from testbench.questions.run.page import write_results
     from testbench.sensors import load_suite
@@ -73,6 +74,8 @@ _HOME = {
     "Manoeuvre": "testbench.flight",
     "amend": "testbench.questions.identify.amend.ask",
     "compare": "testbench.questions.compare.ask",
+    "compare_results": "testbench.questions.results.ask",
+    "list_results": "testbench.questions.results.ask",
     "estimate": "testbench.estimators",
     "with_causes": "testbench.estimators.causes",
     "evaluate": "testbench.evaluation",
@@ -115,6 +118,7 @@ __all__ = [
     "Prior",
     "amend",
     "compare",
+    "compare_results",
     "estimate",
     "evaluate",
     "find_gap",
@@ -129,6 +133,7 @@ __all__ = [
     "identify_and_pool",
     "import_log",
     "linearise",
+    "list_results",
     "load",
     "load_aircraft",
     "load_campaign",

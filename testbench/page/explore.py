@@ -20,8 +20,8 @@ from testbench.page.plot import COLOURS, DASHES, INK, MEASURED, QUIET
 if TYPE_CHECKING:
     from testbench.core.record import FloatArray
 
-MOST_VALUES = 40_000
-"""Values of one figure that a page holds, 210 kB; curves that are longer keep the peaks of each stretch."""
+MOST_VALUES = 30_000
+"""Values of one figure that a page holds, 160 kB; curves that are longer keep the peaks of each stretch."""
 _LEAST_POINTS = 400  # of a curve, however many there are
 _TOKENS = {INK: "ink", QUIET: "quiet", MEASURED: "measured"}
 _HUGE = float(np.finfo(np.float32).max)
