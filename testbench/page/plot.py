@@ -178,8 +178,11 @@ def grid(
     return out
 
 
-def label(axes: Axes, x: str = "", y: str = "", title: str = "", colour: str = INK) -> None:
-    """Write axis labels and title at fixed distances from the panel, so that those of neighbours line up."""
+def label(axes: Axes, x: str = "", y: str = "", title: str = "", colour: str = INK, lines: int = 1) -> None:
+    """Write axis labels and title at fixed distances from the panel, so that those of neighbours line up.
+
+    A title takes at most ``lines`` lines; what does not fit ends in an ellipsis.
+    """
     figure = axes.get_figure(root=True)
     assert figure is not None
     box, size = axes.get_position(), figure.bbox_inches.size
@@ -187,7 +190,11 @@ def label(axes: Axes, x: str = "", y: str = "", title: str = "", colour: str = I
     axes.xaxis.set_label_coords(0.5, -0.31 / height)
     axes.yaxis.set_label_coords(-0.46 / width, 0.5)
     most = max(8, int(width * 72.0 / _POINTS_PER_LETTER))
-    axes.set_title(title if len(title) <= most else title[: most - 1] + "…", y=1.0, pad=4.0, color=colour)
+    if len(title) > most and lines > 1:
+        title = "\n".join(textwrap.wrap(title, most, max_lines=lines, placeholder=" …"))
+    elif len(title) > most:
+        title = title[: most - 1] + "…"
+    axes.set_title(title, y=1.0, pad=4.0, color=colour)
     if x:
         axes.set_xlabel(x)
     if y:
@@ -224,6 +231,24 @@ def time_axis(axes: Axes) -> None:
     from matplotlib.ticker import MaxNLocator
 
     axes.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
+
+
+def few_ticks(axes: Axes, most: int = 4) -> None:
+    """Give the horizontal axis as many round ticks as their labels leave room for, ``most`` at most."""
+    from matplotlib.ticker import MaxNLocator
+
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    room = 72.0 * float(axes.get_position().width * figure.bbox_inches.size[0])
+    low, high = axes.get_xlim()
+    for count in range(most, 0, -1):
+        locator = MaxNLocator(nbins=count, steps=[1, 2, 2.5, 5, 10])
+        axes.xaxis.set_major_locator(locator)
+        shown = [x for x in locator.tick_values(low, high) if low <= x <= high]
+        texts = axes.xaxis.get_major_formatter().format_ticks(shown)
+        apart = room * (shown[1] - shown[0]) / (high - low) if len(shown) > 1 else room
+        if max((len(text) for text in texts), default=0) * _POINTS_PER_LETTER + 4.0 <= apart:
+            return
 
 
 def notes(axes: Axes, parts: Sequence[tuple[str, str]]) -> None:

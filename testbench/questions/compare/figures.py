@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from testbench.questions.compare.result import CompareResult
 
 _ROW_IN = 0.3
-_DOT_IN = 0.085
+_DOT_IN = 0.13  # so that a count stands in the line of its own interval, clear of the next
 _NOTE_ROOM = 0.55  # share of an axis' end beyond which a note stands above its interval
 _ROOM = 0.6  # share of the smallest value that an axis begins at
 _KINDS = ("prediction", "mode", "parameter")

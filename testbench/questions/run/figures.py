@@ -55,6 +55,7 @@ __all__ = ["bode_plates", "history_plates", "input_plates", "plates", "pole_plat
 _PER_PLATE = 3  # records side by side in one figure of time histories
 _MOST_DRAWN = 9  # records of one use; a second for each would keep the reader of an hour's flight waiting
 _STRETCHES = 250  # of a record in one panel: two points each are finer than print; the page explores the rest
+_PANEL_STRETCHES = 1500  # of all curves in one panel
 _REACH = 0.6  # a diverging prediction may widen the axis by this much of the measured range, on either side
 
 
@@ -168,6 +169,7 @@ def _draw_history(axes: Axes, result: RunResult, name: str, use: str, i: int) ->
     axes.plot(
         *envelope(record.t_s, measured, _STRETCHES), color=INK if given else MEASURED, linewidth=0.8 if given else 1.2
     )
+    stretches = min(_STRETCHES, _PANEL_STRETCHES // (len(result.cases) + 1))
     shown = [low, high]
     texts: list[tuple[str, str]] = []
     reach = _REACH * max(high - low, 1e-12)
@@ -177,7 +179,7 @@ def _draw_history(axes: Axes, result: RunResult, name: str, use: str, i: int) ->
         column = case.model.outputs.index(name)
         y = factor * getattr(case.evaluation, use).predictions[i][:, column]
         y = np.clip(y, low - 4.0 * reach, high + 4.0 * reach)  # of one that diverges, what leaves the panel is enough
-        axes.plot(*envelope(getattr(case, use)[i].t_s, y, _STRETCHES), **line_look(k), linewidth=1.2)
+        axes.plot(*envelope(getattr(case, use)[i].t_s, y, stretches), **line_look(k), linewidth=1.2)
         finite = y[np.isfinite(y)]
         shown += [max(float(finite.min(initial=low)), low - reach), min(float(finite.max(initial=high)), high + reach)]
         if i == 0:  # the figures are over all records of that use, so once
@@ -207,14 +209,14 @@ def singular_value_plates(result: RunResult) -> list[Plate]:
         """Draw one panel per case."""
         columns = min(len(found), 3) if wide else 1
         rows = -(-len(found) // columns)
-        figure = new_figure(wide, 0.3 + rows * 2.0 + (rows - 1) * 0.7 + 0.5)
-        panels = grid(figure, 0.3, [2.0] * rows, [1.0] * columns, gap_in=0.7, between_in=0.25).ravel()
+        figure = new_figure(wide, 0.42 + rows * 2.0 + (rows - 1) * 0.8 + 0.5)
+        panels = grid(figure, 0.42, [2.0] * rows, [1.0] * columns, gap_in=0.8, between_in=0.25).ravel()
         for axes in panels[len(found) :]:
             axes.set_axis_off()
         for i, (axes, (k, name, values, order)) in enumerate(zip(panels, found, strict=False)):
             _draw_singular_values(axes, values[:20], int(order or 0), COLOURS[k % 6])
             y = "size over the noise floor" if i % columns == 0 else ""
-            label(axes, "number of the singular value", y, f"{name}: order {order}" if order else name)
+            label(axes, "number of the singular value", y, f"{name}: order {order}" if order else name, lines=2)
             axes.tick_params(labelleft=i % columns == 0)
         _share_y(panels[: len(found)])
         return figure

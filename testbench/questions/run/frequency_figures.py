@@ -82,11 +82,11 @@ def _input_plate(result: RunResult, name: str) -> Plate:
     def make(wide: bool) -> Figure:
         """Draw the time histories of the flights above their spectra."""
         rows = rows_of(drawn, 3 if wide else 1)
-        top = 0.26 + len(rows) * 1.0 + (len(rows) - 1) * 0.6 + 0.55
+        top = 0.26 + len(rows) * 1.0 + (len(rows) - 1) * 0.75 + 0.55
         names = (1.55 if wide else 1.35) if simulated else 1.4
         figure = new_figure(wide, top + names + 2.4 + 0.9)
         for k, row in enumerate(rows):
-            panels = grid(figure, 0.26 + 1.6 * k, [1.0], widths([r for _, r, _ in row]), between_in=0.3)[0]
+            panels = grid(figure, 0.26 + 1.75 * k, [1.0], widths([r for _, r, _ in row]), between_in=0.3)[0]
             _draw_input(panels, row, name)
         axes = grid(figure, top + names, [2.4])[0, 0]
         _draw_spectrum(axes, result, moved, name, wide)
