@@ -68,15 +68,18 @@ def brief(text: str) -> tuple[str, str]:
     if len(text.split()) <= MOST_WORDS:
         return text, ""
     for marks in _CUTS:
-        ends = [
-            m.start() for m in re.finditer(marks, text) if _LEAST_WORDS <= len(text[: m.start()].split()) <= MOST_WORDS
-        ]
+        places = [m.start() for m in re.finditer(marks, text)]
+        ends = [k for k in places if _LEAST_WORDS <= len(text[:k].split()) <= MOST_WORDS and _closed(text[:k])]
         if ends:
             cut = re.match(marks, text[ends[-1] :])
             assert cut is not None
             rest = text[ends[-1] + cut.end() :]
             return sentence(text[: ends[-1]]), sentence(f"({rest}" if cut[0].endswith("(") else rest)
     return text, ""
+
+
+def _closed(text: str) -> bool:
+    return text.count("(") == text.count(")")
 
 
 def listed(words: Sequence[str]) -> str:
