@@ -24,6 +24,7 @@ _PLAIN = {
 }  # fmt: skip
 """What stands for a sign where the terminal has no other way to show it."""
 _WORD = 26  # letters of a word that stand side by side at least; longer ones, such as paths, are broken
+_LEAST = 8  # letters of a text that stand side by side at least
 _STYLES = {"lead": "bold", "wrong": "bold red", "doubt": "yellow"}
 
 
@@ -130,7 +131,8 @@ def _least(k: int, heads: Sequence[str], rows: Sequence[Sequence[str | Text]], r
     if right and right[k]:
         return max((len(row[k]) for row in rows), default=1)
     words = [word for row in (heads, *rows) for word in str(row[k]).split()]
-    return min(max(map(len, words), default=1), _WORD)
+    longest = max((len(row[k]) for row in rows), default=1)
+    return max(min(longest, _LEAST), min(max(map(len, words), default=1), _WORD))
 
 
 def print_cells(console: Console, heads: Sequence[str], rows: Sequence[Sequence[str | Text]], title: str) -> None:
