@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 MOST_VALUES = 30_000
 """Values of one figure that a page holds, 160 kB; curves that are longer keep the peaks of each stretch."""
-_LEAST_POINTS = 400  # of a curve, however many there are
+_LEAST_POINTS = 300  # of a curve, however many there are
 _TOKENS = {INK: "ink", QUIET: "quiet", MEASURED: "measured"}
 _HUGE = float(np.finfo(np.float32).max)
 
