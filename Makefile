@@ -12,7 +12,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
   tests/questions/campaign/test_draws.py tests/questions/run/test_scenario.py tests/test_house_rules.py \
   tests/test_packaging.py
 
-.PHONY: demo quick lint test fuzz test-slow benchmarks stock blind-test docs campaign-cost design-study promise-study sequential-study estimator-study advice-study reproduction autopilot-log-study clean
+.PHONY: demo quick lint test pages-held fuzz test-slow benchmarks stock blind-test docs campaign-cost design-study promise-study sequential-study estimator-study advice-study reproduction autopilot-log-study clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -35,6 +35,11 @@ fuzz: $(VENV)/installed-dev
 
 test-slow: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -m slow
+
+# Every page in results/ in Chromium: axe-core's faults (light and dark), words, bytes, widths, keys; npm brings axe-core.
+pages-held: $(VENV)/installed-dev
+	mkdir -p build && cd build && npm pack --silent axe-core@4 && tar xzf axe-core-4*.tgz package/axe.min.js
+	PYTHONPATH=. $(BIN)/python tests/studies/pages_held.py results build/package/axe.min.js
 
 benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/flight_overhead.py

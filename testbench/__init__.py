@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     from testbench.questions.importing.ask import import_log
     from testbench.questions.modes.ask import fly_modes
     from testbench.questions.plan.ask import make_plan
+    from testbench.questions.results.ask import compare_results, list_results
     from testbench.questions.run.ask import load_scenario, run
     from testbench.questions.run.page import write_results
     from testbench.questions.tidy import read_results
@@ -75,6 +76,8 @@ _HOME = {
     "Manoeuvre": "testbench.flight",
     "amend": "testbench.questions.identify.amend.ask",
     "compare": "testbench.questions.compare.ask",
+    "compare_results": "testbench.questions.results.ask",
+    "list_results": "testbench.questions.results.ask",
     "estimate": "testbench.estimators",
     "with_causes": "testbench.estimators.causes",
     "evaluate": "testbench.evaluation",
@@ -119,6 +122,7 @@ __all__ = [
     "Prior",
     "amend",
     "compare",
+    "compare_results",
     "estimate",
     "evaluate",
     "find_gap",
@@ -134,6 +138,7 @@ __all__ = [
     "import_log",
     "known_after",
     "linearise",
+    "list_results",
     "load",
     "load_aircraft",
     "load_campaign",

@@ -33,6 +33,8 @@ from testbench.inputs import InputSignal, build
 from testbench.sensors import SensorSuite
 
 _DOUBLED = 100.0  # growth of a motion beyond which its own instability, not the input, ends a flight
+RECORDED = "recorded"
+"""What stands for a suite where flights were recorded, not simulated."""
 Keep = Callable[[str, FlightRecord], None]
 """Called with a name and each record as soon as it exists, so that a later failure loses none of them."""
 Report = Callable[[str], None]
@@ -69,8 +71,9 @@ class Case:
 
     @property
     def label(self) -> str:
-        """Suite and estimator, in words."""
-        return f"{self.suite}, {estimator_name(self.estimator)}"
+        """Suite and estimator, in words; of recorded flights, which have no suite to tell apart, the estimator."""
+        name = estimator_name(self.estimator)
+        return name if self.suite == RECORDED else f"{self.suite}, {name}"
 
 
 def condition_of(condition: Condition) -> FlightCondition:

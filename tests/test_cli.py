@@ -304,8 +304,8 @@ def test_a_table_is_imported_identified_from_and_its_model_exported(tmp_path):
     assert "1 manoeuvre found; 1 can be cut out, with quiet flight before and after" in shown.stdout
     assert "flight_longitudinal.toml" in shown.stdout
     assert command("identify", "log/flight_longitudinal.toml", cwd=tmp_path).returncode == 0
-    model = "results/flight_longitudinal/models/recorded_dsr_e.json"
-    assert "recorded_dsr_e_control.py" in command("export", model, "--to", "control", cwd=tmp_path).stdout
+    model = "results/flight_longitudinal/models/dsr_e.json"
+    assert "dsr_e_control.py" in command("export", model, "--to", "control", cwd=tmp_path).stdout
     assert_fails(command("export", "log/01_de.nc", "--to", "jsbsim", cwd=tmp_path), 2, "records go to csv, mat")
     assert_fails(command("import", "no.ulg", cwd=tmp_path), 2, "must be a file that exists")
 

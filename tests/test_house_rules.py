@@ -44,6 +44,7 @@ ASKS = {
     "studio": {"design"},
     "reproduce": {"run", "plan"},
     "exercise": set(),
+    "results": set(),
 }
 ONLY_IN = {"jsbsim": "flight", "gymnasium": "envs"}
 

@@ -21,6 +21,7 @@ TEMPLATES = "testbench/page/templates"
 NOT_CODE = {  # kind of file that is read at run time, and where it lies in the wheel
     "*.j2": TEMPLATES,
     "*.js": TEMPLATES,
+    "uPlot.*": "testbench/page/uplot",
     "*.css": "testbench/questions/studio/page",
     "*.lua": "testbench/questions/plan/injection",
     "*.md": "testbench/questions/exercise/catalogue",

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from testbench.page.words import Answer, Line, advice_lines, answer_lines, sentence
+from testbench.page.words import Answer, Line, advice_lines, answer_lines, brief, sentence
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -20,25 +17,28 @@ if TYPE_CHECKING:
     from testbench.page.plot import Plate
 
 _TEMPLATES = Path(__file__).resolve().parent / "templates"
-_ANSWER_ROWS, _LETTERS_PER_ROW = 9.0, 88  # of the answer above its figure, so that both stand on a screen of 900 px
+_UPLOT = _TEMPLATES.parent / "uplot"
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure on a page: ``wide`` and ``narrow`` are data URIs of SVG images."""
+    """A figure on a page: ``wide`` and ``narrow`` are data URIs of SVG images, ``explore`` its numbers as JSON."""
 
     name: str
     title: str
     caption: str
     wide: str
     narrow: str
+    explore: str = ""
 
 
 def picture(plate: Plate, wide_svg: str | None = None) -> Picture:
     """Return ``plate`` as a picture; ``wide_svg`` is its wide form if it has been drawn already."""
     wide = wide_svg if wide_svg is not None else plate.draw(png=False).svg
-    narrow = plate.draw(wide=False, png=False).svg
-    return Picture(plate.name, plate.title, plate.caption, data_uri(wide.encode()), data_uri(narrow.encode()))
+    numbers = plate.explore().to_json() if plate.explore is not None else ""
+    # What is explored fits any screen as it is; its drawing is for print, and for readers without a script.
+    narrow = "" if numbers else data_uri(plate.draw(wide=False, png=False).svg.encode())
+    return Picture(plate.name, plate.title, plate.caption, data_uri(wide.encode()), narrow, numbers)
 
 
 def data_uri(image: bytes, kind: str = "svg+xml") -> str:
@@ -59,23 +59,42 @@ def _environment() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    script = (_TEMPLATES / "sort.js").read_text(encoding="utf-8")
     # The one script of a page: named by its hash, so that no other runs, not even one smuggled in by a text.
-    digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    out.globals.update(sort_script=Markup(script), sort_hash=Markup(f"sha256-{digest}"), first_screen=first_screen)
-    out.globals.update(notes_of=notes_of, advice_lines=advice_lines)
+    out.globals.update(script_of=lambda live: Markup(_script(live)), hash_of=lambda live: Markup(_hash(live)))
+    out.globals.update(first_screen=first_screen, notes_of=notes_of, advice_lines=advice_lines)
+    out.globals.update(plot_style=Markup((_UPLOT / "uPlot.min.css").read_text(encoding="utf-8")))
     out.filters["sentence"] = sentence
     return out
 
 
+@lru_cache(maxsize=2)
+def _script(live: bool) -> str:
+    """Return the script of a page: of its tables, and if ``live`` of the figures that are explored, with uPlot."""
+    own = ["sort.js", "page.js", *(["explore.js"] if live else [])]
+    parts = [(_TEMPLATES / name).read_text(encoding="utf-8") for name in own]
+    if live:
+        licence = (_UPLOT / "LICENSE").read_text(encoding="utf-8")
+        parts = [f"/* uPlot\n{licence}*/", (_UPLOT / "uPlot.iife.min.js").read_text(encoding="utf-8"), *parts]
+    return "\n".join(parts)
+
+
+def _hash(live: bool) -> str:
+    return f"sha256-{base64.b64encode(hashlib.sha256(_script(live).encode()).digest()).decode()}"
+
+
 def first_screen(answer: Answer) -> tuple[list[Line], list[Line]]:
-    """Return the lines of an answer that stand above its figure, at least one, and those below it, without notes."""
+    """Return the lines of an answer that stand above its figure and those that fold below them, without notes.
+
+    Above stands the first sentence alone, cut to its first clauses if it is long; the page says how many of the others
+    are doubts.
+    """
     lines = [line for line in answer_lines(answer) if line.kind != "note"]
-    rows = np.cumsum([0.4 + math.ceil(len(line.text) / _LETTERS_PER_ROW) for line in lines])
-    shown = max(1, int(np.count_nonzero(rows <= _ANSWER_ROWS)))
-    if shown == len(lines) - 1 and rows[-1] <= _ANSWER_ROWS + 2.0:  # one short sentence is no continuation
-        shown += 1
-    return lines[:shown], lines[shown:]
+    if not lines:
+        return [], []
+    kind, text = lines[0]
+    first, rest = brief(text)
+    more = [Line("finding" if kind == "lead" else kind, rest)] if rest else []
+    return [Line(kind, first)], [*more, *lines[1:]]
 
 
 def notes_of(answer: Answer) -> list[str]:
@@ -83,10 +102,12 @@ def notes_of(answer: Answer) -> list[str]:
     return [line.text for line in answer_lines(answer) if line.kind == "note"]
 
 
-def render(template: str, **context: Any) -> str:
+def render(template: str, live: bool = False, **context: Any) -> str:
     """Return the page made from ``templates/template``; text is escaped, and a name that is not given raises.
+
+    ``live`` gives it the script of figures that are explored.
 
     Pages of questions extend ``page.html.j2``; others ``base.html.j2``, which holds the style, the script that sorts
     tables, and the macros ``show_table``, ``show_picture``, ``show_answer``, ``show_facts`` and ``show_section``.
     """
-    return _environment().get_template(template).render(**context)
+    return _environment().get_template(template).render(live=live, **context)

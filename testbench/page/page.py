@@ -114,7 +114,8 @@ class Page:
         made_by = [*versions(self.packages), *self.provenance]
         if self.flown is not None:
             made_by.append(("flights", flown_words(self.flown)))
-        return render(self.template, page=self, pictures=pictures, made_by=made_by, **self.context)
+        live = any(picture.explore for picture in pictures)
+        return render(self.template, live, page=self, pictures=pictures, made_by=made_by, **self.context)
 
     def show(self, console: Console, folder: Path | str | None = None) -> None:
         """Print title, answer, tables and notes; where the page is, if it was written to ``folder``."""

@@ -7,7 +7,6 @@ placed in inches: matplotlib's automatic layouts draw every figure three times o
 from __future__ import annotations
 
 import io
-import re
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,12 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.page.labels import superscript
+from testbench.page.svg import small_svg
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from testbench.core.record import FlightRecord, FloatArray
+    from testbench.page.explore import Explorable
 
 # Okabe and Ito, "Color Universal Design", 2008: told apart with any colour vision; each has its own dash, for print.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9")
@@ -34,8 +35,6 @@ WIDE_IN, NARROW_IN = 8.6, 3.75
 PNG_DPI = 144
 _POINTS_PER_LETTER = 5.2  # of 9 point DejaVu Sans, on average
 Item = TypeVar("Item")
-_PATH = re.compile(r' d="[^"]*"')
-_LONG_NUMBER = re.compile(r"(-?\d+\.\d\d)\d+")
 
 
 def line_look(k: int) -> dict[str, Any]:
@@ -111,12 +110,14 @@ class Plate:
         title: what it shows.
         caption: what to look at.
         make: draws it: side by side if True, else one panel below the other, for narrow screens.
+        explore: returns its numbers, which the page then lets its reader explore; None leaves it a drawing.
     """
 
     name: str
     title: str
     caption: str
     make: Callable[[bool], Figure]
+    explore: Callable[[], Explorable] | None = None
 
     def draw(self, wide: bool = True, png: bool = True) -> Drawing:
         """Return the figure as SVG text and, unless ``png`` is False, PNG bytes; always the same for one plate."""
@@ -130,12 +131,7 @@ class Plate:
             figure.savefig(svg, format="svg", metadata={"Date": None, "Creator": None})
             if png:
                 figure.savefig(raster, format="png", dpi=PNG_DPI, metadata={"Software": None})
-        return Drawing(_rounded(svg.getvalue()), raster.getvalue())
-
-
-def _rounded(svg: str) -> str:
-    """Return ``svg`` with path coordinates cut to a hundredth of a point, which halves it."""
-    return _PATH.sub(lambda path: _LONG_NUMBER.sub(r"\1", path[0]), svg)
+        return Drawing(small_svg(svg.getvalue()), raster.getvalue())
 
 
 def new_figure(wide: bool, height_in: float, share: float = 1.0) -> Figure:
@@ -182,8 +178,11 @@ def grid(
     return out
 
 
-def label(axes: Axes, x: str = "", y: str = "", title: str = "", colour: str = INK) -> None:
-    """Write axis labels and title at fixed distances from the panel, so that those of neighbours line up."""
+def label(axes: Axes, x: str = "", y: str = "", title: str = "", colour: str = INK, lines: int = 1) -> None:
+    """Write axis labels and title at fixed distances from the panel, so that those of neighbours line up.
+
+    A title takes at most ``lines`` lines; what does not fit ends in an ellipsis.
+    """
     figure = axes.get_figure(root=True)
     assert figure is not None
     box, size = axes.get_position(), figure.bbox_inches.size
@@ -191,7 +190,11 @@ def label(axes: Axes, x: str = "", y: str = "", title: str = "", colour: str = I
     axes.xaxis.set_label_coords(0.5, -0.31 / height)
     axes.yaxis.set_label_coords(-0.46 / width, 0.5)
     most = max(8, int(width * 72.0 / _POINTS_PER_LETTER))
-    axes.set_title(title if len(title) <= most else title[: most - 1] + "…", y=1.0, pad=4.0, color=colour)
+    if len(title) > most and lines > 1:
+        title = "\n".join(textwrap.wrap(title, most, max_lines=lines, placeholder=" …"))
+    elif len(title) > most:
+        title = title[: most - 1] + "…"
+    axes.set_title(title, y=1.0, pad=4.0, color=colour)
     if x:
         axes.set_xlabel(x)
     if y:
@@ -228,6 +231,24 @@ def time_axis(axes: Axes) -> None:
     from matplotlib.ticker import MaxNLocator
 
     axes.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
+
+
+def few_ticks(axes: Axes, most: int = 4) -> None:
+    """Give the horizontal axis as many round ticks as their labels leave room for, ``most`` at most."""
+    from matplotlib.ticker import MaxNLocator
+
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    room = 72.0 * float(axes.get_position().width * figure.bbox_inches.size[0])
+    low, high = axes.get_xlim()
+    for count in range(most, 0, -1):
+        locator = MaxNLocator(nbins=count, steps=[1, 2, 2.5, 5, 10])
+        axes.xaxis.set_major_locator(locator)
+        shown = [x for x in locator.tick_values(low, high) if low <= x <= high]
+        texts = axes.xaxis.get_major_formatter().format_ticks(shown)
+        apart = room * (shown[1] - shown[0]) / (high - low) if len(shown) > 1 else room
+        if max((len(text) for text in texts), default=0) * _POINTS_PER_LETTER + 4.0 <= apart:
+            return
 
 
 def notes(axes: Axes, parts: Sequence[tuple[str, str]]) -> None:

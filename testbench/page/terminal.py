@@ -23,7 +23,8 @@ _PLAIN = {
     "σ": "sigma", "τ": "tau", "λ": "lambda", "μ": "mu", "µ": "u", "δ": "delta", "η": "eta", "π": "pi", "Δ": "Delta",
 }  # fmt: skip
 """What stands for a sign where the terminal has no other way to show it."""
-_WORD = 8  # letters of a text that stand side by side at least
+_WORD = 26  # letters of a word that stand side by side at least; longer ones, such as paths, are broken
+_LEAST = 8  # letters of a text that stand side by side at least
 _STYLES = {"lead": "bold", "wrong": "bold red", "doubt": "yellow"}
 
 
@@ -107,18 +108,18 @@ def print_rows(
 ) -> None:
     """Print rows of texts under their heads; columns that are ``right`` stand to the right. No text is markup.
 
-    A number is never broken: where those of a row do not fit side by side, each cell has a line of its own.
+    No number and no word is broken: where those of a row do not fit side by side, each cell has a line of its own.
     """
     from rich.table import Table as Grid
     from rich.text import Text
 
-    if any(right) and console.width < sum(_least(k, heads, rows, right) + 2 for k in range(len(heads))) - 2:
+    if console.width < sum(_least(k, heads, rows, right) + 2 for k in range(len(heads))) - 2:
         print_cells(console, heads, rows, title)
         return
     grid = Grid(title=Text(title) if title else None, title_justify="left", title_style="", box=None, pad_edge=False)
     for k, head in enumerate(heads):
         justify: Any = "right" if right and right[k] else "left"
-        least = _least(k, heads, rows, right) if justify == "right" else None
+        least = _least(k, heads, rows, right)
         grid.add_column(Text(head), justify=justify, overflow="fold", min_width=least)
     for row in rows:
         grid.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
@@ -126,9 +127,12 @@ def print_rows(
 
 
 def _least(k: int, heads: Sequence[str], rows: Sequence[Sequence[str | Text]], right: Sequence[bool]) -> int:
-    """Return the width below which a column cannot be read: of its longest number, or a few letters of its text."""
+    """Return the width below which a column cannot be read: of its longest number, or of its longest word."""
+    if right and right[k]:
+        return max((len(row[k]) for row in rows), default=1)
+    words = [word for row in (heads, *rows) for word in str(row[k]).split()]
     longest = max((len(row[k]) for row in rows), default=1)
-    return longest if right and right[k] else min(longest, _WORD)
+    return max(min(longest, _LEAST), min(max(map(len, words), default=1), _WORD))
 
 
 def print_cells(console: Console, heads: Sequence[str], rows: Sequence[Sequence[str | Text]], title: str) -> None:

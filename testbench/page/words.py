@@ -12,6 +12,11 @@ from testbench.core.channels import CHANNELS
 _BEFORE_UNIT = re.compile(r"(\d) (%|rad/s|Hz|dB|s\b)")
 
 
+MOST_WORDS = 25
+"""Words of the sentence that answers on the first screen of a page."""
+_LEAST_WORDS = 4  # of a clause that can stand alone
+_CUTS = (r"(?:\.|;) ", r": ", r", | \(")
+
 _RANK = {"wrong": "do not use: ", "doubt": "doubt: ", "note": ""}
 
 
@@ -52,6 +57,29 @@ def sentence(text: str) -> str:
     name = "_" in first or (first in CHANNELS and first != "a") or not first.isascii()
     whole = _BEFORE_UNIT.sub("\\1\u00a0\\2", text if name else text[:1].upper() + text[1:])
     return whole if whole.endswith((".", "?", "!")) else whole + "."
+
+
+def brief(text: str) -> tuple[str, str]:
+    """Return the first clauses of a sentence, :data:`MOST_WORDS` words at most, and the rest as a sentence or "".
+
+    It is cut where a sentence or a clause ends, at the last such place that is early enough: full stop or semicolon,
+    else colon, else comma or bracket. A text without such a place stays whole.
+    """
+    if len(text.split()) <= MOST_WORDS:
+        return text, ""
+    for marks in _CUTS:
+        places = [m.start() for m in re.finditer(marks, text)]
+        ends = [k for k in places if _LEAST_WORDS <= len(text[:k].split()) <= MOST_WORDS and _closed(text[:k])]
+        if ends:
+            cut = re.match(marks, text[ends[-1] :])
+            assert cut is not None
+            rest = text[ends[-1] + cut.end() :]
+            return sentence(text[: ends[-1]]), sentence(f"({rest}" if cut[0].endswith("(") else rest)
+    return text, ""
+
+
+def _closed(text: str) -> bool:
+    return text.count("(") == text.count(")")
 
 
 def listed(words: Sequence[str]) -> str:

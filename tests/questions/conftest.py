@@ -17,6 +17,9 @@ from testbench.evaluation.excitation import ModeExcitation
 from testbench.evaluation.truth import Truth
 from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, load_aircraft
 from testbench.line import Case, Flight
+from testbench.page.html import first_screen
+from testbench.page.page import Page
+from testbench.page.words import MOST_WORDS
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import load_suite
@@ -178,3 +181,19 @@ def result(make_result: Callable[..., RunResult]) -> RunResult:
 @pytest.fixture(scope="session")
 def make_case() -> Callable[..., Case]:
     return case
+
+
+@pytest.fixture(autouse=True, scope="session")
+def short_answers():
+    """Refuse every page of a question whose first sentence is longer than can be read at a glance."""
+    write = Page.write
+
+    def checked(self, folder):
+        for _, text in first_screen(self.answer)[0]:
+            words = len(text.split())
+            assert words <= MOST_WORDS, f"{self.kicker}: {words} words in '{text}'"
+        return write(self, folder)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Page, "write", checked)
+        yield

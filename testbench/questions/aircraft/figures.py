@@ -22,6 +22,7 @@ from testbench.page.plot import (
     legend_in,
     log_axis,
     new_figure,
+    notes,
 )
 from testbench.questions.aircraft.three_view_figures import three_view_plates
 
@@ -147,21 +148,20 @@ def _mode_plate(survey: Survey, motion: str) -> Plate:
     unstable = [o for o in onsets if o.V_m_s is not None]
 
     def make(wide: bool) -> Figure:
-        """Draw damping ratio above frequency, rigid modes beside elastic ones."""
-        columns = len(groups) if wide else 1
+        """Draw damping ratio above frequency, rigid modes beside elastic ones; those of a rigid aircraft in one row."""
         handles = [line.handle(wide) for _, lines in groups for line in lines]
-        share = 1.0 if len(groups) == 2 else 0.62
-        top = legend_in([h.get_label() for h in handles], wide, share) + 0.32
-        rows, gap = (2, 0.55) if wide else (2 * len(groups), 0.75)
-        figure = new_figure(wide, top + 2.1 * rows + gap * (rows - 1) + 0.5, share)
-        panels = grid(figure, top, [2.1] * rows, [1.0] * columns, gap_in=gap, between_in=0.8)
-        pairs = panels.T if wide else panels.reshape(len(groups), 2)
+        top = legend_in([h.get_label() for h in handles], wide) + 0.32
+        across = wide and len(groups) == 2
+        rows, gap = (2, 0.55) if across else (1, 0.0) if wide else (2 * len(groups), 0.75)
+        figure = new_figure(wide, top + 2.1 * rows + gap * (rows - 1) + 0.5)
+        panels = grid(figure, top, [2.1] * rows, [1.0] * (2 if wide else 1), gap_in=gap, between_in=0.8)
+        pairs = panels.T if across else panels.reshape(len(groups), 2)
         for (damping, frequency), (title, lines) in zip(pairs, groups, strict=True):
             _draw_modes(damping, frequency, envelope, lines)
-            label(damping, "", "damping ratio ζ", title)
+            label(damping, "V, m/s" if wide and not across else "", "damping ratio ζ", title)
             label(frequency, "V, m/s", "|s|/2π, Hz")
         if elastic:
-            _mark_onsets(pairs[-1], envelope, elastic, wide)
+            _mark_onsets(pairs[-1], envelope, elastic)
         legend(figure, handles)
         return figure
 
@@ -211,22 +211,17 @@ def _broken(V: FloatArray, zeta: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.insert(V, jumps, np.nan), np.insert(zeta, jumps, np.nan)
 
 
-def _mark_onsets(pair: Sequence[Axes], envelope: Envelope, lines: Sequence[_Line], wide: bool) -> None:
+def _mark_onsets(pair: Sequence[Axes], envelope: Envelope, lines: Sequence[_Line]) -> None:
     damping, frequency = pair
     found = [(line, envelope.onset(line.name)) for line in lines]
     unstable = [(line, o) for line, o in found if o.V_m_s is not None]
-    for k, (line, onset) in enumerate(unstable):
+    for line, onset in unstable:
         V = float(onset.V_m_s or 0.0)
         for axes in (damping, frequency):
             axes.axvline(V, color=line.colour, linewidth=0.9, linestyle=(0, (2, 2)))
         damping.plot(V, 0.0, "o", color=line.colour, markersize=5, zorder=5)
-        left = envelope.speeds[0] + envelope.speeds[-1] < 2.0 * V
-        damping.annotate(
-            f"unstable from {V:.3g} m/s" if wide else f"{V:.3g} m/s",
-            (V, 0.97 - 0.09 * k), xycoords=("data", "axes fraction"), xytext=(-4 if left else 4, 0),
-            textcoords="offset points", ha="right" if left else "left", va="top", fontsize=8, color=line.colour,
-            bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.8},
-        )  # fmt: skip
+    if unstable:  # above the panel, where no curve runs
+        notes(damping, [("onset", QUIET), *((f"{o.V_m_s:.3g} m/s", line.colour) for line, o in unstable)])
     if not unstable:
         damping.set_title(f"onset: none up to {envelope.speeds[-1]:g} m/s", loc="right", fontsize=8, color=QUIET, pad=4)
 

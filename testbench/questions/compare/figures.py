@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from testbench.page.explore import Curve, Explorable, Panel, View
 from testbench.page.labels import symbol
 from testbench.page.plot import (
     COLOURS,
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from testbench.questions.compare.result import CompareResult
 
 _ROW_IN = 0.3
-_DOT_IN = 0.085
+_DOT_IN = 0.13  # so that a count stands in the line of its own interval, clear of the next
 _NOTE_ROOM = 0.55  # share of an axis' end beyond which a note stands above its interval
 _ROOM = 0.6  # share of the smallest value that an axis begins at
 _KINDS = ("prediction", "mode", "parameter")
@@ -85,6 +86,7 @@ def compare_plates(result: CompareResult) -> list[Plate]:
                 "signs are the stations of the best set. Right: the criterion as the sensors of the best set are added "
                 "one by one.",
                 partial(_placement, result.placed),
+                partial(_stations, result.placed),
             )
         )
     return out
@@ -203,6 +205,20 @@ def _dots(axes: Axes, dots: Sequence[Dot], names: Sequence[str], suites: int) ->
 def _short(name: str, most: int = 30) -> str:
     text = name.replace("wn of ", "ωn ").replace("zeta of ", "ζ ").replace("symmetric", "symm.")
     return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def _stations(placed: Placed) -> Explorable:
+    """Return the criterion over the station for each kind of sensor, and along the path to the best set."""
+    curves = []
+    for k, kind in enumerate(dict.fromkeys(s.kind for s in placed.candidates)):
+        spots = sorted((s for s in placed.candidates if s.kind == kind), key=lambda s: s.y_m)
+        y, cost = np.array([s.y_m for s in spots]), np.array([placed.candidates[s] for s in spots])
+        curves.append(Curve(name=kind, x=y, y=cost, colour=COLOURS[k % 6]))
+        curves.append(Curve(name=f"{kind}, stations", x=y, y=cost, colour=COLOURS[k % 6], marker=marker_look(k)[1]))
+    path = Curve(name="best set", x=np.arange(len(placed.path), dtype=float), y=np.array(placed.path))
+    one = Panel(title="criterion, one sensor alone", x="station y, m (right wing positive)", curves=curves, log_y=True)
+    more = Panel(title="criterion, the best set one by one", x="sensors placed", curves=[path], log_y=True)
+    return Explorable([View(name="one sensor", panels=[one]), View(name="the best set", panels=[more])])
 
 
 def _placement(placed: Placed, wide: bool) -> Figure:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from testbench.page.plot import (
 )
 from testbench.questions.gap.evidence.locate import BANDS_HZ
 from testbench.questions.gap.evidence.stepwise import followed
+from testbench.questions.gap.explored import held_out, spectra
 from testbench.questions.gap.part_figure import part_plate
 
 if TYPE_CHECKING:
@@ -44,6 +46,10 @@ _TOP_ENERGY = 100.0  # residual energies from 1 (noise) to this span the colour 
 _BEFORE, _AFTER = COLOURS[1], COLOURS[0]
 _BEFORE_DASH, _AFTER_DASH, _FLOOR_DASH = (0, (5, 1.5)), "-", (0, (2, 2))  # told apart in grey print too
 _MODELS = (("believed model", _BEFORE, _BEFORE_DASH), ("amended model", _AFTER, _AFTER_DASH))
+_LOOKS: list[tuple[str, str, tuple[float, ...]]] = [
+    (name, colour, () if isinstance(dash, str) else (float(dash[1][0]), float(dash[1][1])))
+    for name, colour, dash in _MODELS
+]
 _MOST_FORCES = 3  # manoeuvres side by side
 _SMALL_COEFFICIENT = 0.02  # below it a coefficient is drawn a thousand times as large
 _SEGMENTS = 8  # of a residual spectrum, averaged
@@ -341,7 +347,8 @@ def _history_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
         "unknown."
     )
     title = f"Before and after on a held-out manoeuvre: {shrink.manoeuvre}"
-    return Plate(f"held_out_{number}", title, caption, make)
+    explore = partial(held_out, shrink, outputs, _LOOKS)
+    return Plate(f"held_out_{number}", title, caption, make, explore)
 
 
 def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
@@ -377,7 +384,8 @@ def _spectrum_plate(result: GapResult, shrink: Shrink, number: int) -> Plate:
     caption = "Spectrum of the residual in units of the noise density, averaged over overlapping segments."
     if result.finding.air.moves:
         caption += " Turbulence is taken out by the Kalman filter in which the effect was sought."
-    return Plate(f"held_out_{number}_spectrum", f"The same by frequency: {shrink.manoeuvre}", caption, make)
+    explore = partial(spectra, sides, outputs, share, _LOOKS, partial(_spectrum, dt_s=dt))
+    return Plate(f"held_out_{number}_spectrum", f"The same by frequency: {shrink.manoeuvre}", caption, make, explore)
 
 
 def _spectrum(residual: FloatArray, dt_s: float) -> tuple[FloatArray, FloatArray]:

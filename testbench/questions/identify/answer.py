@@ -14,17 +14,23 @@ if TYPE_CHECKING:
     from testbench.questions.identify.result import Identified
 
 _MOST = 6
+_LEADING = 4  # derivatives that the first sentence names, so that it can be read at once
 
 
 def identify_answer(found: Identified) -> list[Line]:
     """Return the derivatives of each model with errors, those that are not to be believed, doubts, notes, the fit."""
-    lines, names = [], case_names(found.cases)
+    lines: list[Line] = []
+    names = case_names(found.cases)
     for i in dict.fromkeys(d.case for d in found.derivatives):
         own = [d for d in found.derivatives if d.case == i]
         good, bad = [d for d in own if d.determined], [d for d in own if not d.determined]
         of = f"{names[i]}: " if len({d.case for d in found.derivatives}) > 1 else ""
-        said = some([_said(d) for d in good], _MOST, ", ") or "none"
-        lines.append(Line("lead", sentence(f"{of}{len(good)} of {counted(len(own), 'derivative')} determined: {said}")))
+        said = some([_said(d) for d in good], _LEADING, ", ") or "none"
+        text = f"{of}{len(good)} of {counted(len(own), 'derivative')} determined: {said}"
+        lines.append(Line("finding" if lines else "lead", sentence(text)))
+        if good[_LEADING:]:
+            also = some([_said(d) for d in good[_LEADING:]], _MOST, ", ")
+            lines.append(Line("finding", sentence(f"{of}also determined: {also}")))
         changed = [d for d in good if d.changed]
         if changed:
             lines.append(
@@ -37,10 +43,20 @@ def identify_answer(found: Identified) -> list[Line]:
                     sentence(f"not decided by these data: {', '.join(f'{d.name} ({d.believed})' for d in bad)}"),
                 )
             )
+    if not lines and _asked(found):
+        lines.append(Line("lead", "No derivative was found: no estimator with a structure gave a model."))
     lines += [Line(text.severity, sentence(text)) for text in found.doubts]
     lines += [Line("note", sentence(text)) for text in found.notes]
     rest = run_answer(found)
-    return lines + (rest if not lines else [Line("finding" if a == "lead" else a, b) for a, b in rest])
+    if not any(line.kind == "lead" for line in lines):
+        return rest[:1] + lines + rest[1:]
+    return lines + [Line("finding" if a == "lead" else a, b) for a, b in rest]
+
+
+def _asked(found: Identified) -> bool:
+    """Return whether derivatives were asked for: by an estimator of a structure, or by an aircraft to compare with."""
+    asked = found.source.identification.estimators
+    return found.before is not None or any(getattr(e, "structure", None) is not None for e in asked)
 
 
 def _said(d: FoundDerivative) -> str:

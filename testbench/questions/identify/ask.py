@@ -14,7 +14,7 @@ from testbench.core.record import FlightRecord
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.structured import Servo
 from testbench.flight import load_aircraft
-from testbench.line import Case, Flight, Keep, Report, identify_and_judge
+from testbench.line import RECORDED, Case, Flight, Keep, Report, identify_and_judge
 from testbench.logs.plausible import questions_of
 from testbench.logs.read import read_records
 from testbench.questions.identify.before import before, servos_of
@@ -52,21 +52,21 @@ def identify(
     keep, say = keep or (lambda name, record: None), progress or (lambda text: None)
     say("read records")
     flights = [
-        Flight(name, use, None, {"recorded": record}, description.trim_s)
+        Flight(name, use, None, {RECORDED: record}, description.trim_s)
         for name, use, record in read_records(description, data_folder)
     ]
     for flight in flights:
-        keep(f"{flight.name}_recorded", flight.measured["recorded"])
+        keep(f"{flight.name}_recorded", flight.measured[RECORDED])
     with located(description.file, "aircraft"):
         aircraft = None if description.aircraft is None else load_aircraft(description.aircraft)
     inputs = description.identification.inputs
     servos = {} if aircraft is None else servos_of(aircraft, inputs)
-    records = [(flight.name, flight.measured["recorded"]) for flight in flights]
+    records = [(flight.name, flight.measured[RECORDED]) for flight in flights]
     met = _limits_met(servos, description.believes(servos), [record for _, record in records])
     questions = questions_of(records, description.file, strict)
     cases = identify_and_judge(
         flights,
-        ["recorded"],
+        [RECORDED],
         description.preparation,
         description.asked_of(servos),
         description.file,

@@ -75,5 +75,9 @@ def command(
         given = {"imu": imu, "airspeed": airspeed, "gps": gps, "baro": baro, "ekf": ekf}
         sensors = {kind: number for kind, number in given.items() if number is not None}
         found = import_log(log, rate, parse_throws(throw or []), lead, tail, record, sensors, strict)
-        paths = write_import(found, out) if out is not None else []
+        paths = []
+        if out is not None:
+            from testbench.questions.importing.report import import_page
+
+            paths = [*write_import(found, out), import_page(found).write(out)[-1]]
     print_import(found, console(), paths)

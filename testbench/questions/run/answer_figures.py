@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from testbench.questions.run.result import RunResult
 
 _MOST_MODES, _ROW_IN, _TALLEST_IN, _LETTERS = 8, 0.3, 2.6, 24
+_LETTERS_NARROW = 19  # of a mode's name in a line, beside the panel on a narrow screen
 _RANGE_PERCENT = (0.1, 1000.0)  # a free run that diverges, or a copy of what was measured, is drawn at the edge
 
 
@@ -63,7 +64,7 @@ def answer_plates(result: RunResult) -> list[Plate]:
         panels = grid(figure, top, tall, columns, gap_in=0.75, between_in=1.9, left_in=0.66 if wide else 1.35).ravel()
         _draw_errors(panels[0], result, outputs)
         if modes:
-            _draw_modes(panels[1], modes)
+            _draw_modes(panels[1], modes, _LETTERS if wide else _LETTERS_NARROW)
         legend(figure, _handles(names))
         return figure
 
@@ -93,7 +94,7 @@ def _draw_errors(axes: Axes, result: RunResult, outputs: list[str]) -> None:
     label(axes, "error, %", "", "Error in validation")
 
 
-def _draw_modes(axes: Axes, modes: list[Any]) -> None:
+def _draw_modes(axes: Axes, modes: list[Any], letters: int) -> None:
     """Draw one row per mode: a line from the threshold to the response over noise of the sensor that shows it best."""
     best = [float(e.snr_db[e.best_sensor]) for e in modes]
     low, high = min(0.0, *best), max(2.0 * EXCITED_DB, *best)
@@ -105,7 +106,7 @@ def _draw_modes(axes: Axes, modes: list[Any]) -> None:
         place = (value, i) if side > 0 else (EXCITED_DB, i)
         axes.annotate(symbol(e.best_sensor), place, (7, 0), textcoords="offset points", fontsize=8.0, va="center")
     axes.axvline(EXCITED_DB, color=QUIET, linewidth=1.0)
-    _rows(axes, ["\n".join(textwrap.wrap(e.mode, _LETTERS, max_lines=2, placeholder=" …")) for e in modes])
+    _rows(axes, ["\n".join(textwrap.wrap(e.mode, letters, max_lines=2, placeholder=" …")) for e in modes])
     label(axes, "response over noise, dB", "", "Is the mode excited?")
 
 

@@ -6,6 +6,7 @@ Each function returns Plates; nothing is drawn before :meth:`testbench.page.plot
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,6 +37,7 @@ from testbench.page.plot import (
     widths,
 )
 from testbench.questions.run.answer_figures import answer_plates
+from testbench.questions.run.explored import histories
 from testbench.questions.run.frequency_figures import bode_plates, input_plates
 from testbench.questions.run.labels import case_names, outputs_of
 from testbench.questions.run.parameter_figures import parameter_plates
@@ -52,6 +54,8 @@ __all__ = ["bode_plates", "history_plates", "input_plates", "plates", "pole_plat
 
 _PER_PLATE = 3  # records side by side in one figure of time histories
 _MOST_DRAWN = 9  # records of one use; a second for each would keep the reader of an hour's flight waiting
+_STRETCHES = 250  # of a record in one panel: two points each are finer than print; the page explores the rest
+_PANEL_STRETCHES = 1500  # of all curves in one panel
 _REACH = 0.6  # a diverging prediction may widen the axis by this much of the measured range, on either side
 
 
@@ -138,7 +142,9 @@ def _history_plate(result: RunResult, parts: Sequence[tuple[str, int]], part: in
         return figure
 
     title = "Measured and predicted outputs" + (f", part {part}" if part else "")
-    return Plate(f"time_histories_{part}" if part else "time_histories", title, caption, make)
+    titles = [_part_title(result, use, i) for use, i in parts]
+    explore = partial(histories, result, parts, channels, _REACH, titles)
+    return Plate(f"time_histories_{part}" if part else "time_histories", title, caption, make, explore)
 
 
 def _share_y(row: Iterable[Axes]) -> None:
@@ -160,7 +166,10 @@ def _draw_history(axes: Axes, result: RunResult, name: str, use: str, i: int) ->
     measured = factor * record[name]
     low, high = float(measured.min()), float(measured.max())
     given = name in result.cases[0].model.inputs
-    axes.plot(*envelope(record.t_s, measured), color=INK if given else MEASURED, linewidth=0.8 if given else 1.2)
+    axes.plot(
+        *envelope(record.t_s, measured, _STRETCHES), color=INK if given else MEASURED, linewidth=0.8 if given else 1.2
+    )
+    stretches = min(_STRETCHES, _PANEL_STRETCHES // (len(result.cases) + 1))
     shown = [low, high]
     texts: list[tuple[str, str]] = []
     reach = _REACH * max(high - low, 1e-12)
@@ -170,7 +179,7 @@ def _draw_history(axes: Axes, result: RunResult, name: str, use: str, i: int) ->
         column = case.model.outputs.index(name)
         y = factor * getattr(case.evaluation, use).predictions[i][:, column]
         y = np.clip(y, low - 4.0 * reach, high + 4.0 * reach)  # of one that diverges, what leaves the panel is enough
-        axes.plot(*envelope(getattr(case, use)[i].t_s, y), **line_look(k), linewidth=1.2)
+        axes.plot(*envelope(getattr(case, use)[i].t_s, y, stretches), **line_look(k), linewidth=1.2)
         finite = y[np.isfinite(y)]
         shown += [max(float(finite.min(initial=low)), low - reach), min(float(finite.max(initial=high)), high + reach)]
         if i == 0:  # the figures are over all records of that use, so once
@@ -200,14 +209,14 @@ def singular_value_plates(result: RunResult) -> list[Plate]:
         """Draw one panel per case."""
         columns = min(len(found), 3) if wide else 1
         rows = -(-len(found) // columns)
-        figure = new_figure(wide, 0.3 + rows * 2.0 + (rows - 1) * 0.7 + 0.5)
-        panels = grid(figure, 0.3, [2.0] * rows, [1.0] * columns, gap_in=0.7, between_in=0.25).ravel()
+        figure = new_figure(wide, 0.42 + rows * 2.0 + (rows - 1) * 0.8 + 0.5)
+        panels = grid(figure, 0.42, [2.0] * rows, [1.0] * columns, gap_in=0.8, between_in=0.25).ravel()
         for axes in panels[len(found) :]:
             axes.set_axis_off()
         for i, (axes, (k, name, values, order)) in enumerate(zip(panels, found, strict=False)):
             _draw_singular_values(axes, values[:20], int(order or 0), COLOURS[k % 6])
             y = "size over the noise floor" if i % columns == 0 else ""
-            label(axes, "number of the singular value", y, f"{name}: order {order}" if order else name)
+            label(axes, "number of the singular value", y, f"{name}: order {order}" if order else name, lines=2)
             axes.tick_params(labelleft=i % columns == 0)
         _share_y(panels[: len(found)])
         return figure

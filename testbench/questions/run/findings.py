@@ -6,13 +6,20 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.stats import binom
 
 from testbench.estimators.identification import estimator_name
 from testbench.evaluation.modes import frequency_and_damping, frequency_of, roots_of
 from testbench.inputs.signal import energy_spectrum
+from testbench.page.words import listed
 
 if TYPE_CHECKING:
     from testbench.core.record import FlightRecord
+
+
+_WITHIN = 2.0  # standard errors
+_SHARE = 0.9545  # of a normal distribution that lies within them
+_SURPRISE = 0.05
 
 
 def alpha_findings(cases: Sequence[Any]) -> list[str]:
@@ -49,6 +56,43 @@ def alpha_findings(cases: Sequence[Any]) -> list[str]:
             f"{name}: adding alpha {word} the mean validation MRSE over {', '.join(common)} {change}{''.join(pole)}"
         )
     return out
+
+
+def error_findings(cases: Sequence[Any]) -> list[str]:
+    """Say whose standard errors hold: of the estimates whose truth is known, how many lie within two of them.
+
+    A method is believed if so few within would be no surprise: the chance of as few or fewer is 5 % or more, were the
+    errors right and independent of each other. Nothing is said of a single method.
+
+    Args:
+        cases: :class:`testbench.line.Case` objects.
+    """
+    judged: dict[str, tuple[int, int]] = {}
+    for case in cases:
+        off = [p.deviations for p in case.evaluation.parameters if p.free and p.deviations is not None]
+        if off:
+            inside, of = judged.get(case.label, (0, 0))
+            judged[case.label] = inside + sum(abs(d) <= _WITHIN for d in off), of + len(off)
+    if len(judged) < 2:
+        return []
+    suites = {c.suite for c in cases}
+    name = {c.label: c.label if len(suites) > 1 else estimator_name(c.estimator) for c in cases}
+    good = [label for label, (inside, of) in judged.items() if binom.cdf(inside, of, _SHARE) >= _SURPRISE]
+    best = max(judged, key=lambda label: judged[label][0] / judged[label][1])
+    count = {label: f"{inside} of {of}" for label, (inside, of) in judged.items()}
+    if good:
+        states = f"only {name[good[0]]} states" if len(good) == 1 else f"{listed([name[g] for g in good])} state"
+        first = (
+            f"of {len(judged)} methods {states} errors that this "
+            f"flight does not contradict: {listed([count[g] for g in good])} true values lie within two of them"
+        )
+    else:
+        first = (
+            f"none of {len(judged)} methods states errors that can be believed; {name[best]} comes nearest, with "
+            f"{count[best]} true values within two standard errors"
+        )
+    told = ", ".join(f"{name[label]} {text}" for label, text in count.items())
+    return [first, f"true values within two of the stated errors, where 95 % should be: {told}"]
 
 
 def _same_mode(match: Any, others: Mapping[tuple[str, str], Any]) -> Any:

@@ -10,6 +10,7 @@ import numpy as np
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.inputs.signal import energy_spectrum, frequency_below
+from testbench.page.explore import line_style
 from testbench.page.labels import axis_label, number, ratio_unit, shown_unit, symbol
 from testbench.page.plot import (
     BAND,
@@ -31,6 +32,7 @@ from testbench.page.plot import (
     time_axis,
     widths,
 )
+from testbench.questions.run.explored import movement, responses
 from testbench.questions.run.labels import case_names, elastic_names, outputs_of
 
 if TYPE_CHECKING:
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from testbench.line import Flight
+    from testbench.page.explore import Explorable
     from testbench.questions.run.result import RunResult
 
 _MOST_DRAWN = 9  # records whose input is drawn over time
@@ -67,8 +70,8 @@ def _input_plate(result: RunResult, name: str) -> Plate:
     simulated = result.truth is not None
     bands = " Green: rigid modes, shaded over their half-power bands; purple: elastic modes." if simulated else ""
     caption = (
-        f"Above: {symbol(name)} as {'flown' if simulated else 'recorded'}, deviation from trim. Below: its energy "
-        "spectrum. A mode cannot be identified from this input if the spectrum has little energy there."
+        f"{symbol(name)} as {'flown' if simulated else 'recorded'}, deviation from trim, and its energy spectrum. "
+        "A mode cannot be identified from this input if the spectrum has little energy there."
         f"{bands} Dashed: 95 % of the energy of the identification input lies below this frequency. Dotted: half the "
         "sample rate of the record."
     )
@@ -79,17 +82,24 @@ def _input_plate(result: RunResult, name: str) -> Plate:
     def make(wide: bool) -> Figure:
         """Draw the time histories of the flights above their spectra."""
         rows = rows_of(drawn, 3 if wide else 1)
-        top = 0.26 + len(rows) * 1.0 + (len(rows) - 1) * 0.6 + 0.55
+        top = 0.26 + len(rows) * 1.0 + (len(rows) - 1) * 0.75 + 0.55
         names = (1.55 if wide else 1.35) if simulated else 1.4
         figure = new_figure(wide, top + names + 2.4 + 0.9)
         for k, row in enumerate(rows):
-            panels = grid(figure, 0.26 + 1.6 * k, [1.0], widths([r for _, r, _ in row]), between_in=0.3)[0]
+            panels = grid(figure, 0.26 + 1.75 * k, [1.0], widths([r for _, r, _ in row]), between_in=0.3)[0]
             _draw_input(panels, row, name)
         axes = grid(figure, top + names, [2.4])[0, 0]
         _draw_spectrum(axes, result, moved, name, wide)
         return figure
 
-    return Plate(f"input_{name}", f"The input {symbol(name)} and its energy spectrum", caption, make)
+    def explore() -> Explorable:
+        """Return spectra and time histories."""
+        low, high, omega, spectra = _spectra(result, moved, name)
+        modes = {} if result.truth is None else result.truth.modes
+        marks = [(abs(pole), mode) for mode, pole in modes.items() if low < abs(pole) < high]
+        return movement(drawn, name, spectra, omega, marks, {f.use: _use_colour(f.use) for f, _, _ in moved})
+
+    return Plate(f"input_{name}", f"The input {symbol(name)} and its energy spectrum", caption, make, explore)
 
 
 def _use_colour(use: str) -> str:
@@ -107,16 +117,28 @@ def _draw_input(row: Sequence[Axes], moved: _Moved, name: str) -> None:
         label(axes, "t, s", "" if i else axis_label(name, deviation=True), f"{flight.use}: {flight.name}")
 
 
-def _draw_spectrum(axes: Axes, result: RunResult, moved: _Moved, name: str, wide: bool) -> None:
-    factor, unit = shown_unit(name)
-    nyquist = np.pi / next(iter(result.flights[0].measured.values())).dt_s
+def _spectra(result: RunResult, moved: _Moved, name: str) -> tuple[float, float, FloatArray, dict[str, FloatArray]]:
+    """Return lowest and highest frequency shown, the frequencies between, and use -> energy density in shown units."""
+    factor = shown_unit(name)[0]
     modes = {} if result.truth is None else dict(result.truth.modes)
     low = min([0.3, *(0.5 * abs(pole) for pole in modes.values() if abs(pole) > 0.02)])
-    high = 1.4 * max([nyquist, *(abs(pole) for pole in modes.values())])
+    high = 1.4 * max([_nyquist(result), *(abs(pole) for pole in modes.values())])
     omega = np.geomspace(low, high, 1200)
+    return low, high, omega, {
+        use: np.sum([energy_spectrum(factor * u, r.dt_s, omega)[:, 0] for f, r, u in moved if f.use == use], axis=0)
+        for use in dict.fromkeys(flight.use for flight, _, _ in moved)
+    }  # fmt: skip
+
+
+def _nyquist(result: RunResult) -> float:
+    return float(np.pi / next(iter(result.flights[0].measured.values())).dt_s)
+
+
+def _draw_spectrum(axes: Axes, result: RunResult, moved: _Moved, name: str, wide: bool) -> None:
+    unit, nyquist = shown_unit(name)[1], _nyquist(result)
+    low, high, omega, spectra = _spectra(result, moved, name)
     peak = 0.0
-    for use in dict.fromkeys(flight.use for flight, _, _ in moved):
-        energy = np.sum([energy_spectrum(factor * u, r.dt_s, omega)[:, 0] for f, r, u in moved if f.use == use], axis=0)
+    for use, energy in spectra.items():
         peak = max(peak, float(energy.max()))
         axes.plot(omega, energy, color=_use_colour(use), linewidth=1.0 if use == "validation" else 1.3, label=use)
     log_axis(axes, "x", powers=False)
@@ -175,6 +197,8 @@ class _Curve:
     magnitude: FloatArray
     phase_deg: FloatArray
     line: Mapping[str, Any]
+    name: str
+    look: Mapping[str, Any]
 
 
 def bode_plates(result: RunResult) -> list[Plate]:
@@ -229,7 +253,14 @@ def _bode_plate(result: RunResult, given: str) -> Plate:
         legend(figure, line_handles(case_names(result.cases), extra))
         return figure
 
-    return Plate(f"bode_{given}", f"Frequency responses to {symbol(given)}", caption, make)
+    def explore() -> Explorable:
+        """Return magnitude and phase of each output."""
+        named = {output: [(c.name, c, c.look) for c in found] for output, found in curves.items()}
+        modes = {} if result.truth is None else result.truth.modes
+        marks = [(abs(pole), name) for name, pole in modes.items() if low < abs(pole) < high]
+        return responses(outputs, given, named, (float(band[0]), float(band[-1])), marks)
+
+    return Plate(f"bode_{given}", f"Frequency responses to {symbol(given)}", caption, make, explore)
 
 
 def steps_of_phase(limits: tuple[float, float]) -> Any:
@@ -244,20 +275,22 @@ def _curves(result: RunResult, output: str, given: str, omega: FloatArray, band:
     """Return the truth's response first, if known, then each model's; phases on the same sheet at the band's centre."""
     factor = ratio_unit(output, given)[0]
     centre = float(np.sqrt(band[0] * band[-1]))
-    responses: list[tuple[FloatArray, Any, dict[str, Any]]] = []
+    names = case_names(result.cases)
+    complex_ones: list[tuple[FloatArray, Any, dict[str, Any], str, dict[str, Any]]] = []
     known = result.truth
     if known is not None and output in known.linear.outputs and given in known.linear.inputs:
         H = known.response(omega, [output], [given], result.cases[0].model.dt_s)[:, 0, 0]
-        responses.append((omega, H, {"color": INK, "linewidth": 2.2, "alpha": 0.85}))
+        line = {"color": INK, "linewidth": 2.2, "alpha": 0.85}
+        complex_ones.append((omega, H, line, "true aircraft", {"colour": INK, "width": 2.2}))
     for k, case in enumerate(result.cases):
         if output in case.model.outputs and given in case.model.inputs:
             own = omega[omega <= 0.97 * np.pi / case.model.dt_s]
             H = case.model.frequency_response(own)[:, case.model.outputs.index(output), case.model.inputs.index(given)]
-            responses.append((own, H, {**line_look(k), "linewidth": 1.4}))
+            complex_ones.append((own, H, {**line_look(k), "linewidth": 1.4}, names[k], line_style(k)))
     found: list[_Curve] = []
-    for own, H, line in responses:
+    for own, H, line, name, look in complex_ones:
         phase = np.degrees(np.unwrap(np.angle(H)))
         goal = float(np.interp(centre, found[0].omega, found[0].phase_deg)) if found else 0.0
         sheet = 360.0 * np.round((goal - float(np.interp(centre, own, phase))) / 360.0)
-        found.append(_Curve(own, factor * np.abs(H), phase + sheet, line))
+        found.append(_Curve(own, factor * np.abs(H), phase + sheet, line, name, look))
     return found

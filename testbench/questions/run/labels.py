@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from testbench.estimators.identification import estimator_name
+from testbench.line import RECORDED
 from testbench.page.labels import unique
 
 if TYPE_CHECKING:
@@ -18,9 +19,9 @@ def case_names(cases: Sequence[Case]) -> list[str]:
     suites, methods = {c.suite for c in cases}, {estimator_name(c.estimator) for c in cases}
     names = []
     for case in cases:
-        parts = ([case.suite] if len(suites) > 1 or len(methods) == 1 else []) + (
-            [estimator_name(case.estimator)] if len(methods) > 1 else []
-        )
+        by_suite = len(suites) > 1 or (len(methods) == 1 and case.suite != RECORDED)
+        by_method = len(methods) > 1 or not by_suite
+        parts = [*([case.suite] if by_suite else []), *([estimator_name(case.estimator)] if by_method else [])]
         order = case.model.diagnostics.get("order")
         same = [c for c in cases if _key(c) == _key(case)]
         if len(same) > 1 and order is not None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from testbench.page.plot import INK, Plate, grid, label, legend, legend_in, marker_look, new_figure
+from testbench.page.plot import INK, Plate, few_ticks, grid, label, legend, legend_in, marker_look, new_figure
 from testbench.questions.run.labels import case_names
 
 if TYPE_CHECKING:
@@ -62,8 +62,8 @@ def parameter_plates(result: RunResult) -> list[Plate]:
             axes.margins(x=0.08)
             axes.set_yticks([])
             axes.set_ylim(-len(models) + 0.4, 0.6)
-            axes.locator_params(axis="x", nbins=4)
-            label(axes, "", "", chosen[i])
+            few_ticks(axes)
+            label(axes, "", "", chosen[i], lines=2)
         legend(figure, handles)
         return figure
 

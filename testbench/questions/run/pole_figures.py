@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from testbench.page.labels import number, symbol
 from testbench.page.plot import FAINT, INK, Plate, grid, label, legend, legend_in, marker_look, new_figure
+from testbench.questions.run.explored import pole_map
 from testbench.questions.run.labels import case_names, elastic_names
 from testbench.questions.run.pole_tables import printed_poles
 
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 
     from testbench.questions.run.result import RunResult
 
+_RAYS = (0.1, 0.3, 0.5, 0.7, 0.9)  # damping ratios that are drawn
 _Found = Sequence[tuple[str, list[complex], int]]  # label, poles of the upper half-plane, number of colour
 
 
@@ -53,7 +56,8 @@ def pole_plates(result: RunResult) -> list[Plate]:
         legend(figure, handles)
         return figure
 
-    return [Plate("poles", f"Poles found and {word}" if true else "Poles found", caption, make)]
+    explore = partial(pole_map, found, true, word, windows)
+    return [Plate("poles", f"Poles found and {word}" if true else "Poles found", caption, make, explore)]
 
 
 def _windows(result: RunResult, found: _Found, true: Mapping[str, complex]) -> list[float]:
@@ -102,7 +106,7 @@ def _draw_poles(axes: Axes, reach: float, found: _Found, true: Mapping[str, comp
         if abs(pole) <= reach:
             axes.plot(pole.real, pole.imag, "+", color=INK, markersize=11, markeredgewidth=1.6)
             if abs(pole) > 0.03 * reach:  # named in the map of what lies near the origin
-                _name(axes, name, pole, [p for p in inside if p != pole])
+                _name(axes, name, pole, [*(p for p in inside if p != pole), *_damping_labels(reach)])
 
 
 def _name(axes: Axes, name: str, pole: complex, others: Sequence[complex]) -> None:
@@ -143,11 +147,16 @@ def _pole_grid(axes: Axes, reach: float) -> None:
     for wn in MaxNLocator(5).tick_values(0.0, reach):
         if wn > 0.0:
             axes.plot(wn * np.cos(angle), wn * np.sin(angle), color=FAINT, linewidth=0.7, zorder=0)
-    for zeta in (0.1, 0.3, 0.5, 0.7, 0.9):
+    for zeta, place in zip(_RAYS, _damping_labels(reach), strict=True):
         x, y = -zeta, float(np.sqrt(1.0 - zeta**2))
         axes.plot([0.0, 2.0 * reach * x], [0.0, 2.0 * reach * y], color=FAINT, linewidth=0.7, zorder=0)
-        scale = 0.93 * reach / max(-x, y)
-        axes.text(scale * x, scale * y, f"ζ {zeta:g}", fontsize=7, color="#8b929a", ha="left", va="top", zorder=0)
+        axes.text(place.real, place.imag, f"ζ {zeta:g}", fontsize=7, color="#8b929a", ha="left", va="top", zorder=0)
+
+
+def _damping_labels(reach: float) -> list[complex]:
+    """Return where the damping ratio of each ray is written."""
+    rays = [complex(-zeta, float(np.sqrt(1.0 - zeta**2))) for zeta in _RAYS]
+    return [0.93 * reach / max(-ray.real, ray.imag) * ray for ray in rays]
 
 
 def _pole_handles(found: _Found, true: str) -> list[Any]:

@@ -12,7 +12,7 @@ from testbench.estimators.cells import FailedCell
 from testbench.estimators.identification import estimator_name
 from testbench.evaluation.truth import Truth
 from testbench.line import Case, Flight
-from testbench.questions.run.findings import alpha_findings, sampling_findings
+from testbench.questions.run.findings import alpha_findings, error_findings, sampling_findings
 from testbench.questions.run.scenario import Scenario
 from testbench.sensors import SensorSuite
 
@@ -67,7 +67,7 @@ class RunResult:
     @cached_property
     def findings(self) -> tuple[str, ...]:
         """The answer in a few sentences; the last are what is wrong or doubtful with each model, as advice."""
-        out = [*self.questions, *alpha_findings(self.cases)]
+        out = [*self.questions, *alpha_findings(self.cases), *error_findings(self.cases)]
         if self.truth is not None:
             identification = next(f for f in self.flights if f.use != "validation")
             out += sampling_findings(self.cases, self.truth.modes, identification, self.source.preparation.lowpass_hz)

@@ -90,9 +90,11 @@ def test_the_page_is_well_formed_and_fetches_nothing(page: str) -> None:
     assert not re.search(r"url\(|@import", page)
 
 
-def test_every_figure_is_on_the_page_wide_and_narrow(page: str) -> None:
+def test_every_figure_is_on_the_page_wide_and_those_not_explored_narrow(page: str) -> None:
     images = re.findall(r'(?:srcset|src)="data:image/svg\+xml;base64,([^"]+)"', page)
-    assert len(images) == 2 * 6
+    explored = re.findall(r'data-explore="([^"]+)"', page)
+    assert len(explored) == 4
+    assert len(images) == 2 * 6 - len(explored)
     assert all(b"</svg>" in base64.b64decode(image) for image in images)
 
 
@@ -127,15 +129,16 @@ def test_the_answer_stands_before_everything_else(page: str) -> None:
 
 
 def test_an_answer_is_split_between_what_stands_above_and_below_its_figure() -> None:
-    short = ["it holds", "q: does not", ("doubt", "b_1 is doubtful!")]
+    short = ["it holds", "q: does not", ("note", "by the way"), ("doubt", "b_1 is doubtful!")]
     assert first_screen(short) == (
-        [("lead", "It holds."), ("finding", "q: does not."), ("doubt", "b_1 is doubtful!")],
-        [],
+        [("lead", "It holds.")],
+        [("finding", "q: does not."), ("doubt", "b_1 is doubtful!")],
     )
-    long = [f"{k} " + 40 * "word " for k in range(9)]
-    above, below = first_screen(long)
-    assert 1 <= len(above) < 5
-    assert [text[0] for _, text in (*above, *below)] == list("012345678")
+    clauses = "; ".join(f"clause {k} of it" for k in range(9))
+    assert first_screen([clauses, "more"]) == (
+        [("lead", "Clause 0 of it; clause 1 of it; clause 2 of it; clause 3 of it; clause 4 of it; clause 5 of it.")],
+        [("finding", "Clause 6 of it; clause 7 of it; clause 8 of it."), ("finding", "More.")],
+    )
     assert first_screen(["word " * 400])[0] == [("lead", "Word " + "word " * 399 + ".")]
     assert first_screen([]) == ([], [])
 

@@ -265,7 +265,7 @@ def test_what_must_not_be_used_stands_first_and_notes_leave_the_answer(make_case
     assert "Give more" not in screen.file.getvalue()
     page = run_page(found).html([])
     assert page.count("Give more.") == 1
-    assert page.index("Give more.") > page.index('<h3 id="notes">Notes</h3>') > page.index('id="models"')
+    assert page.index("Give more.") > page.index('<h2 id="notes">Notes</h2>') > page.index('id="models"')
     assert '<span class="status-wrong">do not use</span>' in page
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from testbench.core.errors import EstimationError, RecordError, ScenarioError, located, nearest
-from testbench.line import Keep, Report
+from testbench.line import RECORDED, Keep, Report
 from testbench.page.labels import file_stem, unique
 from testbench.page.words import listed
 from testbench.questions.identify.ask import identify
@@ -195,7 +195,7 @@ def _no_record_twice(found: Sequence[Identified], gave: Sequence[Contribution]) 
         for flight in result.flights:
             if flight.use == "validation":
                 continue
-            provenance = flight.measured["recorded"].provenance
+            provenance = flight.measured[RECORDED].provenance
             digest, (start, end) = str(provenance["sha256"]), provenance["segment_s"]
             for other, same, (begin, stop), held in seen:
                 both = names & held

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+from testbench.line import RECORDED
 from testbench.page.page import COMPUTED, Page
 from testbench.page.words import counted
 from testbench.questions.identify.pool.answer import pool_answer
@@ -39,5 +40,5 @@ def pool_page(flights: PooledFlights) -> Page:
 
 
 def _record(flight: Flight) -> str:
-    provenance = flight.measured["recorded"].provenance
+    provenance = flight.measured[RECORDED].provenance
     return f"{provenance['file']} ({str(provenance['sha256'])[:12]})"

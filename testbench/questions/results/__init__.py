@@ -1,0 +1,8 @@
+"""What did I find so far, and what differs between two runs?
+
+An index of a folder of results with titles, answers and dates; two results side by side, table by table.
+"""
+
+from testbench.core.lazily import lazily
+
+__getattr__ = lazily(__name__, list_results="ask", compare_results="ask")

@@ -1,0 +1,119 @@
+"""The index of a folder of results, and the page of two results side by side."""
+
+from __future__ import annotations
+
+import mimetypes
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import quote, unquote
+
+from testbench.page.html import render
+from testbench.page.page import Page
+from testbench.page.serve import Found
+from testbench.page.tables import Column, Table
+from testbench.page.words import counted
+
+if TYPE_CHECKING:
+    from testbench.questions.results.ask import Difference, ResultsCompared, ResultSummary
+
+INDEX = "index.html"
+_LARGEST_BYTES = 200_000_000  # of a file that is served
+_MOST_ROWS = 500
+
+
+def index_html(found: Sequence[ResultSummary], folder: Path) -> str:
+    """Return the index as one page: a row per result, with a link, its answer and when it was written."""
+    rows = [
+        {
+            "link": quote(f"{r.folder.relative_to(folder).as_posix()}/report.html"),
+            "title": r.title,
+            "kind": r.kind,
+            "answer": r.answer,
+            "written": f"{r.written:%Y-%m-%d %H:%M}",
+        }
+        for r in found
+    ]
+    return render("questions/results/index.html.j2", rows=rows, folder=folder.resolve().name)
+
+
+def compared_page(compared: ResultsCompared) -> Page:
+    """Return the page of two results side by side."""
+    a, b = compared.first, compared.second
+    differ = len(compared.differences)
+    total = differ + compared.equal
+    lead = (
+        f"{differ} of {counted(total, 'number')} differ between the two results" if total else "the two share no table"
+    )
+    only = [
+        f"only {side.folder.name} has: {', '.join(names)}"
+        for side, names in ((a, compared.only_first), (b, compared.only_second))
+        if names
+    ]
+    largest = sorted(compared.differences, key=_relative, reverse=True)[:_MOST_ROWS]
+    more = [f"the {_MOST_ROWS} largest of them are shown"] if differ > _MOST_ROWS else []
+    return Page(
+        kicker="Two results side by side",
+        title=f"{a.folder.name} and {b.folder.name}",
+        question="What differs between these two results?",
+        answer=[("lead", lead), *(("finding", text) for text in (*more, *only))],
+        tables=[_said(a, b), *([_differences(largest)] if largest else [])],
+        packages=(),
+        provenance=[("first", str(a.folder)), ("second", str(b.folder))],
+        terminal=[_differences(largest[:20])] if largest else [],
+    )
+
+
+def _said(a: ResultSummary, b: ResultSummary) -> Table:
+    rows = tuple(
+        (name, getattr(a, key), getattr(b, key))
+        for name, key in (("title", "title"), ("what", "kind"), ("question", "question"), ("answer", "answer"))
+    )
+    when = ("written", *(f"{r.written:%Y-%m-%d %H:%M}" for r in (a, b)))
+    columns = (Column("what", "what"), Column("first", "first"), Column("second", "second"))
+    return Table("said", "What each says", f"First: {a.folder}. Second: {b.folder}.", columns, (*rows, when), wide=True)
+
+
+def _differences(found: Sequence[Difference]) -> Table:
+    columns = (
+        Column("table", "table"), Column("row", "row"), Column("column", "column"), Column("first", "first", digits=5),
+        Column("second", "second", digits=5), Column("change", "change", "%"),
+    )  # fmt: skip
+    rows = tuple((d.table, d.row, d.column, d.first, d.second, _change(d)) for d in found)
+    caption = "Numbers of the tables that both have, the largest relative change first."
+    return Table("differences", "Numbers that differ", caption, columns, rows, wide=True)
+
+
+def _change(d: Difference) -> float | None:
+    if d.first is None or d.second is None or d.first == 0.0:
+        return None
+    return 100.0 * (d.second - d.first) / abs(d.first)
+
+
+def _relative(d: Difference) -> float:
+    if d.first is None or d.second is None:
+        return 0.0
+    return abs(d.second - d.first) / (abs(d.first) + abs(d.second) or 1.0)
+
+
+def files_of(folder: Path, index: Callable[[], str]) -> Callable[[str], Found | None]:
+    """Return what answers a path below a folder: the index, or a file; nothing outside, and no link that leads out."""
+    root = folder.resolve()
+
+    def answer(path: str) -> Found | None:
+        """Return the file at a path."""
+        parts = [part for part in unquote(path).split("/") if part]
+        if not parts or parts == [INDEX]:
+            return index().encode(), "text/html; charset=utf-8"
+        if any(part.startswith(".") or "\0" in part or "\\" in part for part in parts):
+            return None
+        try:
+            file = root.joinpath(*parts).resolve()
+            if not file.is_relative_to(root) or not file.is_file() or file.stat().st_size > _LARGEST_BYTES:
+                return None
+            kind = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
+            return file.read_bytes(), f"{kind}; charset=utf-8" if kind.startswith("text/") else kind
+        except (OSError, ValueError):
+            return None
+
+    return answer

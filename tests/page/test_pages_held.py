@@ -1,0 +1,75 @@
+"""What every page keeps, in a browser: it fits screens, keys reach it, and axe-core, where it is, finds no fault."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from studies.pages_held import BROWSER, faults_of
+
+from testbench.page.page import COMPUTED, Page
+from testbench.page.tables import Column, Table
+
+NO_AXE = "window.axe = { run: async () => ({ violations: [] }) }"
+WIDE = Table(
+    "wide", "Wide", "Many columns.", tuple(Column(f"c{k}", f"column {k}") for k in range(30)), ((1.0,) * 30,) * 3
+)
+
+
+@pytest.fixture(scope="module")
+def tab(tmp_path_factory):
+    """Return a function that opens a page, given as text."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="the pages need playwright to be tried")
+    if BROWSER is None:
+        pytest.skip("the pages need Chromium to be tried")
+    with playwright.sync_playwright() as p:
+        browser = p.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
+        page = browser.new_context(bypass_csp=True).new_page()
+        file = tmp_path_factory.mktemp("held") / "report.html"
+
+        def tab(text: str):
+            file.write_text(text, encoding="utf-8")
+            page.goto(file.as_uri())
+            return page
+
+        yield tab
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def axe():
+    """Return axe-core, which the environment names; a stand-in that finds nothing where there is none."""
+    place = os.environ.get("AXE")
+    return Path(place).read_text(encoding="utf-8") if place else NO_AXE
+
+
+def report(**changes) -> str:
+    given = {"kicker": "k", "title": "t", "answer": ["it is", ("doubt", "is it?")], "tables": [WIDE]}
+    return Page(**given | {"packages": COMPUTED} | changes).html([])
+
+
+def test_a_page_keeps_them_all_and_says_that_a_table_scrolls(tab, axe):
+    page = tab(report())
+    assert faults_of(page, axe) == []
+    assert page.locator(".wider").count() == 1
+
+
+def test_what_is_wrong_is_found(tab, axe):
+    long = tab(report(answer=[" ".join(["word"] * 30)]))
+    assert faults_of(long, axe) == ["the answer has 30 words"]
+    broad = report().replace("</h1>", '</h1><p style="width: 1500px">wide</p><button tabindex="-1">no</button>')
+    found = faults_of(tab(broad), axe)
+    assert "wider than 400 px" in found
+    assert any("not reached by keys" in text for text in found)
+
+
+def test_links_open_what_they_lead_into_and_print_opens_everything(tab):
+    page = tab(report(source=("a.toml", "inside")))
+    assert not page.get_by_text("inside").is_visible()
+    page.evaluate("location.hash = '#provenance'")
+    page.wait_for_function("document.querySelector('#provenance').closest('details').open")
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    assert page.locator("details:not([open])").count() == 0
+    page.evaluate("dispatchEvent(new Event('afterprint'))")
+    assert page.locator("details:not([open])").count() > 0
