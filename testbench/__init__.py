@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from testbench.questions.campaign.ask import fly_campaign
     from testbench.questions.campaign.load import load_campaign
     from testbench.questions.compare.ask import compare
+    from testbench.questions.dataset.ask import draw_dataset
+    from testbench.questions.dataset.open import FlightSamples, open_dataset
     from testbench.questions.design.ask import run_design
     from testbench.questions.files import load
     from testbench.questions.gap.ask import run_gap
@@ -75,6 +77,9 @@ _HOME = {
     "compare": "testbench.questions.compare.ask",
     "estimate": "testbench.estimators",
     "with_causes": "testbench.estimators.causes",
+    "draw_dataset": "testbench.questions.dataset.ask",
+    "FlightSamples": "testbench.questions.dataset.open",
+    "open_dataset": "testbench.questions.dataset.open",
     "evaluate": "testbench.evaluation",
     "find_gap": "testbench.questions.gap.workflow",
     "first_look": "testbench.questions.gap.open_set",
@@ -108,6 +113,7 @@ __all__ = [
     "FlightCondition",
     "FlightParameter",
     "FlightRecord",
+    "FlightSamples",
     "InputSignal",
     "Job",
     "LogCoefficients",
@@ -115,6 +121,7 @@ __all__ = [
     "Prior",
     "amend",
     "compare",
+    "draw_dataset",
     "estimate",
     "evaluate",
     "find_gap",
@@ -137,6 +144,7 @@ __all__ = [
     "load_scenario",
     "load_suite",
     "make_plan",
+    "open_dataset",
     "pool",
     "read_records",
     "run",
