@@ -9,6 +9,7 @@ from testbench.questions.campaign.draws import middle
 from testbench.questions.campaign.scenario import Uncertainty
 from testbench.questions.campaign.targets import check_target, is_scenario_key
 from testbench.questions.dataset.scenario import DatasetScenario, Level
+from testbench.questions.gap.hidden.aircraft import SPEEDS_M_S
 from testbench.questions.gap.sealed.cases import STRATA
 from testbench.questions.gap.sealed.truths import KINDS
 from testbench.sensors import SensorSuite, load_suite
@@ -80,6 +81,6 @@ def _check_rates(scenario: DatasetScenario, name: str, rate_hz: float, suite: Se
     for sensor in suite.sensors:
         if sensor.rate_hz and whole_ratio(samples, sensor.rate_hz) is None:
             raise LimitError(
-                f"samples_hz must be a multiple of the rate of every sensor, got {samples:g} Hz, and {sensor.rate_hz:g} "
-                f"Hz of {sensor.channel}"
+                f"samples_hz must be a multiple of the rate of every sensor, got {samples:g} Hz, and "
+                f"{sensor.rate_hz:g} Hz of {sensor.channel}"
             )

@@ -98,8 +98,8 @@ def _how(scenario: DatasetScenario, layout: Layout) -> str:
         return (
             f"By the laws of the testbench's blind test of naming: {layout.sealed} sealed cases (seed "
             f"{scenario.strata.sealed_seed}, whose answers are public) are the test split, "
-            f"{layout.draws - layout.sealed} cases of another seed the others. In every case the coefficients differ from "
-            "the believed ones by the factors in `truth`.\n"
+            f"{layout.draws - layout.sealed} cases of another seed the others. In every case the coefficients differ "
+            "from the believed ones by the factors in `truth`.\n"
         )
     inputs = [
         (m.name, ", ".join(s.signal + " on " + s.control for s in m.input), m.duration_s) for m in scenario.manoeuvre
