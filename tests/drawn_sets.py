@@ -1,6 +1,8 @@
-"""A small data set for tests: its file, and the set drawn from it."""
+"""A small data set for tests, and a loader where PyTorch is missing."""
 
 from __future__ import annotations
+
+import numpy as np
 
 SMALL = """
 title = "Small"
@@ -43,3 +45,14 @@ hidden = ["late link", "slow servo", "gyro gain"]
 [level.vary]
 "coefficient.Cm_alpha" = { kind = "normal", mean = 1.0, std = 0.05 }
 """
+
+
+class StandIn:
+    """Batches of a map-style data set, collated as torch.utils.data.default_collate does arrays."""
+
+    def __init__(self, data, batch_size, shuffle):
+        order = np.random.default_rng(0).permutation(len(data)) if shuffle else np.arange(len(data))
+        self._batches = [[data[i] for i in order[k : k + batch_size]] for k in range(0, len(order), batch_size)]
+
+    def __iter__(self):
+        return iter([tuple(np.stack(x) for x in zip(*batch, strict=True)) for batch in self._batches])

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from commands import command
-from drawn_sets import SMALL
+from drawn_sets import SMALL, StandIn
 
 import testbench as tb
 from testbench.core.errors import DatasetError, DiskError, RecordError, ScenarioError
@@ -181,17 +181,6 @@ def test_a_loader_gets_every_flight_of_a_split(small):
     readings, truth = batches[0]
     assert tuple(readings.shape[1:]) == (251, 7)
     assert tuple(truth.shape) == (8, len(tb.open_dataset(small / "set").figure))
-
-
-class StandIn:
-    """Batches of a map-style data set, collated as torch.utils.data.default_collate does arrays."""
-
-    def __init__(self, data, batch_size, shuffle):
-        order = np.random.default_rng(0).permutation(len(data)) if shuffle else np.arange(len(data))
-        self._batches = [[data[i] for i in order[k : k + batch_size]] for k in range(0, len(order), batch_size)]
-
-    def __iter__(self):
-        return iter([tuple(np.stack(x) for x in zip(*batch, strict=True)) for batch in self._batches])
 
 
 def test_samples_are_read_anew_by_other_processes(small):
