@@ -2,7 +2,7 @@
 
 ``stepwise``: the pitching moment from the rates, term by term (:mod:`testbench.estimators.regression.stepwise`).
 ``output_error``: the testbench's own, on the longitudinal structure. Both are given the elevator behind the servo that
-is believed, V, alpha, q and theta of the four flights of a draw.
+is believed, V, alpha, q and theta of the four flights of a draw, with the lags of the instruments made equal.
 
 ``Classifier``: principal components of what the records of a case differ by from those of training cases without any
 effect, and one hidden layer of 64 tanh units before a softmax (D. E. Rumelhart, G. E. Hinton, R. J. Williams, Nature
@@ -11,7 +11,7 @@ effect, and one hidden layer of 64 tanh units before a softmax (D. E. Rumelhart,
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -27,24 +27,39 @@ from testbench.questions.gap.hidden.aircraft import SERVO_LAG
 from testbench.sensors.sensor import first_order_lag
 
 OUTPUTS = ("V", "alpha", "q", "theta")
+LAGS = {s.channel: s.lag_s for s in tb.load_suite("eolo_gap").sensors if s.channel in OUTPUTS}
+FINE = 20  # steps within a sample
+AHEAD = 5  # of them: the simulated servo answers to a command within the frame of 10 ms in which it is given
 FIGURES = ("M_alpha", "M_q", "M_de")
 Answer = tuple[int, str, float, float]
 """Draw, figure, value, stated error."""
 
 
 def records_of(flights: Any, draw: int) -> list[FlightRecord]:
-    """Return the flights of a draw as deviations from trim, with the elevator behind the believed servo."""
+    """Return the flights of a draw as deviations from trim, with the elevator behind the believed servo.
+
+    The lags of the instruments, which their data sheets tell, are made equal: each channel passes those of the others,
+    the elevator all of them. For linear motion that changes nothing else.
+    """
     of = flights.isel(flight=np.flatnonzero(flights.draw.values == draw))
-    lag = 1.0 / SERVO_LAG[flights.aircraft.attrs["names"][int(of.aircraft[0])]]
+    servo = 1.0 / SERVO_LAG[flights.aircraft.attrs["names"][int(of.aircraft[0])]]
     dt = float(of.time[1])
     out = []
     for k in range(of.sizes["flight"]):
         x = of.isel(flight=k, time=slice(int(of.samples[k]))).readings
-        de = first_order_lag(x.sel(channel="de_cmd").values.astype(float), dt, lag)
-        data = np.column_stack([x.sel(channel=list(OUTPUTS)).values.astype(float), de])
-        record = FlightRecord(np.arange(len(de)) * dt, (*OUTPUTS, "de"), data, "measured")
+        command = np.repeat(x.sel(channel="de_cmd").values.astype(float), FINE)  # held until the next sample
+        columns = [_behind(x.sel(channel=n).values.astype(float), dt, {**LAGS, n: 0.0}.values()) for n in OUTPUTS]
+        command = np.concatenate([command[AHEAD:], np.repeat(command[-1:], AHEAD)])
+        columns.append(_behind(command, dt / FINE, [servo, *LAGS.values()])[::FINE])
+        record = FlightRecord(np.arange(len(x)) * dt, (*OUTPUTS, "de"), np.column_stack(columns), "measured")
         out.append(prepare(record, bias="trim", trim_s=2.0))
     return out
+
+
+def _behind(x: Any, dt: float, lags: Iterable[float]) -> Any:
+    for lag in lags:
+        x = first_order_lag(x, dt, lag) if lag > 0.0 else x
+    return x
 
 
 def by_output_error(flights: Any, draw: int) -> Iterator[Answer]:

@@ -11,10 +11,13 @@ from typing import Any
 
 import numpy as np
 
+from testbench.core.channels import channel
 from testbench.core.paths import SCENARIOS
 from testbench.questions.campaign.load import versions
 from testbench.questions.dataset.layout import Layout
 from testbench.questions.dataset.scenario import SPLITS, DatasetScenario, Level
+from testbench.questions.gap.sealed.flights import suite
+from testbench.sensors import load_suite
 
 _TASKS = {
     "identification": "Estimate the derivatives and modes of the aircraft (`truth`) from the flights of each draw.",
@@ -68,7 +71,7 @@ def datasheet(
         "The flights of a draw share aircraft, condition and hidden effects, and lie in one split: the SHA-256 of what "
         "was drawn decides which. A larger data set of the same seed begins with the same draws.\n",
         "## Channels\n",
-        _table(("channel", "unit"), list(zip(layout.channels, (u or "1" for u in layout.units), strict=True))),
+        _channels(scenario),
         "## Variables\n",
         _table(
             ("variable", "dimensions", "type", "unit", "what it is"),
@@ -91,6 +94,21 @@ def datasheet(
         "```python\nimport testbench as tb\n\nflights = tb.open_dataset(\"FOLDER\")\n```\n",
     ]  # fmt: skip
     return "\n".join(p for p in parts if p)
+
+
+def _channels(scenario: DatasetScenario) -> str:
+    """Return the channels with what their sensors are believed to be, before levels and hidden effects."""
+    sensed = suite() if scenario.suite is None else load_suite(scenario.suite)
+    rows = [
+        (
+            s.channel,
+            channel(s.channel).unit,
+            *(f"{x:.3g}" for x in (s.noise_std, s.bias, s.lag_s, s.delay_s, s.quantum)),
+        )
+        for s in sensed.sensors
+    ]
+    heads = ("channel", "unit", "noise std", "bias", "lag, s", "delay, s", "quantum")
+    return _table(heads, rows)
 
 
 def _how(scenario: DatasetScenario, layout: Layout) -> str:
