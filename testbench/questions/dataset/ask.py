@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import time
 from collections import Counter, deque
@@ -20,10 +21,12 @@ from testbench.questions.campaign.load import versions
 from testbench.questions.campaign.store import Counts
 from testbench.questions.dataset.cases import fly_case_part
 from testbench.questions.dataset.datasheet import datasheet
+from testbench.questions.dataset.draws import aircraft_of
 from testbench.questions.dataset.flying import Part, fly_part
-from testbench.questions.dataset.layout import Layout, layout_of
+from testbench.questions.dataset.layout import Layout, label, layout_of
 from testbench.questions.dataset.scenario import DatasetScenario
 from testbench.questions.dataset.store import STORE, Store
+from testbench.sensors import load_suite
 
 _PART_BYTES = 16e6  # of a part: some hundred flights, a second's work
 _MOST_PER_PART = 64
@@ -88,18 +91,38 @@ def draw_dataset(
         scenario = DatasetScenario.load(scenario)
     if runs is not None and runs < 1:
         raise ScenarioError([f"runs >= 1 must hold, got {runs}"])
+    aircraft_of.cache_clear()  # a folder of the user's own may have changed since the last set
     layout = layout_of(scenario, runs or scenario.flights)
     require_room("a flight of the data set", layout.row_bytes, "shorten its manoeuvres (duration_s)")
-    about = {
-        "scenario": json.loads(scenario.model_dump_json()),
+    store = Store.open(Path(folder), layout, _about(scenario, layout, simulator))
+    if store.complete:
+        return Drawn(store.folder, layout, {}, 0, 0.0)
+    return _Session(scenario, layout, store, workers or cores(), simulator, progress).fly()
+
+
+def _about(scenario: DatasetScenario, layout: Layout, simulator: Simulator) -> dict[str, Any]:
+    """Return what decides every byte of a data set; files of the user's own by name and hash, not by their place."""
+    asked, models = json.loads(scenario.model_dump_json()), {}
+    for level, given in zip(scenario.level, asked["level"], strict=True):
+        for name in level.aircraft:
+            aircraft = aircraft_of(name, level.wings)
+            content = [aircraft.xml, repr(aircraft.elastic), sorted(aircraft.engine_files.items())]
+            models[f"{label(name)}, {level.wings}"] = _hash(content)
+        given["aircraft"] = [label(name) for name in level.aircraft]
+    if scenario.suite is not None:
+        asked["suite"] = label(scenario.suite)
+        models[asked["suite"]] = _hash(repr(load_suite(scenario.suite)))
+    return {
+        "scenario": asked,
+        "models": models,
         "layout": json.loads(layout.to_json()),
         "versions": versions(),
         "simulator": simulator,
     }
-    store = Store.open(Path(folder), layout, about)
-    if store.complete:
-        return Drawn(store.folder, layout, {}, 0, 0.0)
-    return _Session(scenario, layout, store, workers or cores(), simulator, progress).fly()
+
+
+def _hash(content: object) -> str:
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
 @dataclass

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from testbench.core.errors import Faults, LimitError, nearest
 from testbench.flight import load_aircraft
 from testbench.inputs import build
@@ -38,6 +40,13 @@ def dataset_faults(scenario: DatasetScenario) -> list[str]:
             if kind not in KINDS:
                 faults.note(f"level[{i}].hidden", f"unknown kind of hidden effect '{kind}'{nearest(kind, KINDS)}")
         _check_level(faults, f"level[{i}]", scenario, level, suite)
+    places: dict[str, str] = {}
+    for i, level in enumerate(scenario.level):
+        for name in level.aircraft:
+            if places.setdefault(Path(name).name, name) != name:
+                faults.note(
+                    f"level[{i}].aircraft", f"folders of aircraft must differ in name, got '{Path(name).name}' twice"
+                )
     rate = scenario.samples_hz or suite.rate_hz
     for i, manoeuvre in enumerate(scenario.manoeuvre):
         faults.attempt(f"manoeuvre[{i}]", build, manoeuvre.input, manoeuvre.duration_s, rate)

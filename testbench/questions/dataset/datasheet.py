@@ -14,7 +14,7 @@ import numpy as np
 from testbench.core.channels import channel
 from testbench.core.paths import SCENARIOS
 from testbench.questions.campaign.load import versions
-from testbench.questions.dataset.layout import Layout
+from testbench.questions.dataset.layout import Layout, label
 from testbench.questions.dataset.scenario import SPLITS, DatasetScenario, Level
 from testbench.questions.gap.sealed.flights import suite
 from testbench.sensors import load_suite
@@ -136,7 +136,7 @@ def _words(level: Level) -> str:
         return f"{low:g}{unit}" if low == high else f"{low:g} to {high:g}{unit}"
 
     out = [
-        f"{' or '.join(level.aircraft)}, {level.wings} wings",
+        f"{' or '.join(label(x) for x in level.aircraft)}, {level.wings} wings",
         f"{between(level.speed_ratio)} of the design airspeed at {between(level.h_m, ' m')}",
         f"inputs times {between(level.scale)}",
         f"sensor errors times {level.noise:g}",

@@ -317,11 +317,15 @@ def _sha256(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def _sorted(value: Any) -> str:
+    return json.dumps(value, sort_keys=True)
+
+
 def _differs(found: Path, about: Mapping[str, Any]) -> str:
     """Return which keys of what decides the content differ."""
     try:
         before = json.loads(found.read_text(encoding="utf-8"))
-        keys = [k for k in {**before, **about} if json.dumps(before.get(k)) != json.dumps(about.get(k))]
+        keys = [k for k in {**before, **about} if _sorted(before.get(k)) != _sorted(about.get(k))]
     except (ValueError, AttributeError):
         return f"its {ABOUT} is damaged"
     return f"{', '.join(keys) or 'the order'} differ{'s' if len(keys) == 1 else ''}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from drawn_sets import SMALL, StandIn
 
 import testbench as tb
 from testbench.core.errors import DatasetError, DiskError, RecordError, ScenarioError
+from testbench.core.paths import AIRCRAFT_MODELS
 from testbench.core.scenario.inputs import Doublet
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.inputs import build
@@ -241,12 +243,47 @@ def test_a_set_whose_draws_mostly_fail_is_refused_with_the_reason(tmp_path):
 
 
 def test_another_set_in_the_folder_and_a_folder_in_use_are_refused(small, tmp_path):
-    with pytest.raises(DatasetError, match="holds another one"):
+    with pytest.raises(DatasetError, match=r"holds another one \(layout differs\)"):
         tb.draw_dataset(small / "small.toml", small / "set", runs=20, workers=1)
     (tmp_path / "notes.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(DatasetError, match=r"a folder of its own, but .* holds notes.txt"):
         tb.draw_dataset(small / "small.toml", tmp_path, workers=1)
     assert tb.draw_dataset(small / "small.toml", small / "set").flown == 0
+
+
+def test_an_own_aircraft_is_known_by_name_and_hash_and_not_by_its_place(small, tmp_path):
+    shutil.copytree(AIRCRAFT_MODELS / "taurus", tmp_path / "mine")
+    text = SMALL.replace('["taurus"]', '["./mine"]').replace('hidden = ["late link", "slow servo", "gyro gain"]', "")
+    drawn = tb.draw_dataset(file_of(tmp_path, text), tmp_path / "set", runs=12, workers=1)
+    for name in ("dataset.json", "README.md"):
+        assert str(tmp_path) not in (drawn.folder / name).read_text("utf-8")
+    assert "mine" in tb.open_dataset(drawn.folder).aircraft.attrs["names"]
+    model = tmp_path / "mine" / "taurus.xml"
+    changed = model.read_text("utf-8").replace('"M">1.27</wingspan>', '"M">1.28</wingspan>')
+    model.write_text(changed, encoding="utf-8")
+    with pytest.raises(DatasetError, match=r"holds another one \(models differs\)"):
+        tb.draw_dataset(tmp_path / "small.toml", tmp_path / "set", runs=12, workers=1)
+
+
+def test_an_interrupt_keeps_what_is_finished_and_ends_with_130(small):
+    """As Ctrl-C does: the signal goes to the command alone, whose workers end with it."""
+    folder = small / "interrupted"
+    code = (
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from testbench.questions.dataset "
+        "import ask; ask._MOST_PER_PART = 1; from testbench.cli import main; main()"
+    )
+    words = ["dataset", small / "small.toml", "--out", folder, "--runs", "2000", "--workers", "2"]
+    process = subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE, text=True)
+    journal = folder / ".drawing" / "parts.jsonl"
+    while not (journal.exists() and journal.stat().st_size) and process.poll() is None:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate()
+    assert process.returncode == 130, said
+    assert "what is finished is kept; the same command goes on" in said
+    assert "Traceback" not in said
+    with pytest.raises(DatasetError, match="is not complete"):
+        tb.open_dataset(folder)
 
 
 def test_a_disk_without_room_is_told_before_anything_is_flown(small, tmp_path):
