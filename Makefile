@@ -12,7 +12,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
   tests/questions/campaign/test_draws.py tests/questions/run/test_scenario.py tests/test_house_rules.py \
   tests/test_packaging.py
 
-.PHONY: demo quick lint test pages-held fuzz test-slow benchmarks stock blind-test docs campaign-cost design-study promise-study sequential-study estimator-study advice-study reproduction autopilot-log-study clean
+.PHONY: demo quick lint test pages-held fuzz test-slow benchmarks stock blind-test docs campaign-cost dataset-study design-study promise-study sequential-study estimator-study advice-study reproduction autopilot-log-study clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -49,6 +49,7 @@ benchmarks: $(VENV)/installed-dev
 	$(BIN)/python tests/benchmarks/batch_cost.py memory
 	$(BIN)/python tests/benchmarks/design_speed.py
 	$(BIN)/python tests/benchmarks/campaign_speed.py
+	$(BIN)/python tests/benchmarks/dataset_speed.py
 	$(BIN)/python tests/benchmarks/env_speed.py
 	$(BIN)/python tests/benchmarks/subspace_speed.py
 	$(BIN)/python tests/benchmarks/output_error_speed.py
@@ -88,6 +89,10 @@ advice-study: $(VENV)/installed-dev
 # From simulated PX4 and ArduPilot logs to derivatives, 100 seeds: hours on one core; it goes on where it stopped.
 autopilot-log-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/autopilot_logs.py
+
+# Writes results/dataset/*.csv: methods scored on the packaged data sets; half an hour of processor time.
+dataset-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/dataset_study.py
 
 env-study: $(VENV)/installed-rl
 	for task in eolo:6 taurus:2; do name=$${task%:*}; \

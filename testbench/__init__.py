@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from testbench.questions.campaign.ask import fly_campaign
     from testbench.questions.campaign.load import load_campaign
     from testbench.questions.compare.ask import compare
+    from testbench.questions.dataset.ask import draw_dataset
+    from testbench.questions.dataset.open import FlightSamples, open_dataset
     from testbench.questions.design.ask import run_design
     from testbench.questions.design.known import known_after
     from testbench.questions.files import load
@@ -80,6 +82,9 @@ _HOME = {
     "list_results": "testbench.questions.results.ask",
     "estimate": "testbench.estimators",
     "with_causes": "testbench.estimators.causes",
+    "draw_dataset": "testbench.questions.dataset.ask",
+    "FlightSamples": "testbench.questions.dataset.open",
+    "open_dataset": "testbench.questions.dataset.open",
     "evaluate": "testbench.evaluation",
     "find_gap": "testbench.questions.gap.workflow",
     "first_look": "testbench.questions.gap.open_set",
@@ -115,6 +120,7 @@ __all__ = [
     "FlightCondition",
     "FlightParameter",
     "FlightRecord",
+    "FlightSamples",
     "InputSignal",
     "Job",
     "LogCoefficients",
@@ -123,6 +129,7 @@ __all__ = [
     "amend",
     "compare",
     "compare_results",
+    "draw_dataset",
     "estimate",
     "evaluate",
     "find_gap",
@@ -147,6 +154,7 @@ __all__ = [
     "load_scenario",
     "load_suite",
     "make_plan",
+    "open_dataset",
     "pool",
     "read_records",
     "read_results",

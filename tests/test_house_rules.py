@@ -45,6 +45,7 @@ ASKS = {
     "reproduce": {"run", "plan"},
     "exercise": set(),
     "results": set(),
+    "dataset": {"campaign", "gap"},
 }
 ONLY_IN = {"jsbsim": "flight", "gymnasium": "envs"}
 
@@ -110,22 +111,21 @@ def test_a_question_imports_another_only_if_it_asks_it(path):
 def test_the_hidden_truth_and_the_library_of_effects_share_no_code():
     """What makes hidden truths and what names them import nothing of each other, in both directions."""
     gap, blind = PACKAGE / "questions" / "gap", ROOT / "tests" / "studies" / "blind"
-    hidden = "testbench.questions.gap.hidden"
+    hidden, sealed = "testbench.questions.gap.hidden", "testbench.questions.gap.sealed"
     # What draws the cases of the blind test imports, of all this, its own modules and the maker of hidden truths only.
-    drawing = {"flights", "kinds", "truths", "cases"}
-    own = {f"studies.blind.{m}" for m in drawing} | {"studies.blind"}
-    for path in (*(gap / "hidden").glob("*.py"), *(blind / f"{m}.py" for m in sorted(drawing))):
+    for path in (*(gap / "hidden").glob("*.py"), *(gap / "sealed").glob("*.py")):
         found = {m for m, _ in imports(path) if m.startswith(("testbench.questions.gap", "studies"))}
-        allowed = own if path.parent == blind else set()
-        assert not {m for m in found - allowed if m.split(".")[:4] != hidden.split(".")}, path.name
+        allowed = (hidden, sealed) if path.parent.name == "sealed" else (hidden,)
+        assert not {m for m in found if not m.startswith(allowed)}, path.name
     for path in (gap / "effects").glob("*.py"):
         if path.name != "contract.py":  # which tries effects in flight
             assert not {m for m, _ in imports(path) if m.startswith("testbench.questions.gap") and "effects" not in m}
     for path in gap.rglob("*.py"):
-        if path.parent.name != "hidden" and path.name not in ("ask.py", "scenario.py"):  # a case makes its records
-            assert not {m for m, _ in imports(path) if m.startswith((hidden, "studies.blind"))}, path.name
+        if path.parent.name not in ("hidden", "sealed"):
+            made = () if path.name in ("ask.py", "scenario.py") else (hidden,)  # a case makes its records
+            assert not {m for m, _ in imports(path) if m.startswith((*made, sealed, "studies.blind"))}, path.name
     naming = {m for m, _ in imports(blind / "run.py")}
-    assert not {m for m in naming if m.startswith(hidden) or m in own - {"studies.blind.flights"}}, (
+    assert not {m for m in naming if m.startswith((hidden, sealed)) and m != f"{sealed}.flights"}, (
         "run.py sees conditions and sensors only"
     )
 

@@ -94,6 +94,12 @@ class CampaignError(TestbenchError):
     exit_status = 3
 
 
+class DatasetError(TestbenchError):
+    """A data set cannot be drawn, gone on with, or scored: most draws cannot fly, or its folder holds another one."""
+
+    exit_status = 3
+
+
 class MissingPackage(TestbenchError, ImportError):
     """An optional package is not installed; the message names the extra that brings it."""
 

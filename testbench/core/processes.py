@@ -20,6 +20,7 @@ from multiprocessing import connection, current_process, get_context
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
+from testbench.core.interrupts import held_back
 from testbench.core.scratch import Scratch
 
 T = TypeVar("T")
@@ -88,7 +89,8 @@ class Ahead:
         mine, theirs = get_context("fork").Pipe(duplex=False)
         folder = Scratch()  # what the task writes goes with it, even if it is ended
         process = get_context("fork").Process(target=_work, args=(task, mine, theirs, folder.name), daemon=True)
-        process.start()
+        with held_back():  # after a fork Python calls back what modules registered, where an interrupt would vanish
+            process.start()
         theirs.close()
         self._running[key] = _Running(process, mine, folder)
 
@@ -122,6 +124,7 @@ class Ahead:
     def _end(running: _Running) -> None:
         running.answer.close()
         running.process.join()
+        running.folder.remove()
 
 
 def spread(tasks: Sequence[Callable[[], T]]) -> list[T]:

@@ -12,6 +12,8 @@ import weakref
 from functools import lru_cache
 from pathlib import Path
 
+from testbench.core.interrupts import held_back
+
 try:
     import fcntl
 except ImportError:  # not on Windows: there what a killed process leaves stays, as it did before
@@ -31,7 +33,12 @@ class Scratch:
 
     def __init__(self) -> None:
         self.name = tempfile.mkdtemp(dir=_of_process(os.getpid(), tempfile.gettempdir()))
-        weakref.finalize(self, _remove, self.name, os.getpid())
+        self._removal = weakref.finalize(self, _remove, self.name, os.getpid())
+
+    def remove(self) -> None:
+        """Remove the folder now: an interrupt would vanish in what runs when an object is collected."""
+        with held_back():
+            self._removal()
 
 
 @lru_cache(maxsize=1)

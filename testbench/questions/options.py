@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import Enum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import typer
 from typer.core import TyperGroup
@@ -42,13 +42,23 @@ SimulatorOption = Annotated[
 ]
 
 
-class ShowByDefault(TyperGroup):
-    """A group of commands whose name may be followed by what is shown: ``aircraft eolo`` is ``aircraft show eolo``."""
+class ByDefault(TyperGroup):
+    """A group of commands whose name may be followed by what the first of them takes.
+
+    ``aircraft eolo`` is ``aircraft show eolo``.
+    """
+
+    default: ClassVar[str] = ""
+
+    @classmethod
+    def first(cls, name: str) -> type[ByDefault]:
+        """Return the group whose first command has this name."""
+        return type(cls.__name__, (cls,), {"default": name})
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Put ``show`` before arguments that begin with no command of the group."""
+        """Put the first command before arguments that begin with no command of the group."""
         if args and args[0] not in {*self.commands, "--help"}:
-            args = ["show", *args]
+            args = [self.default, *args]
         return super().parse_args(ctx, args)
 
 

@@ -12,9 +12,9 @@ import time
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from studies.blind.cases import draw
 from studies.blind.rows import run_case
 
+from testbench.questions.gap.sealed.cases import draw
 from testbench.questions.gap.search.parallel import cores, processes
 
 if __name__ == "__main__":

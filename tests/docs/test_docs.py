@@ -72,7 +72,8 @@ def test_every_command_of_the_pages_exists_with_its_options():
             found = program.commands.get(words[0])
             while found is not None and hasattr(found, "commands") and len(words) > 1:
                 words = words[1:]
-                found = found.commands.get(words[0], found.commands.get("show"))  # aircraft NAME is aircraft show NAME
+                first = found.commands.get("show", found.commands.get("draw"))  # aircraft NAME is aircraft show NAME
+                found = found.commands.get(words[0], first)
             if found is None:
                 wrong.append(f"{name(page) if page.is_relative_to(DOCS) else page.name}: {line}")
                 continue

@@ -15,8 +15,9 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy
 
 import numpy as np
-from studies.blind.cases import opened
 from studies.blind.rows import run_case
+
+from testbench.questions.gap.sealed.cases import opened
 
 ALIKE = 0.05  # of a standard error: sizes are printed to two digits of it
 _RESULTS = Path(__file__).resolve().parents[2] / "results" / "gap"

@@ -15,12 +15,12 @@ import time
 from pathlib import Path
 
 import numpy as np
-from studies.blind.cases import SHORT, opened
 from studies.blind.run import believe
 
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.evidence.check import check_data
 from testbench.questions.gap.open_set import first_look, named_openly
+from testbench.questions.gap.sealed.cases import SHORT, opened
 
 FOLDER = Path(__file__).parents[2] / "results" / "gap"
 

@@ -10,10 +10,10 @@ import typer
 from testbench.page.terminal import console, stages
 from testbench.questions.aircraft.flexible.command import flexible
 from testbench.questions.aircraft.new import new
-from testbench.questions.options import OutOption, ShowByDefault, Wings, refuse
+from testbench.questions.options import ByDefault, OutOption, Wings, refuse
 
 command = typer.Typer(
-    cls=ShowByDefault,
+    cls=ByDefault.first("show"),
     no_args_is_help=True,
     help="Show an aircraft: any JSBSim model, packaged, your own, or one that ships with JSBSim.",
 )

@@ -37,7 +37,7 @@ def run_inputs(spec: CampaignSpec, index: int) -> dict[str, Any]:
         cell //= len(values)
     out = {key: out[key] for key in spec.grid}
     for key, law in spec.vary.items():
-        out[key] = _draw(law, spec.seed, index, key)
+        out[key] = draw_value(law, spec.seed, index, key)
     return out
 
 
@@ -58,7 +58,8 @@ def middle(law: Distribution) -> Any:
     return law.among[0] if isinstance(law, Choice) else law.values[0]
 
 
-def _draw(law: Distribution, seed: int, index: int, key: str) -> Any:
+def draw_value(law: Distribution, seed: int, index: int, key: str) -> Any:
+    """Return the value of one key in draw ``index``."""
     assert not isinstance(law, Uncertainty), "with_own_laws puts a normal law in its place"
     if not isinstance(law, (Normal, Uniform, LogNormal, Choice)):
         return law.values[index % len(law.values)]

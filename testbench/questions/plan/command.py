@@ -10,10 +10,10 @@ import typer
 
 from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
-from testbench.questions.options import FlownBy, OutOption, SeedOption, ShowByDefault, SimulatorOption, UsageError
+from testbench.questions.options import ByDefault, FlownBy, OutOption, SeedOption, SimulatorOption, UsageError
 
 command = typer.Typer(
-    cls=ShowByDefault,
+    cls=ByDefault.first("show"),
     no_args_is_help=True,
     help="Turn test points and manoeuvres into a campaign: build-up, flight cards, repeats, times, energy, scripts.",
 )

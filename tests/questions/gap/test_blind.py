@@ -14,12 +14,9 @@ import numpy as np
 import pytest
 from studies.blind import __main__ as command
 from studies.blind import rows
-from studies.blind.cases import Case, draw, opened, seal
-from studies.blind.flights import fly_truth
 from studies.blind.report import write_report
 from studies.blind.run import believe, look_again
 from studies.blind.score import judge, rates
-from studies.blind.truths import KINDS, parameter_errors
 
 from testbench.evaluation.proportion import proportion_interval
 from testbench.questions.gap.criteria import CRITERIA
@@ -28,6 +25,9 @@ from testbench.questions.gap.hidden import servos
 from testbench.questions.gap.hidden.aircraft import SERVO_LAG
 from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.hidden.truth import Truth
+from testbench.questions.gap.sealed.cases import Case, draw, opened, seal
+from testbench.questions.gap.sealed.flights import fly_truth
+from testbench.questions.gap.sealed.truths import KINDS, parameter_errors
 
 TESTS = Path(__file__).resolve().parents[2]
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import binom, chi2
-from studies.blind.flights import fly_truth
 from studies.blind.run import believe
 
 from testbench.core.errors import ModelError
@@ -22,6 +21,7 @@ from testbench.questions.gap.evidence.gusts import manoeuvre_of, record_key
 from testbench.questions.gap.export import air_text
 from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.hidden.truth import Truth
+from testbench.questions.gap.sealed.flights import fly_truth
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.gust_search import GustSearch, sought
 from testbench.questions.gap.search.hypothesis import Hypothesis

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from studies.blind.flights import fly_truth
 from studies.blind.run import believe
 
 from testbench.core.errors import TrimError
 from testbench.questions.gap.hidden.truth import Truth
+from testbench.questions.gap.sealed.flights import fly_truth
 from testbench.questions.gap.search.hypothesis import Hypothesis
 
 

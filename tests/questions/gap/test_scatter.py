@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import minimize_scalar
-from studies.blind.flights import fly_truth
 from studies.blind.run import believe
 
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.hidden.truth import Truth
+from testbench.questions.gap.sealed.flights import fly_truth
 from testbench.questions.gap.search.fit import fit
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect

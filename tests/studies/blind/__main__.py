@@ -15,10 +15,11 @@ from typing import Any
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy: two workers with two threads each are far slower
 
-from studies.blind.cases import SHORT, STRATA, WITHOUT, Case, draw, opened, seal
 from studies.blind.parts import CALLED_TABLE, called, called_text
 from studies.blind.report import write_report
 from studies.blind.rows import leave_with, look_at_rest, run_case
+
+from testbench.questions.gap.sealed.cases import SHORT, STRATA, WITHOUT, Case, draw, opened, seal
 
 SEED = 20261210
 RESULTS = Path(__file__).resolve().parents[3] / "results" / "gap"

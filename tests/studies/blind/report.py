@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from scipy.stats import chi2
-from studies.blind.cases import SHORT, STRATA, WITHOUT, Case
 from studies.blind.parts import called
 from studies.blind.score import (
     FEWEST,
@@ -28,6 +27,7 @@ from studies.blind.score import (
 from testbench.evaluation.proportion import proportion_interval
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import more_than_form
+from testbench.questions.gap.sealed.cases import SHORT, STRATA, WITHOUT, Case
 
 _CASES = (
     "case", "manoeuvres", "aircraft", "hidden", "right", "verdict", "said", "best", "share", "runner_up", "removed",

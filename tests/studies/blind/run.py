@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from studies.blind.flights import RATE_HZ, condition, suite
 
 from testbench.core.record import FlightRecord
 from testbench.flight import load_aircraft
@@ -18,6 +17,7 @@ from testbench.questions.gap.decide import Naming, Rest, judged, rest
 from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.effects.base import together
 from testbench.questions.gap.evidence.air import listen
+from testbench.questions.gap.sealed.flights import RATE_HZ, condition, suite
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis

@@ -8,8 +8,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from studies.blind.cases import Case
-from studies.blind.truths import KINDS
+from testbench.questions.gap.sealed.cases import Case
+from testbench.questions.gap.sealed.truths import KINDS
+from testbench.questions.gap.sealed.verdict import NO_GAP, UNEXPLAINED, verdict
 
 
 @dataclass(frozen=True)
@@ -29,36 +30,10 @@ class Score:
 
 
 def judge(case: Case, row: Mapping[str, Any]) -> Score:
-    """Score one case.
-
-    Of two effects at once both must be named for "right". Where nothing is hidden, or nothing that the library holds,
-    any name is wrong, and so is a set. Where one effect has several right names, several of them together are right,
-    too: a vane of second order is a lag and a delay.
-    """
+    """Score one case: see :func:`testbench.questions.gap.sealed.verdict.verdict`."""
     outcome, names = row["outcome"], list(row["names"])
-    if outcome in ("no gap", "unexplained"):
-        return Score(case, "none" if outcome == "no gap" else "unexplained", outcome, row)
-    said = " | ".join(names)
-    known = [r for r in case.right if r]
-    fits = [_fitting(name, known) for name in names]
-    if not known or not any(fits):
-        return Score(case, "wrong" if len(names) == 1 else "wrong set", said, row)
-    if len(names) > 1:
-        return Score(case, "in set" if max(fits) == len(known) else "wrong set", said, row)
-    if not set(names[0].split(" + ")) <= set().union(*known):
-        return Score(case, "wrong", said, row)
-    return Score(case, "right" if fits[0] == len(known) else "one of two", said, row)
-
-
-def _fitting(name: str, right: Sequence[Sequence[str]]) -> int:
-    """Return how many of the hidden effects the parts of a name stand for."""
-    parts, found = name.split(" + "), 0
-    for names in right:
-        match = next((p for p in parts if p in names), None)
-        if match is not None:
-            parts.remove(match)
-            found += 1
-    return found
+    said = outcome if outcome in (NO_GAP, UNEXPLAINED) else " | ".join(names)
+    return Score(case, verdict(case.right, outcome, names), said, row)
 
 
 FEWEST = 20  # cases, below which nothing is said of a bar

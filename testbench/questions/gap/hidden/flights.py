@@ -72,8 +72,8 @@ def fly_hidden(
     Raises:
         TrimError, FlightAborted, LimitError: this truth cannot fly the manoeuvres.
     """
-    real = _real(load_aircraft(aircraft, "flexible" if truth.flexible else wings), truth)
-    sensors = suite if truth.read is None else replace(suite, sensors=tuple(truth.read(s) for s in suite.sensors))
+    real = real_aircraft(load_aircraft(aircraft, "flexible" if truth.flexible else wings), truth)
+    sensors = read_through(suite, truth)
     rate = rate_hz or real.rate_hz
     trimmed = trim(real, condition, rate)
     out = {}
@@ -81,9 +81,7 @@ def fly_hidden(
         if progress:
             progress(f"fly {commands.name}")
         u = np.repeat(commands.u, round(rate / suite.rate_hz), axis=0)
-        signal = InputSignal(
-            np.arange(len(u)) / rate, _sent(truth, u, commands.controls, 1.0 / rate), commands.controls
-        )
+        signal = InputSignal(np.arange(len(u)) / rate, sent(truth, u, commands.controls, 1.0 / rate), commands.controls)
         flight = fly_and_measure(
             real,
             trimmed,
@@ -97,9 +95,14 @@ def fly_hidden(
         )
         measured = replace(flight.measured[sensors.name], provenance={"manoeuvre": commands.name})
         if as_issued:
-            measured = _as_issued(measured, u, commands.controls, trimmed, commands.settle_s)
-        out[commands.name] = measured if truth.spoil is None else _spoiled(measured, truth)
+            measured = as_issued_in(measured, u, commands.controls, trimmed, commands.settle_s)
+        out[commands.name] = measured if truth.spoil is None else spoiled(measured, truth)
     return out
+
+
+def read_through(suite: SensorSuite, truth: Truth) -> SensorSuite:
+    """Return the sensors as they really read."""
+    return suite if truth.read is None else replace(suite, sensors=tuple(truth.read(s) for s in suite.sensors))
 
 
 def _lags(changes: Sequence[Change]) -> list[SetProperty]:
@@ -107,7 +110,8 @@ def _lags(changes: Sequence[Change]) -> list[SetProperty]:
     return [c for c in changes if isinstance(c, SetProperty) and c.name == _LAG]
 
 
-def _real(believed: Aircraft, truth: Truth) -> Aircraft:
+def real_aircraft(believed: Aircraft, truth: Truth) -> Aircraft:
+    """Return what flies in place of a believed aircraft."""
     changes: list[Change] = [*truth.changes, *(ScaleCoefficient(n, f) for n, f in truth.factors.items())]
     if truth.whole_servo:
         changes.append(SetProperty(_LAG, 1e5))  # its slew limit stays
@@ -120,17 +124,17 @@ def _real(believed: Aircraft, truth: Truth) -> Aircraft:
     return replace(real, mass=replace(real.mass, mass_kg=real.mass.mass_kg + truth.extra_kg))
 
 
-def _sent(truth: Truth, u: FloatArray, controls: Sequence[str], dt_s: float) -> FloatArray:
+def sent(truth: Truth, u: FloatArray, controls: Sequence[str], dt_s: float) -> FloatArray:
     """Return what reaches the servos of the commands ``u`` (frames, m)."""
-    sent = u.copy()
+    out = u.copy()
     for control, law in (("de", truth.elevator), ("thr", truth.throttle)):
         if law is not None and control in controls:
             column = list(controls).index(control)
-            sent[:, column] = law(u[:, column], dt_s)
-    return sent
+            out[:, column] = law(u[:, column], dt_s)
+    return out
 
 
-def _as_issued(
+def as_issued_in(
     record: FlightRecord, u: FloatArray, controls: Sequence[str], trimmed: TrimmedFlight, settle_s: float
 ) -> FlightRecord:
     """Return the record with the commands as they were issued, not as they reached the servos."""
@@ -145,7 +149,7 @@ def _as_issued(
     return replace(record, data=data)
 
 
-def _spoiled(record: FlightRecord, truth: Truth) -> FlightRecord:
+def spoiled(record: FlightRecord, truth: Truth) -> FlightRecord:
     """Return the record with readings spoiled after the sensors."""
     data = record.data.copy()
     for i, name in enumerate(record.channels):

@@ -11,7 +11,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from studies.blind.kinds import Kind, between, either, kind
+
+from testbench.questions.gap.sealed.kinds import Kind, between, either, kind
 
 # Hidden truths in the library's own mathematics.
 LIBRARY_FORM: Mapping[str, Kind] = {

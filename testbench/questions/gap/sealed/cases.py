@@ -12,14 +12,14 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
-from studies.blind.flights import fly_truth, suite
-from studies.blind.kinds import Kind
-from studies.blind.truths import KINDS, parameter_errors
 
 from testbench.core.errors import LimitError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord
 from testbench.questions.gap.hidden.entries import TRUTHS
 from testbench.questions.gap.hidden.truth import Truth
+from testbench.questions.gap.sealed.flights import fly_truth, suite
+from testbench.questions.gap.sealed.kinds import Kind
+from testbench.questions.gap.sealed.truths import KINDS, parameter_errors
 
 STRATA: Mapping[str, int] = {
     "library form": 36,
@@ -97,7 +97,7 @@ class Case:
 
 def draw(seed: int, counts: Mapping[str, int] = STRATA) -> tuple[Case, ...]:
     """Draw the cases of every stratum, in an order that begins with the first of each."""
-    drawn = {stratum: [_flyable(stratum, i, seed) for i in range(n)] for stratum, n in counts.items()}
+    drawn = {stratum: [draw_case(stratum, i, seed) for i in range(n)] for stratum, n in counts.items()}
     most = max(counts.values())
     return tuple(cases[i] for i in range(most) for cases in drawn.values() if i < len(cases))
 
@@ -116,8 +116,12 @@ def opened(text: str) -> tuple[Case, ...]:
     )
 
 
-def _flyable(stratum: str, i: int, seed: int) -> Case:
-    """Return the first draw of a case that flies all its manoeuvres, of at most ten."""
+def draw_case(stratum: str, i: int, seed: int) -> Case:
+    """Return case ``i`` of a stratum: the first of at most ten draws that flies all its manoeuvres.
+
+    Raises:
+        LimitError: none of them does.
+    """
     for attempt in range(10):
         rng = np.random.default_rng(np.random.SeedSequence([seed, zlib.crc32(stratum.encode()), i, attempt]))
         case = _case(stratum, i, rng)

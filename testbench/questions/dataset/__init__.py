@@ -1,0 +1,5 @@
+"""Which method identifies or names best, on flights whose truth is known? Synthetic flights as a product.
+
+``scenario`` says what is drawn, ``draws`` draws it, ``flying`` and ``cases`` fly it, ``layout`` and ``store`` write
+it, ``datasheet`` describes it, ``open`` reads it, and ``score`` judges what others answer.
+"""

@@ -1,0 +1,95 @@
+"""What can be checked in the file of a data set before anything is flown."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from testbench.core.errors import Faults, LimitError, nearest
+from testbench.flight import load_aircraft
+from testbench.inputs import build
+from testbench.questions.campaign.draws import middle
+from testbench.questions.campaign.scenario import Uncertainty
+from testbench.questions.campaign.targets import check_target, is_scenario_key
+from testbench.questions.dataset.scenario import DatasetScenario, Level
+from testbench.questions.gap.hidden.aircraft import SPEEDS_M_S
+from testbench.questions.gap.sealed.cases import STRATA
+from testbench.questions.gap.sealed.truths import KINDS
+from testbench.sensors import SensorSuite, load_suite
+from testbench.sensors.sensor import whole_ratio
+
+
+def dataset_faults(scenario: DatasetScenario) -> list[str]:
+    """Return every law that the file of a data set breaks beyond its schema."""
+    faults = Faults(scenario.file)
+    if scenario.strata is not None:
+        for stratum in scenario.strata.sealed or {}:
+            if stratum not in STRATA:
+                faults.note("strata.sealed", f"unknown stratum '{stratum}'{nearest(stratum, STRATA)}")
+        if scenario.seed == scenario.strata.sealed_seed:
+            faults.note(
+                "seed", f"seed must differ from strata.sealed_seed, or cases leak; got {scenario.seed} for both"
+            )
+        if scenario.split.train + scenario.split.validation == 0.0:
+            faults.note("split", "train + validation > 0 must hold: the sealed cases are the test split")
+        return faults
+    suite = faults.attempt("suite", load_suite, str(scenario.suite))
+    if suite is None:
+        return faults
+    for i, level in enumerate(scenario.level):
+        for kind in level.hidden:
+            if kind not in KINDS:
+                faults.note(f"level[{i}].hidden", f"unknown kind of hidden effect '{kind}'{nearest(kind, KINDS)}")
+        _check_level(faults, f"level[{i}]", scenario, level, suite)
+    places: dict[str, str] = {}
+    for i, level in enumerate(scenario.level):
+        for name in level.aircraft:
+            if places.setdefault(Path(name).name, name) != name:
+                faults.note(
+                    f"level[{i}].aircraft", f"folders of aircraft must differ in name, got '{Path(name).name}' twice"
+                )
+    rate = scenario.samples_hz or suite.rate_hz
+    for i, manoeuvre in enumerate(scenario.manoeuvre):
+        faults.attempt(f"manoeuvre[{i}]", build, manoeuvre.input, manoeuvre.duration_s, rate)
+    return faults
+
+
+def _check_level(faults: Faults, key: str, scenario: DatasetScenario, level: Level, suite: SensorSuite) -> None:
+    commanded = {s.control for m in scenario.manoeuvre for s in m.input}
+    for name in level.aircraft:
+        aircraft = faults.attempt(f"{key}.aircraft", load_aircraft, name, level.wings)
+        if aircraft is None:
+            continue
+        for control in sorted(commanded - set(aircraft.controls)):
+            faults.note(f"{key}.aircraft", f"{name} must have every control that is moved, but it has no '{control}'")
+        if level.hidden and name not in SPEEDS_M_S:
+            faults.note(f"{key}.hidden", f"hidden effects are known for {' and '.join(SPEEDS_M_S)}, got '{name}'")
+        rate = scenario.simulation.rate_hz or aircraft.rate_hz
+        faults.attempt(f"{key}.aircraft", _check_rates, scenario, name, rate, suite)
+        for target, law in level.vary.items():
+            where = f'{key}.vary."{target}"'
+            if isinstance(law, Uncertainty):
+                faults.note(where, "kind 'uncertainty' belongs to campaigns; give 'normal' with its std")
+            elif is_scenario_key(target):
+                faults.note(
+                    where,
+                    f"a key must begin with aircraft., coefficient., property. or sensor., got '{target}'; condition, "
+                    "air and inputs are drawn by the keys of the level",
+                )
+            else:
+                for fault in check_target(target, middle(law), aircraft, (suite,)):
+                    faults.note(where, fault)
+
+
+def _check_rates(scenario: DatasetScenario, name: str, rate_hz: float, suite: SensorSuite) -> None:
+    samples = scenario.samples_hz or suite.rate_hz
+    if whole_ratio(rate_hz, samples) is None:
+        raise LimitError(
+            f"samples_hz must divide the frames of {name}, got {samples:g} Hz into {rate_hz:g} Hz; set "
+            "simulation.rate_hz to a multiple"
+        )
+    for sensor in suite.sensors:
+        if sensor.rate_hz and whole_ratio(samples, sensor.rate_hz) is None:
+            raise LimitError(
+                f"samples_hz must be a multiple of the rate of every sensor, got {samples:g} Hz, and "
+                f"{sensor.rate_hz:g} Hz of {sensor.channel}"
+            )

@@ -1,0 +1,134 @@
+"""The file of a data set: levels of flights to identify from, or the strata of the blind test to name effects in."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field, model_validator
+
+from testbench.core.scenario.base import AircraftName, Asked, Simulation, SuiteName
+from testbench.core.scenario.inputs import Input
+from testbench.core.schema import NonNegative, Positive, Strict
+from testbench.questions.campaign.scenario import Distribution
+
+Between = Annotated[tuple[float, float], Field(strict=False)]
+SPLITS = ("train", "validation", "test")
+
+
+class Flown(Strict):
+    """One manoeuvre that every draw flies; ``settle_s`` of trimmed flight stands before its inputs."""
+
+    name: Annotated[str, Field(min_length=1)]
+    duration_s: Positive
+    settle_s: NonNegative = 2.0
+    input: Annotated[tuple[Input, ...], Field(min_length=1, strict=False)]
+
+
+class Split(Strict):
+    """Shares of the draws; which split a draw belongs to follows from a hash of what was drawn."""
+
+    train: NonNegative = 0.7
+    validation: NonNegative = 0.15
+    test: NonNegative = 0.15
+
+    @model_validator(mode="after")
+    def _one_in_all(self) -> Split:
+        total = self.train + self.validation + self.test
+        if not math.isclose(total, 1.0, abs_tol=1e-9):
+            raise ValueError(f"train + validation + test = 1 must hold, got {total:g}")
+        return self
+
+    def of(self, share: float) -> str:
+        """Return the split of a draw whose hash is ``share``, 0 to 1."""
+        if share < self.train:
+            return "train"
+        return "validation" if share < self.train + self.validation else "test"
+
+
+class Level(Strict):
+    """One level of difficulty: how its aircraft, conditions, air, sensors and hidden effects are drawn.
+
+    ``share`` is its weight among the levels. ``speed_ratio`` is the airspeed over the aircraft's design airspeed,
+    ``scale`` a factor on all inputs of a draw, ``noise`` one on noise, bias, drift and quantum of the sensors. A pair
+    is the range of a uniform draw. ``vary`` takes the keys of a campaign that change the aircraft or a sensor.
+    ``hidden`` lists kinds of hidden effects, of which each draw has one.
+    """
+
+    name: Annotated[str, Field(min_length=1)]
+    share: Positive = 1.0
+    aircraft: Annotated[tuple[AircraftName, ...], Field(min_length=1, strict=False)]
+    wings: Literal["flexible", "rigid"] = "rigid"
+    speed_ratio: Between = (1.0, 1.0)
+    h_m: Between
+    scale: Between = (1.0, 1.0)
+    noise: NonNegative = 1.0
+    turbulence_rms_m_s: Between = (0.0, 0.0)
+    vary: dict[str, Distribution] = {}
+    hidden: Annotated[tuple[str, ...], Field(strict=False)] = ()
+
+    @model_validator(mode="after")
+    def _ranges(self) -> Level:
+        for key, least in (("speed_ratio", 0.0), ("h_m", -math.inf), ("scale", 0.0), ("turbulence_rms_m_s", 0.0)):
+            low, high = getattr(self, key)
+            if not least <= low <= high:
+                above = f"{least:g} <= " if math.isfinite(least) else ""
+                raise ValueError(f"{key}: {above}low <= high must hold, got {low:g} and {high:g}")
+        return self
+
+
+class Strata(Strict):
+    """The strata of the blind test. Its sealed cases are the test split; train and validation are drawn by its laws.
+
+    ``sealed_seed`` is the seed of the sealed cases, ``sealed`` their number by stratum; all of the blind test if not
+    given.
+    """
+
+    sealed_seed: Annotated[int, Field(ge=0)] = 20261210
+    sealed: dict[str, Annotated[int, Field(ge=0)]] | None = None
+
+
+class DatasetScenario(Asked):
+    """A data set of flights whose truth is known.
+
+    ``level`` with ``manoeuvre`` and ``suite`` makes flights to identify from: each draw flies every manoeuvre.
+    ``strata`` makes cases in which an effect is to be named, each with the manoeuvres of the blind test. ``flights``
+    are drawn; of ``strata``, the sealed cases come on top.
+    """
+
+    unnamed: ClassVar[str] = "dataset"
+    checked_by: ClassVar[str] = "testbench.questions.dataset.check:dataset_faults"
+
+    seed: Annotated[int, Field(ge=0)] = 0
+    flights: Annotated[int, Field(ge=1)]
+    licence: Annotated[str, Field(min_length=1)]
+    split: Split = Split()
+    suite: SuiteName | None = None
+    samples_hz: Positive | None = None
+    simulation: Simulation = Simulation()
+    manoeuvre: Annotated[tuple[Flown, ...], Field(strict=False)] = ()
+    level: Annotated[tuple[Level, ...], Field(strict=False)] = ()
+    strata: Strata | None = None
+
+    @model_validator(mode="after")
+    def _one_task(self) -> DatasetScenario:
+        made = [name for name in ("level", "manoeuvre", "suite") if getattr(self, name)]
+        if self.strata is None and len(made) < 3:
+            raise ValueError(
+                "either 'strata' must be given, or 'level', 'manoeuvre' and 'suite'; got "
+                + (", ".join(made) or "none of them")
+            )
+        if self.strata is not None and made:
+            raise ValueError(
+                f"'strata' brings its own {', '.join(made)}: leave {'it' if len(made) == 1 else 'them'} out"
+            )
+        for key in ("level", "manoeuvre"):
+            names = [x.name for x in getattr(self, key)]
+            if len(set(names)) != len(names):
+                raise ValueError(f"names of {key} must differ, got {', '.join(names)}")
+        return self
+
+    @property
+    def task(self) -> str:
+        """What is asked of whoever takes the data: "identification" or "naming"."""
+        return "identification" if self.strata is None else "naming"

@@ -1,0 +1,349 @@
+"""The folder of a data set: one HDF5 store, the withheld labels, and what a killed process left for the next.
+
+All arrays of the store are contiguous, so that their places are known once the empty file is laid out. Its whole size
+is then claimed from the disk, before anything is flown, and parts are written by Python at their places: HDF5, which
+ends the process if the disk fills while it writes, is not there. A part counts once its line stands in the journal;
+a process that is killed loses at most the part that it was writing, whose place is written again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import io
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from testbench.core.claim import claim
+from testbench.core.errors import DatasetError, DiskError, RecordError
+from testbench.core.files import netcdf_bytes, write_file
+from testbench.questions.dataset.flying import Part
+from testbench.questions.dataset.layout import WITHHELD, Layout, Variable
+from testbench.questions.dataset.scenario import SPLITS
+
+STORE, TRUTH, ABOUT, SHEET, SUMS = "flights.h5", "truth_test.h5", "dataset.json", "README.md", "checksums.sha256"
+_HEAD = 1 << 20  # bytes that names and structure take at most
+_FIX = "free space, or give another folder with --out; what is finished is kept"
+_TEST = SPLITS.index("test")
+_WORK = ".drawing"
+
+
+@dataclass(frozen=True, eq=False)
+class Store:
+    """A folder that is being filled.
+
+    Attributes:
+        folder: of the data set.
+        layout: of its arrays.
+        about: what decides its content, as JSON.
+    """
+
+    folder: Path
+    layout: Layout
+    about: str
+
+    @classmethod
+    def open(cls, folder: Path, layout: Layout, about: Mapping[str, Any]) -> Store:
+        """Claim a folder and go on with what lies in it, or lay out a new one.
+
+        Raises:
+            BusyError: another process writes into it.
+            DatasetError: it holds something else.
+            DiskError: the disk has no room for all of it.
+        """
+        claim(folder)
+        store = cls(folder, layout, json.dumps(about, indent=1, sort_keys=True) + "\n")
+        found = folder / ABOUT
+        if not found.exists():
+            others = sorted(p.name for p in folder.iterdir())
+            if others and _WORK not in others:  # with it, a process was killed while it laid out
+                raise DatasetError(
+                    f"a data set needs a folder of its own, but '{folder}' holds {others[0]}; give another --out"
+                )
+            store._lay_out()
+            write_file(found, store.about, fix=_FIX)
+        elif found.read_text(encoding="utf-8") != store.about:
+            raise DatasetError(
+                f"a folder holds one data set, but '{folder}' holds another one ({_differs(found, about)}); give "
+                "another folder with --out, or remove that one"
+            )
+        if store.complete:
+            shutil.rmtree(folder / _WORK, ignore_errors=True)
+        return store
+
+    @property
+    def complete(self) -> bool:
+        """Whether all is there, checksums included."""
+        return (self.folder / SUMS).exists()
+
+    def _lay_out(self) -> None:
+        """Make the empty store and the place of all labels, and claim from the disk all that they will take."""
+        work = self.folder / _WORK
+        shutil.rmtree(work, ignore_errors=True)
+        work.mkdir(parents=True)
+        try:
+            with (work / "labels").open("wb") as labels:
+                _claim_disk(labels.fileno(), self._label_bytes * self.layout.flights)
+            with (work / STORE).open("w+b") as file:
+                size = _HEAD + self.layout.row_bytes * self.layout.flights
+                _claim_disk(file.fileno(), size + _HEAD)
+                _write_empty(file, self.layout)
+            os.replace(work / STORE, self.folder / STORE)
+        except BaseException as error:
+            shutil.rmtree(work, ignore_errors=True)
+            if isinstance(error, OSError):
+                raise DiskError(self.folder / STORE, error, _FIX) from error
+            raise
+
+    @property
+    def _labels(self) -> list[Variable]:
+        return [v for v in self.layout.variables if v.label]
+
+    @property
+    def _label_bytes(self) -> int:
+        return sum(self.layout.bytes_of(v) for v in self._labels)
+
+    def journal(self) -> dict[int, dict[str, Any]]:
+        """Return part -> what was noted of it; a line that a killed process left half-written does not count."""
+        path = self.folder / _WORK / "parts.jsonl"
+        out: dict[int, dict[str, Any]] = {}
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        for line in text.splitlines(keepends=True):
+            if line.endswith("\n"):
+                with contextlib.suppress(ValueError):
+                    row = json.loads(line)
+                    out[row["part"]] = row
+        return out
+
+    def write(self, number: int, first_flight: int, part: Part) -> None:
+        """Write a part at its place, then its line into the journal.
+
+        Raises:
+            DiskError: the disk fails.
+        """
+        hidden = part.rows["split"] == _TEST
+        offset = first_flight * self._label_bytes
+        try:
+            with (self.folder / _WORK / "labels").open("r+b") as labels:
+                labels.seek(offset)
+                labels.write(_records(part.rows, self._labels).tobytes())
+                os.fsync(labels.fileno())
+            with (self.folder / STORE).open("r+b") as file:
+                for variable, place in places(self.folder / STORE, self.layout).items():
+                    of = next(v for v in self.layout.variables if v.name == variable)
+                    values = part.rows[variable]
+                    if of.label:
+                        values = values.copy()
+                        values[hidden] = np.nan if "f" in of.dtype else WITHHELD
+                    file.seek(place + first_flight * self.layout.bytes_of(of))
+                    file.write(np.ascontiguousarray(values, of.dtype).tobytes())
+                os.fsync(file.fileno())
+            line = json.dumps({"part": number, "draws": part.draws, "again": part.again}) + "\n"
+            self._note(line)
+        except OSError as error:
+            raise DiskError(self.folder / STORE, error, _FIX) from error
+
+    def _note(self, line: str) -> None:
+        path = self.folder / _WORK / "parts.jsonl"
+        with path.open("ab") as journal:
+            if journal.tell() and not path.read_bytes().endswith(b"\n"):
+                journal.write(b"\n")  # behind half a line that a killed process left
+            journal.write(line.encode())
+            journal.flush()
+            os.fsync(journal.fileno())
+
+    def labels(self) -> dict[str, Any]:
+        """Return every label of all flights, those of the test split too."""
+        raw = np.fromfile(self.folder / _WORK / "labels", _record_type(self.layout, self._labels))
+        return {v.name: raw[v.name] for v in self._labels}
+
+    def finish(self, sheet: str, split: Any) -> None:
+        """Write the withheld labels, the datasheet and the checksums; then the data set is complete.
+
+        Args:
+            sheet: text of the datasheet.
+            split: (flights,) codes.
+        """
+        withheld = np.flatnonzero(split == _TEST)
+        known = self.labels()
+        write_file(self.folder / TRUTH, netcdf_bytes(lambda f: _write_truth(f, self.layout, withheld, known)), fix=_FIX)
+        write_file(self.folder / SHEET, sheet, fix=_FIX)
+        sums = "".join(f"{_sha256(self.folder / n)}  {n}\n" for n in (STORE, TRUTH, ABOUT, SHEET))
+        write_file(self.folder / SUMS, sums, fix=_FIX)
+        shutil.rmtree(self.folder / _WORK, ignore_errors=True)
+
+
+def places(path: Path, layout: Layout) -> dict[str, int]:
+    """Return the byte at which each array of a store begins.
+
+    Raises:
+        DatasetError: the store is not the one that was laid out.
+    """
+    import h5py  # type: ignore[import-untyped]
+
+    try:
+        with h5py.File(path, "r") as file:
+            return {v.name: int(file[v.name].id.get_offset()) for v in layout.variables}
+    except (OSError, KeyError, TypeError) as error:
+        raise DatasetError(f"'{path}' must be the store of a data set, but it is damaged; remove its folder") from error
+
+
+def _claim_disk(descriptor: int, size: int) -> None:
+    """Claim room for a file.
+
+    Raises:
+        OSError: there is none.
+    """
+    if hasattr(os, "posix_fallocate"):
+        os.posix_fallocate(descriptor, 0, size)
+    elif os.fstatvfs(descriptor).f_bavail * os.fstatvfs(descriptor).f_frsize < size:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+class _Fresh(io.RawIOBase):
+    """A file whose room is claimed already, as HDF5 wants to see it: empty at first."""
+
+    def __init__(self, file: Any) -> None:
+        self._file, self.size = file, 0
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        """Go to a byte."""
+        return int(self._file.seek(offset + (self.size if whence == 2 else 0), 0 if whence == 2 else whence))
+
+    def tell(self) -> int:
+        """Return where the file is."""
+        return int(self._file.tell())
+
+    def readinto(self, buffer: Any) -> int:
+        """Read into a buffer."""
+        return int(self._file.readinto(buffer))
+
+    def write(self, data: Any) -> int:
+        """Write, and note how far the content reaches."""
+        count = int(self._file.write(data))
+        self.size = max(self.size, self.tell())
+        return count
+
+    def truncate(self, size: int | None = None) -> int:
+        """Note how far the content reaches; the room stays claimed."""
+        self.size = self.tell() if size is None else size
+        return self.size
+
+    def flush(self) -> None:
+        """Write what is buffered."""
+        self._file.flush()
+
+
+def _write_empty(file: Any, layout: Layout) -> None:
+    """Write the structure of a store, every array in one piece and not yet filled."""
+    import h5netcdf
+
+    fresh = _Fresh(file)
+    with h5netcdf.File(fresh, "w") as out:
+        _write_names(out, layout)
+        for v in layout.variables:
+            array = out.create_variable(v.name, v.dims, np.dtype(v.dtype), fillvalue=None, fill_time="never")
+            array[0] = 0  # allocates the whole array
+            _describe(array, v)
+    file.flush()
+    file.truncate(fresh.size)
+
+
+def _write_names(out: Any, layout: Layout) -> None:
+    import h5py
+
+    out.dimensions = layout.dims
+    names = {
+        "channel": layout.channels,
+        "channel_unit": layout.units,
+        "figure": layout.figures,
+        "figure_unit": layout.figure_units,
+        "size": layout.sizes,
+    }
+    for name, of in names.items():
+        dim = name.removesuffix("_unit")
+        if of:
+            out.create_variable(name, (dim,), h5py.string_dtype(), data=np.array(of, object))
+    time = out.create_variable("time", ("time",), "<f8", data=np.arange(layout.samples) / layout.rate_hz)
+    time.attrs["units_SI"] = "s"
+    time.attrs["long_name"] = "since the start of the record"
+
+
+def _describe(array: Any, v: Variable) -> None:
+    array.attrs["long_name"] = v.words
+    if v.unit:
+        array.attrs["units"] = v.unit
+    if v.codes:
+        array.attrs["names"] = list(v.codes)
+
+
+def _record_type(layout: Layout, variables: list[Variable]) -> np.dtype[Any]:
+    return np.dtype([(v.name, v.dtype, tuple(layout.dims[d] for d in v.dims[1:])) for v in variables])
+
+
+def _records(rows: Mapping[str, Any], variables: list[Variable]) -> Any:
+    shapes = [(v.name, v.dtype, rows[v.name].shape[1:]) for v in variables]
+    out = np.empty(len(rows["split"]), np.dtype(shapes))
+    for v in variables:
+        out[v.name] = rows[v.name]
+    return out
+
+
+def _write_truth(out: Any, layout: Layout, withheld: Any, known: Mapping[str, Any]) -> None:
+    """Write the labels of the test split; ``flight`` says whose they are."""
+    import h5py
+
+    dims = {**layout.dims, "flight": len(withheld)}
+    out.dimensions = dims
+    for name, of in (("figure", layout.figures), ("size", layout.sizes)):
+        if of:
+            out.create_variable(name, (name,), h5py.string_dtype(), data=np.array(of, object))
+    out.create_variable("flight", ("flight",), "<i4", data=withheld.astype("<i4"))
+    for v in layout.variables:
+        if v.label:
+            _describe(out.create_variable(v.name, v.dims, np.dtype(v.dtype), data=known[v.name][withheld]), v)
+
+
+def _sha256(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _sorted(value: Any) -> str:
+    return json.dumps(value, sort_keys=True)
+
+
+def _differs(found: Path, about: Mapping[str, Any]) -> str:
+    """Return which keys of what decides the content differ."""
+    try:
+        before = json.loads(found.read_text(encoding="utf-8"))
+        keys = [k for k in {**before, **about} if _sorted(before.get(k)) != _sorted(about.get(k))]
+    except (ValueError, AttributeError):
+        return f"its {ABOUT} is damaged"
+    return f"{', '.join(keys) or 'the order'} differ{'s' if len(keys) == 1 else ''}"
+
+
+def damaged(folder: Path) -> Iterator[str]:
+    """Yield the files of a complete data set that differ from its checksums, or are gone.
+
+    Raises:
+        RecordError: there are no checksums.
+    """
+    path = folder / SUMS
+    if not path.exists():
+        raise RecordError(f"a complete data set has {SUMS}, but '{folder}' has none; draw it to its end first")
+    for line in path.read_text(encoding="utf-8").splitlines():
+        digest, _, name = line.partition("  ")
+        if not (folder / name).exists():
+            if name not in (TRUTH, ABOUT):  # a contest withholds them
+                yield name
+        elif _sha256(folder / name) != digest:
+            yield name
