@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from testbench.core.errors import ScenarioError, TestbenchError
+from testbench.core.errors import ScenarioError, TestbenchError, brief, given
 from testbench.page.terminal import console, print_rows, show_all
 from testbench.questions import QUESTIONS, Question
 from testbench.questions.options import UsageError
@@ -132,6 +132,7 @@ def main() -> None:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     warnings.showwarning = _say_warning
     show_all()
+    given(sys.argv[1:])
     try:
         status = _status()
         sys.stdout.flush()
@@ -165,14 +166,15 @@ def _status() -> int:
     except BrokenPipeError:
         return _PIPE_CLOSED
     except OSError as error:
-        print(f"error: cannot read or write {error.filename or 'a file'}: {error.strerror or error}", file=sys.stderr)
+        what = brief(f"cannot read or write {error.filename or 'a file'}: {error.strerror or error}")
+        print(f"error: {what}", file=sys.stderr)
         return 3
 
 
 def _say_warning(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
     """Say what an aircraft was noted for when it was loaded; other warnings are for programmers."""
     if category.__module__.startswith("testbench."):
-        print(f"note: {message}", file=sys.stderr)
+        print(f"note: {brief(str(message))}", file=sys.stderr)
 
 
 def _say_usage(error: Any) -> None:
@@ -181,4 +183,4 @@ def _say_usage(error: Any) -> None:
         return
     command = error.ctx.command_path if error.ctx is not None else "testbench"
     message = " ".join(error.format_message().split()).replace("Value error, ", "").rstrip(".")
-    print(f"error: {message}; see `{command} --help`", file=sys.stderr)
+    print(f"error: {brief(message)}; see `{command} --help`", file=sys.stderr)

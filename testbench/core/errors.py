@@ -6,6 +6,7 @@ them into one message and an exit status: 2 for bad input, 3 for a computation t
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from difflib import get_close_matches
@@ -13,6 +14,47 @@ from pathlib import Path
 from typing import TypeVar
 
 Made = TypeVar("Made")
+QUOTED = 200
+"""Letters of what it got that a refusal quotes at most."""
+_LINE = 2000  # letters of a line; a longer one quotes a text that is not told from ours
+_FAULTS = 50  # shown of one file
+_KNOWN = 200  # texts that are remembered
+_GIVEN: list[str] = []  # long texts that are known to be a user's
+_IN_QUOTES = re.compile(r"(?<!\w)(?:'[^'\n]*'|\"[^\"\n]*\")(?!\w)")
+_UNBROKEN = re.compile(r"\S+")
+_ONE_LINE = re.compile(r"[^\n]+")
+
+
+def given(texts: Iterable[str | None]) -> None:
+    """Say which texts are a user's, such as arguments of a command or heads of a table.
+
+    Each is cut as one, as it stands and with its blanks and quotation marks as messages write them.
+    """
+    for text in texts:
+        if text is not None and len(text) > QUOTED:
+            forms = (text, text.strip(), " ".join(text.split()), repr(text)[1:-1], " ".join(repr(text)[1:-1].split()))
+            _GIVEN.extend(form for form in forms if form not in _GIVEN)
+    del _GIVEN[:-_KNOWN]
+
+
+def brief(text: str) -> str:
+    """Return a message with what it quotes cut in the middle to :data:`QUOTED` letters: the ends of paths say most.
+
+    Quoted is what :func:`given` says, what stands in quotation marks, and what no blank breaks. No line is longer than
+    2000 letters.
+    """
+    if len(text) <= QUOTED:
+        return text
+    for whole in sorted(_GIVEN, key=len, reverse=True):
+        text = text.replace(whole, _cut(whole, QUOTED))
+    for pattern, most in ((_IN_QUOTES, QUOTED + 2), (_UNBROKEN, QUOTED + 2), (_ONE_LINE, _LINE)):
+        text = pattern.sub(lambda found, most=most: _cut(found[0], most), text)  # type: ignore[misc]
+    return text
+
+
+def _cut(text: str, most: int) -> str:
+    half = (most - 3) // 2
+    return text if len(text) <= most else f"{text[:half]}...{text[-half:]}"
 
 
 class TestbenchError(Exception):
@@ -22,22 +64,24 @@ class TestbenchError(Exception):
     exit_status = 2
 
     def __init__(self, message: str) -> None:
+        message = brief(message)
         super().__init__(message)
         self.message = message
         self.place: str | None = None
 
     def __str__(self) -> str:
-        return f"{self.message} ({self.place})" if self.place else self.message
+        return f"{self.message} ({brief(self.place)})" if self.place else self.message
 
 
 class ScenarioError(TestbenchError):
     """A scenario or description file breaks a law; ``faults`` lists every one of them."""
 
     def __init__(self, faults: Iterable[str]) -> None:
-        self.faults = tuple(faults)
+        self.faults = tuple(brief(fault) for fault in faults)
         count = len(self.faults)
         head = "" if count == 1 else f"{count} faults:\n  "
-        super().__init__(head + "\n  ".join(self.faults))
+        more = (f"and {count - _FAULTS} more",) if count > _FAULTS else ()
+        super().__init__(head + "\n  ".join((*self.faults[:_FAULTS], *more)))
 
 
 class ChannelError(TestbenchError):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.channels import channel
-from testbench.core.errors import RecordError, nearest
+from testbench.core.errors import RecordError, given, nearest
 from testbench.core.files import parsed
 from testbench.core.hdf5 import memory_of, opened
 from testbench.core.record import FORMAT, NEEDS_PYARROW, FloatArray, load_record
@@ -58,6 +58,9 @@ class Table:
     damaged: int = 0
     root: str = ""
     others: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        given((*self.names, *self.units))
 
     def __len__(self) -> int:
         return len(self.cells[0]) if self.cells else 0

@@ -1,116 +1,221 @@
-"""Serve pages to this machine alone: one address, GET only, few at a time, and to no page of another site."""
+"""Serve pages to this machine alone: the one server of the house.
+
+It listens on 127.0.0.1. That alone keeps nobody out: any page in the browser of this machine may send requests here,
+and a name that its owner lets point to 127.0.0.1 makes it one origin with us (DNS rebinding). Therefore the Host must
+be ours, and the Origin, where there is one. Connections, the size of a request and its time are limited. One
+connection carries one request, GET or HEAD, without a body.
+"""
 
 from __future__ import annotations
 
+import io
+import socket
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import BoundedSemaphore
 from typing import Any
+from urllib.parse import unquote, urlsplit
 
 from testbench.core.errors import LimitError
 
 HOST = "127.0.0.1"
-MOST_CONNECTIONS = 16
-"""Served at once; more are closed, so that no page of a browser can use up the machine."""
-PATIENCE_S = 10.0
-"""After which a connection that says nothing is closed."""
-Found = tuple[bytes, str]
-"""What is at an address: its bytes and its media type."""
+CONNECTIONS = 32  # at once; a browser opens six
+LINE = 4096  # bytes of the request line
+HEAD = 16_384  # bytes of it and all headers; browsers send one or two thousand
+READ_S = 5.0  # for the whole request
+WRITE_S = 30.0  # for the whole answer
+_HEADERS = (
+    ("Cache-Control", "no-store"),
+    ("X-Content-Type-Options", "nosniff"),
+    ("X-Frame-Options", "DENY"),
+    ("Referrer-Policy", "no-referrer"),
+    ("Cross-Origin-Resource-Policy", "same-origin"),
+)
 
 
-@contextmanager
-def serving(page: str | Callable[[str], Found | None], port: int) -> Iterator[ThreadingHTTPServer]:
-    """Hold a server on 127.0.0.1; 0 lets the system choose a port (``server_port``).
+@dataclass(frozen=True)
+class Answer:
+    """What is sent for a path: a body with its media type."""
 
-    A request must name this machine as its host, which a site that was pointed at 127.0.0.1 under a name of its own
-    does not, and must not come from a page of another origin. A request that brings a body is refused unread.
+    body: bytes
+    kind: str = "text/html; charset=utf-8"
+
+
+class Server(ThreadingHTTPServer):
+    """A server of at most :data:`CONNECTIONS` connections at once; what comes beyond them is turned away with 503.
 
     Args:
-        page: what is at "/", or a function from the path, without its query, to what is there; None is nothing.
-        port: to serve on.
+        port: on 127.0.0.1; 0 lets the system choose (``server_port``).
+        answer: gives what is sent for a path, such as "/" or "/runs.csv", unquoted and without its query; None: 404.
 
     Raises:
         LimitError: the port is taken or not allowed.
     """
-    only = page
-    answer: Callable[[str], Found | None]
-    if isinstance(only, str):
-        body = only.encode()
-        answer = lambda path: (body, "text/html; charset=utf-8") if path == "/" else None  # noqa: E731
-    else:
-        answer = only
-    try:
-        server = _Server((HOST, port), _handler(answer))
-    except (OSError, OverflowError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a port"
-        raise LimitError(f"port {port} of {HOST} cannot be served: {reason}; choose another with --port") from None
+
+    daemon_threads = True
+    request_queue_size = CONNECTIONS
+
+    def __init__(self, port: int, answer: Callable[[str], Answer | None]) -> None:
+        self.answer = answer
+        self._room = BoundedSemaphore(CONNECTIONS)
+        try:
+            super().__init__((HOST, port), _Handler)
+        except (OSError, OverflowError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "not a port"
+            raise LimitError(f"port {port} of {HOST} cannot be served: {reason}; choose another with --port") from None
+
+    @property
+    def hosts(self) -> tuple[str, ...]:
+        """Names that requests may call us by."""
+        names = (HOST, "localhost", "[::1]")
+        return tuple(f"{n}:{self.server_port}" for n in names) + (names if self.server_port == 80 else ())
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Serve a connection in a thread of its own, if there is room for one."""
+        if not self._room.acquire(blocking=False):
+            with _broken():
+                request.settimeout(0.0)
+                request.sendall(b"HTTP/1.0 503 Service Unavailable\r\nConnection: close\r\nContent-Length: 0\r\n\r\n")
+            self.shutdown_request(request)
+            return
+        try:
+            super().process_request(request, client_address)
+        except BaseException:
+            self._room.release()
+            raise
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Serve a connection, and make room for another."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._room.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing of a client that went away."""
+
+
+@contextmanager
+def serving(answer: Callable[[str], Answer | None], port: int) -> Iterator[Server]:
+    """Hold a :class:`Server`; ``serve_forever`` serves, and the block's end closes it.
+
+    Raises:
+        LimitError: the port is taken or not allowed.
+    """
+    server = Server(port, answer)
     try:
         yield server
     finally:
         server.server_close()
 
 
-class _Server(ThreadingHTTPServer):
-    """A server that closes connections beyond :data:`MOST_CONNECTIONS` at once."""
+class _Handler(BaseHTTPRequestHandler):
+    server: Server
+    server_version, sys_version = "testbench", ""
 
-    daemon_threads = True
+    def handle(self) -> None:
+        """Read one request within its limits, answer it, and end the connection."""
+        with _broken():
+            head, fault = self._head()
+            self.connection.settimeout(WRITE_S)
+            self.rfile = io.BytesIO(head)
+            if fault is not None:
+                self.requestline, self.command = "", ""
+                self.send_error(fault)
+            else:
+                self.handle_one_request()
+            self.wfile.flush()
+            self._drain()
 
-    def __init__(self, *given: Any) -> None:
-        self.free = BoundedSemaphore(MOST_CONNECTIONS)
-        super().__init__(*given)
+    def _head(self) -> tuple[bytes, HTTPStatus | None]:
+        """Return request line and headers, or what is wrong with them."""
+        head, end = b"", time.monotonic() + READ_S
+        while not head.endswith((b"\r\n\r\n", b"\n\n")) and b"\r\n\r\n" not in head and b"\n\n" not in head:
+            if len(head) > LINE and b"\n" not in head[:LINE]:
+                return b"", HTTPStatus.REQUEST_URI_TOO_LONG
+            if len(head) > HEAD:
+                return b"", HTTPStatus.REQUEST_HEADER_FIELDS_TOO_LARGE
+            left = end - time.monotonic()
+            try:
+                self.connection.settimeout(max(left, 1e-3))
+                got = self.connection.recv(4096)
+            except TimeoutError:
+                got = b""
+                left = 0.0
+            if left <= 0.0:
+                return b"", HTTPStatus.REQUEST_TIMEOUT
+            if not got:
+                raise ConnectionError  # it closed before it had asked
+            head += got
+        return head, None
 
-    def process_request(self, request: Any, client_address: Any) -> None:
-        """Serve in a thread of its own, if there is one left."""
-        if self.free.acquire(blocking=False):
-            super().process_request(request, client_address)
-        else:
-            self.shutdown_request(request)
-
-    def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Serve, then free the place."""
-        try:
-            super().process_request_thread(request, client_address)
-        finally:
-            self.free.release()
-
-    def handle_error(self, request: Any, client_address: Any) -> None:
-        """Keep the terminal quiet when a browser goes away."""
-
-
-def _handler(answer: Callable[[str], Found | None]) -> type[BaseHTTPRequestHandler]:
-    class Handler(BaseHTTPRequestHandler):
-        server: _Server
-        timeout = PATIENCE_S
-
-        def do_GET(self) -> None:
-            """Answer with what is at the path, or say why not."""
-            own = {f"{name}:{self.server.server_port}" for name in (HOST, "localhost")}
-            if self.headers.get("Host") not in own:
-                self._say(403, b"", "text/plain")
+    def _drain(self) -> None:
+        """Take what was sent beyond the request, up to a limit: unread, it would reset the connection before the answer
+        has been read.
+        """
+        self.connection.shutdown(socket.SHUT_WR)
+        self.connection.settimeout(0.2)
+        for _ in range(16):
+            if not self.connection.recv(65_536):
                 return
-            origin = self.headers.get("Origin")
-            if origin is not None and origin not in {f"http://{name}" for name in own}:
-                self._say(403, b"", "text/plain")
-                return
-            if self.headers.get("Content-Length", "0") != "0" or "Transfer-Encoding" in self.headers:
-                self.close_connection = True
-                self._say(413, b"", "text/plain")
-                return
-            found = answer(self.path.split("?")[0].split("#")[0])
-            self._say(200 if found else 404, *(found or (b"", "text/plain")))
 
-        def _say(self, status: int, body: bytes, kind: str) -> None:
-            self.send_response(status)
-            self.send_header("Content-Type", kind)
-            self.send_header("Content-Length", str(len(body)))
-            self.send_header("Cache-Control", "no-store")
-            self.send_header("X-Content-Type-Options", "nosniff")
-            self.send_header("Cross-Origin-Resource-Policy", "same-origin")
-            self.end_headers()
-            self.wfile.write(body)
+    def do_GET(self) -> None:
+        """Answer with what the path holds."""
+        fault = self._fault()
+        if fault is not None:
+            self.send_error(fault)
+            return
+        found = self.server.answer(unquote(urlsplit(self.path).path))
+        if found is None:
+            self.send_error(HTTPStatus.NOT_FOUND)
+            return
+        self._send(HTTPStatus.OK, found)
 
-        def log_message(self, format: str, *args: object) -> None:
-            """Keep the terminal quiet."""
+    do_HEAD = do_GET
 
-    return Handler
+    def _fault(self) -> HTTPStatus | None:
+        """Return why the request is refused: it has a body, calls us by another name, or comes from another page."""
+        get = self.headers.get_all
+        if get("Transfer-Encoding") or any(n.strip() not in ("", "0") for n in get("Content-Length", [])):
+            return HTTPStatus.REQUEST_ENTITY_TOO_LARGE
+        hosts = get("Host", [])
+        if len(hosts) > 1 or not self.path.startswith("/"):
+            return HTTPStatus.BAD_REQUEST
+        if not hosts or hosts[0].strip().lower() not in self.server.hosts:
+            return HTTPStatus.MISDIRECTED_REQUEST
+        ours = {f"http://{host}" for host in self.server.hosts}
+        if any(origin.strip().lower() not in ours for origin in get("Origin", [])):
+            return HTTPStatus.FORBIDDEN
+        return None
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """Answer with a status and its words alone: nothing of the request is quoted."""
+        status = HTTPStatus(code)
+        self._send(status, Answer(f"{status.value} {status.phrase}\n".encode(), "text/plain; charset=utf-8"))
+
+    def _send(self, status: HTTPStatus, answer: Answer) -> None:
+        self.request_version = "HTTP/1.0"  # what is no request gets a status line too
+        self.send_response(status.value, status.phrase)
+        for name, value in (*_HEADERS, ("Content-Type", answer.kind), ("Content-Length", str(len(answer.body)))):
+            self.send_header(name, value)
+        self.send_header("Connection", "close")
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(answer.body)
+        self.close_connection = True
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Keep the terminal quiet."""
+
+
+@contextmanager
+def _broken() -> Iterator[None]:
+    """A client that goes away, or does not read, ends its connection and nothing else."""
+    try:
+        yield
+    except (OSError, ValueError):  # ValueError: a file that is closed
+        return

@@ -82,3 +82,13 @@ def test_a_decomposition_that_does_not_converge_is_made_by_the_slower_algorithm(
     assert [a.shape for a in again] == [U.shape, s.shape, Vt.shape]
     np.testing.assert_allclose(again[1], s, rtol=1e-13)
     np.testing.assert_allclose(again[0] * again[1] @ again[2], M, atol=1e-13)
+
+
+def test_a_trend_runs_from_minus_one_to_one_over_the_series_whatever_its_length():
+    """Its scale leaves what is projected out as it is, and the Gram matrix well-conditioned for any length."""
+    for first in (np.arange(40, 51), np.arange(0, 100_001, 10), np.array([3, 90, 103])):
+        found = hankel.trend(first, first, 2)
+        assert np.array_equal(found[:, 0], np.ones(first.size))
+        assert (found[0, 1], found[-1, 1]) == (-1.0, 1.0)
+        assert np.allclose(np.diff(found[:, 1]), np.diff(first) * 2.0 / (first[-1] - first[0]), rtol=1e-12)
+    assert hankel.trend(np.array([7]), np.array([7]), 2).tolist() == [[1.0, 0.0]]  # one window has no length

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.special import sici
 
 from testbench.core.errors import ChannelError, EstimationError, LimitError
 from testbench.inputs import InputSignal, band_share, energy_spectrum, frequency_below, signal, total_energy
@@ -142,6 +143,21 @@ def test_frequency_below_inverts_band_share() -> None:
         frequency = frequency_below(u, DT, share)
         got = [band_share(u, DT, 0.0, f)[i] for i, f in enumerate(frequency)]
         np.testing.assert_allclose(got, share, rtol=1e-9)
+
+
+def test_frequency_below_means_95_percent_if_no_share_is_given() -> None:
+    u = held([1.0, -1.0], [0.5, 0.5], 1.0)
+    assert band_share(u, DT, 0.0, frequency_below(u, DT)[0])[0] == pytest.approx(0.95, rel=1e-9)
+
+
+@pytest.mark.parametrize("omega", [0.3, 6.0, 500.0])
+def test_a_pulse_has_below_any_frequency_the_share_of_its_closed_form(omega: float) -> None:
+    # of a pulse of length W, x = w W: 2 / pi (Si(x) - (1 - cos x) / x)
+    x = omega * 0.8
+    exact = 2.0 / np.pi * (sici(x)[0] - (1.0 - np.cos(x)) / x)
+    u = held([0.2], [0.8], 3.0)
+    assert band_share(u, DT, 0.0, omega)[0] == pytest.approx(exact, rel=1e-9)
+    assert band_share(u, DT, omega, np.inf)[0] == pytest.approx(1.0 - exact, rel=1e-7)
 
 
 def test_frequency_below_goes_beyond_nyquist_instead_of_stopping_there() -> None:

@@ -53,6 +53,14 @@ def test_a_long_log_of_one_clock_is_put_to_50_hz(rate_hz, samples, expected):
     assert common_rate([logged(t), logged(t, "p")]) == expected
 
 
+@pytest.mark.parametrize(("late", "expected"), [(0.009, 400.0), (0.011, 50.0)])
+def test_a_clock_is_even_up_to_a_hundredth_of_its_step(late, expected):
+    """One sample that comes later than that, and the log is put to the default rate: its clock is not its record's."""
+    t = 0.0025 * np.arange(2000.0)
+    t[1000] += 0.0025 * late
+    assert common_rate([logged(t), logged(t, "p")]) == expected
+
+
 @pytest.mark.parametrize("name", LOSSLESS)
 def test_a_clock_without_losses_gives_a_record_without_gaps(name):
     t = clock(name)

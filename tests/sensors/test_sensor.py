@@ -396,3 +396,28 @@ def test_suite_refuses_none_and_two_of_a_channel() -> None:
 def test_outputs_are_what_is_no_control() -> None:
     bench = suite(*(Sensor(n) for n in ("de", "V", "thr_cmd", "q", "de_cmd")))
     assert bench.outputs == ("V", "q")
+
+
+# what a drift amounts to over a flight
+
+
+@pytest.mark.parametrize("duration_s", [2.0, 20.0, 300.0])
+def test_drift_of_a_gauss_markov_bias_is_the_integral_of_its_covariance(duration_s: float) -> None:
+    # E[(b - mean b)^2] averaged over T = s^2 (1 - 1/T^2 int int exp(-|t - u| / T1)); the inner integral by hand once
+    # more: int int = 2 int_0^T (T - tau) exp(-tau / T1) dtau, by quadrature
+    std, time_s = 0.3, 15.0
+    node, weight = np.polynomial.legendre.leggauss(60)
+    tau = 0.5 * duration_s * (node + 1.0)
+    double = 2.0 * np.sum(0.5 * duration_s * weight * (duration_s - tau) * np.exp(-tau / time_s))
+    exact = std * np.sqrt(1.0 - double / duration_s**2)
+    assert Sensor("q", drift_std=std, drift_time_s=time_s).drift_over(duration_s) == pytest.approx(exact, rel=1e-9)
+
+
+def test_drift_of_a_random_walk_and_of_both() -> None:
+    # E[(b - mean b)^2] averaged over T of a walk of variance w^2 t: w^2 (T / 2 - T / 3)
+    walk = Sensor("q", bias_walk=0.02)
+    assert walk.drift_over(24.0) == pytest.approx(0.02 * 2.0, rel=1e-12)
+    wander = Sensor("q", drift_std=0.3, drift_time_s=15.0)
+    both = Sensor("q", bias_walk=0.02, drift_std=0.3, drift_time_s=15.0)
+    assert both.drift_over(24.0) == pytest.approx(np.hypot(walk.drift_over(24.0), wander.drift_over(24.0)), rel=1e-12)
+    assert Sensor("q").drift_over(24.0) == 0.0

@@ -9,7 +9,7 @@ import json
 import time
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from testbench.flight.batch.jobs import Simulator
 from testbench.questions.campaign.draws import run_inputs, run_seed
 from testbench.questions.campaign.flying import Job, Outcome, fly_batch
 from testbench.questions.campaign.load import Campaign, versions
+from testbench.questions.campaign.no_workers import why_none
 from testbench.questions.campaign.stop import Watch
 from testbench.questions.campaign.store import Counts, Store
 from testbench.questions.campaign.workers import (
@@ -40,6 +41,8 @@ DEATHS = 3  # a run that is alone with a process when it dies may have been unlu
 DIED = f"the worker process died while it flew this run and no other, {DEATHS} times or more"
 _PER_WORKER = 2  # batches in hand or on the way, so that no worker waits
 _NO_WORKERS_S = 60.0
+_RESTART_S = 15.0  # dask brings a worker back within a second or two, or not at all
+RESTARTS = 3  # without an outcome in between
 _LOOK_S = 0.5
 
 
@@ -150,6 +153,7 @@ class _Session:
     have: int = 0
     flown: int = 0
     seconds: float = 0.0
+    restarts: int = 0
     stopped: int | None = None
     dealt: int = -1
     started: list[int] = field(default_factory=list)
@@ -171,11 +175,9 @@ class _Session:
                     continue
                 looked, self.have = now, self.workers.count()
                 last_seen = now if self.have else last_seen
-                if now - last_seen > _NO_WORKERS_S:
-                    raise CampaignError(
-                        f"a campaign needs workers, but {self.workers.place} has had none for {_NO_WORKERS_S:g} s; "
-                        "start some with `dask worker` and go on with `testbench campaign resume`"
-                    )
+                if now - last_seen > (_RESTART_S if self.workers.ours else _NO_WORKERS_S):
+                    self.renew()
+                    last_seen = time.perf_counter()
                 if progress is not None:
                     progress(Progress(self.counts, self.flown, now - start, self.have))
         except BaseException:
@@ -188,6 +190,30 @@ class _Session:
         if progress is not None:
             progress(Progress(counts, self.flown, elapsed, self.have))
         return Ending(counts, self.stopped, elapsed)
+
+    def renew(self) -> None:
+        """Start our workers again, at most ``RESTARTS`` times without an outcome; what they had is flown again.
+
+        Raises:
+            CampaignError: they are not ours, or they end again and again.
+        """
+        if not self.workers.ours:
+            raise CampaignError(
+                f"a campaign needs workers, but {self.workers.place} has had none for {_NO_WORKERS_S:g} s; "
+                "start some with `dask worker` and go on with `testbench campaign resume`"
+            )
+        self.again += self.hand.values()
+        self.hand.clear()
+        while self.restarts < RESTARTS:
+            self.restarts += 1
+            with suppress(CampaignError):  # none could be started; said below if it stays so
+                self.workers.restart()
+                self.have = self.workers.count()
+                return
+        raise CampaignError(
+            f"a campaign needs workers, but all of them ended, and {RESTARTS} restarts have not helped: {why_none()}. "
+            "What is finished is kept; go on with `testbench campaign resume`"
+        )
 
     def hand_out(self) -> None:
         """Hand out batches until every worker has enough."""
@@ -244,6 +270,7 @@ class _Session:
         self.store.exchange(finished, self.started)
         self.started = []
         self.flown += len(finished)
+        self.restarts = 0 if finished else self.restarts
         self.seconds += sum(o.seconds for o in finished)
         failed = sum(1 for o in finished if o.reason)
         done, lost = self.counts.done + len(finished) - failed, self.counts.failed + failed

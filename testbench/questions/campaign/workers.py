@@ -5,11 +5,12 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from testbench.core.errors import CampaignError
+from testbench.questions.campaign.no_workers import FLYING, why_none
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -21,6 +22,7 @@ _EXTRA = (
     "campaigns need dask.distributed, which is not installed; install it with: pip install 'flight-testbench[campaign]'"
 )
 _CONNECT_S = 15.0
+_THREADS = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 
 class Died(Exception):
@@ -41,11 +43,13 @@ class Workers:
     Args:
         client: of dask.distributed.
         place: where the scheduler is, in words.
+        again: starts scheduler and workers once more, where they are ours.
     """
 
-    def __init__(self, client: Client, place: str) -> None:
+    def __init__(self, client: Client, place: str, again: Callable[[], Client] | None = None) -> None:
         self._client = client
         self.place = place
+        self._again = again
         self._finished: SimpleQueue[Future] = SimpleQueue()
 
     def count(self) -> int:
@@ -56,6 +60,24 @@ class Workers:
         """
         self._check()
         return sum(int(w["nthreads"]) for w in self._client.scheduler_info(n_workers=-1)["workers"].values())
+
+    @property
+    def ours(self) -> bool:
+        """Whether the scheduler and its workers belong to this campaign, so that :meth:`restart` can be called."""
+        return self._again is not None
+
+    def restart(self) -> None:
+        """Start scheduler and workers once more; what was handed out is lost.
+
+        dask starts a worker again whose process dies, but gives it up where no process can be made for a while, or
+        where the server that processes are forked from is killed.
+
+        Raises:
+            CampaignError: no worker process can be started; it says why.
+        """
+        assert self._again is not None
+        self._finished = SimpleQueue()
+        self._client = self._again()
 
     def submit(self, task: Task, job: Job, runs: Sequence[int]) -> Future:
         """Hand out one batch."""
@@ -146,41 +168,78 @@ def local_workers(count: int) -> Iterator[Workers]:
     """Give ``count`` worker processes of this machine, each with one thread; they end with the block, or with us.
 
     Raises:
-        CampaignError: dask.distributed is not installed.
+        CampaignError: dask.distributed is not installed, or no worker process can be started.
     """
     require_dask()
     import dask
-    from distributed import Client, LocalCluster
 
-    threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
     settings = {
-        "distributed.worker.multiprocessing-method": _start_method(threads),
+        "distributed.worker.multiprocessing-method": _start_method(),
         # A batch whose process dies comes back at once, to be halved; dask itself would let it kill three more.
         "distributed.scheduler.allowed-failures": 0,
         "distributed.scheduler.work-stealing": False,  # batches are handed out one by one, there is nothing to steal
         "distributed.scheduler.worker-saturation": 1.0,
         "distributed.worker.daemon": True,
-        "distributed.worker.preload": ["testbench.questions.campaign.flying"],  # imported before the first batch comes
-        "distributed.nanny.environ": threads,
-        "distributed.nanny.pre-spawn-environ": threads,
+        "distributed.worker.preload": [FLYING],  # imported before the first batch comes
+        "distributed.nanny.environ": _THREADS,
+        "distributed.nanny.pre-spawn-environ": _THREADS,
         "distributed.worker.profile.enabled": False,  # it would look at every thread each 10 ms
         "distributed.admin.system-monitor.interval": "10s",
         "distributed.admin.tick.interval": "1s",
     }
     with dask.config.set(settings), _quiet():
-        cluster = LocalCluster(
-            n_workers=count,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address="127.0.0.1:0",  # any free port; without an address dask insists on one of its own
-            memory_limit=0,
-            silence_logs=logging.CRITICAL,
-        )
-        client = Client(cluster, set_as_default=False)
+        embedded = _Embedded(count)
         try:
-            yield Workers(client, "the embedded scheduler")
+            yield Workers(embedded.open(), "the embedded scheduler", embedded.again)
         finally:
+            embedded.close()
+
+
+class _Embedded:
+    """A scheduler in this process with workers on this machine, which can be closed and opened again."""
+
+    def __init__(self, count: int) -> None:
+        self.count = count
+        self._client: Any = None
+        self._cluster: Any = None
+
+    def open(self) -> Client:
+        """Start all of it.
+
+        Raises:
+            CampaignError: no worker process can be started; it says why.
+        """
+        from distributed import Client, LocalCluster
+
+        _start_method()  # whatever the processes are forked from may have been killed
+        try:
+            self._cluster = LocalCluster(
+                n_workers=self.count,
+                threads_per_worker=1,
+                processes=True,
+                dashboard_address="127.0.0.1:0",  # any free port; without an address dask insists on one of its own
+                memory_limit=0,
+                silence_logs=logging.CRITICAL,
+            )
+        except (RuntimeError, OSError, TimeoutError) as error:
+            raise CampaignError(
+                f"a campaign needs worker processes, but none could be started: {why_none()}"
+            ) from error
+        self._client = Client(self._cluster, set_as_default=False)
+        return self._client
+
+    def again(self) -> Client:
+        """Close what is left, which may be half dead, and start all of it once more."""
+        with suppress(OSError, TimeoutError, RuntimeError):
+            self.close()
+        return self.open()
+
+    def close(self) -> None:
+        """End the workers and the scheduler."""
+        client, cluster, self._client, self._cluster = self._client, self._cluster, None, None
+        if client is not None:
             _close(client)
+        if cluster is not None:
             cluster.close(timeout=10.0)
 
 
@@ -211,7 +270,7 @@ def remote_workers(address: str) -> Iterator[Workers]:
             _close(client)
 
 
-def _start_method(environment: dict[str, str]) -> str:
+def _start_method() -> str:
     """Return how worker processes are made: forked, where that exists, from a server that has all modules loaded.
 
     A worker is then there in a tenth of the time that its imports take, also the one after a crash.
@@ -222,10 +281,10 @@ def _start_method(environment: dict[str, str]) -> str:
         return "spawn"
     from multiprocessing import forkserver
 
-    before = {name: os.environ.get(name) for name in environment}
-    os.environ.update(environment)  # read by the libraries when the server loads them
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(_THREADS)  # read by the libraries when the server loads them
     try:
-        forkserver.set_forkserver_preload(["distributed", "testbench.questions.campaign.flying"])
+        forkserver.set_forkserver_preload(["distributed", FLYING])
         forkserver.ensure_running()
     finally:
         for name, value in before.items():

@@ -6,11 +6,11 @@ import mimetypes
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import quote, unquote
+from urllib.parse import quote
 
 from testbench.page.html import render
 from testbench.page.page import Page
-from testbench.page.serve import Found
+from testbench.page.serve import Answer as Served
 from testbench.page.tables import Column, Table
 from testbench.page.words import counted
 
@@ -96,15 +96,15 @@ def _relative(d: Difference) -> float:
     return abs(d.second - d.first) / (abs(d.first) + abs(d.second) or 1.0)
 
 
-def files_of(folder: Path, index: Callable[[], str]) -> Callable[[str], Found | None]:
+def files_of(folder: Path, index: Callable[[], str]) -> Callable[[str], Served | None]:
     """Return what answers a path below a folder: the index, or a file; nothing outside, and no link that leads out."""
     root = folder.resolve()
 
-    def answer(path: str) -> Found | None:
+    def answer(path: str) -> Served | None:
         """Return the file at a path."""
-        parts = [part for part in unquote(path).split("/") if part]
+        parts = [part for part in path.split("/") if part]
         if not parts or parts == [INDEX]:
-            return index().encode(), "text/html; charset=utf-8"
+            return Served(index().encode())
         if any(part.startswith(".") or "\0" in part or "\\" in part for part in parts):
             return None
         try:
@@ -112,7 +112,7 @@ def files_of(folder: Path, index: Callable[[], str]) -> Callable[[str], Found | 
             if not file.is_relative_to(root) or not file.is_file() or file.stat().st_size > _LARGEST_BYTES:
                 return None
             kind = mimetypes.guess_type(file.name)[0] or "application/octet-stream"
-            return file.read_bytes(), f"{kind}; charset=utf-8" if kind.startswith("text/") else kind
+            return Served(file.read_bytes(), f"{kind}; charset=utf-8" if kind.startswith("text/") else kind)
         except (OSError, ValueError):
             return None
 

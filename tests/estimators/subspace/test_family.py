@@ -240,3 +240,25 @@ def test_real_sample_times_and_names_reach_the_model():
     values = model.diagnostics["singular_values"]
     assert np.all(np.diff(values) <= 0.0)
     assert values[1] > 5.0 > values[3]  # the states stand above the floor of noise, the rest at it
+
+
+@pytest.mark.parametrize("method", PROJECTIONS)
+@pytest.mark.parametrize(("future", "order"), [(2, 1), (3, 2)])
+def test_an_order_is_picked_up_to_what_the_shift_of_the_future_can_show(method, future, order):
+    """L future outputs and one sensor: A comes from L - 1 shifted rows, though both states stand out of the noise."""
+    system = _system("siso")
+    flown = [fly(system, 3000, 9, noise=1e-4)]
+    model = identify(method, flown, *system[5:], past_horizon=6, future_horizon=future)
+    assert sum(model.diagnostics["singular_values"] > 5.0) == 2
+    assert model.diagnostics["order"] == order
+
+
+@pytest.mark.parametrize("method", PROJECTIONS)
+def test_noise_alone_has_its_largest_singular_value_at_the_floor(method):
+    rng = np.random.default_rng(4)
+    data = rng.standard_normal((6000, 3))
+    r = FlightRecord(np.arange(6000) * DT, ("de", "alpha", "q"), data, "measured")
+    model = identify(method, [r], ("de",), ("alpha", "q"), order=1)
+    assert 0.7 < model.diagnostics["singular_values"][0] < 1.05
+    with pytest.raises(EstimationError, match="no state stands out of the noise"):
+        identify(method, [r], ("de",), ("alpha", "q"))

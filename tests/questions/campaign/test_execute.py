@@ -149,7 +149,7 @@ def test_a_run_that_kills_its_process_is_recorded_and_the_campaign_goes_on(short
 class Deadly:
     """Workers in this process: a batch with run 5 kills them ``times`` times, the third batch is lost once."""
 
-    place = "here"
+    place, ours = "here", False
 
     def __init__(self, times: int) -> None:
         self.times, self.deaths, self.batches = times, 0, []
