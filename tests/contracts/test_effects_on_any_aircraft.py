@@ -16,7 +16,7 @@ from testbench.core.errors import ModelError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight import FlightCondition, Manoeuvre, TrimmedFlight, fly, linearise, load_aircraft, trim
 from testbench.inputs.signal import InputSignal
-from testbench.questions.gap.effects import EFFECTS, OTHER_SERVOS, Effect, library
+from testbench.questions.gap.effects import EFFECTS, ON_REQUEST, Effect, library
 from testbench.sensors import load_suite
 
 AIRCRAFT = ("taurus", "jsbsim:c172p", "jsbsim:f16")
@@ -24,11 +24,15 @@ SUITE = load_suite("eolo_full")
 SECONDS = 2.0
 SENSED = tuple(n for n in EFFECTS if EFFECTS[n].place.endswith(" sensor"))
 OF_THE_AIR = ("steady_wind", "gust", "clock_offset", *SENSED)  # they leave the aircraft as it is
-OF_AIRCRAFT = {n: e for n, e in (EFFECTS | OTHER_SERVOS).items() if n not in OF_THE_AIR}
+OF_AIRCRAFT = {n: e for n, e in (EFFECTS | ON_REQUEST).items() if n not in OF_THE_AIR}
 CHANNELS = ("V", "alpha", "beta", "p", "q", "r", "theta", "phi", "ax", "ay", "az", "de", "da", "dr", "h")
 # What an effect moves is seen in; a place not listed moves the pitch rate.
 SEEN = {"thrust": "V", "drag": "V", "lift": "az", "mass": "az", "air": "az", "aileron": "p", "rudder": "r"}
-SIZES = {"stall": {"alpha_rad": 0.3}, "stall_hysteresis": {"alpha_rad": 0.3}}  # else two of the three do not trim
+SEEN |= {"wing": "p", "fin": "r", "gyroscopic": "q"}
+# Else two of the three do not trim, or what two seconds move is lost in rounding.
+SIZES = {n: {"alpha_rad": 0.3} for n in ("stall", "stall_hysteresis", "stall_moment", "asymmetric_stall")}
+SIZES["asymmetric_stall"] |= {"Cl": 0.3}
+SIZES |= {"cubic_weathercock": {"Cn_beta3": 25.0}, "cubic_dihedral": {"Cl_beta3": 25.0}, "lost_wing": {"share": 0.03}}
 SLACK = 1e-9
 IN_COMMAND = {n for n in OF_AIRCRAFT if n.endswith("surface_offset")}  # what is trimmed out shows nowhere else
 
@@ -87,7 +91,7 @@ def test_an_effect_flies_and_shows_where_it_should(name, aircraft):
         difference = trim(amended, at).controls[control] - here.trimmed.controls[control]
         assert difference == pytest.approx(-usual(effect)["offset_rad"], abs=1e-6)
     else:
-        channel = SEEN.get(effect.place, "q")
+        channel = SEEN.get(name, SEEN.get(effect.place, "q"))
         assert moved[CHANNELS.index(channel)] > 1e-5, f"{channel} moves by {moved[CHANNELS.index(channel)]:.2g}"
     linear = linearise(amended, trim(amended, here.trimmed.condition))
     assert np.isfinite(linear.A).all()
@@ -109,7 +113,7 @@ def test_an_effect_without_size_changes_nothing(name, aircraft):
     none = {p.name: p.starts[0] if p.none is None else p.none for p in effect.parameters}
     amended, suite = effect.amend(here.aircraft, SUITE, none)
     assert np.max(np.abs(here.moved(amended))) < SLACK
-    if not name.startswith(("payload", "cg_shift")):
+    if not name.startswith(("payload", "cg_shift", "lateral_cg")):
         assert suite == SUITE
 
 

@@ -30,6 +30,7 @@ SIZES = {
     "creeping_free_play": {"width_rad": 0.02, "creep_1_s": 2.0, "power": 1.5},
     "dead_band": {"half_width_rad": 0.008},
     "surface_scale": {"scale": 0.8},
+    "one_sided_linkage": {"scale": 0.7},
 }
 
 

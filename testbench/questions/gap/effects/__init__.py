@@ -8,9 +8,9 @@ from testbench.aircraft import Aircraft
 from testbench.core.errors import ModelError
 from testbench.questions.gap.effects import (
     actuator_lag,
-    aileron_lag,
     alpha_dot,
     asymmetric_rate_limit,
+    asymmetry,
     cg_shift,
     clock_offset,
     creeping_free_play,
@@ -25,18 +25,22 @@ from testbench.questions.gap.effects import (
     ground_effect,
     gust,
     inertia_error,
+    lateral_feedback,
+    lateral_terms,
+    lost_surface,
     mass_error,
     nonlinear_lift,
     payload,
     pitch_damper,
+    propeller,
     rate_limit,
-    rudder_lag,
     second_order_actuator,
     second_order_thrust_lag,
     slipstream,
     speed_effectiveness,
     stall,
     stall_hysteresis,
+    stall_moment,
     steady_wind,
     surface_offset,
     surface_scale,
@@ -53,6 +57,7 @@ from testbench.questions.gap.effects import (
 )
 from testbench.questions.gap.effects.base import Effect, Parameter
 from testbench.questions.gap.effects.sensor import sensor_effects
+from testbench.questions.gap.effects.servos import SERVOS
 from testbench.sensors import SensorSuite
 
 _OF_AIRCRAFT: dict[str, Effect] = {
@@ -96,38 +101,31 @@ _OF_AIRCRAFT: dict[str, Effect] = {
         washed_pitch_damper,
         filtered_pitch_damper,
         yaw_damper,
-        aileron_lag,
-        rudder_lag,
         steady_wind,
         gust,
         clock_offset,
     )
 }
 
-OTHER_SERVOS: dict[str, Effect] = {
-    made.name: made
-    for control in ("da", "dr")
-    for made in (
-        module.effect(control)
-        for module in (
-            second_order_actuator,
-            rate_limit,
-            asymmetric_rate_limit,
-            transport_delay,
-            delayed_servo,
-            free_play,
-            creeping_free_play,
-            dead_band,
-            surface_scale,
-            surface_offset,
-        )
-    )
-} | {made.name: made for made in (transport_delay.effect("thr"),)}
-"""What the elevator's servo has in the library, for aileron and rudder, and a delay for the throttle.
+_OF_AIRCRAFT |= {e.name: e for e in (SERVOS["lag", "da"], SERVOS["lag", "dr"])}
+_BY_NAME_ONLY = ("lost_tail", "stall_moment")
+_LATERAL = (*lateral_feedback.EFFECTS, *propeller.EFFECTS, *asymmetry.EFFECTS, *lateral_terms.EFFECTS)
+_NEW = (*_LATERAL, *lost_surface.EFFECTS, *stall_moment.EFFECTS)
+_OF_AIRCRAFT |= {e.name: e for e in _NEW if e.name not in _BY_NAME_ONLY}
 
-They are searched only if a scenario asks for them by name (``more_effects``). In the library they would be twenty
-further things that a record of aileron and rudder may be mistaken for, each of which costs a search, while most
-records hold no input that tells one servo effect from another; their lags are in it.
+OTHER_SERVOS: dict[str, Effect] = {e.name: e for e in SERVOS.values() if e.name not in _OF_AIRCRAFT}
+"""What the elevator's servo has in the library, for aileron and rudder, and what only a name calls (``more_effects``).
+
+They are searched only if a scenario asks for them by name. In the library they would be twenty further things that a
+record of aileron and rudder may be mistaken for, each of which costs a search, while most records hold no input that
+tells one servo effect from another; the lags of aileron and rudder are in it.
+"""
+
+ON_REQUEST: dict[str, Effect] = OTHER_SERVOS | {e.name: e for e in _NEW if e.name in _BY_NAME_ONLY}
+"""All that is searched only if a scenario asks for it by name (``more_effects``).
+
+A lost part of the tail is what errors of three coefficients are, and a stall that pitches is a stall beside a curved
+moment: in the library they would be two more things that every longitudinal record may be mistaken for.
 """
 
 # The sensor errors listed here are those of the longitudinal channels; `library` makes those of any suite.
@@ -146,7 +144,7 @@ def library(suite: SensorSuite, aircraft: Aircraft | None = None) -> dict[str, E
 
 def catalogue(suite: SensorSuite) -> dict[str, Effect]:
     """Return every effect that can be asked for by name."""
-    return library(suite) | OTHER_SERVOS
+    return library(suite) | ON_REQUEST
 
 
 def left_out(effects: Mapping[str, Effect], aircraft: Aircraft, suite: SensorSuite) -> dict[str, str]:
@@ -161,4 +159,4 @@ def left_out(effects: Mapping[str, Effect], aircraft: Aircraft, suite: SensorSui
     return out
 
 
-__all__ = ["EFFECTS", "OTHER_SERVOS", "Effect", "Parameter", "catalogue", "left_out", "library"]
+__all__ = ["EFFECTS", "ON_REQUEST", "OTHER_SERVOS", "SERVOS", "Effect", "Parameter", "catalogue", "left_out", "library"]

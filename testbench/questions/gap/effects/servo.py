@@ -24,6 +24,8 @@ from testbench.core.record import FloatArray
 
 _READING = ("property", "input", "independentVar")
 WORDS = {"de": "elevator", "da": "aileron", "dr": "rudder", "thr": "throttle"}
+PLACES = {**WORDS, "thr": "thrust"}
+"""Control -> the place of effects between its command and its surface."""
 COEFFICIENTS = {"de": ("Cm_de", "CL_de"), "da": ("Cl_da", "Cn_da"), "dr": ("Cn_dr", "CY_dr")}
 """Control -> the coefficients that its effectiveness consists of, the first of them the moment that it is there for."""
 

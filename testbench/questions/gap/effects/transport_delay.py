@@ -13,7 +13,7 @@ from testbench.aircraft.reroute import moving, product, prop, reroute, value
 from testbench.aircraft.seams import opened
 from testbench.core.record import FloatArray
 from testbench.questions.gap.effects.base import LINK, Effect, Parameter, Values
-from testbench.questions.gap.effects.servo import WORDS, column_of, labelled, named
+from testbench.questions.gap.effects.servo import PLACES, WORDS, column_of, labelled, named
 from testbench.sensors import SensorSuite
 
 
@@ -58,7 +58,7 @@ def effect(control: str) -> Effect:
     return Effect(
         name=named(control, "transport_delay"),
         title=f"delay of the {word} command",
-        place="thrust" if control == "thr" else word,
+        place=PLACES[control],
         physics=(
             f"The {word} command waits in computers, buses or radio links before the {follower} sees it. "
             "Every frequency arrives with its full amplitude and a phase loss in proportion to frequency."

@@ -1,0 +1,142 @@
+"""What an autopilot adds to aileron and rudder that nobody mentioned: roll damper, interconnect, bank and heading hold.
+
+Each adds a gain times a quantity to what a servo is told, behind the recorded command.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.reroute import product, prop, reroute, value
+from testbench.aircraft.seams import control_path, opened
+from testbench.questions.gap.effects.base import AUTOPILOT, URGED, Effect, Parameter, Values
+from testbench.questions.gap.effects.servo import WORDS
+from testbench.sensors import SensorSuite
+
+
+def _roll_rate(aircraft: Aircraft) -> str:
+    return prop("velocities/p-rad_sec")
+
+
+def _aileron_command(aircraft: Aircraft) -> str:
+    return prop(control_path(aircraft, "da").command)
+
+
+def _bank(aircraft: Aircraft) -> str:
+    return prop("attitude/phi-rad")
+
+
+def _heading(aircraft: Aircraft) -> str:
+    return f"<sin> {prop('attitude/psi-rad')} </sin>"  # flights begin northwards; the angle itself jumps there
+
+
+@dataclass(frozen=True)
+class Path:
+    """A quantity that moves a surface.
+
+    Attributes:
+        control: whose servo is told.
+        quantity: aircraft -> XML of it.
+        sign: of what is added for a positive gain; that which damps or holds.
+        gain: parameter.
+        text: the quantity, for people.
+        flown: see :class:`Effect`.
+    """
+
+    control: str
+    quantity: Callable[[Aircraft], str]
+    sign: float
+    gain: Parameter
+    text: str
+    flown: bool = False
+
+
+PATHS: dict[str, Path] = {
+    "roll_damper": Path(
+        "da",
+        _roll_rate,
+        -1.0,
+        Parameter("gain_s", "s", URGED, 1.0, (0.05, 0.5 * URGED), none=0.0),
+        "rad/s of roll rate",
+    ),
+    "interconnect": Path(
+        "dr",
+        _aileron_command,
+        1.0,
+        Parameter("ratio", "1", -2.0, 2.0, (0.2, -0.2), none=0.0),
+        "rad of aileron command",
+    ),
+    "bank_hold": Path("da", _bank, -1.0, Parameter("gain", "1", -0.02, 3.0, (0.2, -0.01), none=0.0), "rad of bank"),
+    "heading_hold": Path(
+        "da", _heading, -1.0, Parameter("gain", "1", -0.02, 3.0, (0.2, -0.01), none=0.0), "rad of heading", flown=True
+    ),
+}
+
+
+def amend(name: str, aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
+    """Add the gain times the quantity to what the servo is told."""
+    path = PATHS[name]
+    gain, label = values[path.gain.name], name.replace("_", "-")
+    aircraft, way = opened(aircraft, path.control)
+    x = path.quantity(aircraft)
+    body = f"<sum> {prop(way.command)} {product(value(path.sign * gain), x)} </sum>"
+    edit = reroute(way.command, label, body)
+    text = f"{WORDS[path.control]} fed {path.sign * gain:+.4g} rad per {path.text}"
+    return aircraft.amended(Amendment(name, text, (edit,))), suite
+
+
+def _effect(name: str, title: str, physics: str, mistaken_for: str, separated_by: str) -> Effect:
+    path = PATHS[name]
+    return Effect(
+        name=name,
+        title=title,
+        place=WORDS[path.control],
+        physics=physics,
+        parameters=(path.gain,),
+        amend=partial(amend, name),
+        mistaken_for=mistaken_for,
+        separated_by=separated_by,
+        flown=path.flown,
+        lateral=True,
+        upstream=AUTOPILOT,
+    )
+
+
+EFFECTS = (
+    _effect(
+        "roll_damper",
+        "roll damper",
+        "An autopilot turns the ailerons against the roll rate, behind the recorded command and through the servo. The "
+        "aircraft rolls less far for the same command, and its roll mode is faster, or slower with the other sign.",
+        "errors of Cl_p and Cl_da together, within their priors, where the servo is much faster than the roll mode",
+        "a measured aileron deflection, a flight with the autopilot off, or another speed: the damper's moment grows "
+        "with dynamic pressure, that of Cl_p with speed",
+    ),
+    _effect(
+        "interconnect",
+        "aileron-rudder interconnect",
+        "A spring, or a mixer of the transmitter, turns the rudder with the ailerons to take their adverse yaw out. "
+        "Yaw answers the aileron command as if the rudder had moved, and through the rudder's servo.",
+        "an error of Cn_da (with Cl_da and a side force), where the rudder's servo is fast",
+        "a measured rudder deflection; moving the ailerons by hand on the ground and looking at the rudder",
+    ),
+    _effect(
+        "bank_hold",
+        "bank hold",
+        "An autopilot turns the ailerons against the bank angle. The spiral mode becomes "
+        "fast, and the aircraft rolls back to level after every input.",
+        "an error of Cl_beta, Cl_r or Cn_beta as far as they set the spiral mode; a roll damper in short inputs",
+        "a bank held for some seconds; a measured aileron deflection, or a flight with the autopilot off",
+    ),
+    _effect(
+        "heading_hold",
+        "heading hold",
+        "An autopilot turns the ailerons against the change of heading since the beginning. Aircraft that were "
+        "disturbed bank back to their heading and may overshoot it, over many seconds.",
+        "a bank hold in records shorter than the return to the heading",
+        "ten seconds without input after a turn; a measured aileron deflection, or a flight with the autopilot off",
+    ),
+)
