@@ -53,7 +53,8 @@ _REGIONS: Mapping[str, tuple[tuple[Outline, ...], tuple[Outline, ...]]] = {
     "lift": (_WINGS, (_WING_SIDE,)),
     "drag": ((_BODY_ABOVE,), (_BODY_SIDE,)),
     "pitching moment": _LIFTING,
-    "lateral moments": (_WINGS, (_WING_SIDE, _FIN)),
+    "wing": (_WINGS, (_WING_SIDE,)),
+    "fin": ((_box(0.82, -0.015, 0.18, 0.03),), (_FIN,)),
     "autopilot": _BOX,
 }
 

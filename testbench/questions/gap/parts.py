@@ -51,7 +51,8 @@ _CHECKS = {
     "lift": "look along the wings: dirt, dents, warps, open hatches; measure their incidence with an inclinometer",
     "drag": "look for what stands in the air and is not in the model: antennas, wheels, gaps, open hatches",
     "pitching moment": "measure incidence of wing and tail with an inclinometer; balance the aircraft on two points",
-    "lateral moments": "measure incidence and twist of both wings with an inclinometer; balance it on nose and tail",
+    "wing": "measure incidence, twist and dihedral of both wings with an inclinometer; balance it on nose and tail",
+    "fin": "look along fin and rudder from behind; measure whether the fin stands upright and in the middle",
     "autopilot": "turn the aircraft by hand with all switched on: a surface that follows is fed back; read settings",
     "air": "none on the ground: fly the manoeuvre again in calm air and compare",
 }

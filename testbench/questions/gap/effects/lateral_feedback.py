@@ -102,6 +102,10 @@ def _effect(name: str, title: str, physics: str, mistaken_for: str, separated_by
         flown=path.flown,
         lateral=True,
         upstream=AUTOPILOT,
+        part="" if name == "interconnect" else "autopilot",
+        ground_check="move the aileron and look at the rudder: what is joined moves with it"
+        if name == "interconnect"
+        else "",
     )
 
 

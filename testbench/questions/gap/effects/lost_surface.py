@@ -139,6 +139,7 @@ EFFECTS = (
         name="lost_wing",
         title="part of a wing lost",
         place="wing",
+        part="structure",
         physics=(
             "The outer part of one wing is gone: its lift, drag and mass, and most of its roll damping. The aircraft "
             "rolls towards it in proportion to lift, rolls more easily, and carries less."
@@ -154,6 +155,7 @@ EFFECTS = (
         name="lost_fin",
         title="part of the fin lost",
         place="fin",
+        part="structure",
         physics=(
             "A part of fin and rudder is gone. Weathercock stability, yaw damping and rudder power fall by one share, "
             "and side force with them."
@@ -168,6 +170,7 @@ EFFECTS = (
         name="lost_tail",
         title="part of the tail lost",
         place="pitching moment",
+        part="structure",
         physics=(
             "A part of tailplane and elevator is gone. Pitch stiffness, pitch damping and elevator power fall by one "
             "share, and the centre of gravity moves forward."
