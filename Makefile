@@ -12,7 +12,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
   tests/questions/campaign/test_draws.py tests/questions/run/test_scenario.py tests/test_house_rules.py \
   tests/test_packaging.py
 
-.PHONY: demo quick lint test pages-held fuzz test-slow benchmarks stock blind-test docs campaign-cost dataset-study design-study promise-study sequential-study estimator-study advice-study reproduction autopilot-log-study clean
+.PHONY: demo quick lint test pages-held fuzz mutants surroundings test-slow benchmarks stock blind-test docs campaign-cost dataset-study design-study promise-study sequential-study estimator-study advice-study reproduction autopilot-log-study clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -32,6 +32,16 @@ test: $(VENV)/installed-dev
 FUZZ_SEEDS ?= 2000
 fuzz: $(VENV)/installed-dev
 	FUZZ_SEEDS=$(FUZZ_SEEDS) $(BIN)/python -m pytest tests/fuzz -n 2 --dist worksteal
+
+# Small errors sown into the numerical rooms, into results/mutants.csv: hours on two cores; it goes on where it stopped.
+MUTANTS ?= 300
+mutants: $(VENV)/installed-dev
+	$(BIN)/python -m pip install -q coverage
+	$(BIN)/python tests/studies/mutants.py --count $(MUTANTS)
+
+# The quick tests without extras, home, room or locale, and with other versions: results/surroundings.csv; some ten minutes.
+surroundings: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/surroundings.py
 
 test-slow: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -m slow

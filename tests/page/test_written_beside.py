@@ -34,7 +34,7 @@ def test_what_an_older_run_wrote_does_not_stand_beside_the_newer_one(tmp_path):
     paths = page("second").write(tmp_path)
     assert files(tmp_path) == ["mine.txt", "notes.md", PAGE, "tables/second.csv", "tables/second.json"]
     assert [str(p.relative_to(tmp_path)) for p in paths] == ["tables/second.csv", "tables/second.json", PAGE]
-    assert "this is second" in (tmp_path / PAGE).read_text().lower()
+    assert "this is second" in (tmp_path / PAGE).read_text(encoding="utf-8").lower()
 
 
 def test_a_page_that_fails_leaves_the_old_one_whole(tmp_path):
@@ -82,7 +82,7 @@ def test_a_process_killed_at_any_step_never_leaves_a_page_with_tables_of_another
         ended.append(done.returncode)
         assert done.returncode in (0, -signal.SIGKILL), done.stderr
         if (folder / PAGE).exists():
-            says = "first" if "this is first" in (folder / PAGE).read_text().lower() else "second"
+            says = "first" if "this is first" in (folder / PAGE).read_text(encoding="utf-8").lower() else "second"
             assert {p.stem for p in (folder / "tables").iterdir()} == {says}
         page("third").write(folder)
         assert files(folder) == [PAGE, "tables/third.csv", "tables/third.json"]

@@ -208,7 +208,8 @@ def traced(room: str, work: Path) -> dict[str, dict[str, dict]]:
             if not kept.exists():
                 print(f"tracing {name}", flush=True)
                 run_tests(ROOT, [sys.executable, __file__, "--trace", name, str(kept)], _FILE_S)
-            if not kept.exists():  # too long: its tests do not take part
+            if not kept.exists():
+                print(f"{name} takes longer than {_FILE_S:g} s: its tests take no part", flush=True)
                 kept.write_text('{"seconds": {}, "reached": {}}', encoding="utf-8")
             out[name] = json.loads(kept.read_text(encoding="utf-8"))
     return out
