@@ -203,16 +203,20 @@ def gallery_page(pictures: bool) -> str:
     return "\n".join(out) + "\n"
 
 
+REFERENCE = {"commands.md": commands_page, "scenarios.md": scenarios_page, "questions.md": questions_page}
+"""Pages that are committed; tests/docs/test_reference.py holds them against what the program says."""
+
+
 def main() -> None:
     """Write all made pages."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--no-pictures", action="store_true", help="do not run the scenarios of the gallery")
+    parser.add_argument("--reference", action="store_true", help="only the pages that are committed: the reference")
     given = parser.parse_args()
-    reference = HERE / "reference"
-    reference.mkdir(exist_ok=True)
-    (reference / "commands.md").write_text(commands_page(), encoding="utf-8")
-    (reference / "scenarios.md").write_text(scenarios_page(), encoding="utf-8")
-    (reference / "questions.md").write_text(questions_page(), encoding="utf-8")
+    for name, page in REFERENCE.items():
+        (HERE / "reference" / name).write_text(page(), encoding="utf-8")
+    if given.reference:
+        return
     (HERE / "gallery.md").write_text(gallery_page(not given.no_pictures), encoding="utf-8")
 
 

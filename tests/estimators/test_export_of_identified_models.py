@@ -121,7 +121,7 @@ def export(identified, monkeypatch, capsys):
 
     def do(method, to):
         capsys.readouterr()
-        code = status(monkeypatch, "export", identified.models / f"recorded_{method}.json", "--to", to)
+        code = status(monkeypatch, "export", identified.models / f"{method}.json", "--to", to)
         said = capsys.readouterr()
         if code:
             return code, said.err.splitlines()
@@ -191,7 +191,7 @@ def test_jsbsim_steps_as_the_matrices_do(identified, export, tmp_path):
 
 def test_a_model_without_a_form_in_jsbsim_is_one_line(identified, export):
     """A discrete model with a pole on the negative real axis, as too high an order in noise gives; here put there."""
-    poles = identified.models / "recorded_transfer_function.json"
+    poles = identified.models / "transfer_function.json"
     content = json.loads(poles.read_text(encoding="utf-8"))
     first = content["outputs"][0]
     content["denominators"][first] = np.poly([0.9, 0.8, 0.7, 0.6, -0.5]).tolist()

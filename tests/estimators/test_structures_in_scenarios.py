@@ -143,7 +143,7 @@ def test_a_campaign_knows_the_bytes_of_the_file_and_flies(tmp_path):
     )
     campaign = load_campaign(tmp_path / "c.toml")
     before = campaign.digest()
-    assert sha256(tmp_path / "file.toml") in campaign._brought()
+    assert sha256(tmp_path / "file.toml") in dict(campaign.files).values()
     first, _ = campaign.content["identification"]["estimators"]
     assert first["structure"] == str(tmp_path / "file.toml")
     assert tb.fly_campaign(campaign, tmp_path / "store", workers=1).counts.done == 2
