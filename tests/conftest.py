@@ -6,6 +6,7 @@ import os
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+from browsers import chromium
 
 from testbench.flight import FlightCondition, load_aircraft, trim
 
@@ -31,3 +32,9 @@ def eolo_trim(eolo):
 @pytest.fixture(scope="session")
 def taurus_trim(taurus):
     return trim(taurus, TAURUS_CONDITION)
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as running:
+        yield running

@@ -16,12 +16,17 @@ _OF_THE_DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 _LONGEST = 200  # letters of a reason
 
 
-def write_file(
-    path: Path,
-    content: str | bytes | Callable[[Path], object],
-    law: str = "results must go to a folder that can be written to",
-    fix: str = "give another folder or free space",
-) -> Path:
+_LAW, _FIX = "results must go to a folder that can be written to", "give another folder or free space"
+
+
+def not_written(path: Path, error: OSError, law: str = _LAW, fix: str = _FIX) -> RecordError:
+    """Return what to raise where a file or folder cannot be written; a :class:`DiskError` if for want of space."""
+    if error.errno in _OF_THE_DISK:
+        return DiskError(path, error, fix)
+    return RecordError(f"{law}, got '{path}': {error.strerror or error}; {fix}")
+
+
+def write_file(path: Path, content: str | bytes | Callable[[Path], object], law: str = _LAW, fix: str = _FIX) -> Path:
     """Write a file under another name, rename it to ``path`` and return ``path``; its folder is made if it is missing.
 
     A process that is killed while it writes leaves the file that was there before, or none. If writing fails, what was
@@ -50,9 +55,7 @@ def write_file(
         with contextlib.suppress(OSError):
             part.unlink()
         if isinstance(error, OSError):
-            if error.errno in _OF_THE_DISK:
-                raise DiskError(path, error, fix) from error
-            raise RecordError(f"{law}, got '{path}': {error.strerror or error}; {fix}") from error
+            raise not_written(path, error, law, fix) from error
         raise
     return path
 

@@ -8,6 +8,7 @@ from collections.abc import Generator
 from pathlib import Path
 
 from testbench.core.errors import RecordError
+from testbench.core.files import not_written
 
 PAGE = "report.html"
 UNFINISHED = "unfinished"
@@ -44,10 +45,7 @@ def written_beside(folder: Path) -> Generator[Path, None, None]:
             there.parent.mkdir(parents=True, exist_ok=True)
             path.replace(there)
     except OSError as error:
-        raise RecordError(
-            f"results must go to a folder that can be written to, got '{folder}': {error.strerror or error}; give "
-            "another folder or free space"
-        ) from error
+        raise not_written(folder, error) from error
     finally:
         with contextlib.suppress(OSError):
             take_away(part)

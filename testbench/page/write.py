@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from testbench.core.claim import claim
-from testbench.core.errors import RecordError
-from testbench.core.files import write_file
+from testbench.core.files import not_written, write_file
 from testbench.page.beside import PAGE, within
 from testbench.page.labels import file_stem
 
@@ -72,10 +71,7 @@ def claim_folder(folder: Path) -> None:
     try:
         claim(folder)
     except OSError as error:
-        raise RecordError(
-            f"results must go to a folder that can be written to, got '{folder}': {error.strerror or error}; give "
-            "another folder or free space"
-        ) from error
+        raise not_written(folder, error) from error
 
 
 def check_folder(folder: Path) -> None:

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 import pytest
-from studies.pages_held import BROWSER, faults_of
+from studies.pages_held import faults_of
 
 from testbench.page.page import COMPUTED, Page
 from testbench.page.tables import Column, Table
@@ -18,23 +18,17 @@ WIDE = Table(
 
 
 @pytest.fixture(scope="module")
-def tab(tmp_path_factory):
+def tab(browser, tmp_path_factory):
     """Return a function that opens a page, given as text."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="the pages need playwright to be tried")
-    if BROWSER is None:
-        pytest.skip("the pages need Chromium to be tried")
-    with playwright.sync_playwright() as p:
-        browser = p.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        page = browser.new_context(bypass_csp=True).new_page()
-        file = tmp_path_factory.mktemp("held") / "report.html"
+    page = browser.new_context(bypass_csp=True).new_page()
+    file = tmp_path_factory.mktemp("held") / "report.html"
 
-        def tab(text: str):
-            file.write_text(text, encoding="utf-8")
-            page.goto(file.as_uri())
-            return page
+    def tab(text: str):
+        file.write_text(text, encoding="utf-8")
+        page.goto(file.as_uri())
+        return page
 
-        yield tab
-        browser.close()
+    return tab
 
 
 @pytest.fixture(scope="module")

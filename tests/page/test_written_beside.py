@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -11,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from testbench.core.errors import RecordError
+from testbench.core.errors import DiskError, RecordError
 from testbench.core.record import FlightRecord
 from testbench.page.beside import OF_ONE_PAGE, PAGE, UNFINISHED
 from testbench.page.page import Page
@@ -48,6 +49,16 @@ def test_a_page_that_fails_leaves_the_old_one_whole(tmp_path):
         page("second", more_files=fails).write(tmp_path)
     assert {name: (tmp_path / name).read_bytes() for name in files(tmp_path)} == before
     assert not (tmp_path / UNFINISHED).exists()
+
+
+def test_a_disk_without_room_for_a_folder_is_a_full_disk(tmp_path, monkeypatch):
+    def full(self, *given, **more):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "mkdir", full)
+    with pytest.raises(DiskError) as error:
+        page("first").write(tmp_path)
+    assert error.value.exit_status == 3
 
 
 KILLED = """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,6 @@ from testbench.page.html import picture
 from testbench.page.page import COMPUTED, Page
 from testbench.page.plot import Plate, grid, new_figure
 
-BROWSER = next((b for b in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if b), None)
 HOSTILE = "</script><script>document.title = 'run'</script> \" onload='1' <img src=x>"
 MOST_BYTES = 1_500_000
 MOST_MS = 1000.0
@@ -43,17 +41,6 @@ def flight(seconds: float = 20.0, rate: float = 50.0, channels: int = 3, name: s
 def html(*plates: Plate) -> str:
     page = Page(kicker="k", title="t", question="q", answer=["it is"], plates=plates, packages=COMPUTED)
     return page.html([picture(p) for p in plates])
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="the pages need playwright to be tried")
-    if BROWSER is None:
-        pytest.skip("the pages need Chromium to be tried")
-    with playwright.sync_playwright() as p:
-        running = p.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield running
-        running.close()
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,6 @@ from testbench.page.page import Page
 from testbench.page.tables import Column, Table
 from testbench.questions.run.page import run_page
 
-BROWSER = next((b for b in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if b), None)
 HOSTILE = "<script>alert(1)</script> & \"double\" 'single' </title><img src=x onerror=alert(2)>"
 SVG = (
     "data:image/svg+xml;base64,"
@@ -38,17 +36,6 @@ TABLE = Table(
     ),
     total=True,
 )
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="the pages need playwright to be tried")
-    if BROWSER is None:
-        pytest.skip("the pages need Chromium to be tried")
-    with playwright.sync_playwright() as p:
-        running = p.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield running
-        running.close()
 
 
 def analysis(answer: list[str], tables: list[Table], pictures: list[Picture] | None = None) -> str:

@@ -9,17 +9,19 @@ screenshots at 400, 800 and 1280 px, light, dark and for print if asked, and end
 from __future__ import annotations
 
 import argparse
-import shutil
 import sys
 from pathlib import Path
 from typing import Any
 
 from testbench.page.words import MOST_WORDS
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from browsers import BROWSER
+
 WIDTHS = (400, 800, 1280)  # px
 MOST_BYTES = 1_500_000
 SERIOUS = ("serious", "critical")
-BROWSER = next((b for b in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if b), None)
 _UNREACHED = """
 () => {
   const all = [...document.querySelectorAll('a[href], button, select, summary, [tabindex="0"]')];

@@ -8,11 +8,15 @@ own seed. The fresh flights have other noise and other turbulence.
 from __future__ import annotations
 
 import argparse
-import csv
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from studies.kept_rows import read_rows, write_rows
 
 from testbench.core.schema import parse
 from testbench.flight.batch.jobs import Tally
@@ -116,20 +120,14 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=list(DESIGNS), help="names of designs")
     parser.add_argument("--out", type=Path, default=TABLE)
     asked = parser.parse_args()
-    rows: list[dict[str, Any]] = []
-    if asked.out.is_file():
-        with asked.out.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
+    rows = read_rows(asked.out)
     for name in asked.only:
         own = [r for r in rows if r["design"] == name]
         if own and all(int(r["fresh_flights"]) + int(r["without_estimate"]) >= asked.seeds for r in own):
             continue
         print(name, flush=True)
         rows = [r for r in rows if r["design"] != name] + rows_of(name, asked.seeds)
-        with asked.out.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+        write_rows(asked.out, COLUMNS, rows)
     ratios = np.array([float(r["fresh_over_headline"]) for r in rows])
     share = 100.0 * float(np.mean(np.abs(ratios - 1.0) <= WITHIN))
     print(f"{share:.0f} % of {ratios.size} headline errors lie within {100 * WITHIN:.0f} % of fresh flights")

@@ -7,7 +7,6 @@ criterion of the latter over that of the former: the worst over the 20 draws of 
 
 from __future__ import annotations
 
-import csv
 import shutil
 import sys
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from studies.kept_rows import read_rows, write_rows
 from studies.promise_study import DESIGNS
 
 from testbench.core.paths import AIRCRAFT_MODELS
@@ -66,20 +66,14 @@ def row_of(name: str, folder: Path) -> dict[str, Any]:
 
 def main() -> None:
     """Run the designs that are missing, and write the table after each."""
-    rows: list[dict[str, Any]] = []
-    if TABLE.is_file():
-        with TABLE.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
+    rows = read_rows(TABLE)
     for name in NAMES:
         if any(r["design"] == name for r in rows):
             continue
         print(name, flush=True)
         with TemporaryDirectory() as folder:
             rows.append(row_of(name, Path(folder)))
-        with TABLE.open("w", encoding="utf-8", newline="") as file:
-            writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+        write_rows(TABLE, COLUMNS, rows)
         print(rows[-1], flush=True)
 
 

@@ -13,7 +13,6 @@ results/design/sequential_trials.csv, so that it goes on where it stopped.
 from __future__ import annotations
 
 import argparse
-import csv
 import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -23,6 +22,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from studies.kept_rows import read_rows, write_rows
 from studies.promise_study import DESIGNS
 from studies.robust_study import STATED
 
@@ -174,14 +174,6 @@ def summary(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
     return out
 
 
-def write(path: Path, columns: tuple[str, ...], rows: list[dict[str, Any]]) -> None:
-    """Write a table."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, columns, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
-
-
 def main() -> None:
     """Run the trials that are missing, and write both tables after each."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -189,10 +181,7 @@ def main() -> None:
     parser.add_argument("--only", nargs="*", default=list(NAMES), help="names of designs")
     parser.add_argument("--out", type=Path, default=TRIALS)
     asked = parser.parse_args()
-    rows: list[dict[str, Any]] = []
-    if asked.out.is_file():
-        with asked.out.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
+    rows = read_rows(asked.out)
     for name in asked.only:
         for trial in range(asked.trials):
             if any(r["design"] == name and int(r["trial"]) == trial for r in rows):
@@ -202,9 +191,9 @@ def main() -> None:
             except TestbenchError as error:  # no flight, or no estimate: the trial is lost for all ways
                 rows.append({**dict.fromkeys(COLUMNS, ""), "design": name, "trial": trial, "way": f"lost: {error}"})
             print(name, trial, rows[-1]["way"], flush=True)
-            write(asked.out, COLUMNS, rows)
+            write_rows(asked.out, COLUMNS, rows)
     if asked.out == TRIALS:
-        write(TABLE, SUMMARY, summary(rows))
+        write_rows(TABLE, SUMMARY, summary(rows))
     for row in summary(rows):
         print(*row.values())
 

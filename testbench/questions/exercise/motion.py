@@ -28,6 +28,13 @@ def short_period_matrices(d: Mapping[str, float]) -> tuple[FloatArray, FloatArra
     return A, np.array([[d.get("Z_de", 0.0)], [d["M_de"]]])
 
 
+def with_servo(A: FloatArray, B: FloatArray, tau_s: float) -> tuple[FloatArray, FloatArray]:
+    """Return A and B with one more state, the last: the deflection, which follows the one input by a lag of tau_s."""
+    n = len(A)
+    driven = np.block([[A, B], [np.zeros((1, n)), np.array([[-1.0 / tau_s]])]])
+    return driven, np.concatenate([np.zeros((n, 1)), [[1.0 / tau_s]]])
+
+
 def draw_short_period(
     rng: Generator, omega: tuple[float, float], zeta: tuple[float, float], M_de: tuple[float, float]
 ) -> dict[str, float]:

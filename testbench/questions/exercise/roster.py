@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 import secrets
 from collections.abc import Mapping, Sequence
@@ -11,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from testbench.core.errors import RecordError, ScenarioError, TestbenchError
-from testbench.core.escape import csv_cell
 from testbench.core.files import write_file
+from testbench.page.tables import Column, Table, Value
 from testbench.questions.exercise.ask import CARD, start
 from testbench.questions.exercise.check import Result
 from testbench.questions.exercise.names import load_exercise
@@ -21,7 +19,6 @@ from testbench.questions.exercise.seal import read_key
 KEY, TABLE, MARKS = "key.txt", "roster.csv", "marks.csv"
 HANDED_OUT = "students"
 _MOST = 500
-_HEADS = ("student", "exercise", "right", "of", "not right", "why")
 
 
 @dataclass(frozen=True)
@@ -84,7 +81,7 @@ def make_roster(students: Sequence[str], exercises: Sequence[str], folder: Path,
     if not key_file.is_file():
         write_file(key_file, secrets.token_hex(16) + "\n")
     key = read_key(key_file)
-    begun, kept, rows = [], [], [("student", "exercise", "folder")]
+    begun, kept, rows = [], [], []
     for student in students:
         for name in exercises:
             place = folder / HANDED_OUT / _folder(student) / name
@@ -94,7 +91,7 @@ def make_roster(students: Sequence[str], exercises: Sequence[str], folder: Path,
                 start(name, student, key, place)
                 begun.append(place)
             rows.append((student, name, str(place.relative_to(folder))))
-    write_file(folder / TABLE, _csv(rows))
+    write_file(folder / TABLE, _csv("roster", ("student", "exercise", "folder"), rows))
     return Roster(folder, key_file, tuple(begun), tuple(kept))
 
 
@@ -115,23 +112,21 @@ def folders_of(places: Sequence[Path]) -> list[Path]:
 
 def marks_text(results: Mapping[Path, Result | TestbenchError]) -> str:
     """Return the marks as CSV: one row a folder, with what was not right and why."""
-    rows: list[tuple[str, ...]] = [_HEADS]
+    rows: list[tuple[Value, ...]] = []
     for folder, result in results.items():
         if isinstance(result, TestbenchError):
-            rows.append((folder.parent.name, folder.name, "", "", "", str(result)))
+            rows.append((folder.parent.name, folder.name, None, None, None, str(result)))
             continue
         missed = [v for v in result.verdicts if v.outcome != "right"]
         why = "; ".join(f"{v.question.key} = {v.given}: {v.words}" for v in missed if v.outcome != "missing")
         keys = ", ".join(f"{v.question.key} (missing)" if v.outcome == "missing" else v.question.key for v in missed)
-        rows.append((result.student, result.name, str(result.right), str(len(result.verdicts)), keys, why))
-    return _csv(rows)
+        rows.append((result.student, result.name, result.right, len(result.verdicts), keys, why))
+    return _csv("marks", ("student", "exercise", "right", "of", "not right", "why"), rows)
 
 
 def _folder(student: str) -> str:
     return re.sub(r"[^\w.-]+", "_", student.strip()).strip(".") or "_"
 
 
-def _csv(rows: Sequence[Sequence[str]]) -> str:
-    out = io.StringIO()
-    csv.writer(out, lineterminator="\n").writerows([csv_cell(cell) for cell in row] for row in rows)
-    return out.getvalue()
+def _csv(name: str, heads: Sequence[str], rows: Sequence[tuple[Value, ...]]) -> str:
+    return Table(name, name, "", tuple(Column(head, head) for head in heads), tuple(rows)).to_csv()

@@ -1,7 +1,6 @@
 """The page in a real browser: what it computes is what the testbench computes, and every control works."""
 
 import json
-import shutil
 import socket
 import urllib.error
 import urllib.request
@@ -24,7 +23,6 @@ from testbench.questions.studio.page import studio_page
 from testbench.questions.studio.serve import HOST, serving
 
 SPEEDS = {"taurus": (12.0, 14.0), "eolo": (16.0, 18.0)}
-BROWSER = next((b for b in map(shutil.which, ("chromium", "chromium-browser", "google-chrome")) if b), None)
 
 
 @pytest.fixture(scope="module")
@@ -39,17 +37,6 @@ def file(data, tmp_path_factory):
     path = tmp_path_factory.mktemp("studio") / "studio.html"
     path.write_text(studio_page(data), encoding="utf-8")
     return path
-
-
-@pytest.fixture(scope="module")
-def browser():
-    playwright = pytest.importorskip("playwright.sync_api", reason="the studio's page needs playwright to be tested")
-    if BROWSER is None:
-        pytest.skip("the studio's page needs Chromium to be tested")
-    with playwright.sync_playwright() as p:
-        running = p.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])
-        yield running
-        running.close()
 
 
 @pytest.fixture

@@ -46,8 +46,8 @@ _SIZES = ("case", "manoeuvres", "hidden", "true", "estimate", "standard_error", 
 
 def write_report(
     folder: Path, cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]], digest: str, seed: int
-) -> None:
-    """Write the tables of the cases that have a row, and README.md.
+) -> dict[str, tuple[int, int, int]]:
+    """Write the tables of the cases that have a row, and README.md; return the counts of calls, see :func:`called`.
 
     cases.csv, confusion.csv, effects.csv, parts.csv, rates.csv, sizes.csv, without.csv.
     """
@@ -71,6 +71,7 @@ def write_report(
     _csv(folder / "sizes.csv", _SIZES, (_size(*row) for row in compared))
     _csv(folder / "without.csv", _WITHOUT, (_without(s) for s in six if _flew_without(s)))
     (folder / "README.md").write_text(_page(six, two, cases, failed, digest, seed, calls), encoding="utf-8")
+    return calls
 
 
 def _case(manoeuvres: str, s: Score) -> tuple[object, ...]:

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from testbench.core.constants import DEG_RAD, FT_M
 from testbench.core.record import FloatArray
 from testbench.questions.exercise.exercise import Answer, Case, Exercise, Handout, Mistake, Number
-from testbench.questions.exercise.motion import draw_short_period, multistep, respond, short_period_matrices
+from testbench.questions.exercise.motion import draw_short_period, multistep, respond, short_period_matrices, with_servo
 
 LOG = "flight_log.csv"
 _RATES = (40.0, 50.0, 80.0, 100.0)  # Hz
@@ -35,9 +35,7 @@ def draw(rng: Generator) -> Mapping[str, Any]:
 
 def answered(d: Mapping[str, float], u: FloatArray, dt_s: float) -> FloatArray:
     """Return alpha and q (n, 2) that an aircraft with a servo answers to commands (n,) held from sample to sample."""
-    A, B = short_period_matrices(d)
-    A = np.block([[A, B], [np.zeros((1, 2)), np.array([[-1.0 / d["tau"]]])]])
-    return respond(A, np.array([[0.0], [0.0], [1.0 / d["tau"]]]), u[:, None], dt_s)[:, :2]
+    return respond(*with_servo(*short_period_matrices(d), d["tau"]), u[:, None], dt_s)[:, :2]
 
 
 def hand_out(case: Case) -> Handout:

@@ -20,6 +20,7 @@ from testbench.questions.exercise.motion import (
     multistep,
     respond,
     short_period_matrices,
+    with_servo,
 )
 
 _DT, _SECONDS = 0.01, 14.0
@@ -51,9 +52,8 @@ def predict(d: Mapping[str, float], u: FloatArray, effect: str = "", size: float
     A, B = short_period_matrices({**d, scaled: d[scaled] * size} if scaled else d)
     if effect == "delay":
         u = np.concatenate([np.zeros(round(size / _DT)), u])[: len(u)]
-    if effect == "servo_lag":  # one more state: the deflection
-        A = np.block([[A, B], [np.zeros((1, 2)), np.array([[-1.0 / size]])]])
-        B = np.array([[0.0], [0.0], [1.0 / size]])
+    if effect == "servo_lag":
+        A, B = with_servo(A, B, size)
     y = respond(A, B, u[:, None], _DT)[:, :2]
     return y * np.array([size, 1.0]) if effect == "vane_gain" else y
 

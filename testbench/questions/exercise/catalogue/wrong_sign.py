@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
 from functools import lru_cache
@@ -16,8 +15,9 @@ from numpy.random import Generator
 from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord
-from testbench.evaluation.modes import name_modes, spectrum
+from testbench.evaluation.modes import frequency_of
 from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
+from testbench.information.modes import modes_of
 from testbench.inputs import InputSignal
 from testbench.questions.exercise.exercise import Answer, Case, Choice, Exercise, Handout, Mistake, Number
 from testbench.questions.exercise.motion import multistep
@@ -83,11 +83,11 @@ def _true(factors: tuple[tuple[str, float], ...]) -> Aircraft:
 def frequencies(aircraft: Aircraft) -> tuple[float, float]:
     """Return the natural frequencies of short period and Dutch roll at the condition of the flight, rad/s."""
     linear = linearise(aircraft, trim(aircraft, FlightCondition(_V, _H), 100.0))
-    found = {m: spectrum(linear, m, {}) for m in ("longitudinal", "lateral-directional")}
-    owned = {m: name_modes(s, {}) for m, s in found.items()}
-    short = found["longitudinal"].poles[list(owned["longitudinal"]["short period"])]
-    dutch = found["lateral-directional"].poles[list(owned["lateral-directional"]["Dutch roll"])]
-    return math.sqrt(abs(np.prod(short))), math.sqrt(abs(np.prod(dutch)))
+    found = modes_of(linear, aircraft, "longitudinal") | modes_of(linear, aircraft, "lateral-directional")
+    short, dutch = frequency_of(found, "short period"), frequency_of(found, "Dutch roll")
+    assert short is not None
+    assert dutch is not None
+    return short, dutch
 
 
 def hand_out(case: Case) -> Handout:
