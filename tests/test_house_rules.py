@@ -41,7 +41,7 @@ ASKS = {
     "design": {"run", "identify"},  # what was flown before, and the aircraft that has it
     "plan": {"design", "identify", "importing", "run"},
     "gap": {"compatibility", "identify", "run"},
-    "studio": {"design"},
+    "studio": {"design", "plan"},
     "reproduce": {"run", "plan"},
     "exercise": set(),
     "results": set(),

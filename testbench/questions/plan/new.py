@@ -60,19 +60,47 @@ def plan_text(
         ScenarioError: a design cannot be flown by a plan.
     """
     V, h = _conditions(aircraft, designs)[0]
+    point = _point(aircraft, V, h)
+    flown = [_design(t, designs) for t in designs] or _usual(aircraft, point.model, autopilot)
+    lines = _head(aircraft, name, autopilot, point, suite, designs, max(length for _, length in flown))
+    lines += [line for made, _ in flown for line in made]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def plan_head(aircraft: Aircraft, name: str, autopilot: str, longest_s: float) -> str:
+    """Return the text of a plan of one speed up to its manoeuvres, of which the longest lasts so long.
+
+    Raises:
+        TrimError: the aircraft cannot be trimmed at its design condition.
+    """
+    point = _point(aircraft, aircraft.design_V_m_s, aircraft.design_h_m)
+    return "\n".join(_head(aircraft, name, autopilot, point, None, (), _SETTLE_S + longest_s))
+
+
+def _point(aircraft: Aircraft, V: float, h: float) -> Point:
     trimmed = trim(aircraft, FlightCondition(V, h))
-    model = linearise(aircraft, trimmed)
-    point = Point(1, V, h, trimmed, model, 0.0, None, (), None)
+    return Point(1, V, h, trimmed, linearise(aircraft, trimmed), 0.0, None, (), None)
+
+
+def _head(
+    aircraft: Aircraft,
+    name: str,
+    autopilot: str,
+    point: Point,
+    suite: str | None,
+    designs: Sequence[Taken],
+    longest: float,
+) -> list[str]:
+    """Return the lines of a plan before its manoeuvres."""
+    V, trimmed = point.V_m_s, point.trimmed
     chosen, own = (suite, True) if suite else (designs[0].scenario.suites[0], True) if designs else suite_of(aircraft)
     stall = stall_speed_m_s(aircraft, point)
-    speeds, heights = _speeds(aircraft, V, stall), [h]
+    speeds, heights = _speeds(aircraft, V, stall), [point.h_m]
     if designs:
         speeds = sorted({V for V, _ in _conditions(aircraft, designs)})
         heights = sorted({h for _, h in _conditions(aircraft, designs)})
     field = max(0.0, round(min(heights) - _FIELD_BELOW_M, -1)) if min(heights) > 0.0 else min(heights) - _FIELD_BELOW_M
     wings = [f"wings = {quoted(designs[0].scenario.wings)}"] if designs else []
-    flown = [_design(t, designs) for t in designs] or _usual(aircraft, model, autopilot)
-    longest = max(length for _, length in flown)
     stall_words = "" if stall is None else f"; level flight at {stall:.3g} m/s takes the highest angle of attack"
     lines = [
         "# A flight plan, made by `testbench plan new`. It runs as it is: change what is yours, then",
@@ -123,8 +151,7 @@ def plan_text(
             "speed_window_m_s = 1.0        # a run starts within this of the card's speed",
             "",
         ]
-    lines += [line for made, _ in flown for line in made]
-    return "\n".join(lines).rstrip() + "\n"
+    return lines
 
 
 def _conditions(aircraft: Aircraft, designs: Sequence[Taken]) -> list[tuple[float, float]]:

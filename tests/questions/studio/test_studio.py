@@ -17,10 +17,12 @@ from testbench.information.fisher import accuracy
 from testbench.information.modes import modes_of
 from testbench.information.targets import needed_parameters
 from testbench.inputs import build
+from testbench.questions.plan.scenario import PlanScenario
 from testbench.questions.run.scenario import Scenario
 from testbench.questions.studio import ask as studio
 from testbench.questions.studio.page import studio_page
 from testbench.questions.studio.serve import HOST, serving
+from testbench.sensors import load_suite
 
 SPEEDS = {"taurus": (12.0, 14.0), "eolo": (16.0, 18.0)}
 
@@ -71,6 +73,15 @@ def choose(page, **values):
                 "(e, v) => { e.value = v; e.dispatchEvent(new Event('input', { bubbles: true })); }", str(value)
             )
     settle(page)
+
+
+def until(page, holds):
+    """Wait for what the page works out a moment later; its security policy forbids playwright's own way."""
+    for _ in range(200):
+        if holds(shown(page)):
+            return
+        page.wait_for_timeout(50)
+    pytest.fail("the page never got there")
 
 
 def shown(page):
@@ -126,11 +137,8 @@ CHOICES = {
 SUITES = {"taurus": "taurus_8hz", "eolo": "eolo_full"}
 
 
-@pytest.mark.parametrize("name", SUITES)
-@pytest.mark.parametrize("family", CHOICES)
-def test_signal_and_errors_are_those_of_the_testbench(page, tmp_path, name, family):
-    choose(page, aircraft=name)
-    choose(page, suite=SUITES[name], **CHOICES[family])
+def expected(page, tmp_path, name, control, suite, factors=None):
+    """Relative errors, as the testbench computes them, of the rigid derivatives that the page's scenario would tell."""
     found = shown(page)
     path = tmp_path / "studio.toml"
     path.write_text(found["scenario"], encoding="utf-8")
@@ -139,20 +147,160 @@ def test_signal_and_errors_are_those_of_the_testbench(page, tmp_path, name, fami
     aircraft = load_aircraft(name)
     trimmed = trim(aircraft, FlightCondition(V, scenario.condition.h_m))
     linear = linearise(aircraft, trimmed)
-    modes = modes_of(linear, aircraft, "longitudinal")
-    problem = studio._problem(aircraft, trimmed, linear, modes, V, scenario.condition.h_m, SUITES[name])
+    plane = studio.PLANES[control]
+    problem = studio._problem(aircraft, trimmed, linear, modes_of(linear, aircraft, plane), control, suite)
     u = build(manoeuvre.input, manoeuvre.duration_s, problem.rate_hz).u[:, 0]
     assert np.max(np.abs(np.array(found["u"]) - u)) < 1e-9 * DEG_RAD
-    # ours is an experiment of 10 s; the page's may last longer or shorter
+    experiment = problem.experiment
+    names, structure = experiment.structure.parameter_names, experiment.structure
+    rigid = [names.index(p) for p in needed_parameters(plane, (control,), False, ())]
+    if factors is not None:
+        there = structure.true.copy()
+        there[rigid] *= 1.0 + factors[: len(rigid)]
+        at = structure.matrices(there)
+        free = replace(structure, A0=at.A, B0=at.B, C0=at.C, D0=at.D, true=there)
+        experiment = replace(experiment, structure=free)
+    # ours is an experiment of another length
     base_hz = problem.rate_hz / problem.experiment.stride
-    experiment = replace(problem.experiment, samples=round(manoeuvre.duration_s * base_hz))
-    names = experiment.structure.parameter_names
-    rigid = [names.index(p) for p in needed_parameters("longitudinal", ("de",), False, ())]
+    experiment = replace(experiment, samples=round(manoeuvre.duration_s * base_hz))
     known = accuracy(experiment.information(u[:, None])[np.ix_(rigid, rigid)])
-    relative = {names[i]: s / abs(experiment.structure.true[i]) for i, s in zip(rigid, known.std, strict=True)}
-    page_says = {row["name"]: row["relative"] for row in found["errors"]}
-    for parameter, error in relative.items():
-        assert page_says[parameter] == pytest.approx(error, rel=1e-6)
+    return {names[i]: s / abs(structure.true[i]) for i, s in zip(rigid, known.std, strict=True)}
+
+
+def compared(page, errors):
+    page_says = {row["name"]: row["relative"] for row in shown(page)["errors"]}
+    assert len(errors) >= 4
+    for parameter, error in errors.items():
+        assert page_says[parameter] == pytest.approx(error, rel=1e-6), parameter
+
+
+@pytest.mark.parametrize(
+    ("name", "family"),
+    [*(("taurus", f) for f in CHOICES), ("eolo", "3-2-1-1"), ("eolo", "sweep"), ("eolo", "multisine")],
+)
+def test_signal_and_errors_are_those_of_the_testbench(page, tmp_path, name, family):
+    choose(page, aircraft=name)
+    choose(page, suite=SUITES[name], **CHOICES[family])
+    compared(page, expected(page, tmp_path, name, "de", load_suite(SUITES[name])))
+
+
+@pytest.mark.parametrize(
+    ("name", "control", "suite"),
+    [("eolo", "da", "eolo_gap_lateral"), ("eolo", "thr", "eolo_gap"), ("taurus", "dr", "eolo_alpha_beta")],
+)
+def test_every_control_has_its_motion(page, tmp_path, name, control, suite):
+    choose(page, aircraft=name)
+    choose(page, control=control)
+    choose(page, suite=suite, family="doublet", step=0.5, amplitude=2)
+    seen = load_suite(suite)
+    if name == "taurus":  # the rate of its simulation, 240 Hz, is no multiple of 100 Hz
+        assert "of another aircraft" in page.locator("#suite option:checked").text_content()
+        (tmp_path / "suites").mkdir()
+        (tmp_path / "suites" / "studio_suite.toml").write_text(shown(page)["suite"], encoding="utf-8")
+        seen = load_suite(tmp_path / "suites" / "studio_suite.toml")
+        assert seen.rate_hz == 80.0
+    compared(page, expected(page, tmp_path, name, control, seen))
+
+
+def test_edited_sensors_count_and_are_written(page, tmp_path):
+    choose(page, aircraft="eolo", suite="eolo_alpha")
+    before = {r["name"]: r["relative"] for r in shown(page)["errors"]}
+    page.click("summary")
+    for channel, what, value in (("q", "0", "1.5"), ("alpha", "1", "80"), ("theta", "2", "40")):
+        page.fill(f"#edits input[data-channel='{channel}'][data-what='{what}']", value)
+        page.keyboard.press("Tab")
+    settle(page)
+    assert 'suites = ["studio_suite"]' in shown(page)["scenario"]
+    (tmp_path / "suites").mkdir()
+    (tmp_path / "suites" / "studio_suite.toml").write_text(shown(page)["suite"], encoding="utf-8")
+    suite = load_suite(tmp_path / "suites" / "studio_suite.toml")
+    read = {s.channel: s for s in suite.sensors}
+    assert np.hypot(read["q"].noise_std, read["q"].quantum / np.sqrt(12.0)) == pytest.approx(1.5 * DEG_RAD, rel=1e-9)
+    assert (read["alpha"].lag_s, read["theta"].delay_s) == (0.08, 0.04)
+    compared(page, expected(page, tmp_path, "eolo", "de", suite))
+    page.fill("#edits input[data-channel='q'][data-what='0']", "0")
+    page.keyboard.press("Tab")
+    assert "noise above zero" in page.locator("#said").text_content()
+    page.click("#as-sold")
+    settle(page)
+    assert {r["name"]: r["relative"] for r in shown(page)["errors"]} == before
+
+
+def test_the_errors_if_the_model_is_wrong_are_those_of_the_wrong_models(page, data, tmp_path):
+    choose(page, aircraft="eolo", suite="eolo_alpha", family="doublet", off_model=20)
+    until(page, lambda found: "ranges" in found)
+    ranges = shown(page)["ranges"]
+    each = [
+        expected(page, tmp_path, "eolo", "de", load_suite("eolo_alpha"), 0.2 * np.array(draw)) for draw in data["draws"]
+    ]
+    for name in each[0]:
+        found = sorted(e[name] for e in each)
+        at = [found[int(share * (len(found) - 1) + 0.5)] for share in (0.1, 0.9)]
+        assert ranges[name] == pytest.approx(at, rel=1e-6)
+    assert page.locator("#errors tbody tr").first.locator(".range").text_content().endswith("%")
+    choose(page, off_model=0)
+    until(page, lambda found: "ranges" in found and found["ranges"]["M_q"][0] == found["ranges"]["M_q"][1])
+    row = next(r for r in shown(page)["errors"] if r["name"] == "M_q")
+    assert shown(page)["ranges"]["M_q"][0] == pytest.approx(row["relative"], rel=1e-9)
+
+
+def test_what_was_done_is_undone_and_done_again(page):
+    choose(page, aircraft="taurus", family="doublet")
+    page.wait_for_timeout(600)
+    before = shown(page)
+    choose(page, amplitude=4)
+    page.wait_for_timeout(600)
+    after = shown(page)
+    page.keyboard.press("Control+z")
+    settle(page)
+    assert shown(page)["u"] == before["u"] != after["u"]
+    page.click("#redo")
+    settle(page)
+    assert shown(page)["u"] == after["u"]
+    assert page.locator("#redo").is_disabled()
+    for _ in range(20):
+        page.keyboard.press("Control+z")
+    settle(page)
+    assert page.locator("#undo").is_disabled()
+    assert page.locator("#aircraft").input_value() == "eolo"
+
+
+def test_keys_and_wheel_shape_the_input(page):
+    choose(page, aircraft="taurus", family="doublet", step=1.0, amplitude=2)
+    page.locator("#handle").focus()
+    for key in ("ArrowRight", "ArrowUp", "ArrowUp"):
+        page.keyboard.press(key)
+        settle(page)
+    assert (page.locator("#step").input_value(), page.locator("#amplitude").input_value()) == ("1.05", "2.2")
+    page.locator("#signal svg").hover()
+    page.mouse.wheel(0, -100)
+    settle(page)
+    assert page.locator("#amplitude").input_value() == "2.3"
+    page.locator("#duration").focus()
+    page.locator("#duration").hover()
+    before = float(page.locator("#duration").input_value())
+    page.mouse.wheel(0, -100)
+    settle(page)
+    assert float(page.locator("#duration").input_value()) == before + 1
+    page.locator("#signal svg").hover()
+    page.mouse.wheel(0, -100)
+    settle(page)
+    assert page.locator("#amplitude").input_value() == "2.3"  # the handle is not chosen: the page scrolls
+
+
+@pytest.mark.parametrize(("name", "control", "family"), [("eolo", "de", "3211"), ("taurus", "da", "sweep")])
+def test_the_plan_is_one_that_can_be_planned(page, tmp_path, name, control, family):
+    choose(page, aircraft=name)
+    choose(page, control=control, family=family)
+    if "studio_suite" in shown(page)["plan"]:
+        (tmp_path / "suites").mkdir()
+        (tmp_path / "suites" / "studio_suite.toml").write_text(shown(page)["suite"], encoding="utf-8")
+    with page.expect_download() as waiting:
+        page.click("#plan")
+    waiting.value.save_as(tmp_path / "studio_plan.toml")
+    scenario = PlanScenario.load(tmp_path / "studio_plan.toml")
+    assert scenario.aircraft == name
+    assert scenario.manoeuvre[0].input[0].control == control
 
 
 def test_every_slider_moves_by_keyboard_and_changes_what_is_said(page):

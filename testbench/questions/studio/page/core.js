@@ -125,6 +125,25 @@ const core = (() => {
     return { s, views, sensors, parameters, index, dt, N };
   }
 
+  // The aircraft with derivatives moved by factors of their values (name -> factor, 0.1: a tenth more), and what
+  // the sensors then see: A and B are affine in them, C and D follow through the accelerations that sensors feel.
+  function moved(point, suite, factors) {
+    const n = point.A.length, change = zeros(n, n + 1);
+    factors.forEach((factor, name) => {
+      const k = point.parameters.indexOf(name);
+      point.E[k].forEach(([i, j, v]) => { change[i][j] += v * factor * point.values[k]; });
+    });
+    const felt = suite.P.map((entries) => {
+      const row = new Float64Array(n + 1);
+      entries.forEach(([, state, weight]) => change[state].forEach((v, j) => { row[j] += weight * v; }));
+      return row;
+    });
+    return {
+      axis: { ...point, A: point.A.map((row, i) => row.map((v, j) => v + change[i][j])), B: point.B.map((v, i) => v + change[i][n]) },
+      suite: { ...suite, C: suite.C.map((row, i) => row.map((v, j) => v + felt[i][j])), D: suite.D.map((v, i) => v + felt[i][n]) },
+    };
+  }
+
   // Complex transform in place, radix 2; sign -1 forward, +1 back without the factor 1/n.
   function fft(re, im, sign) {
     const n = re.length;
@@ -304,5 +323,5 @@ const core = (() => {
     return [wn - half, Math.abs(im) > 1e-9 * wn ? wn + half : wn];
   }
 
-  return { prepare, analyse, input, length, spectrum, band };
+  return { prepare, analyse, moved, input, length, spectrum, band };
 })();
