@@ -39,7 +39,6 @@ from testbench.questions.importing.balance import Balance, balance_of, balance_r
 from testbench.questions.importing.recipe import AXES, lines, measured_in, propose
 from testbench.questions.importing.supported import moving, why_not
 
-
 WHOLE = "whole"
 """Name of the record of a whole log, and of its description."""
 UNUSABLE = "no_recipe"
