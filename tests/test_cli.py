@@ -125,6 +125,11 @@ def test_rate_that_does_not_divide(tmp_path):
     assert_fails(done, 2, "must divide", "50 Hz", "changed.toml")
 
 
+def test_another_aircraft_flies_a_scenario_if_it_can():
+    assert_fails(command("run", "taurus_doublet", "--aircraft", "eolo"), 2, "must divide", "flown by eolo")
+    assert_fails(command("run", "taurus_doublet", "--aircraft", "tauruss"), 2, "got 'tauruss'")
+
+
 def test_trim_that_does_not_exist(tmp_path):
     done = command("run", altered(tmp_path, "eolo_alpha", "V_m_s = 16.0", "V_m_s = 8.0"), "-o", tmp_path)
     assert_fails(done, 3, "needs alpha", "fly faster", "changed.toml, condition")

@@ -30,7 +30,7 @@ def results():
 
     def get(name):
         if name not in cache:
-            cache[name] = tb.run(tb.load_scenario(SCENARIOS / f"{name}.toml"))
+            cache[name] = tb.run(tb.load_scenario(SCENARIOS / f"{name}.toml"), causes=name not in LONG)
         return cache[name]
 
     return get
@@ -90,7 +90,7 @@ def test_what_alpha_buys_holds_over_seeds():
     scenario = scenario.model_copy(update={"identification": asked}).at(scenario.file)
     errors = {"eolo_no_alpha": [], "eolo_alpha": []}
     for seed in (10, 20, 30):
-        for case in run(scenario, seed).cases:
+        for case in run(scenario, seed, causes=False).cases:
             error = pole_error(case, FAST)
             errors[case.suite].append(1.0 if error is None else error)
     assert np.median(errors["eolo_no_alpha"]) > 3.0 * np.median(errors["eolo_alpha"])
@@ -173,6 +173,15 @@ def test_same_scenario_and_seed_give_the_same_bytes(results, tmp_path, monkeypat
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes(), file
     other = tb.run(scenario, seed=2)
     assert other.table["mrse_percent"].to_list() != again.table["mrse_percent"].to_list()
+
+
+def test_a_run_says_where_the_residuals_of_its_models_come_from(results):
+    """The causes that identify names, ahead of the other advice; a second order of eolo lacks the phugoid."""
+    case = next(c for c in results("eolo_alpha").cases if c.label == "eolo_alpha, paper's horizons")
+    named = [c["code"] for c in case.model.diagnostics["causes"]]
+    assert "drift" in named
+    assert [a.code for a in case.model.advice][: len(named)] == named
+    assert "or a slow mode that it lacks" in " ".join(results("eolo_alpha").findings)
 
 
 def test_models_are_written_with_all_their_digits(results, tmp_path, monkeypatch):

@@ -27,6 +27,11 @@ _MASS_KG = {"KG": 1.0, "LBS": LBF_N / G0_M_S2, "SLUG": SLUG_KG}
 _INERTIA = {"KG*M2": 1.0, "SLUG*FT2": SLUG_KG * FT_M**2}
 
 
+SCALES = ("airspeed", "mass", "Ixx", "Iyy", "Izz", "Ixz")
+"""What coefficients are made of derivatives with, and whose errors ``[uncertainty]`` may state: the airspeed as it is
+measured, mass and inertia."""
+
+
 @dataclass(frozen=True)
 class Geometry:
     """Reference area S (m2), span b (m) and mean aerodynamic chord cbar (m)."""
@@ -100,6 +105,7 @@ class Aircraft:
         notes: what whoever flies it should know: what was found odd when it was loaded.
         stabiliser: control -> motion -> gain of the feedback that it is always flown with.
         uncertainty: coefficient -> relative standard deviation of the believed value; empty if nobody has said.
+        scale_uncertainty: quantity of :data:`SCALES` -> its relative standard deviation, of those that are stated.
     """
 
     name: str
@@ -121,6 +127,7 @@ class Aircraft:
     notes: tuple[str, ...] = ()
     perturbed: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
+    scale_uncertainty: Mapping[str, float] = field(default_factory=dict)
     stabiliser: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def with_rigid_wings(self) -> Aircraft:
@@ -357,7 +364,7 @@ def read_aircraft(folder: Path, wings: str = "flexible") -> Aircraft:
                 [f"{path}, elastic.mode[{i}].shape: each list must have one entry per station, that is {len(stations)}"]
             )
     known = [n.removeprefix("aero/coefficient/") for f in tree.iter("function") if (n := f.get("name"))]
-    strange = [n for n in described.uncertainty if n not in known] if described.adapter is None else []
+    strange = [n for n in described.uncertainty if n not in (*known, *SCALES)] if described.adapter is None else []
     if strange:
         raise ScenarioError(
             [f"{path}, uncertainty.{n}: the model must have this coefficient{nearest(n, known)}" for n in strange]
@@ -378,7 +385,8 @@ def read_aircraft(folder: Path, wings: str = "flexible") -> Aircraft:
         outline=described.drawing,
         wing_stations=tuple(WingStation(s.y_m, s.x_m, s.height_m) for s in described.wing_station),
         adapter=_adapter(described),
-        uncertainty=described.uncertainty,
+        uncertainty={n: s for n, s in described.uncertainty.items() if n not in SCALES},
+        scale_uncertainty={n: s for n, s in described.uncertainty.items() if n in SCALES},
         stabiliser={control: dict(gains.items()) for control, gains in described.stabiliser.items()},
     )
     return aircraft.with_rigid_wings() if wings == "rigid" else aircraft

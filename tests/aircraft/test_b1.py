@@ -198,7 +198,7 @@ def test_loads_and_runs_in_stock_jsbsim(capfd):
 
 @pytest.fixture(scope="module")
 def study():
-    return run(Scenario.load("b1_alpha"))
+    return run(Scenario.load("b1_alpha"), causes=False)
 
 
 def test_alpha_repairs_the_model_of_the_papers_horizons_and_a_long_future_needs_no_repair(study):

@@ -86,7 +86,7 @@ def bare(folder: Path, runs: int) -> float:
     scenario = loaded.base
     aircraft, suites = apply(scenario, nominal_inputs(loaded.spec))
     trimmed = trim_for(scenario, aircraft)
-    (case, *_) = run(scenario, 1, prepared=Prepared(aircraft, suites, trimmed)).cases
+    (case, *_) = run(scenario, 1, prepared=Prepared(aircraft, suites, trimmed), causes=False).cases
     frames = round(25.0 * trimmed.rate_hz)
     start = time.process_time()
     for _ in range(runs):

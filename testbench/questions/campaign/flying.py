@@ -240,7 +240,7 @@ def _fly(job: Job, runs: Sequence[_Run]) -> list[Outcome]:
         assert run_.scenario is not None
         with run_.attempt():
             keep = (lambda name, record, to=run_.kept: to.append((name, record))) if spec.records else None
-            found = found_of(run(run_.scenario, run_.seed, keep, prepared=run_.ready))
+            found = found_of(run(run_.scenario, run_.seed, keep, prepared=run_.ready, causes=False))
             flown = run_.ready.flown if run_.ready is not None else ()
             together = any(record.provenance.get("simulator") == BATCH for record in flown)
             found["flown"] = TOGETHER if together else f"{ALONE}{why}"

@@ -12,7 +12,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import located
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric.model import ParametricModel
-from testbench.estimators.structured import Servo
+from testbench.estimators.structured import Servo, Structured
 from testbench.flight import load_aircraft
 from testbench.line import RECORDED, Case, Flight, Keep, Report, identify_and_judge
 from testbench.logs.plausible import questions_of
@@ -135,15 +135,53 @@ def _notes(description: RecordDescription, cases: Sequence[Case], servos: Mappin
                 f"the lag of {name} is estimated: {description.aircraft} states {servo.lag_s:.3g} s, which counts as a "
                 f"belief (+- {STATED_STD * servo.lag_s:.2g} s) where prior_std asks for one"
             )
-        elif name not in description.servo:
-            limit = f", at most {servo.rate_limit_deg_s:.3g} deg/s" if servo.rate_limit_deg_s else ""
-            out.append(f"{name} passes the servo of {description.aircraft}: a lag of {servo.lag_s:.3g} s{limit}")
+        else:
+            out += _passed(name, servo, description, cases)
     for case in cases:
         if isinstance(case.model, ParametricModel):
             unused = [n for n in description.outputs if n not in case.model.outputs]
             if unused:
                 out.append(f"{case.model.structure.name} has no output {', '.join(unused)}: not used by it")
     return list(dict.fromkeys(out))
+
+
+def _passed(name: str, servo: Servo, description: RecordDescription, cases: Sequence[Case]) -> list[str]:
+    """Return which servo a command was passed through by the models, where the aircraft states one."""
+    stated = f"the servo of {description.aircraft} ({_servo_in_words(servo)})"
+    out: list[str] = []
+    used: dict[str, str | None] = {}
+    for case in cases:
+        if not isinstance(case.estimator, Structured) or name not in case.model.inputs:
+            continue
+        own = case.estimator.servo.get(name)
+        if own is None:
+            late = case.estimator.delays_s.get(name)
+            used[case.label] = None if late is None else f"a delay of {1e3 * late:.3g} ms alone"
+        else:
+            used[case.label] = None if own == servo else _servo_in_words(own)
+    for text in dict.fromkeys(used.values()):
+        of = [label for label, said in used.items() if said == text]
+        which = f" in {', '.join(of)}" if len(of) < len(used) else ""
+        passed = f"passes {stated}" if text is None else f"passes {text}, which stands in place of {stated}"
+        out.append(f"{name} {passed}{which}")
+    return out
+
+
+def _servo_in_words(servo: Servo) -> str:
+    if servo.ignore:
+        return "no servo"
+    parts = []
+    if servo.lag_s is not None:
+        parts.append("a lag to be estimated" if servo.lag_s == "estimate" else f"a lag of {servo.lag_s:.3g} s")
+    if servo.wn_rad_s is not None:
+        parts.append(f"a second order of {servo.wn_rad_s:.3g} rad/s")
+    if servo.delay_s == "estimate":
+        parts.append("a delay to be estimated")
+    elif servo.delay_s:
+        parts.append(f"a delay of {1e3 * servo.delay_s:.3g} ms")
+    if servo.rate_limit_deg_s:
+        parts.append(f"at most {servo.rate_limit_deg_s:.3g} deg/s")
+    return ", ".join(parts)
 
 
 def load_description(path: Path | str) -> RecordDescription:

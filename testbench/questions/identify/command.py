@@ -123,12 +123,24 @@ def _in_folder(folder: Path) -> list[Path]:
     from testbench.questions.files import kinds_of
 
     found = [p for p in sorted(folder.glob("*.toml")) if BY_COMMAND["identify"] in kinds_of(p)]
+    from testbench.core.record import load_record
+    from testbench.questions.importing.ask import UNUSABLE, WHOLE
+
+    whole = folder / f"{WHOLE}.nc"
+    unusable = load_record(whole).provenance.get(UNUSABLE, ()) if not found and whole.is_file() else ()
+    if unusable:
+        raise RecordError(_nothing(folder, unusable))
     if not found:
         raise RecordError(
             f"a folder to identify must hold a description of records (.toml), got '{folder}' without one; `testbench "
             "import LOG --out FOLDER` writes one"
         )
     return found
+
+
+def _nothing(path: Path, unusable: Sequence[str]) -> str:
+    """Return what is said of a log of which import left out every recipe."""
+    return f"'{path}' must hold a flight that can be identified, got none: {'; '.join(unusable)}"
 
 
 def _written(result: Identified, out: Path, say: Report, amended: Amended | None = None) -> Page:
@@ -189,8 +201,11 @@ def _of_log(log: Path, out: Path) -> list[Path]:
     """
     from testbench.questions.importing.ask import import_log, write_import
 
-    paths = write_import(import_log(log), out / log.stem)
+    imported = import_log(log)
+    paths = write_import(imported, out / log.stem)
     files = [path for path in paths if path.suffix == ".toml"]
+    if not files and imported.unusable:
+        raise RecordError(_nothing(log, imported.unusable))
     if not files:
         raise RecordError(
             f"'{log}' must hold a control that moves and what answers it, got none that can be identified; testbench "

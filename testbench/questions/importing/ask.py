@@ -7,6 +7,7 @@ import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,12 @@ from testbench.logs.ulog import MAGIC, read_ulog
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.balance import Balance, balance_of, balance_rows
 from testbench.questions.importing.recipe import AXES, lines, measured_in, propose
+from testbench.questions.importing.supported import moving, why_not
+
+WHOLE = "whole"
+"""Name of the record of a whole log, and of its description."""
+UNUSABLE = "no_recipe"
+"""Key of the provenance of a whole record: why there is no recipe for it or for its cuts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +61,32 @@ class Imported:
     balance: Balance
     questions: tuple[Question, ...]
     description: Path | None = None
+
+    @cached_property
+    def members(self) -> dict[str, dict[str, tuple[Manoeuvre | None, FlightRecord]]]:
+        """Axis -> name -> (manoeuvre, record) of what can be identified; the whole record if nothing can be cut out."""
+        return {axis: own for axis, every in self._groups.items() if (own := _supported(every))}
+
+    @cached_property
+    def unusable(self) -> tuple[str, ...]:
+        """Why nothing is identified from a cut, or from the whole record, in sentences."""
+        if not controls_of(self.record):
+            return ()
+        every = {name: record for own in self._groups.values() for name, (_, record) in own.items()}
+        return tuple(
+            f"no recipe for {'the whole record' if name == WHOLE else name}: {why}"
+            for name, record in every.items()
+            if (why := why_not(record, controls_of(record)))
+        )
+
+    @property
+    def _groups(self) -> dict[str, dict[str, tuple[Manoeuvre | None, FlightRecord]]]:
+        groups: dict[str, dict[str, tuple[Manoeuvre | None, FlightRecord]]] = {}
+        for name, (m, record) in cut(self).items():
+            groups.setdefault(_axis(m), {})[name] = (m, record)
+        if not groups and controls_of(self.record):
+            groups[WHOLE] = {WHOLE: (None, self.record)}
+        return groups
 
     @property
     def asked(self) -> tuple[str, ...]:
@@ -249,23 +282,20 @@ def write_import(imported: Imported, folder: Path | str) -> list[Path]:
     """Write the whole record, one record per manoeuvre (NetCDF), and a description per axis; return the paths.
 
     Descriptions are named after the log: FILE_longitudinal.toml, FILE_lateral.toml, FILE_combined.toml; if no manoeuvre
-    can be cut out, FILE_whole.toml, which splits the whole record. Each is read back as ``testbench identify`` would
+    can be cut out, FILE_whole.toml, which splits the whole record. What cannot support a recipe (``imported.unusable``)
+    is written as a record and has no description. Each is read back as ``testbench identify`` would
     read it.
 
     Raises:
         RecordError: the folder cannot be written to.
     """
     folder = Path(folder)
-    paths = [imported.record.save(folder / "whole.nc")]
-    parts = cut(imported)
-    paths += [record.save(folder / f"{name}.nc") for name, (_, record) in parts.items()]
+    said = {UNUSABLE: list(imported.unusable)} if imported.unusable else {}
+    whole = replace(imported.record, provenance={**imported.record.provenance, **said})
+    paths = [whole.save(folder / f"{WHOLE}.nc")]
+    paths += [record.save(folder / f"{name}.nc") for name, (_, record) in cut(imported).items()]
     stem = imported.log.file.stem
-    groups: dict[str, dict[str, tuple[Manoeuvre | None, FlightRecord]]] = {}
-    for name, (m, record) in parts.items():
-        groups.setdefault(_axis(m), {})[name] = (m, record)
-    if not parts and controls_of(imported.record):
-        groups["whole"] = {"whole": (None, imported.record)}
-    for axis, members in groups.items():
+    for axis, members in imported.members.items():
         text = describe(imported, axis, members)
         if text:
             path = folder / f"{stem}_{axis}.toml"
@@ -273,6 +303,12 @@ def write_import(imported: Imported, folder: Path | str) -> list[Path]:
             RecordDescription.load(path)
             paths.append(path)
     return paths
+
+
+def _supported(
+    members: Mapping[str, tuple[Manoeuvre | None, FlightRecord]],
+) -> dict[str, tuple[Manoeuvre | None, FlightRecord]]:
+    return {name: (m, r) for name, (m, r) in members.items() if not why_not(r, controls_of(r))}
 
 
 def _axis(m: Manoeuvre) -> str:
@@ -293,6 +329,7 @@ def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvr
     moved = {name for m in used for name in m.controls}
     cut_out = any(m is not None for m, _ in members.values())
     inputs = [n for n in controls_of(records[0]) if n in held and (n in moved or not moved)]
+    inputs = moving(records, inputs)
     place = next(
         (log.imu_m.get(number_of(c.source.partition(".")[0])) for c in imported.channels if c.name == "az"), None
     )

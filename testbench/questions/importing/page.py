@@ -45,6 +45,7 @@ def import_answer(imported: Imported) -> list[tuple[str, str]]:
             f"logged at up to {number(fastest)} Hz and filtered to {number(imported.rate_hz)} Hz; --rate chooses"
         )
     lost = [f"lost: {s.channel} from {s.source}: {s.reason}" for s in imported.balance.lost]
+    out += imported.unusable
     doubts = [*(f"damage or loss: {text}" for text in log.warnings), *lost, *imported.asked]
     return [("lead", out[0]), *(("finding", text) for text in (*out[1:], *imported.balance.sensors)),
             *(("doubt", text) for text in doubts)]  # fmt: skip

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from testbench.aircraft import Aircraft
-from testbench.core.errors import located
+from testbench.core.errors import ScenarioError, located
 from testbench.core.record import FlightRecord
 from testbench.estimators.cells import FailedCell
 from testbench.estimators.identification import Identification
@@ -56,6 +56,7 @@ def run(
     keep: Keep | None = None,
     progress: Report | None = None,
     prepared: Prepared | None = None,
+    causes: bool = True,
 ) -> RunResult:
     """Fly, measure, identify and judge one scenario.
 
@@ -65,6 +66,7 @@ def run(
         keep: called with a name and each record as soon as it exists, so that a later failure loses none of them.
         progress: called with a few words as each stage begins.
         prepared: takes the place of loading, trimming and linearising what the scenario names.
+        causes: look for what the residuals of each model come from; see :func:`testbench.with_causes`.
 
     Raises:
         TestbenchError: with the file and key of the scenario that it comes from. A suite and an estimator that give no
@@ -87,7 +89,16 @@ def run(
     names = [s.name for s in ready.suites]
     failed: list[FailedCell] = []
     cases = identify_and_judge(
-        flights, names, scenario.preparation, scenario.identification, scenario.file, say, known, noise, failed=failed
+        flights,
+        names,
+        scenario.preparation,
+        scenario.identification,
+        scenario.file,
+        say,
+        known,
+        noise,
+        causes,
+        failed,
     )
     return RunResult(
         *(scenario.name, scenario.title, scenario.question, scenario, seed, flights, cases, known, ready.suites),
@@ -104,6 +115,19 @@ def load_scenario(path: Path | str) -> Scenario:
         ('eolo_no_alpha', 'eolo_alpha')
     """
     return Scenario.load(path)
+
+
+def flown_by(scenario: Scenario, aircraft: str) -> Scenario:
+    """Return the scenario with another aircraft, checked against that.
+
+    Raises:
+        ScenarioError: there is no such aircraft, or it cannot fly the scenario; lists every fault.
+    """
+    changed = scenario.changed(aircraft=aircraft)
+    faults = changed.faults()
+    if faults:
+        raise ScenarioError([f"{fault}, flown by {aircraft}" for fault in faults])
+    return changed
 
 
 def _ready(scenario: Scenario, seed: int, say: Report) -> Prepared:

@@ -3,23 +3,34 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from testbench.page.terminal import console, stages
 from testbench.questions.options import OutOption, ScenarioArgument, SeedOption
 
 
-def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: SeedOption = None) -> None:
+def command(
+    scenario: ScenarioArgument,
+    out: OutOption = Path("results"),
+    seed: SeedOption = None,
+    aircraft: Annotated[str | None, typer.Option(help="What flies, instead of the scenario's aircraft.")] = None,
+) -> None:
     """Fly a scenario, measure it, identify models and judge them; write records, tables, models and report.html.
 
-    Example: `testbench run eolo_alpha` answers what an angle-of-attack vane buys.
+    Example: `testbench run eolo_alpha` answers what an angle-of-attack vane buys; `testbench run mine.toml
+    --aircraft mine_amended` flies another aircraft through it.
     """
     from testbench.page.write import record_keeper
     from testbench.questions.files import find
-    from testbench.questions.run.ask import run
+    from testbench.questions.run.ask import flown_by, run
     from testbench.questions.run.page import run_page
     from testbench.questions.run.scenario import Scenario
 
     loaded = Scenario.load(find(scenario, "run"))
+    if aircraft is not None:
+        loaded = flown_by(loaded, aircraft)
     folder = out / loaded.name
     with stages() as say:
         result = run(loaded, seed, record_keeper(folder), say)

@@ -58,7 +58,11 @@ def run_page(result: RunResult, V_m_s: float | None = None) -> Page:
             "models": list(zip(case_names(result.cases), result.cases, strict=True)),
         },
         packages=FLOWN if simulated else COMPUTED,
-        provenance=[("seed", str(result.seed) if simulated else "none: recorded data"), *_records(result)],
+        provenance=[
+            *([("aircraft", result.source.aircraft)] if isinstance(result.source, FlownAt) else []),
+            ("seed", str(result.seed) if simulated else "none: recorded data"),
+            *_records(result),
+        ],
         source=source_of(result.source),
         terminal=[validation_table(result), *([failed_table(result.failed)] if result.failed else [])],
     )

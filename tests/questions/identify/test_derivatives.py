@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
@@ -9,8 +11,10 @@ from typer.testing import CliRunner
 import testbench as tb
 from testbench.cli import app
 from testbench.core.errors import RecordError, ScenarioError
+from testbench.estimators.settings import EquationError
+from testbench.estimators.structured import Servo
 from testbench.questions.identify.answer import identify_answer
-from testbench.questions.identify.ask import identify
+from testbench.questions.identify.ask import _passed, identify
 from testbench.questions.identify.before import servos_of
 from testbench.questions.identify.page import identify_page
 from testbench.questions.identify.scenario import RecordDescription
@@ -119,6 +123,26 @@ def test_the_servo_of_an_aircraft_is_taken_where_the_description_gives_none():
     assert set(servo) == {"de_cmd"}
     assert servo["de_cmd"].lag_s == pytest.approx(0.05)
     assert servo["de_cmd"].rate_limit_deg_s == pytest.approx(np.degrees(1.0))
+
+
+def test_it_is_said_which_servo_a_command_passed_where_an_estimator_has_one_of_its_own():
+    stated = Servo(lag_s=0.05, rate_limit_deg_s=60.0)
+
+    def case(label, **own):
+        estimator = EquationError(method="equation_error", structure="short_period", **own)
+        return SimpleNamespace(label=label, estimator=estimator, model=SimpleNamespace(inputs=("de_cmd",)))
+
+    of_aircraft = case("first", servo={"de_cmd": stated})
+    of_its_own = case("second", servo={"de_cmd": Servo(lag_s=0.02, delay_s=0.01)})
+    late = case("third", delays_s={"de_cmd": 0.03})
+    said = "the servo of b1 (a lag of 0.05 s, at most 60 deg/s)"
+    described = SimpleNamespace(aircraft="b1")
+    assert _passed("de_cmd", stated, described, [of_aircraft]) == [f"de_cmd passes {said}"]
+    assert _passed("de_cmd", stated, described, [of_aircraft, of_its_own, late]) == [
+        f"de_cmd passes {said} in first",
+        f"de_cmd passes a lag of 0.02 s, a delay of 10 ms, which stands in place of {said} in second",
+        f"de_cmd passes a delay of 30 ms alone, which stands in place of {said} in third",
+    ]
 
 
 def test_a_servo_of_what_is_no_input_is_refused_with_its_key(tmp_path):

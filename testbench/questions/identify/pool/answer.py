@@ -26,6 +26,7 @@ def pool_answer(flights: PooledFlights) -> list[Line]:
     lines = [Line("lead", sentence(_lead(pooled)))]
     lines += [Line("doubt", sentence(f"doubt: {_conflict(c, pooled)}")) for c in pooled.in_conflict]
     lines += _agreement(pooled)
+    lines += _shared(pooled)
     lines += _trend(pooled)
     if pooled.prior is not None:
         lines.append(Line("finding", sentence(_added(pooled))))
@@ -88,6 +89,30 @@ def _agreement(pooled: Pooled) -> list[Line]:
         )
     lines.append(Line("finding", sentence(_causes(pooled, apart.causes))))
     return lines
+
+
+def _shared(pooled: Pooled) -> list[Line]:
+    """Say of which coefficients the error is mostly that of a quantity which all logs share."""
+    by: dict[str, list[str]] = {}
+    for c in pooled.coefficients:
+        if c.mostly:
+            part = 100.0 * c.shared[c.mostly] ** 2 / c.std**2
+            by.setdefault(c.mostly, []).append(f"{c.name} ({part:.0f} %)")
+    return [
+        Line(
+            "finding",
+            sentence(
+                f"the error of {what}, {100.0 * pooled.scale_uncertainty[what]:.2g} %, makes most of the variance of "
+                f"{some(said, _MOST, ', ')}: more flights do not lessen it, a better {_MEASURED[what]} does"
+            ),
+        )
+        for what, said in by.items()
+    ]
+
+
+_MEASURED = {"airspeed": "calibration of the airspeed", "mass": "weighing"} | dict.fromkeys(
+    ("Ixx", "Iyy", "Izz", "Ixz"), "measurement of the inertia"
+)
 
 
 def _causes(pooled: Pooled, causes: tuple[Cause, ...]) -> str:

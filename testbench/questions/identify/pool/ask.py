@@ -102,7 +102,8 @@ def identify_and_pool(
         prior = _prior_of_model(asked.prior, found, gave)
     elif given is not None:
         prior = prior_of_file(given, _mean_condition(gave))
-    pooled = pool([c.coefficients for c in gave], prior, asked.trend)
+    stated = next((f.before.aircraft.scale_uncertainty for f in found if f.before is not None), {})
+    pooled = pool([c.coefficients for c in gave], prior, asked.trend, stated)
     notes = [f"{c.coefficients.log}: {text}" for c, r in zip(gave, found, strict=True) for text in _notes(r)]
     if prior is not None:
         unused = [name for name in prior.names if name not in {c.name for c in pooled.coefficients}]

@@ -10,7 +10,7 @@ Edinburgh 55, 1936.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -32,6 +32,7 @@ class LogCoefficients:
         values: (k,) estimates.
         covariance: (k, k) of the estimates, positive definite.
         at: variable -> where the log was flown, SI: "V", "qbar", "alpha", "mass"; those that are known.
+        scales: quantity ("airspeed", "mass", "Iyy", ...) -> (k,) change of the values per relative change of it.
 
     Raises:
         EstimationError: shapes do not agree, a value is not finite, or the covariance is not positive definite.
@@ -49,6 +50,7 @@ class LogCoefficients:
     values: FloatArray
     covariance: FloatArray
     at: Mapping[str, float]
+    scales: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         y, P, k = np.array(self.values, float), np.array(self.covariance, float), len(self.names)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from testbench.aircraft.model import SCALES
 from testbench.core.advice import Advice, doubt, ranked
 from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
@@ -17,6 +18,7 @@ from testbench.line import Case
 from testbench.questions.identify.coefficients import Scaling, weights
 from testbench.questions.identify.flown import FlownCondition, PartialMass
 from testbench.questions.identify.pool.least_squares import LogCoefficients
+from testbench.questions.identify.pool.scales import changes_by_scale
 from testbench.questions.identify.result import Identified
 
 _COEFFICIENTS = "aerodynamic_longitudinal"  # the structure whose parameters are coefficients themselves
@@ -76,6 +78,7 @@ def contribution(found: Identified, log: str, method: str | None = None) -> Cont
     scaling = Scaling(flown.V_m_s, flown.qbar_Pa, flown.geometry, flown.mass)
     names: list[str] = []
     blocks: list[tuple[FloatArray, FloatArray]] = []
+    moved: list[dict[str, FloatArray]] = []
     derivative_of: dict[str, str] = {}
     believed: dict[str, float] = {}
     balance: list[tuple[str, str]] = []
@@ -105,6 +108,7 @@ def contribution(found: Identified, log: str, method: str | None = None) -> Cont
         doubts += [a for a in ranked(case.model.advice) if a.severity == "doubt" and a.code not in _SAID_BY_ERRORS]
         H = np.stack([row for _, row in kept.values()])
         blocks.append((H @ case.model.params, H @ case.model.covariance @ H.T))
+        moved.append(changes_by_scale(case.model, [name for name, _ in kept.values()], scaling))
         names += kept
         derivative_of |= {symbol: name for symbol, (name, _) in kept.items()}
         believed |= _believed(found, case.model, {name: symbol for symbol, (name, _) in kept.items()})
@@ -114,7 +118,8 @@ def contribution(found: Identified, log: str, method: str | None = None) -> Cont
         covariance[at : at + len(values), at : at + len(values)] = block
         at += len(values)
     values = np.concatenate([np.zeros(0), *(v for v, _ in blocks)])
-    pooled = LogCoefficients(log, tuple(names), values, covariance, flown.at)
+    moves = {q: np.concatenate([np.zeros(0), *(m[q] for m in moved)]) for q in SCALES}
+    pooled = LogCoefficients(log, tuple(names), values, covariance, flown.at, moves)
     return Contribution(pooled, derivative_of, believed, tuple(balance), tuple(doubts))
 
 

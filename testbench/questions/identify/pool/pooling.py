@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ from testbench.core.record import FloatArray
 from testbench.questions.identify.pool.disagreement import Disagreement, added, disagreement
 from testbench.questions.identify.pool.least_squares import Fit, LogCoefficients, Trend, fit, inverse, solve
 from testbench.questions.identify.pool.prior import Prior
+from testbench.questions.identify.pool.scales import shared_errors
 from testbench.questions.identify.pool.trends import best_trend
 from testbench.questions.identify.scenario import TrendVariable
 
@@ -50,6 +52,7 @@ class PooledCoefficient:
         prior, prior_std: believed before; None without.
         posterior, posterior_std: data and prior together; the data alone without a prior.
         posterior_slope, posterior_slope_std: the same of the slope.
+        shared: quantity -> part of ``std`` by the error of airspeed, mass or inertia that all logs share.
     """
 
     name: str
@@ -66,6 +69,18 @@ class PooledCoefficient:
     posterior_std: float
     posterior_slope: float | None
     posterior_slope_std: float | None
+    shared: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def shared_std(self) -> float:
+        """Part of ``std`` that errors of airspeed, mass and inertia make, root of the sum of squares."""
+        return math.sqrt(sum(v**2 for v in self.shared.values()))
+
+    @property
+    def mostly(self) -> str:
+        """The quantity whose error makes more than half of the variance of the data; "" if none does."""
+        most = max(self.shared, key=self.shared.__getitem__, default="")
+        return most if most and self.shared[most] ** 2 > 0.5 * self.std**2 else ""
 
     @property
     def added(self) -> float | None:
@@ -104,6 +119,7 @@ class Pooled:
             explain the scatter; 1 else. R. T. Birge, Physical Review 40, 1932.
         prior: what was believed before; None without.
         covariance: (k + s, k + s) of the posterior: coefficients at the reference, then slopes.
+        scale_uncertainty: quantity -> relative standard deviation whose effect is in the errors; empty if none stated.
     """
 
     logs: tuple[LogCoefficients, ...]
@@ -115,6 +131,7 @@ class Pooled:
     factor: float
     prior: Prior | None
     covariance: FloatArray
+    scale_uncertainty: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def chance(self) -> float:
@@ -163,12 +180,18 @@ class Pooled:
             "covariance_with_slopes": self.covariance.tolist(),
             "trend": {"variable": self.trend.variable, "reference": self.trend.reference},
             "logs": [log.log for log in self.logs],
+            "scale_uncertainty": dict(self.scale_uncertainty),
             "chi2": self.chi2,
             "dof": self.dof,
         }
 
 
-def pool(logs: Sequence[LogCoefficients], prior: Prior | None = None, trend: TrendVariable = "auto") -> Pooled:
+def pool(
+    logs: Sequence[LogCoefficients],
+    prior: Prior | None = None,
+    trend: TrendVariable = "auto",
+    scale_uncertainty: Mapping[str, float] = MappingProxyType({}),
+) -> Pooled:
     """Return several logs as one set of coefficients, with trend, agreement, and what the data added to a prior.
 
     The information matrices of the logs are added (:func:`fit`), slopes are kept where the logs show them
@@ -180,6 +203,8 @@ def pool(logs: Sequence[LogCoefficients], prior: Prior | None = None, trend: Tre
         logs: at least one.
         prior: of some of the coefficients, or of others too.
         trend: variable of slopes: "V", "qbar", "alpha"; the best of them ("auto"), or "none".
+        scale_uncertainty: quantity of ``LogCoefficients.scales`` -> relative standard deviation of the error that all
+            logs share in it; propagated to first order (:mod:`testbench.questions.identify.pool.scales`).
 
     Raises:
         EstimationError: no log, or no coefficient in them; a variable that is not known of every log.
@@ -201,17 +226,21 @@ def pool(logs: Sequence[LogCoefficients], prior: Prior | None = None, trend: Tre
     if not any(log.names for log in logs):
         raise EstimationError("pooling needs a coefficient of at least one log, got none")
     own = best_trend(logs, trend, CRITERIA.trend)
-    apart, found, factor = None, own, 1.0
+    apart, found, factor, extra = None, own, 1.0, None
     if own.dof and chi_square.sf(own.chi2, own.dof) < CRITERIA.agree:
         apart = disagreement(logs, own, trend, CRITERIA.agree, CRITERIA.trend)
-        found = fit(logs, own.trend, added(logs, apart.between))
+        extra = added(logs, apart.between)
+        found = fit(logs, own.trend, extra)
         if chi_square.sf(found.chi2, found.dof) < CRITERIA.agree:
             factor = math.sqrt(found.chi2 / found.dof)
+    shared = shared_errors(logs, found, extra, scale_uncertainty)
     information = found.information / factor**2
+    if shared:
+        information = inverse(inverse(information) + sum(np.outer(v, v) for v in shared.values()))
     b, M = _with_prior(found, information, prior)
     return Pooled(
         tuple(logs),
-        _coefficients(logs, own, found, inverse(information), apart, prior, b, inverse(M)),
+        _coefficients(logs, own, found, inverse(information), apart, prior, b, inverse(M), shared),
         own.trend,
         own.chi2,
         own.dof,
@@ -219,6 +248,7 @@ def pool(logs: Sequence[LogCoefficients], prior: Prior | None = None, trend: Tre
         factor,
         prior,
         inverse(M),
+        dict(scale_uncertainty),
     )
 
 
@@ -244,6 +274,7 @@ def _coefficients(
     prior: Prior | None,
     b: FloatArray,
     posterior: FloatArray,
+    shared: Mapping[str, FloatArray],
 ) -> tuple[PooledCoefficient, ...]:
     between: Mapping[str, float] = apart.between if apart is not None else {}
     k, out = len(found.names), []
@@ -267,6 +298,7 @@ def _coefficients(
                 float(post_std[i]),
                 None if s is None else float(b[s]),
                 None if s is None else float(post_std[s]),
+                {quantity: abs(float(v[i])) for quantity, v in shared.items()},
             )
         )
     return tuple(out)

@@ -191,6 +191,11 @@ def _earlier(path: Path, at: Mapping[str, float]) -> Prior:
         ) from error
     _check(names, path)
     notes = [f"if one of the logs {', '.join(logs)} is among these, it is counted twice"]
+    if content.get("scale_uncertainty"):
+        notes.append(
+            f"its errors hold those of {', '.join(content['scale_uncertainty'])}; if the new logs share them, what is "
+            "said of both together is too good"
+        )
     J = np.eye(len(names), len(names) + len(slopes))
     if slopes and set(slopes) <= set(names) and covariance.shape == (J.shape[1], J.shape[1]):
         for k, name in enumerate(slopes):

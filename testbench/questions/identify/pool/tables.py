@@ -5,6 +5,7 @@ from __future__ import annotations
 from testbench.page.tables import Column, Table, Value
 from testbench.questions.identify.pool.answer import VARIABLES
 from testbench.questions.identify.pool.ask import PooledFlights
+from testbench.questions.identify.pool.pooling import Pooled
 
 
 def pool_tables(flights: PooledFlights) -> list[Table]:
@@ -27,6 +28,9 @@ def pooled_table(flights: PooledFlights) -> Table:
         Column("own_std", "own errors ±", digits=2),
         Column("between", "log to log", digits=2),
     ]
+    scaled = bool(pooled.scale_uncertainty)
+    if scaled:
+        columns.append(Column("shared_std", "airspeed, mass, inertia ±", digits=2))
     if sloped:
         columns += [
             Column("slope", f"slope per {unit}", digits=3),
@@ -45,6 +49,7 @@ def pooled_table(flights: PooledFlights) -> Table:
     rows: list[tuple[Value, ...]] = []
     for c in pooled.coefficients:
         row: list[Value] = [c.name, c.logs, c.value, c.std, c.own_std, c.between or None]
+        row += [c.shared_std] if scaled else []
         if sloped:
             slope, std = (c.posterior_slope, c.posterior_slope_std) if believed else (c.slope, c.slope_std)
             row += [None if slope is None else slope / factor, None if std is None else std / factor]
@@ -59,7 +64,7 @@ def _caption(flights: PooledFlights) -> str:
     pooled = flights.pooled
     out = [
         "Nondimensional derivatives per rad, and per p b/2V, q c̄/2V, r b/2V; CX and CZ in stability axes: "
-        "CZ_alpha = −CL_alpha − CD. Errors of mass, inertia, geometry and airspeed are not counted. Own errors: "
+        f"CZ_alpha = −CL_alpha − CD. {_counted(pooled)} Own errors: "
         "by those of the logs alone; log to log: standard deviation that was added where logs disagree by more."
     ]
     if pooled.trend.names:
@@ -72,6 +77,19 @@ def _caption(flights: PooledFlights) -> str:
             "distance beyond 3 is a contradiction."
         )
     return " ".join(out)
+
+
+def _counted(pooled: Pooled) -> str:
+    stated = pooled.scale_uncertainty
+    if not stated:
+        return (
+            "Errors of mass, inertia, geometry and airspeed are not counted: the aircraft states none under "
+            "[uncertainty]."
+        )
+    return (
+        f"Errors hold what the aircraft states of {', '.join(f'{n} ({100.0 * s:.2g} %)' for n, s in stated.items())}, "
+        "which all logs share; those of geometry are not counted."
+    )
 
 
 def log_table(flights: PooledFlights) -> Table:

@@ -1,0 +1,56 @@
+"""What a record must hold for a recipe: enough samples, a control that moves, and flight fast enough to be flight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from testbench.core.channels import channel
+from testbench.core.constants import DEG_RAD
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.logs.manoeuvres import SMALLEST
+
+SLOWEST_M_S = 3.0
+"""Airspeed below which nothing is carried by its wing; judged: the lightest models of the field stall at 4 to 5 m/s."""
+FEWEST = 50
+"""Samples below which a record decides nothing; judged: five for each of the ten unknowns of the smallest structure."""
+
+
+def moving(records: Sequence[FlightRecord], controls: Sequence[str]) -> list[str]:
+    """Return the controls that move by more than a dead band in some record."""
+    return [n for n in controls if any(_range(r, n) >= SMALLEST[channel(n).unit] for r in records)]
+
+
+def why_not(record: FlightRecord, controls: Sequence[str]) -> str:
+    """Return why nothing can be identified from a record, or "" if something may.
+
+    Args:
+        record: on one clock.
+        controls: of it.
+    """
+    if not moving([record], controls):
+        said = ", ".join(f"{n} by {_shown(n, _range(record, n))}" for n in controls)
+        return f"no control moves ({said})"
+    if len(record) < FEWEST:
+        return f"it holds {len(record)} samples, and a model needs {FEWEST} at least"
+    speed = _taken(record, "V") if "V" in record else np.zeros(0)
+    if speed.size and float(np.median(speed)) < SLOWEST_M_S:
+        return (
+            f"the airspeed is {float(np.median(speed)):.2g} m/s, and no wing carries below {SLOWEST_M_S:g} m/s: on the "
+            "ground, in a hover, or the airspeed is wrong"
+        )
+    return ""
+
+
+def _taken(record: FlightRecord, name: str) -> FloatArray:
+    return record[name][record.valid[:, record.channels.index(name)]]
+
+
+def _range(record: FlightRecord, name: str) -> float:
+    values = _taken(record, name)
+    return float(np.ptp(values)) if values.size else 0.0
+
+
+def _shown(name: str, value: float) -> str:
+    return f"{value / DEG_RAD:.2g} deg" if channel(name).unit == "rad" else f"{100.0 * value:.2g} %"

@@ -1,0 +1,67 @@
+"""A record that cannot support a recipe gets none, and the reason is one line: too slow, no control, few samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from commands import command
+from writers import elevator, short_period
+
+from testbench.core.constants import DEG_RAD
+from testbench.questions.identify.command import _in_folder
+from testbench.questions.importing.ask import import_log, write_import
+from testbench.questions.importing.page import import_answer
+
+T = np.arange(0.0, 35.0, 0.02)
+
+
+def log(folder, V=18.0, control=None, rows=slice(None)):
+    """A table of a flight; V is a number, noise about it if it is small, or None for no column."""
+    rng = np.random.default_rng(3)
+    q, theta, az = short_period(T)
+    columns = {"time [s]": T, "q [rad/s]": q, "theta [rad]": theta, "az [m/s2]": az}
+    columns["elevator [rad]"] = 8.0 * DEG_RAD * elevator(T) if control is None else np.full(T.size, control)
+    if V is not None:
+        columns["V [m/s]"] = V + 0.3 * rng.standard_normal(T.size)
+    path = folder / "log.csv"
+    table = np.column_stack(list(columns.values()))[rows]
+    np.savetxt(path, table, delimiter=",", header=",".join(columns), comments="", fmt="%.6f")
+    return path
+
+
+NONE = {
+    "backwards": ({"V": -2.7}, "airspeed is -2.7 m/s"),
+    "never airborne": ({"V": 0.0}, "on the ground"),
+    "hover": ({"V": 1.5}, "in a hover"),
+    "constant control": ({"control": 0.05}, "no control moves (de by 0 deg)"),
+    "20 samples": ({"rows": slice(240, 260)}, "20 samples"),
+}
+
+
+@pytest.mark.parametrize("name", NONE)
+def test_what_no_recipe_fits_has_none_and_says_why_in_one_line(tmp_path, name):
+    how, why = NONE[name]
+    found = import_log(log(tmp_path, **how))
+    said = [text for _, text in import_answer(found) if why in text]
+    assert said
+    assert all("\n" not in text and text.startswith("no recipe for ") for text in said)
+    paths = write_import(found, tmp_path / "out")
+    assert not [p for p in paths if p.suffix == ".toml"]
+    with pytest.raises(Exception, match="must hold a flight that can be identified") as refused:
+        _in_folder(tmp_path / "out")
+    assert why in str(refused.value)
+
+
+def test_a_flight_fast_enough_has_its_recipe_and_without_airspeed_a_model_without_derivatives(tmp_path):
+    for V, method in ((18.0, "output_error"), (None, "dsr_e")):
+        found = import_log(log(tmp_path, V=V))
+        assert found.unusable == ()
+        (description,) = (p for p in write_import(found, tmp_path / method) if p.suffix == ".toml")
+        assert f'method = "{method}"' in description.read_text(encoding="utf-8")
+
+
+def test_the_command_ends_with_the_reason_and_no_traceback(tmp_path):
+    done = command("identify", log(tmp_path, V=0.0), "-o", tmp_path / "out")
+    assert done.returncode in (2, 3)
+    assert "on the ground" in done.stderr
+    assert "Traceback" not in done.stderr
