@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from testbench.page.terminal import console, stages
 from testbench.questions.options import OutOption, ScenarioArgument, SeedOption
 
+SeedsOption = Annotated[
+    int | None, typer.Option("--seeds", min=1, max=1000, help="Repetitions, instead of those in the scenario.")
+]
 
-def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: SeedOption = None) -> None:
+
+def command(
+    scenario: ScenarioArgument, out: OutOption = Path("results"), seed: SeedOption = None, seeds: SeedsOption = None
+) -> None:
     """Fly a scenario, measure it, identify models and judge them; write records, tables, models and report.html.
 
     Example: `testbench run eolo_alpha` answers what an angle-of-attack vane buys.
@@ -20,6 +29,8 @@ def command(scenario: ScenarioArgument, out: OutOption = Path("results"), seed: 
     from testbench.questions.run.scenario import Scenario
 
     loaded = Scenario.load(find(scenario, "run"))
+    if seeds is not None:
+        loaded = loaded.model_copy(update={"seeds": seeds}).at(loaded.file)
     folder = out / loaded.name
     with stages() as say:
         result = run(loaded, seed, record_keeper(folder), say)
