@@ -49,6 +49,7 @@ def application(questions: Sequence[Question] = QUESTIONS) -> typer.Typer:
         rich_markup_mode="markdown",
         help=_HELP.format(examples="\n".join(f"    testbench {example:<{wide}} # {words}" for example, words in first)),
     )
+    out.callback()(start)
     for question in questions:
         command = import_module(f"{question.package}.command").command
         if isinstance(command, typer.Typer):
@@ -58,6 +59,23 @@ def application(questions: Sequence[Question] = QUESTIONS) -> typer.Typer:
     out.command()(check)
     out.command("list")(list_)
     return out
+
+
+def _say_version(wanted: bool) -> None:
+    if wanted:
+        from testbench import __version__
+
+        console().print(f"testbench {__version__}", highlight=False)
+        raise typer.Exit
+
+
+def start(
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_say_version, is_eager=True, help="Say which version this is, and end."),
+    ] = False,
+) -> None:
+    """Take the options that stand before a command."""
 
 
 class Kind(str, Enum):

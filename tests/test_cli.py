@@ -79,7 +79,7 @@ def test_check_accepts_every_packaged_file():
 
 
 def test_run_writes_everything_and_prints_the_answer(tmp_path):
-    done = command("run", "eolo_alpha", cwd=tmp_path)
+    done = command("run", "eolo_alpha", "--seeds", "1", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "adding alpha" in done.stdout
     assert "NOT excited" in done.stdout

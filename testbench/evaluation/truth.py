@@ -11,6 +11,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.model import IdentifiedModel
+from testbench.estimators.structured import STRUCTURE_NAMES
 from testbench.evaluation.bode import zero_order_hold
 from testbench.evaluation.derivatives import dimensional_derivatives
 from testbench.evaluation.excitation import ModeExcitation, excitation
@@ -95,12 +96,28 @@ def told_of(truth: Truth | None, model: IdentifiedModel, records: Sequence[Fligh
         return {}
     omega = excited_band(records, model.inputs)
     response = truth.response(omega, model.outputs, model.inputs, model.dt_s, model.continuous)
-    known = {"true_poles": dict(truth.modes), "true_response": response, "omega": omega}
     structure = getattr(model, "structure", None)
+    known = {"true_poles": _possible(truth, structure), "true_response": response, "omega": omega}
     if structure is not None:
         derivatives = dimensional_derivatives(truth.linear, truth.trimmed)
         known["true_parameters"] = true_parameters(structure.name, derivatives, truth.trimmed.condition.V_m_s)
     return known
+
+
+def _possible(truth: Truth, structure: Any) -> dict[str, complex]:
+    """Return the true modes that a model can have: a packaged structure has those of its states, another model all.
+
+    Without airspeed and pitch angle there is no phugoid, and without elastic states no elastic mode; that they are
+    not found is no news.
+    """
+    if structure is None or structure.name not in STRUCTURE_NAMES:
+        return dict(truth.modes)
+    without = set()
+    if not {"V", "theta"} <= set(structure.states):
+        without.add("phugoid")
+    if not any(s.startswith("eta_") for s in structure.states):
+        without |= set(_symmetric(truth.aircraft).values())
+    return {name: pole for name, pole in truth.modes.items() if name.partition(",")[0] not in without}
 
 
 def excited_band(records: Sequence[FlightRecord], inputs: Sequence[str], floor: float = 0.01) -> FloatArray:

@@ -11,9 +11,9 @@ import numpy as np
 
 from testbench.core.record import FloatArray
 from testbench.evaluation.ranks import Ranks, ranks
+from testbench.evaluation.statistics import LEAST_PAIRS, Test, holm, paired
 from testbench.page.plot import COLOURS, INK, Plate, grid, new_figure
 from testbench.page.tables import Column, Table, Value
-from testbench.questions.compare.statistics import LEAST_PAIRS, Test, holm, paired
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -96,6 +96,37 @@ def test_all_channels_zoom_and_move_together_by_mouse_and_by_buttons(show) -> No
     assert ranges(page) == whole
 
 
+def linked(seconds: float, link: str) -> Explorable:
+    view = flight(seconds).views[0]
+    return Explorable([View(name="only", panels=view.panels, link=link)])
+
+
+def test_figures_over_one_flight_zoom_together_and_those_over_another_do_not(show) -> None:
+    clocks = {"one": (20.0, "a"), "two": (10.0, "a"), "three": (20.0, "b")}
+    page = show(html(*(plate(linked(*clock), name) for name, clock in clocks.items())))
+    ready(page)
+    figures = page.locator("figure")
+    page.evaluate("document.querySelectorAll('details').forEach(d => d.open = true)")
+    for k in range(3):
+        figures.nth(k).scroll_into_view_if_needed()
+        figures.nth(k).locator(".u-over").first.wait_for()
+
+    def shown() -> list[list[float]]:
+        return page.evaluate(
+            "[...document.querySelectorAll('figure')].map(f => f.explorer.plots[1].scales.x)"
+            ".map(x => [x.min, x.max])"
+        )  # fmt: skip
+
+    whole = shown()
+    figures.nth(0).get_by_role("button", name="zoom in").click()
+    zoomed = shown()
+    assert zoomed[0][1] - zoomed[0][0] < 19.0
+    assert zoomed[1] == zoomed[0]
+    assert zoomed[2] == whole[2]
+    figures.nth(1).get_by_role("button", name="show all").click()
+    assert shown() == whole
+
+
 def test_the_cursor_reads_the_same_time_in_every_channel(show) -> None:
     page = show(html(plate(flight())))
     ready(page)

@@ -158,7 +158,9 @@
       const open = this.open;
       open.forEach((panel, i) => this.panel(panel, i === open.length - 1));
       if (!open.length) this.body.append(element("p", "hint", "Every channel is switched off."));
-      if (this.range && this.plots.length) this.move(...this.range, false);
+      const others = this.link ? [...LINKS.get(this.link)].filter(other => other !== this && other.plots.length) : [];
+      if (others.length) this.join(others[0].range);
+      else if (this.range && this.plots.length) this.move(...this.range, false);
       const stretch = Math.max(0, ...this.view.panels.map(p => p.stretch ?? 0));
       this.note.textContent = "Drag to zoom, Shift and drag to move, double click for all; by keys: + − ← → and 0." +
         (stretch ? ` Drawn: lowest and highest of every ${stretch} samples.` : "");
@@ -295,7 +297,13 @@
       this.moving = true;
       for (const u of this.plots) if (u !== from) u.setScale("x", { min, max });
       this.moving = false;
-      if (tell && this.link) for (const other of LINKS.get(this.link)) if (other !== this && other.plots.length) { other.range = [min, max]; other.move(min, max, false); }
+      if (tell && this.link) for (const other of LINKS.get(this.link)) if (other !== this) other.join(this.range);
+    }
+    join(range) { // take the range of a linked figure, as far as there is anything in it to show
+      const full = this.plots[0]?.full;
+      if (!full || range && (range[0] >= full[1] || range[1] <= full[0])) return;
+      this.range = range && [...range];
+      this.move(...(range ?? full), false);
     }
     limited(u, min, max) {
       const [a, b] = u.full;

@@ -10,12 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from testbench.core.record import FloatArray
-from testbench.flight.batch.jobs import Tally
-from testbench.questions.compare.placement import Placed
-from testbench.questions.compare.prediction import Prediction
-from testbench.questions.compare.scenario import BEST_CASE, CompareScenario
-from testbench.questions.compare.seen import Known
-from testbench.questions.compare.statistics import (
+from testbench.evaluation.statistics import (
     Interval,
     Paired,
     chance_of_scatter,
@@ -27,6 +22,11 @@ from testbench.questions.compare.statistics import (
     scatter_interval,
     seeds_needed,
 )
+from testbench.flight.batch.jobs import Tally
+from testbench.questions.compare.placement import Placed
+from testbench.questions.compare.prediction import Prediction
+from testbench.questions.compare.scenario import BEST_CASE, CompareScenario
+from testbench.questions.compare.seen import Known
 from testbench.sensors import SensorSuite
 
 _WN = "wn of "

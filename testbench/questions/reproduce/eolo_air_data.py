@@ -7,12 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from testbench.aircraft import Aircraft
+from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
 from testbench.estimators.identification import Estimator
 from testbench.estimators.prepare import prepare
 from testbench.evaluation.envelope import fly_envelope
 from testbench.evaluation.poles import match_poles
+from testbench.flight import FlightCondition, trim
 from testbench.page.labels import number, symbol
 from testbench.page.plot import Plate
 from testbench.page.tables import Column, Table, Value
@@ -140,9 +143,32 @@ def section(say: Say) -> Section:
         "eolo_air_data",
         "With angle of attack and sideslip, the paper's future work",
         findings(motions, found),
-        tuple(comparison(m, found) for m in motions),
+        (*(comparison(m, found) for m in motions), altitude_row(stand.aircraft)),
         (_table(motions, found),),
         (_plate(motions[1]),),
+    )
+
+
+def altitude_row(aircraft: Aircraft) -> Comparison:
+    """Return the statement that altitude hardly changes the flight envelope beside trims over height and speed."""
+    lows, highs = (100.0, 1500.0), (13.0, 22.0)
+    over_height = [trim(aircraft, FlightCondition(16.0, h)).alpha / DEG_RAD for h in lows]
+    over_speed = [trim(aircraft, FlightCondition(V, 547.0)).alpha / DEG_RAD for V in highs]
+    height, speed = (abs(float(np.ptp(a))) for a in (over_height, over_speed))
+    return claim_row(
+        "altitude practically does not vary the flight envelope",
+        "section 3.2",
+        "true airspeed matters most, above all for α",
+        f"α at trim changes by {height:.1f} deg from {lows[0]:g} to {lows[1]:g} m at 16 m/s, by {speed:.1f} deg from "
+        f"{highs[0]:g} to {highs[1]:g} m/s at 547 m; “agrees” if the first is a tenth of the second or less, in "
+        "kind if less than a half",
+        height <= 0.1 * speed,
+        Why(
+            "Air is little thinner up there.",
+            "Air is a seventh thinner up there, and speed counts by its square.",
+            "Thinner air counts as much here.",
+        ),
+        height < 0.5 * speed,
     )
 
 

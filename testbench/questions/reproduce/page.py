@@ -60,6 +60,8 @@ def write_reproduction(chapters: Sequence[Chapter], folder: Path | str) -> list[
         chapters=chapters,
         pictures=pictures,
         groups=groups(chapters),
+        first=first_screen(chapters),
+        shown=[pictures[p.name] for p in shown_first(chapters)],
         summary=summary(chapters),
         answers=answers(chapters),
         laws=LAWS,
@@ -84,6 +86,18 @@ def summary(chapters: Sequence[Chapter]) -> str:
     """Return in one sentence how many comparisons came out how."""
     rows = tuple(c for chapter in chapters for c in chapter.comparisons)
     return f"{len(rows)} numbers and statements of the papers stand beside ours: {tally(rows)}"
+
+
+def first_screen(chapters: Sequence[Chapter]) -> list[str]:
+    """Return the findings of the first screen, what alpha buys first; of chapters without one their first findings."""
+    heads = [s.head for chapter in reversed(chapters) for s in chapter.sections if s.head]
+    return heads or [s.findings[0] for chapter in chapters for s in chapter.sections][:3]
+
+
+def shown_first(chapters: Sequence[Chapter]) -> list[Plate]:
+    """Return the figure of the first screen: the first of the first finding's section."""
+    plates = [s.plates[0] for chapter in reversed(chapters) for s in chapter.sections if s.head and s.plates]
+    return plates[:1]
 
 
 def groups(chapters: Sequence[Chapter]) -> list[tuple[str, str, list[tuple[str, str]]]]:
@@ -149,6 +163,9 @@ def _palette(png: bytes) -> bytes:
 def markdown(chapters: Sequence[Chapter]) -> str:
     """Return first screen, findings, comparisons and tables of all chapters as Markdown, with links to the figures."""
     lines = ["# The papers' results, printed and reproduced", "", "Written by `testbench reproduce`.", ""]
+    lines += [*(f"- {text}." for text in first_screen(chapters)), ""]
+    for plate in shown_first(chapters):
+        lines += [f"![{plate.title}](figures/{file_stem(plate.name)}.png)", ""]
     lines += [f"{summary(chapters)}.", ""]
     for _, heading, found in groups(chapters):
         lines += [f"**{heading}**", "", *(f"- {title}: {text}" for title, text in found), ""]
@@ -157,6 +174,9 @@ def markdown(chapters: Sequence[Chapter]) -> str:
         lines += [f"## {chapter.title}", "", chapter.source.strip(), "", f"{tally(chapter.comparisons)}.", ""]
         for section in chapter.sections:
             lines += [f"### {section.title}", "", *(f"- {f}." for f in section.findings), ""]
+            for e in section.equations:
+                lines += [f"- ({e.number}) `{e.text}` {e.words}"]
+            lines += [""] if section.equations else []
             for table in section.heads:
                 lines += [f"**{_titled(table.title)}** {table.caption}", "", *_markdown_table(table), ""]
             for plate in section.plates:

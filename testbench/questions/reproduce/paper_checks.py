@@ -9,7 +9,9 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.constants import DEG_RAD
 from testbench.flight import load_aircraft
+from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table
+from testbench.questions.reproduce.equations import EOLO_EQUATIONS, TAURUS_EQUATIONS
 from testbench.questions.reproduce.printed import (
     BAND_RAD_S,
     DOUBLET_S,
@@ -21,6 +23,7 @@ from testbench.questions.reproduce.printed import (
     LOG_HZ,
     RATE_HZ,
     RUDDER_DEG,
+    STATED_INPUTS,
     STATED_PAIR,
     STATED_Z3,
     STATED_Z4,
@@ -28,10 +31,12 @@ from testbench.questions.reproduce.printed import (
     TABLE_4,
     TAURUS_ASPECT_RATIO,
     TAURUS_TABLE_1_IN,
+    TAURUS_TAIL_IN,
     TRANSFER_FUNCTIONS,
     VALIDATION,
     WINDOW_S,
     A,
+    B,
     D,
     K,
     shown,
@@ -60,10 +65,11 @@ def taurus(say: Say) -> Section:
     checks = tuple(_taurus_checks())
     return Section(
         "taurus_paper",
-        "The paper's own numbers (Table I, equations 6 to 9)",
+        "The paper's own numbers (Table I, equations 1 to 9)",
         (in_words(checks),),
         tuple(_taurus_data(aircraft)),
         checks=checks,
+        equations=TAURUS_EQUATIONS,
     )
 
 
@@ -79,6 +85,7 @@ def eolo(say: Say) -> Section:
         tuple(_eolo_data(aircraft)),
         (_mode_table(aircraft),),
         checks=checks,
+        equations=EOLO_EQUATIONS,
     )
 
 
@@ -117,12 +124,23 @@ def _taurus_data(aircraft: Aircraft) -> list[Comparison]:
 
 def _taurus_checks() -> list[Comparison]:
     S, b, c = (TAURUS_TABLE_1_IN[k] for k in ("wing area", "span", "chord"))
+    tail = TAURUS_TAIL_IN
     _, above, under = TRANSFER_FUNCTIONS["theta"]
     q_0 = TRANSFER_FUNCTIONS["q"][1][-1] / TRANSFER_FUNCTIONS["q"][2][-1]
     below = [np.array(den) for _, _, den in TRANSFER_FUNCTIONS.values()]
     shares = float(max(np.max(np.abs(d - below[0])) for d in below[1:]))
     return [
         _check("aspect ratio b²/S", "Table I", TAURUS_ASPECT_RATIO, b**2 / S, "", 2, 0.05),
+        _check(
+            "aspect ratio of the horizontal tail, b²/S", "Table I", tail["aspect ratio"],
+            tail["span"] ** 2 / tail["area"], "", 2, 0.05,
+        ),
+        _check("tail area as span times chord", "Table I", tail["area"], tail["span"] * tail["chord"], "in²", 0, 4.5),
+        claim_row(
+            "the elevator is a part of the tail", "Table I", f"elevator chord {tail['elevator chord']:g} in",
+            f"tail chord {tail['chord']:g} in; “agrees” if the elevator's is the smaller one",
+            tail["elevator chord"] < tail["chord"], _SELF, headline=False,
+        ),
         _check("wing area as span times chord", "Table I", S, b * c, "in²", 0, 0.05 * S),
         claim_row(
             "q is the derivative of θ", "equations 6 and 7", "no steady pitch rate from a steady elevator",
@@ -196,6 +214,12 @@ def _eolo_checks() -> list[Comparison]:
             not D.any(), _SELF, headline=False,
         ),
         claim_row(
+            "inputs of the printed model", "section 3.2", f"{STATED_INPUTS} inputs stated",
+            f"B and D have {B.shape[1]} column{'s' if B.shape[1] > 1 else ''}; “agrees” if as many",
+            B.shape[1] == D.shape[1] == STATED_INPUTS, _SELF, headline=False,
+        ),
+        _worst(),
+        claim_row(
             "K of the printed model", "section 3.2", f"K23 = {shown(K[1, 2])}, K33 = {shown(K[2, 2])}",
             "the same entry twice; “agrees” if they differ", bool(K[1, 2] != K[2, 2]), _SELF, headline=False,
         ),
@@ -216,6 +240,19 @@ def _eolo_checks() -> list[Comparison]:
         mean = float(np.mean([v for key, v in column.items() if key != "mean"]))
         rows.append(_check("mean of the MRSE", f"Table 4, {which} α", column["mean"], mean, "%", 2, 0.01))
     return rows
+
+
+def _worst() -> Comparison:
+    """Return the statement on the worst predictions beside the entries of Table 4."""
+    worst = {w: max((v, n) for n, v in column.items() if n != "mean")[1] for w, column in TABLE_4.items()}
+    of_mode = [name in ("q", "alpha") for name in worst.values()]
+    said = ", ".join(f"{symbol(n)} {which} α ({shown(TABLE_4[which][n])} %)" for which, n in worst.items())
+    return claim_row(
+        "the worst predictions are related to the short period", "section 4 and Table 4", "they are",
+        f"the largest MRSE of Table 4: {said}; V belongs to the phugoid; “agrees” if q or α in "
+        "both columns, in kind in one",
+        all(of_mode), _SELF, any(of_mode), headline=False,
+    )  # fmt: skip
 
 
 def _mode_table(aircraft: Aircraft) -> Table:

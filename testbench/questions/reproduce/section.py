@@ -38,6 +38,23 @@ class Comparison:
 
 
 @dataclass(frozen=True)
+class Equation:
+    """One equation of a paper.
+
+    Attributes:
+        number: as in the paper.
+        mathml: the inside of a MathML element ``math``, which browsers show without any script or network.
+        text: the same in one line of plain text.
+        words: what it is, and where it is used here.
+    """
+
+    number: str
+    mathml: str
+    text: str
+    words: str
+
+
+@dataclass(frozen=True)
 class Section:
     """One part of a paper's results, or one of its open questions.
 
@@ -47,6 +64,9 @@ class Section:
         findings: sentences, the most important first.
         comparisons: printed beside ours.
         checks: printed numbers beside those that follow from other printed numbers.
+        equations: of the paper, as this section uses or checks them.
+        head: the finding in one sentence of 25 words at most, if it stands on the first screen; the section's first
+            plate shows it.
         tables, plates: the data behind the findings; their names carry the section's, so that files do not collide.
     """
 
@@ -57,6 +77,8 @@ class Section:
     tables: tuple[Table, ...] = ()
     plates: tuple[Plate, ...] = ()
     checks: tuple[Comparison, ...] = ()
+    equations: tuple[Equation, ...] = ()
+    head: str = ""
 
     @property
     def heads(self) -> tuple[Table, ...]:

@@ -71,6 +71,17 @@ def section(say: Say) -> Section:
         tuple(comparisons(case.model.poles(), fit)),
         (_equation_table(case.model.poles()), _pole_table(result, fit)),
         (_inputs_plate(abs(true)), _fit_plate(result, fit)),
+        head=_head(case.model.poles(), fit, complex(true), abs(result.truth.modes["phugoid"])),
+    )
+
+
+def _head(poles: Mapping[str, ComplexArray], fit: Mapping[str, float], short_period: complex, phugoid: float) -> str:
+    """Return in one sentence that good fits prove no mode, or what came out instead."""
+    fast = [s for o in _ORDER if (s := fast_pair(poles[o])) is not None and abs(s) > 1.5 * phugoid]
+    right = sum(abs(np.log(s / short_period)) <= NEAR_MODE for s in fast)
+    return (
+        f"Taurus: transfer functions fit unseen data to {span(list(fit.values()), '%', 0)}, yet {right or 'none'} of "
+        f"{len(fast)} fast pole pairs is the short period"
     )
 
 

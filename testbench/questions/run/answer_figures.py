@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from testbench.estimators.identification import estimator_name
 from testbench.evaluation.excitation import EXCITED_DB
 from testbench.page.labels import symbol
 from testbench.page.plot import (
@@ -24,12 +25,14 @@ from testbench.page.plot import (
     new_figure,
 )
 from testbench.questions.run.labels import case_names, outputs_of
+from testbench.questions.run.seeds_answer import words_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from testbench.questions.run.result import RunResult
+    from testbench.questions.run.seeds import Repeats
 
 _MOST_MODES, _ROW_IN, _TALLEST_IN, _LETTERS = 8, 0.3, 2.6, 24
 _LETTERS_NARROW = 19  # of a mode's name in a line, beside the panel on a narrow screen
@@ -42,10 +45,20 @@ def answer_plates(result: RunResult) -> list[Plate]:
     modes = [] if result.truth is None else sorted(result.truth.excitation, key=lambda e: abs(e.pole))[:_MOST_MODES]
     if not outputs:
         return []
-    caption = (
-        "Error of prediction on the validation data (MRSE): further left is better; 100 % (line) is no better than "
-        "predicting zero. A point at the edge means 0.1 % or less, or 1000 % or more."
-    )
+    repeats = result.repeats
+    rows_of = outputs if repeats is None else repeats.quantities
+    if repeats is None:
+        caption = (
+            "Error of prediction on the validation data (MRSE): further left is better; 100 % (line) is no better than "
+            "predicting zero. A point at the edge means 0.1 % or less, or 1000 % or more."
+        )
+    else:
+        caption = (
+            f"Mean error over {repeats.count} seeds with its 95 % interval (thick) and nine of ten seeds (thin): "
+            "further left is better. Of a mode it is "
+            "the distance of its pole from the true one, relative to that; a sign is missing where the mode was found "
+            "in fewer than two seeds. The error of prediction is the MRSE on validation data."
+        )
     if modes:
         caption += (
             " Modes: their response to the input over the noise of the sensor that shows them best, whose name is "
@@ -54,15 +67,20 @@ def answer_plates(result: RunResult) -> list[Plate]:
 
     def make(wide: bool) -> Figure:
         """Draw the two panels side by side or below each other."""
-        rows = [len(outputs), *([len(modes)] if modes else [])]
+        rows = [len(rows_of), *([len(modes)] if modes else [])]
         tall = [min(_TALLEST_IN, 0.15 + r * row) for r, row in zip(rows, (_ROW_IN, 0.36), strict=False)]
         top = legend_in(names, wide) + 0.3
         if wide:
             tall = [max(tall)]
         figure = new_figure(wide, top + sum(tall) + 0.75 * (len(tall) - 1) + 0.5)
         columns = [1.0] * len(rows) if wide else [1.0]
-        panels = grid(figure, top, tall, columns, gap_in=0.75, between_in=1.9, left_in=0.66 if wide else 1.35).ravel()
-        _draw_errors(panels[0], result, outputs)
+        panels = grid(
+            figure, top, tall, columns, gap_in=0.75, between_in=1.9, left_in=0.66 if wide and repeats is None else 1.35
+        ).ravel()
+        if repeats is None:
+            _draw_errors(panels[0], result, outputs)
+        else:
+            _draw_intervals(panels[0], result, repeats, _LETTERS_NARROW)
         if modes:
             _draw_modes(panels[1], modes, _LETTERS if wide else _LETTERS_NARROW)
         legend(figure, _handles(names))
@@ -92,6 +110,30 @@ def _draw_errors(axes: Axes, result: RunResult, outputs: list[str]) -> None:
     log_axis(axes, "x", powers=False)
     _rows(axes, [symbol(o) for o in outputs])
     label(axes, "error, %", "", "Error in validation")
+
+
+def _draw_intervals(axes: Axes, result: RunResult, repeats: Repeats, letters: int) -> None:
+    """Draw one row per quantity: the mean error of each model over the seeds with its interval."""
+    count, quantities = len(result.cases), repeats.quantities
+    drawn: list[float] = []
+    for k, case in enumerate(result.cases):
+        colour, marker = marker_look(k)
+        for i, quantity in enumerate(quantities):
+            mean = repeats.mean((case.suite, estimator_name(case.estimator)), quantity)
+            if mean is None:
+                continue
+            y, key = i + 0.6 * ((k + 0.5) / count - 0.5), (case.suite, estimator_name(case.estimator))
+            for ends, width in ((repeats.most(key, quantity), 0.7), ((mean.low, mean.high), 2.4)):
+                shown = np.clip(ends, *_RANGE_PERCENT)
+                axes.plot(shown, [y, y], color=colour, linewidth=width, solid_capstyle="butt")
+                drawn += shown.tolist()
+            x = np.clip(mean.value, *_RANGE_PERCENT)
+            axes.plot(x, y, marker, color=colour, markersize=5, markerfacecolor="white", markeredgewidth=1.4)
+    axes.set_xlim(10.0 ** np.floor(np.log10(min(drawn))), 1.2 * max(drawn))
+    log_axis(axes, "x", powers=False)
+    names = (words_of(q).removeprefix("the ") for q in quantities)
+    _rows(axes, ["\n".join(textwrap.wrap(n, letters, max_lines=2, placeholder=" …")) for n in names])
+    label(axes, "error, %", "", f"Error over {repeats.count} seeds")
 
 
 def _draw_modes(axes: Axes, modes: list[Any], letters: int) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from testbench.aircraft import Aircraft
@@ -26,6 +26,7 @@ from testbench.line import (
 )
 from testbench.questions.run.result import RunResult
 from testbench.questions.run.scenario import Scenario
+from testbench.questions.run.seeds import repeat
 from testbench.sensors import SensorSuite, load_suite
 
 
@@ -65,7 +66,8 @@ def run(
         seed: replaces the scenario's own.
         keep: called with a name and each record as soon as it exists, so that a later failure loses none of them.
         progress: called with a few words as each stage begins.
-        prepared: takes the place of loading, trimming and linearising what the scenario names.
+        prepared: takes the place of loading, trimming and linearising what the scenario names; who prepares repeats,
+            and the scenario's ``seeds`` counts for nothing.
         causes: look for what the residuals of each model come from; see :func:`testbench.with_causes`.
 
     Raises:
@@ -80,7 +82,7 @@ def run(
     """
     seed, say = scenario.seed if seed is None else seed, progress or (lambda text: None)
     ready = prepared or _ready(scenario, seed, say)
-    flights = _fly_all(scenario, ready, seed, keep, say)
+    flights = fly_all(scenario, ready, seed, keep, say)
     known = ready.truth
     if prepared is None:
         say("linearise")
@@ -100,9 +102,14 @@ def run(
         causes,
         failed,
     )
+    repeats = None
+    if prepared is None and scenario.seeds > 1:
+        flown = [f.truth for f in flights if f.truth is not None]
+        repeats = repeat(scenario, replace(ready, truth=known), flown, seed, cases, say)
     return RunResult(
         *(scenario.name, scenario.title, scenario.question, scenario, seed, flights, cases, known, ready.suites),
         failed=tuple(failed),
+        repeats=repeats,
     )
 
 
@@ -138,7 +145,8 @@ def _ready(scenario: Scenario, seed: int, say: Report) -> Prepared:
     return Prepared(aircraft, suites, trim_for(scenario, aircraft, seed))
 
 
-def _fly_all(scenario: Scenario, ready: Prepared, seed: int, keep: Keep | None, say: Report) -> tuple[Flight, ...]:
+def fly_all(scenario: Scenario, ready: Prepared, seed: int, keep: Keep | None, say: Report) -> tuple[Flight, ...]:
+    """Fly and measure all manoeuvres of a scenario, or measure those that have been flown."""
     flights = []
     for i, spec in enumerate(scenario.manoeuvre):
         say(f"fly {spec.name}")

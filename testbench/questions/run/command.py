@@ -10,12 +10,17 @@ import typer
 from testbench.page.terminal import console, stages
 from testbench.questions.options import OutOption, ScenarioArgument, SeedOption
 
+SeedsOption = Annotated[
+    int | None, typer.Option("--seeds", min=1, max=1000, help="Repetitions, instead of those in the scenario.")
+]
+
 
 def command(
     scenario: ScenarioArgument,
     out: OutOption = Path("results"),
     seed: SeedOption = None,
     aircraft: Annotated[str | None, typer.Option(help="What flies, instead of the scenario's aircraft.")] = None,
+    seeds: SeedsOption = None,
 ) -> None:
     """Fly a scenario, measure it, identify models and judge them; write records, tables, models and report.html.
 
@@ -31,6 +36,8 @@ def command(
     loaded = Scenario.load(find(scenario, "run"))
     if aircraft is not None:
         loaded = flown_by(loaded, aircraft)
+    if seeds is not None:
+        loaded = loaded.model_copy(update={"seeds": seeds}).at(loaded.file)
     folder = out / loaded.name
     with stages() as say:
         result = run(loaded, seed, record_keeper(folder), say)

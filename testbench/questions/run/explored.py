@@ -38,10 +38,22 @@ def histories(
                 name=title,
                 panels=[_history(result, name, use, i, reach) for name in channels],
                 reference=MEASURED_NAME,
+                link=clock_of(flight_of(result, use, i)),
             )
             for (use, i), title in zip(parts, titles, strict=True)
         ]
     )
+
+
+def flight_of(result: RunResult, use: str, i: int) -> Flight:
+    """Return the flight of the i-th record of a use; those of split flights come after the others."""
+    whole = [f for f in result.flights if f.use == use]
+    return [*whole, *(f for f in result.flights if f.use == "split")][i]
+
+
+def clock_of(flight: Flight) -> str:
+    """Return the link of all views over the time of one flight: who zooms one zooms them all."""
+    return f"time of {flight.name}"
 
 
 def _history(result: RunResult, name: str, use: str, i: int, reach: float) -> Panel:
@@ -108,6 +120,7 @@ def movement(
                     curves=[Curve(name=flight.use, x=record.t_s, y=factor * u, colour=colours[flight.use])],
                 )
             ],
+            link=clock_of(flight),
         )
         for flight, record, u in moved
     ]

@@ -54,8 +54,8 @@ __all__ = ["bode_plates", "history_plates", "input_plates", "plates", "pole_plat
 
 _PER_PLATE = 3  # records side by side in one figure of time histories
 _MOST_DRAWN = 9  # records of one use; a second for each would keep the reader of an hour's flight waiting
-_STRETCHES = 250  # of a record in one panel: two points each are finer than print; the page explores the rest
-_PANEL_STRETCHES = 1500  # of all curves in one panel
+_STRETCHES = 200  # of a record in one panel: two points each are finer than print; the page explores the rest
+_PANEL_STRETCHES = 1000  # of all curves in one panel
 _REACH = 0.6  # a diverging prediction may widen the axis by this much of the measured range, on either side
 
 

@@ -15,6 +15,7 @@ from testbench.questions.run.figures import plates
 from testbench.questions.run.flown_tables import flown_tables
 from testbench.questions.run.found import found_of
 from testbench.questions.run.labels import case_names
+from testbench.questions.run.seeds_answer import seeds_in_short
 from testbench.questions.run.tables import result_tables, validation_table
 from testbench.questions.tidy import files_of, of_found
 
@@ -64,7 +65,10 @@ def run_page(result: RunResult, V_m_s: float | None = None) -> Page:
             *_records(result),
         ],
         source=source_of(result.source),
-        terminal=[validation_table(result), *([failed_table(result.failed)] if result.failed else [])],
+        terminal=[
+            validation_table(result) if result.repeats is None else seeds_in_short(result.repeats),
+            *([failed_table(result.failed)] if result.failed else []),
+        ],
     )
 
 

@@ -14,6 +14,8 @@ from testbench.evaluation.truth import Truth
 from testbench.line import Case, Flight
 from testbench.questions.run.findings import alpha_findings, error_findings, sampling_findings
 from testbench.questions.run.scenario import Scenario
+from testbench.questions.run.seeds import Repeats
+from testbench.questions.run.seeds_answer import seeds_findings
 from testbench.sensors import SensorSuite
 
 if TYPE_CHECKING:
@@ -25,7 +27,7 @@ class RunResult:
     """Everything a run found. ``table`` and ``findings`` are made from it; nothing is stored twice.
 
     ``questions`` are values of recorded flights that are hardly meant, in words. ``failed`` are the suites and
-    estimators that gave no model.
+    estimators that gave no model. ``repeats`` has the errors over all seeds, if there are several.
     """
 
     name: str
@@ -40,6 +42,7 @@ class RunResult:
     reference: Mapping[str, Any] = field(default_factory=dict)
     questions: tuple[str, ...] = ()
     failed: tuple[FailedCell, ...] = ()
+    repeats: Repeats | None = None
 
     @cached_property
     def table(self) -> Any:
@@ -67,7 +70,12 @@ class RunResult:
     @cached_property
     def findings(self) -> tuple[str, ...]:
         """The answer in a few sentences; the last are what is wrong or doubtful with each model, as advice."""
-        out = [*self.questions, *alpha_findings(self.cases), *error_findings(self.cases)]
+        out = [*self.questions]
+        if self.repeats is None:
+            out += alpha_findings(self.cases)
+        else:
+            out += seeds_findings(self.repeats, {s.name: s.channels for s in self.suites})
+        out += error_findings(self.cases)
         if self.truth is not None:
             identification = next(f for f in self.flights if f.use != "validation")
             out += sampling_findings(self.cases, self.truth.modes, identification, self.source.preparation.lowpass_hz)

@@ -20,10 +20,16 @@ class Experiment(FlownInAir):
 
 
 class Scenario(Experiment):
-    """One experiment: aircraft, condition, manoeuvres, sensor suites, estimators."""
+    """One experiment: aircraft, condition, manoeuvres, sensor suites, estimators.
+
+    ``seeds`` counts repetitions with noise, and in turbulence flights, of their own. With more than one the answer is
+    an interval over all of them; records, models and tables show the first.
+    """
 
     checked_by: ClassVar[str] = "testbench.questions.run.check:check"
     noted_by: ClassVar[str] = "testbench.questions.run.check:notes"
+
+    seeds: Annotated[int, Field(ge=1, le=1000)] = 1
 
     @model_validator(mode="after")
     def _uses_and_names(self) -> Scenario:

@@ -13,6 +13,7 @@ from testbench.questions.run.failed import failed_table
 from testbench.questions.run.labels import case_names, outputs_of
 from testbench.questions.run.parameter_tables import parameter_table
 from testbench.questions.run.pole_tables import mode_table, pole_table, reference_tables
+from testbench.questions.run.seeds_answer import seeds_table
 
 if TYPE_CHECKING:
     from testbench.questions.run.result import RunResult
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 def result_tables(result: RunResult) -> list[Table]:
     """Return every table for which ``result`` has data, in the order of the report."""
     made = [
+        seeds_table(result.repeats),
         mrse_table(result),
         fit_table(result),
         parameter_table(result),

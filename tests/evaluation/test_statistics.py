@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from testbench.questions.compare.statistics import (
+from testbench.evaluation.statistics import (
     holm,
     mean_interval,
     paired,
