@@ -18,6 +18,7 @@ from testbench.questions.gap.hidden.kinds import measure_hidden
 from testbench.questions.gap.records import Flights, check_records, check_speeds
 from testbench.questions.gap.result import GapFinding
 from testbench.questions.gap.scenario import GapScenario
+from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.workflow import find_gap
 from testbench.sensors import load_suite
 
@@ -58,6 +59,7 @@ def run_gap(
     control_file: Path | None = None,
     more_effects: Sequence[str] = (),
     simulator: Simulator = "auto",
+    windows: Windows | None = None,
 ) -> GapResult:
     """Read or make the measured records of a gap scenario and find what the believed model lacks.
 
@@ -71,6 +73,7 @@ def run_gap(
         control_file: keeps each of them, so that none is flown twice.
         more_effects: searched beside those of the scenario, ``FILE.py:NAME`` or names of the library.
         simulator: "jsbsim" flies nothing in batches.
+        windows: how records without quiet flight are cut, see :func:`.workflow.find_gap`; replaces the scenario's own.
 
     Raises:
         TestbenchError: with the file and key that it comes from.
@@ -129,6 +132,7 @@ def run_gap(
             effects=choice.effects,
             controls=controls,
             control_file=control_file,
+            windows=scenario.windows if windows is None else windows,
         )
     notes += choice.notes
     return GapResult(
@@ -145,10 +149,11 @@ def run_flights(
     control_file: Path | None = None,
     more_effects: Sequence[str] = (),
     simulator: Simulator = "auto",
+    windows: Windows = "auto",
 ) -> GapResult:
     """Find what the believed model of recorded flights lacks; see :func:`testbench.questions.gap.records.load_flights`.
 
-    ``progress``, ``check``, ``controls``, ``control_file``, ``more_effects`` and ``simulator`` are those of
+    ``progress``, ``check``, ``controls``, ``control_file``, ``more_effects``, ``simulator`` and ``windows`` are as in
     :func:`run_gap`.
 
     Raises:
@@ -165,6 +170,7 @@ def run_flights(
         effects=choice.effects,
         controls=controls,
         control_file=control_file,
+        windows=windows,
     )
     return GapResult(
         name=aircraft,

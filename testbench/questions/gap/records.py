@@ -20,6 +20,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.evidence.compared import not_compared
 from testbench.questions.gap.evidence.gusts import record_key
+from testbench.questions.gap.windows import restless
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.sensors import SensorSuite, load_suite
 from testbench.sensors.sensor import whole_ratio
@@ -162,7 +163,7 @@ def check_records(
     A clock that is off by no more than half a sample at the end of a record is put right, with a note.
 
     Raises:
-        RecordError: a record was aborted, lacks a channel or a command, has another rate, or no quiet flight.
+        RecordError: a record was aborted, lacks a channel or a command, or has another rate.
     """
     out = {}
     for name, record in records.items():
@@ -193,7 +194,6 @@ def check_records(
                         f"samples off at its end; the sensors' {suite.rate_hz:g} Hz is taken in its place"
                     )
                 record = replace(record, t_s=record.t_s[0] + np.arange(len(record)) / suite.rate_hz)
-            quiet_samples(record)
             out[name] = record
     return out
 
@@ -255,7 +255,8 @@ def _condition(
 
 
 def _quiet_mean(suite: SensorSuite, record: FlightRecord, name: str) -> float:
-    """Return what a sensor reads in the quiet flight, less what is believed of its bias and scale."""
+    """Return what a sensor reads in the quiet flight, in all of a record without it, less bias and scale."""
     sensor = next((s for s in suite.sensors if s.channel == name), None)
     bias, scale = (0.0, 1.0) if sensor is None else (sensor.bias, sensor.scale)
-    return (float(np.mean(record[name][: quiet_samples(record)])) - bias) / scale
+    n = quiet_samples(record) if not restless(record) else len(record)
+    return (float(np.mean(record[name][:n])) - bias) / scale

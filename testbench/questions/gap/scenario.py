@@ -10,6 +10,7 @@ from testbench.core.errors import TestbenchError
 from testbench.core.scenario.base import FlownAt, Manoeuvre, SuiteName
 from testbench.core.schema import Strict
 from testbench.questions.gap.hidden.kinds import Hidden
+from testbench.questions.gap.window_length import SHORTEST_S
 from testbench.sensors import load_suite
 
 
@@ -28,6 +29,10 @@ class GapScenario(FlownAt):
 
     ``effects`` are searched in place of the whole library, ``more_effects`` beside it, or beside those: names of the
     library, or ``FILE.py:NAME`` for effects that are brought.
+
+    ``windows = "auto"`` cuts records that do not begin with quiet trim flight into windows, each of which starts
+    freely; a number cuts every record into windows of so many seconds; "off" cuts none, and refuses records without
+    quiet flight.
     """
 
     unnamed: ClassVar[str] = "gap"
@@ -38,6 +43,7 @@ class GapScenario(FlownAt):
     measured: Annotated[tuple[MeasuredFile, ...], Field(strict=False)] = ()
     effects: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] | None = None
     more_effects: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    windows: Literal["auto", "off"] | Annotated[float, Field(strict=False, ge=SHORTEST_S)] = "auto"
 
     def faults(self) -> list[str]:
         """Return what is wrong with the effects that are searched, as far as texts tell; no code of theirs is run."""

@@ -25,7 +25,7 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.air import LOWEST_M
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.evidence.commanded import quiet_samples
+from testbench.questions.gap.evidence.commanded import quiet_samples, starts_freely
 from testbench.questions.gap.evidence.gust_filter import FlightFilter, GustFilter
 from testbench.questions.gap.evidence.gust_model import GustModel
 
@@ -58,6 +58,11 @@ class AirFound:
     @property
     def sentence(self) -> str:
         """What was found, in words."""
+        if not self.quiet_s and not self.moves:
+            return (
+                "no record begins with quiet flight, in which moving air would show: whether the air moved is not "
+                "known, and the residuals are compared with the noise of the sensors alone"
+            )
         heard = f"likelihood-ratio statistic {self.gain:.3g}, threshold {self.threshold:.3g}"
         if not self.moves:
             return (
@@ -83,6 +88,7 @@ def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
 
     The test is a likelihood ratio of turbulence against none. As the rms 0 lies on the edge of its range, the statistic
     is half a chi-square with one degree of freedom (Chernoff 1954). Trim errors and biases are free in both hypotheses.
+    Records that start freely have no quiet flight. If there is none at all, nothing is said of the air.
 
     Raises:
         FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the measured commands.
@@ -91,6 +97,8 @@ def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
     plain = replace(believed, whiten=None)
     quiet = _quiet(plain, records)
     height = max(believed.condition.h_m, LOWEST_M)
+    if not quiet:
+        return AirFound(False, 0.0, height, 0.0, float("inf"), 0.0)
     rms, gain = _likeliest(plain, quiet, height)
     threshold = float(chi2.isf(2.0 * CRITERIA.air_false_alarm, 1))
     moves = gain > threshold
@@ -140,6 +148,8 @@ def listen_again(
     """
     if heard.moves:
         return measure(amended, records, heard)
+    if not heard.quiet_s:  # a gap that nothing explains would look like turbulence
+        return heard
     rms, of_turbulence = _likeliest(believed, _plain_residuals(believed, records), heard.height_m)
     if of_turbulence <= max(heard.threshold, gain):
         return heard
@@ -169,7 +179,8 @@ def _refuted(believed: Believed, records: Sequence[FlightRecord], air: AirFound,
 
 def _plain_residuals(model: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:
     plain = replace(model, whiten=None)
-    return [(r, plain.residuals(r)) for r in records]
+    # The filter takes out where the aircraft began by itself.
+    return [(r, plain.over_noise(r, r.columns(plain.outputs) - plain.predict(r))) for r in records]
 
 
 def in_air(believed: Believed, air: AirFound, along: Believed | None = None) -> Believed:
@@ -184,9 +195,11 @@ def in_air(believed: Believed, air: AirFound, along: Believed | None = None) -> 
 
 
 def _quiet(plain: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:
-    """Return the flight before the first command of every record, and its residuals: at trim, but for the means."""
+    """Return the flight before the first command of every record that begins at trim, and its residuals there."""
     out = []
     for record in records:
+        if starts_freely(record):
+            continue
         n = quiet_samples(record)
         start = record.between(float(record.t_s[0]), float(record.t_s[n - 1]) + 0.5 * record.dt_s)
         out.append((start, plain.in_noise_units(start, start.columns(plain.outputs))))

@@ -73,7 +73,9 @@ class DataCheck:
         return tuple(e.words for e, _ in self.news if e.name.rpartition("_")[0] == channel)
 
 
-def check_data(believed: Believed, records: Sequence[FlightRecord]) -> DataCheck:
+def check_data(
+    believed: Believed, records: Sequence[FlightRecord], flown: Sequence[FlightRecord] | None = None
+) -> DataCheck:
     """Compare the records with rigid-body kinematics, the believed biases and scales of the sensors taken out.
 
     A lag and a delay are taken together, as kinematics tell their sum better than either. Without a forward
@@ -83,12 +85,13 @@ def check_data(believed: Believed, records: Sequence[FlightRecord]) -> DataCheck
 
     Kinematics know bias, scale, lag and delay of sensors at the centre of gravity of a rigid body. Believed sensors may
     also drift, sit ahead or sample slowly, which looks like one of these errors. If they do, believed flights are
-    measured with them, too, and errors that show there are no news.
+    measured with them, too, and errors that show there are no news. These fly the commands of ``flown``, of ``records``
+    if that is not given.
     """
     try:
         result = _estimated(believed, records)
         plain = all(_is_plain(s, believed.trimmed.state) for s in believed.suite.sensors)
-        shown = {} if plain else _shown(believed, records)
+        shown = {} if plain else _shown(believed, records if flown is None else flown)
     except (ChannelError, EstimationError) as error:
         return DataCheck(None, str(error), ())
     sensors = {s.channel: s for s in believed.suite.sensors}

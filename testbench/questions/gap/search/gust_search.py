@@ -27,6 +27,7 @@ from testbench.flight.air import Gust
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects.base import Effect, MetGust
 from testbench.questions.gap.effects.gust import LARGEST_M_S, Axis, placed
+from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.evidence.gusts import manoeuvre_of, record_key
 from testbench.questions.gap.search.hypothesis import Hypothesis
 
@@ -109,7 +110,7 @@ class GustSearch:
             flat = G.reshape(-1, G.shape[2])
             square -= (flat * cho_solve(A, flat.T).T).sum(axis=1).reshape(square.shape)
             step = max(1, round(STEP_S / record.dt_s))
-            looked = (np.arange(n) % step == 0) & (square > _LEAST)
+            looked = (np.arange(n) % step == 0) & (square > _LEAST) & (not starts_freely(record))
             filters.append(F)
             information.append(np.where(looked, square, 0.0))
             sizes.append(size)
@@ -156,7 +157,7 @@ def sought(point: Hypothesis, effect: Effect) -> Effect:
     Its place is a record, an axis and a time. A gust that does not stand out, or promises too small a share of the
     excess over the noise, stays without a place and is not fitted. In turbulence no gust is sought: the whitening
     filter takes moving air out of the residuals, and one more gust of it is not another effect. For the same reason a
-    gust in the quiet flight before the commands counts as turbulence.
+    gust in the quiet flight before the commands counts as turbulence. Records that start freely are not looked at.
     """
     if effect.met is None or point.believed.whiten is not None or point.model.gusts:
         return effect

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -16,7 +16,7 @@ from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.estimators.residuals import coloured_information
 from testbench.questions.gap.believed import LATERAL_PRIORS, Believed
 from testbench.questions.gap.effects import Effect
-from testbench.questions.gap.flights import Wanted, flights, linear_models
+from testbench.questions.gap.flights import AT_ONCE, Wanted, flights, linear_models
 
 LINEAR_STEP = 0.02  # of central differences of linear predictions by the nuisances, which are factors
 FLOWN_STEP = 0.01  # of forward differences of flights by them
@@ -84,8 +84,9 @@ class Hypothesis:
 
     @cached_property
     def samples(self) -> int:
-        """Number of samples in ``exact`` that were taken; those that were not are zero there."""
-        return sum(int(np.count_nonzero(self.believed.taken(r))) for r in self.records)
+        """Number of samples in ``exact`` that were taken, less what unknown starts take; the others are zero there."""
+        taken = sum(int(np.count_nonzero(self.believed.taken(r))) for r in self.records)
+        return taken - round(sum(self.believed.lost(r) for r in self.records))
 
     @property
     def lateral(self) -> bool:
@@ -258,12 +259,12 @@ class Signature:
 
 def flown_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
     """Return the residuals (samples,) of each model as flown, all together; None for one that cannot fly."""
-    wanted: list[Wanted] = []
-    for model in models:
-        with suppress(*_NOT_FLOWN):
-            wanted += [model.wanted(record, model.needed) for record in records]
-    flights(wanted)
-    return [_or_none(_flown, model, records) for model in models]
+    out: list[FloatArray | None] = []
+    some = max(1, AT_ONCE // (2 * len(records)))
+    for k in range(0, len(models), some):
+        fly_together(models[k : k + some], records)
+        out += [_or_none(_flown, model, records) for model in models[k : k + some]]
+    return out
 
 
 def linear_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
@@ -283,8 +284,27 @@ def _or_none(
         return None
 
 
+def fly_together(models: Sequence[Believed], records: Sequence[FlightRecord]) -> None:
+    """Fly models through records, so that they are found when they are asked for; free starts from their origins first.
+
+    A model that cannot be flown is left out.
+    """
+    free = [(m, r, s.origin) for m in models for r in records if (s := m.start_of(r)) is not None]
+    if free:
+        flights(_wanted_of(((m, r, x) for m, r, x in free)))
+    flights(_wanted_of((m, r, None) for m in models for r in records))
+
+
+def _wanted_of(of: Iterable[tuple[Believed, FlightRecord, FloatArray | None]]) -> list[Wanted]:
+    wanted: list[Wanted] = []
+    for model, record, at in of:
+        with suppress(*_NOT_FLOWN):
+            wanted.append(model.wanted(record, model.needed, at=at))
+    return wanted
+
+
 def _flown(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:
-    flights([model.wanted(record, model.needed) for record in records])
+    fly_together([model], records)
     return np.concatenate([model.residuals(r).ravel() for r in records])
 
 

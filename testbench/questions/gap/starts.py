@@ -1,0 +1,90 @@
+"""A window of a record that does not begin at trim: what its start is made of, and what is left once that is unknown.
+
+The start of a window is a nuisance of that window alone. With r residuals in units of the noise, G what the start
+parameters change in them per standard deviation of their priors, and z how far they are from where G was taken,
+
+    min over z of |r - G z|^2 + |z|^2 = r' Q r,   Q = I - G (G'G + I)^-1 G',
+
+so that Q^(1/2) r are the residuals of a window whose start is unknown. They lack trace(I - Q) degrees of freedom.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from testbench.core.record import FloatArray
+from testbench.flight import Start
+
+STATES = ("V_m_s", "alpha", "beta", "p", "q", "r", "phi", "theta", "h_m")
+"""Of a start, in the order of :class:`testbench.flight.Start`; what else a start has are offsets of commands."""
+
+
+@dataclass(frozen=True, eq=False)
+class FreeStart:
+    """The start of one window: k parameters with Gaussian priors.
+
+    Attributes:
+        names: of STATES (deviations from trim), and controls whose commands are off by a constant.
+        origin: (k,) values about which everything is linear, SI; the priors are centred there.
+        std: (k,) standard deviations of the priors, SI.
+        columns: (n, outputs, k) change of the readings per ``std`` of each, SI.
+    """
+
+    names: tuple[str, ...]
+    origin: FloatArray
+    std: FloatArray
+    columns: FloatArray
+    known: dict[object, Directions] = field(default_factory=dict, repr=False)
+
+    def start(self, x: FloatArray) -> Start:
+        """Return where a flight with parameters ``x`` (k,) begins."""
+        return Start(**{n: v for n, v in zip(self.names, x.tolist(), strict=True) if n in STATES})
+
+    def offsets(self, x: FloatArray) -> dict[str, float]:
+        """Return control -> constant that its commands are off by."""
+        return {n: v for n, v in zip(self.names, x.tolist(), strict=True) if n not in STATES}
+
+    def shift(self, x: FloatArray) -> FloatArray:
+        """Return what the readings (n, outputs) at the origin lack of those at ``x`` (k,), to first order, SI."""
+        return np.asarray(self.columns @ ((x - self.origin) / self.std))
+
+    def directions(self, whitened: Callable[[FloatArray], FloatArray], key: tuple[object, Any]) -> Directions:
+        """Return what the start does to residuals that are ``whitened`` (n, outputs), kept by ``key``."""
+        if key not in self.known:
+            G = np.stack([whitened(c) for c in np.moveaxis(self.columns, 2, 0)], axis=-1)
+            U, s, Vt = np.linalg.svd(G.reshape(-1, G.shape[-1]), full_matrices=False)
+            self.known[key] = Directions(U, s, Vt)
+        return self.known[key]
+
+
+@dataclass(frozen=True, eq=False)
+class Directions:
+    """What a start changes in residuals: G = U s V', U (samples, k), s (k,), Vt (k, k)."""
+
+    U: FloatArray
+    s: FloatArray
+    Vt: FloatArray
+
+    @cached_property
+    def lost(self) -> float:
+        """Degrees of freedom that the start takes: trace(I - Q)."""
+        return float(np.sum(self.s**2 / (1.0 + self.s**2)))
+
+    def taken_out(self, r: FloatArray) -> FloatArray:
+        """Return Q^(1/2) r of residuals (n, outputs)."""
+        flat = r.ravel()
+        share = 1.0 - 1.0 / np.sqrt(1.0 + self.s**2)
+        return np.asarray(flat - self.U @ (share * (self.U.T @ flat))).reshape(r.shape)
+
+    def best(self, r: FloatArray, off: FloatArray | float = 0.0) -> FloatArray:
+        """Return the z (k,) that fits residuals r (n, outputs) at the origin best: (G'G + I)^-1 (G' r - off).
+
+        The prior is centred ``off`` (k,) standard deviations before the origin.
+        """
+        onto = self.s * (self.U.T @ r.ravel()) - self.Vt @ np.broadcast_to(off, self.s.shape)
+        return np.asarray(self.Vt.T @ (onto / (1.0 + self.s**2)))
