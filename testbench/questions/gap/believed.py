@@ -35,7 +35,7 @@ from testbench.questions.gap.flights import (
     made,
     trims,
 )
-from testbench.questions.gap.starts import Directions, FreeStart
+from testbench.questions.gap.free_start import Directions, FreeStart
 from testbench.sensors import SensorSuite
 
 # A nuisance is a coefficient of the believed aircraft that is estimated along with every hypothesis ("re-tuned"). Its
@@ -62,7 +62,7 @@ LATERAL_PRIORS: Mapping[str, float] = {
     "Cn_da": 0.30,
     "Cn_dr": 0.10,
 }
-FARTHEST = 5.0  # prior standard deviations that a start may be moved at once
+STEPS, NEAR = 3, 0.3  # that starts are brought to rest by; prior standard deviations below which one step is enough
 NOTHING = 1e-9  # a coefficient of a foreign model that is smaller is what differences leave of zero
 
 
@@ -178,39 +178,36 @@ class Believed:
             raise RecordError("the start of a window must be known before it is flown; call windows.begin_freely")
         return self.starts[key]
 
-    def begun(self, record: FlightRecord) -> FloatArray | None:
+    def begun(self, record: FlightRecord, steps: int = STEPS) -> FloatArray | None:
         """Return the start parameters (k,) that suit this model best on a record; None if it begins at trim.
 
-        One step of Gauss-Newton from the origin of its start, on the tangents there.
+        Steps of Gauss-Newton from the origin of its start, on the tangents there.
 
         Raises:
-            FlightAborted, LimitError: the flight from the origin does not survive.
+            FlightAborted, LimitError: a flight from there does not survive.
             RecordError: as :meth:`predict`.
         """
         free = self.start_of(record)
         if free is None:
             return None
-        key = key_of_start(record)
-        if key not in self._begun:
-            self._begun[key] = free.origin + free.std * self.step(record)
-        return self._begun[key]
-
-    def step(self, record: FlightRecord, off: FloatArray | float = 0.0) -> FloatArray:
-        """Return by how many prior standard deviations (k,) the start of a record is better moved from its origin.
-
-        FARTHEST at most.
-
-        The prior is centred ``off`` (k,) of them before the origin.
-        """
-        free = self.start_of(record)
-        assert free is not None
-        r = self.over_noise(record, record.columns(self.outputs) - self.read_from(record, free.origin))
-        z = self._directions(record, free).best(r, off)
-        return np.asarray(z * min(1.0, FARTHEST / max(float(np.max(np.abs(z))), 1e-12)))
+        points = self._begun.setdefault(key_of_start(record), [free.origin])
+        while len(points) <= steps:
+            x = points[-1]
+            points.append(self.better_start(record, x))
+            if float(np.max(np.abs(points[-1] - x) / free.std)) < NEAR:
+                points += [points[-1]] * (steps + 1 - len(points))
+        return points[steps]
 
     @cached_property
-    def _begun(self) -> dict[str, FloatArray]:
+    def _begun(self) -> dict[str, list[FloatArray]]:
         return {}
+
+    def better_start(self, record: FlightRecord, x: FloatArray) -> FloatArray:
+        """Return the start parameters (k,) that a step of Gauss-Newton from ``x`` (k,) leads to."""
+        free = self.start_of(record)
+        assert free is not None
+        left = record.columns(self.outputs) - self.read_from(record, x) + free.shift(x)
+        return free.moved(x, self._directions(record, free).best(self.over_noise(record, left)))
 
     def _directions(self, record: FlightRecord, free: FreeStart) -> Directions:
         return free.directions(partial(self.over_noise, record), (self.whiten, self.noise_std.tobytes()))
@@ -426,7 +423,7 @@ class Believed:
     def in_noise_units(self, record: FlightRecord, difference: FloatArray) -> FloatArray:
         """Return ``difference`` (n, outputs) over the noise, about its mean over the valid samples of the record.
 
-        If the start of the record is unknown, what it would change is taken out (:mod:`.starts`).
+        If the start of the record is unknown, what it would change is taken out (:mod:`.free_start`).
         """
         r, free = self.over_noise(record, difference), self.start_of(record)
         return r if free is None else self._directions(record, free).taken_out(r)

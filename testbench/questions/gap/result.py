@@ -166,8 +166,8 @@ class GapFinding:
 
         By so much a flight simulator for training may err. A channel without a tolerance must change by less than its
         noise. If nothing is named, but more than noise is left or parameters are wrong, this is True if the believed
-        model errs by less than TOLERANCE in every record. False of windows: a start that is fitted to each of them hides
-        how far the model would go astray.
+        model errs by less than TOLERANCE in every record. False of windows: starts that are fitted hide how far it
+        would go astray.
         """
         if self.windows:
             return False

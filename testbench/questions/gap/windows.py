@@ -4,7 +4,7 @@ H. G. Bock, Numerical treatment of inverse problems in chemical reaction kinetic
 Vehicle System Identification, 2nd ed., 2015, section 9.5, for unstable aircraft. A window is a record of its own. It
 begins with LEAD_S of flight that is flown but not compared, so that servos, links and sensors that lag have forgotten
 where they began. Its start and constant offsets of its commands (thrust that wanders, a trim that is not known) are
-nuisances of its own (:mod:`.starts`), first fitted to the believed model.
+nuisances of its own (:mod:`.free_start`), first fitted to the believed model.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from testbench.questions.gap.evidence.commanded import (
 )
 from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.flights import flights
-from testbench.questions.gap.starts import STATES, FreeStart
+from testbench.questions.gap.free_start import STATES, FreeStart
 from testbench.questions.gap.window_length import SHORTEST_S, Windows
 
 LEAD_S = 0.5
@@ -189,25 +189,32 @@ def _level_of(record: FlightRecord) -> dict[str, float]:
     return dict(zip(names, (record.columns(f"{n}_cmd" for n in names) - u)[0].tolist(), strict=True))
 
 
-def begin_freely(believed: Believed, records: Mapping[str, FlightRecord]) -> Believed:
-    """Return the belief with the starts of all records that start freely, fitted to them; others stay as they are.
+def begin_freely(believed: Believed, records: Mapping[str, FlightRecord], along: Believed | None = None) -> Believed:
+    """Return the belief with the starts of all records that start freely, fitted to them.
 
     Gauss-Newton on flown differences: readings less what the believed sensors would read, about their means.
+
+    Args:
+        believed: whose starts they become.
+        records: by name; those that begin at trim are left alone.
+        along: model that they are fitted to, from the starts that ``believed`` has already; ``believed`` itself, from
+            the first readings, if not given.
 
     Raises:
         FlightAborted, LimitError, TrimError: the believed aircraft cannot fly a window from where it seems to begin.
     """
-    own = {n: r for n, r in records.items() if starts_freely(r) and key_of_start(r) not in believed.starts}
+    own = {n: r for n, r in records.items() if starts_freely(r)}
     if not own:
         return believed
-    plain = replace(believed, whiten=None)
-    guessed = {key_of_start(r): _guess(plain, r) for r in own.values()}
-    starts = dict(guessed)
-    for horizon_s in _HORIZONS_S:  # what seems to begin well may leave the limits before it has been fitted
+    plain = replace(along or believed, whiten=None)
+    known = along is not None
+    starts = {key_of_start(r): believed.starts[key_of_start(r)] if known else _guess(plain, r) for r in own.values()}
+    # What seems to begin well may leave the limits before it has been fitted: first the beginnings alone.
+    for horizon_s in _HORIZONS_S[-1:] if known else _HORIZONS_S:
         moving = {n: r.between(float(r.t_s[0]), float(r.t_s[0]) + horizon_s) for n, r in own.items()}
         for _ in range(_ROUNDS):
             starts |= _linearised(plain, moving, starts)
-            moved, fallen = _improved(plain, moving, starts, guessed)
+            moved, fallen = _improved(plain, moving, starts)
             starts |= moved
             moving = {n: r for n, r in moving.items() if fallen[n] > _AT_REST}
             if not moving:
@@ -231,7 +238,9 @@ def _guess(believed: Believed, record: FlightRecord) -> FreeStart:
         std.append(scale * (measured if here else other))
     values = np.array([*origin, *(0.0 for _ in controls)])
     stds = np.array([*std, *(_OFFSETS[c] for c in controls)])
-    return FreeStart((*states, *controls), values, stds, np.zeros((len(record), len(believed.outputs), values.size)))
+    return FreeStart(
+        (*states, *controls), values, stds, values, np.zeros((len(record), len(believed.outputs), values.size))
+    )
 
 
 def _first(believed: Believed, record: FlightRecord, channel: str) -> float:
@@ -273,7 +282,7 @@ def _linearised(
                 except TestbenchError:
                     continue
             columns.append(column)
-        out[key] = FreeStart(free.names, free.origin, free.std, np.stack(columns, axis=-1))
+        out[key] = replace(free, columns=np.stack(columns, axis=-1), known={})
     return out
 
 
@@ -281,33 +290,34 @@ def _improved(
     believed: Believed,
     records: Mapping[str, FlightRecord],
     starts: Mapping[str, FreeStart],
-    guessed: Mapping[str, FreeStart],
 ) -> tuple[dict[str, FreeStart], dict[str, float]]:
     """Return starts moved to where they suit better, and by how much chi-square fell in each record."""
     with_starts = replace(believed, starts=starts)
-    out, fallen = {}, {}
-    wanted = {}
+    tried, out, fallen = {}, {}, {}
     for name, record in records.items():
-        free, guess = starts[key_of_start(record)], guessed[key_of_start(record)]
-        z = with_starts.step(record, (free.origin - guess.origin) / free.std)
-        wanted[name] = [free.origin + share * free.std * z for share in _SHARES]
-    flights([with_starts.wanted(records[n], with_starts.needed, at=x) for n, xs in wanted.items() for x in xs])
+        x = starts[key_of_start(record)].origin
+        step = with_starts.better_start(record, x) - x
+        tried[name] = [x + share * step for share in _SHARES]
+    flights([with_starts.wanted(records[n], with_starts.needed, at=x) for n, xs in tried.items() for x in xs])
     for name, record in records.items():
-        free, guess = starts[key_of_start(record)], guessed[key_of_start(record)]
-        before = _misfit(with_starts, record, free.origin, guess)
+        free = starts[key_of_start(record)]
+        before = _misfit(with_starts, record, free.origin)
         best, at = before, free.origin
-        for x in wanted[name]:
+        for x in tried[name]:
             try:
-                now = _misfit(with_starts, record, x, guess)
+                now = _misfit(with_starts, record, x)
             except TestbenchError:
                 continue
             if now < best:
                 best, at = now, x
         fallen[name] = before - best
-        out[key_of_start(record)] = FreeStart(free.names, at, free.std, free.columns)
+        out[key_of_start(record)] = replace(free, origin=at, known={})
     return out, fallen
 
 
-def _misfit(believed: Believed, record: FlightRecord, x: FloatArray, guess: FreeStart) -> float:
+def _misfit(believed: Believed, record: FlightRecord, x: FloatArray) -> float:
+    """Return what is minimised over the parameters ``x`` (k,) of a start: chi-square and the price of the prior."""
+    free = believed.start_of(record)
+    assert free is not None
     r = believed.over_noise(record, record.columns(believed.outputs) - believed.read_from(record, x))
-    return float(np.sum(r**2) + np.sum(((x - guess.origin) / guess.std) ** 2))
+    return float(np.sum(r**2) + np.sum(((x - free.centre) / free.std) ** 2))

@@ -100,6 +100,8 @@ def find_gap(
     if given.notes or others.notes:
         say("fit where windows start")
         believed = begin_freely(believed, {**records, **held_out})
+        tuned = _retuned(believed, believed, list(records.values()))
+        believed = begin_freely(believed, {**records, **held_out}, tuned)
     as_believed = believed
     for name, record in {**records, **held_out}.items():
         with located(None, f"record '{name}'"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -14,8 +14,9 @@ from testbench.core.differences import ends, slope
 from testbench.core.errors import LimitError, ModelError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.estimators.residuals import coloured_information
-from testbench.questions.gap.believed import LATERAL_PRIORS, Believed
+from testbench.questions.gap.believed import LATERAL_PRIORS, STEPS, Believed
 from testbench.questions.gap.effects import Effect
+from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.flights import AT_ONCE, Wanted, flights, linear_models
 
 LINEAR_STEP = 0.02  # of central differences of linear predictions by the nuisances, which are factors
@@ -260,7 +261,7 @@ class Signature:
 def flown_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
     """Return the residuals (samples,) of each model as flown, all together; None for one that cannot fly."""
     out: list[FloatArray | None] = []
-    some = max(1, AT_ONCE // (2 * len(records)))
+    some = max(1, AT_ONCE // ((1 + STEPS) * len(records)))
     for k in range(0, len(models), some):
         fly_together(models[k : k + some], records)
         out += [_or_none(_flown, model, records) for model in models[k : k + some]]
@@ -289,17 +290,19 @@ def fly_together(models: Sequence[Believed], records: Sequence[FlightRecord]) ->
 
     A model that cannot be flown is left out.
     """
-    free = [(m, r, s.origin) for m in models for r in records if (s := m.start_of(r)) is not None]
-    if free:
-        flights(_wanted_of(((m, r, x) for m, r, x in free)))
-    flights(_wanted_of((m, r, None) for m in models for r in records))
+    free = [r for r in records if starts_freely(r)]
+    for steps in range(STEPS if free else 0):
+        flights(_wanted_of(models, free, steps))
+    flights(_wanted_of(models, records))
 
 
-def _wanted_of(of: Iterable[tuple[Believed, FlightRecord, FloatArray | None]]) -> list[Wanted]:
+def _wanted_of(models: Sequence[Believed], records: Sequence[FlightRecord], steps: int = STEPS) -> list[Wanted]:
+    """Return the flights of models that can be flown, free starts moved by so many steps."""
     wanted: list[Wanted] = []
-    for model, record, at in of:
-        with suppress(*_NOT_FLOWN):
-            wanted.append(model.wanted(record, model.needed, at=at))
+    for model in models:
+        for record in records:
+            with suppress(*_NOT_FLOWN):
+                wanted.append(model.wanted(record, model.needed, at=model.begun(record, steps)))
     return wanted
 
 

@@ -1,7 +1,7 @@
 """A window of a record that does not begin at trim: what its start is made of, and what is left once that is unknown.
 
 The start of a window is a nuisance of that window alone. With r residuals in units of the noise, G what the start
-parameters change in them per standard deviation of their priors, and z how far they are from where G was taken,
+parameters change in them per standard deviation of their priors, and z how far they lie from the centres,
 
     min over z of |r - G z|^2 + |z|^2 = r' Q r,   Q = I - G (G'G + I)^-1 G',
 
@@ -20,6 +20,8 @@ import numpy as np
 from testbench.core.record import FloatArray
 from testbench.flight import Start
 
+FARTHEST = 5.0
+"""Prior standard deviations that a start is moved at once."""
 STATES = ("V_m_s", "alpha", "beta", "p", "q", "r", "phi", "theta", "h_m")
 """Of a start, in the order of :class:`testbench.flight.Start`; what else a start has are offsets of commands."""
 
@@ -30,14 +32,16 @@ class FreeStart:
 
     Attributes:
         names: of STATES (deviations from trim), and controls whose commands are off by a constant.
-        origin: (k,) values about which everything is linear, SI; the priors are centred there.
+        centre: (k,) of their priors, SI.
         std: (k,) standard deviations of the priors, SI.
+        origin: (k,) values at which ``columns`` were taken, SI; the start of the believed model.
         columns: (n, outputs, k) change of the readings per ``std`` of each, SI.
     """
 
     names: tuple[str, ...]
-    origin: FloatArray
+    centre: FloatArray
     std: FloatArray
+    origin: FloatArray
     columns: FloatArray
     known: dict[object, Directions] = field(default_factory=dict, repr=False)
 
@@ -50,8 +54,13 @@ class FreeStart:
         return {n: v for n, v in zip(self.names, x.tolist(), strict=True) if n not in STATES}
 
     def shift(self, x: FloatArray) -> FloatArray:
-        """Return what the readings (n, outputs) at the origin lack of those at ``x`` (k,), to first order, SI."""
-        return np.asarray(self.columns @ ((x - self.origin) / self.std))
+        """Return what readings (n, outputs) from ``x`` (k,) have more than from the centre, to first order, SI."""
+        return np.asarray(self.columns @ ((x - self.centre) / self.std))
+
+    def moved(self, x: FloatArray, z: FloatArray) -> FloatArray:
+        """Return the parameters (k,) that lie ``z`` (k,) from the centre, or on the way from ``x``, FARTHEST off."""
+        step = self.centre + self.std * z - x
+        return np.asarray(x + step * min(1.0, FARTHEST / max(float(np.max(np.abs(step / self.std))), 1e-12)))
 
     def directions(self, whitened: Callable[[FloatArray], FloatArray], key: tuple[object, Any]) -> Directions:
         """Return what the start does to residuals that are ``whitened`` (n, outputs), kept by ``key``."""
@@ -81,10 +90,6 @@ class Directions:
         share = 1.0 - 1.0 / np.sqrt(1.0 + self.s**2)
         return np.asarray(flat - self.U @ (share * (self.U.T @ flat))).reshape(r.shape)
 
-    def best(self, r: FloatArray, off: FloatArray | float = 0.0) -> FloatArray:
-        """Return the z (k,) that fits residuals r (n, outputs) at the origin best: (G'G + I)^-1 (G' r - off).
-
-        The prior is centred ``off`` (k,) standard deviations before the origin.
-        """
-        onto = self.s * (self.U.T @ r.ravel()) - self.Vt @ np.broadcast_to(off, self.s.shape)
-        return np.asarray(self.Vt.T @ (onto / (1.0 + self.s**2)))
+    def best(self, r: FloatArray) -> FloatArray:
+        """Return the z (k,) that fits residuals r (n, outputs) from the centre best: (G'G + I)^-1 G' r."""
+        return np.asarray(self.Vt.T @ (self.s / (1.0 + self.s**2) * (self.U.T @ r.ravel())))
