@@ -74,7 +74,7 @@ class Believed:
     is the aircraft that is linearised, without the amendments that shapes stand for. ``whiten`` serves if turbulence
     colours the residuals: it takes a record and residuals (n, outputs) in units of the noise and returns as many, each
     white with variance one; it must be linear. ``gusts`` are those that single records met: every other record is
-    predicted in still air. ``simulator`` "jsbsim" flies nothing in batches. ``starts`` are those of the records that do
+    predicted in still air. ``simulator`` "jsbsim" flies nothing in batches. ``free_starts`` are those of the records that do
     not begin at trim, by their keys (:func:`.windows.begin_freely`).
 
     Raises:
@@ -90,7 +90,7 @@ class Believed:
     whiten: Callable[[FlightRecord, FloatArray], FloatArray] | None = None
     gusts: tuple[MetGust, ...] = ()
     simulator: Simulator = "auto"
-    starts: Mapping[str, FreeStart] = field(default_factory=dict)
+    free_starts: Mapping[str, FreeStart] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.outputs:
@@ -165,7 +165,7 @@ class Believed:
         """
         return self._read(self.flown(record, self.needed))
 
-    def start_of(self, record: FlightRecord) -> FreeStart | None:
+    def free_start_of(self, record: FlightRecord) -> FreeStart | None:
         """Return what the start of a record is made of; None for one that begins at trim.
 
         Raises:
@@ -174,9 +174,9 @@ class Believed:
         if not starts_freely(record):
             return None
         key = key_of_start(record)
-        if key not in self.starts:
+        if key not in self.free_starts:
             raise RecordError("the start of a window must be known before it is flown; call windows.begin_freely")
-        return self.starts[key]
+        return self.free_starts[key]
 
     def begun(self, record: FlightRecord, steps: int = STEPS) -> FloatArray | None:
         """Return the start parameters (k,) that suit this model best on a record; None if it begins at trim.
@@ -187,7 +187,7 @@ class Believed:
             FlightAborted, LimitError: a flight from there does not survive.
             RecordError: as :meth:`predict`.
         """
-        free = self.start_of(record)
+        free = self.free_start_of(record)
         if free is None:
             return None
         points = self._begun.setdefault(key_of_start(record), [free.origin])
@@ -204,7 +204,7 @@ class Believed:
 
     def better_start(self, record: FlightRecord, x: FloatArray) -> FloatArray:
         """Return the start parameters (k,) that a step of Gauss-Newton from ``x`` (k,) leads to."""
-        free = self.start_of(record)
+        free = self.free_start_of(record)
         assert free is not None
         left = record.columns(self.outputs) - self.read_from(record, x) + free.shift(x)
         return free.moved(x, self._directions(record, free).best(self.over_noise(record, left)))
@@ -215,7 +215,7 @@ class Believed:
     def _deviations(self, record: FlightRecord, at: FloatArray | None = None) -> tuple[tuple[str, ...], FloatArray]:
         """Return controls and the deviations (n, m) of their commands from trim, with the offsets of a start ``at``."""
         names, u = commands(record)
-        free = self.start_of(record)
+        free = self.free_start_of(record)
         if free is None:
             return names, u
         offsets = free.offsets(free.origin if at is None else at)
@@ -277,7 +277,7 @@ class Believed:
         """
         gust = self.gust_in(record)
         air = Air(gust=gust) if air is None and gust is not None else air
-        free = self.start_of(record)
+        free = self.free_start_of(record)
         if free is None:
             names, held = _held(record, self.rate_hz)
             return Wanted(self.flyer, names, held, 1.0 / record.dt_s, channels, air)
@@ -319,7 +319,7 @@ class Believed:
 
     def _linear_start(self, record: FlightRecord) -> FloatArray:
         """Return the deviations (states,) from trim that a record that starts freely begins with, at its origin."""
-        free = self.start_of(record)
+        free = self.free_start_of(record)
         assert free is not None
         trimmed, model = made(trims([self.linear_flyer])[0]), self._linear
         there, trim = (Beginning(trimmed, s, trimmed.controls).placed for s in (free.start(free.origin), None))
@@ -404,7 +404,7 @@ class Believed:
         The mean is taken out because sensor biases and trim offsets are unknown; invalid samples are set to zero. What
         an unknown start would change is taken out, too.
         """
-        left, free = record.columns(self.outputs) - self.predict(record), self.start_of(record)
+        left, free = record.columns(self.outputs) - self.predict(record), self.free_start_of(record)
         if free is not None:
             at = self.begun(record)
             assert at is not None
@@ -413,7 +413,7 @@ class Believed:
 
     def lost(self, record: FlightRecord) -> float:
         """Return the degrees of freedom that the unknown start of a record takes; 0 if it begins at trim."""
-        free = self.start_of(record)
+        free = self.free_start_of(record)
         return 0.0 if free is None else self._directions(record, free).lost
 
     def taken(self, record: FlightRecord) -> NDArray[np.bool_]:
@@ -425,7 +425,7 @@ class Believed:
 
         If the start of the record is unknown, what it would change is taken out (:mod:`.free_start`).
         """
-        r, free = self.over_noise(record, difference), self.start_of(record)
+        r, free = self.over_noise(record, difference), self.free_start_of(record)
         return r if free is None else self._directions(record, free).taken_out(r)
 
     def over_noise(self, record: FlightRecord, difference: FloatArray) -> FloatArray:

@@ -208,7 +208,9 @@ def begin_freely(believed: Believed, records: Mapping[str, FlightRecord], along:
         return believed
     plain = replace(along or believed, whiten=None)
     known = along is not None
-    starts = {key_of_start(r): believed.starts[key_of_start(r)] if known else _guess(plain, r) for r in own.values()}
+    starts = {
+        key_of_start(r): believed.free_starts[key_of_start(r)] if known else _guess(plain, r) for r in own.values()
+    }
     # What seems to begin well may leave the limits before it has been fitted: first the beginnings alone.
     for horizon_s in _HORIZONS_S[-1:] if known else _HORIZONS_S:
         moving = {n: r.between(float(r.t_s[0]), float(r.t_s[0]) + horizon_s) for n, r in own.items()}
@@ -220,7 +222,7 @@ def begin_freely(believed: Believed, records: Mapping[str, FlightRecord], along:
             if not moving:
                 break
     starts |= _linearised(plain, own, starts)
-    return replace(believed, starts={**believed.starts, **starts})
+    return replace(believed, free_starts={**believed.free_starts, **starts})
 
 
 def _guess(believed: Believed, record: FlightRecord) -> FreeStart:
@@ -259,7 +261,7 @@ def _linearised(
     Raises:
         FlightAborted, LimitError, TrimError: an origin cannot be flown.
     """
-    with_starts = replace(believed, starts=starts)
+    with_starts = replace(believed, free_starts=starts)
     points = []
     for record in records.values():
         free = starts[key_of_start(record)]
@@ -292,7 +294,7 @@ def _improved(
     starts: Mapping[str, FreeStart],
 ) -> tuple[dict[str, FreeStart], dict[str, float]]:
     """Return starts moved to where they suit better, and by how much chi-square fell in each record."""
-    with_starts = replace(believed, starts=starts)
+    with_starts = replace(believed, free_starts=starts)
     tried, out, fallen = {}, {}, {}
     for name, record in records.items():
         x = starts[key_of_start(record)].origin
@@ -317,7 +319,7 @@ def _improved(
 
 def _misfit(believed: Believed, record: FlightRecord, x: FloatArray) -> float:
     """Return what is minimised over the parameters ``x`` (k,) of a start: chi-square and the price of the prior."""
-    free = believed.start_of(record)
+    free = believed.free_start_of(record)
     assert free is not None
     r = believed.over_noise(record, record.columns(believed.outputs) - believed.read_from(record, x))
     return float(np.sum(r**2) + np.sum(((x - free.centre) / free.std) ** 2))

@@ -204,5 +204,5 @@ def test_what_is_known_of_a_start_follows_its_record(begun):
     believed, (record, *_) = begun
     other = record.with_columns({"q": record["q"] + 0.01})
     assert isinstance(other, FlightRecord)
-    assert believed.start_of(other) is believed.start_of(record)
-    assert replace(believed, starts={}).with_nuisances({"Cm_q": 1.1}).starts == {}
+    assert believed.free_start_of(other) is believed.free_start_of(record)
+    assert replace(believed, free_starts={}).with_nuisances({"Cm_q": 1.1}).free_starts == {}
