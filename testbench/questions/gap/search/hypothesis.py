@@ -261,14 +261,14 @@ def flown_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> 
     wanted: list[Wanted] = []
     for model in models:
         with suppress(*_NOT_FLOWN):
-            wanted += [model.wanted(record, model.needed) for record in records]
+            wanted += [model.wanted_to_read(record) for record in records]
     flights(wanted)
     return [_or_none(_flown, model, records) for model in models]
 
 
 def linear_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
     """Return the linear prediction (samples,) of each model, in units of the noise; None for one without a trim."""
-    linear_models([model.linear_flyer for model in models])
+    linear_models([there.linear_flyer for model in models for there in model.at_each(records)])
     return [_or_none(_linear, model, records) for model in models]
 
 
@@ -284,7 +284,7 @@ def _or_none(
 
 
 def _flown(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:
-    flights([model.wanted(record, model.needed) for record in records])
+    flights([model.wanted_to_read(record) for record in records])
     return np.concatenate([model.residuals(r).ravel() for r in records])
 
 
