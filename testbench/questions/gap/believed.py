@@ -36,6 +36,7 @@ from testbench.questions.gap.flights import (
     trims,
 )
 from testbench.questions.gap.free_start import Directions, FreeStart
+from testbench.questions.gap.starts import Start, start_of
 from testbench.sensors import SensorSuite
 
 # A nuisance is a coefficient of the believed aircraft that is estimated along with every hypothesis ("re-tuned"). Its
@@ -74,8 +75,10 @@ class Believed:
     is the aircraft that is linearised, without the amendments that shapes stand for. ``whiten`` serves if turbulence
     colours the residuals: it takes a record and residuals (n, outputs) in units of the noise and returns as many, each
     white with variance one; it must be linear. ``gusts`` are those that single records met: every other record is
-    predicted in still air. ``simulator`` "jsbsim" flies nothing in batches. ``free_starts`` are those of the records that do
-    not begin at trim, by their keys (:func:`.windows.begin_freely`).
+    predicted in still air. ``simulator`` "jsbsim" flies nothing in batches. Records that say so (:mod:`starts`) were
+    flown from another condition or with another load: whatever is asked of a record is answered by :meth:`at`, whose
+    ``start`` that is. ``free_starts`` are those of the records that do not begin at trim, by their keys
+    (:func:`.windows.begin_freely`).
 
     Raises:
         ScenarioError: the suite has no channel to compare, or one without any noise.
@@ -91,6 +94,7 @@ class Believed:
     gusts: tuple[MetGust, ...] = ()
     simulator: Simulator = "auto"
     free_starts: Mapping[str, FreeStart] = field(default_factory=dict)
+    start: Start | None = None
 
     def __post_init__(self) -> None:
         if not self.outputs:
@@ -109,6 +113,36 @@ class Believed:
     def trimmed(self) -> TrimmedFlight:
         """The believed equilibrium."""
         return made(trims([self.flyer])[0])
+
+    def at(self, record: FlightRecord) -> Believed:
+        """Return the belief in the condition, and with the load, that a record says it was flown from.
+
+        Effects, nuisances and sensors are the same: the load comes on top. Its trim and linear model are made once.
+
+        Raises:
+            RecordError: what the record says is no start.
+            ModelError: the belief is that at another start already.
+        """
+        start = start_of(record)
+        if start is None or start == self.start:
+            return self
+        if self.start is not None:
+            raise ModelError(f"a belief about flights from {self.start} cannot be asked about one from {start}")
+        if start not in self._by_start:
+            aircraft, suite = start.loaded(replace(self.aircraft, rate_hz=self.rate_hz), self.suite)
+            at_rest = None if self.at_rest is None else start.loaded(self.at_rest, self.suite)[0]
+            self._by_start[start] = replace(
+                self, aircraft=aircraft, suite=suite, condition=start.condition, at_rest=at_rest, start=start
+            )
+        return self._by_start[start]
+
+    def at_each(self, records: Sequence[FlightRecord]) -> list[Believed]:
+        """Return :meth:`at` of several records, each condition and load once."""
+        return list({id(there): there for there in map(self.at, records)}.values())
+
+    @cached_property
+    def _by_start(self) -> dict[Start, Believed]:
+        return {}
 
     def with_effect(self, effect: Effect, values: Mapping[str, float]) -> Believed:
         """Return the belief with one effect of the library added, or with all parts of one that is put together."""
@@ -163,7 +197,8 @@ class Believed:
             FlightAborted, LimitError: the believed aircraft does not survive these commands.
             RecordError: the record holds no command, or no quiet flight before the first one.
         """
-        return self._read(self.flown(record, self.needed))
+        there = self.at(record)
+        return there._read(there.flown(record, there.needed))
 
     def free_start_of(self, record: FlightRecord) -> FreeStart | None:
         """Return what the start of a record is made of; None for one that begins at trim.
@@ -226,7 +261,8 @@ class Believed:
 
     def read_from(self, record: FlightRecord, at: FloatArray) -> FloatArray:
         """Return what :meth:`predict` does, of a record that starts freely with parameters ``at`` (k,)."""
-        return self._read(self.flown(record, self.needed, at=at))
+        there = self.at(record)
+        return there._read(there.flown(record, there.needed, at=at))
 
     def check_commands(self, record: FlightRecord) -> None:
         """Refuse a record whose commands, about the trim of the belief, leave the range of a control.
@@ -243,7 +279,8 @@ class Believed:
             return
         names, u = commands(record)
         signal = InputSignal(np.arange(len(u), dtype=np.float64) * record.dt_s, u, names)
-        absolute_commands(self.aircraft, self.trimmed, Manoeuvre("measured commands", signal, 0.0))
+        there = self.at(record)
+        absolute_commands(there.aircraft, there.trimmed, Manoeuvre("measured commands", signal, 0.0))
 
     def flown(
         self,
@@ -261,7 +298,8 @@ class Believed:
             FlightAborted, LimitError, RecordError: as :meth:`predict`.
         """
         found = flights([self.wanted(record, channels, air, at)])[0]
-        return flown_already(self.aircraft, self.trimmed, "measured commands", 1.0 / record.dt_s, found)
+        there = self.at(record)
+        return flown_already(there.aircraft, there.trimmed, "measured commands", 1.0 / record.dt_s, found)
 
     def wanted(
         self,
@@ -277,15 +315,19 @@ class Believed:
         """
         gust = self.gust_in(record)
         air = Air(gust=gust) if air is None and gust is not None else air
-        free = self.free_start_of(record)
+        free, flyer = self.free_start_of(record), self.at(record).flyer
         if free is None:
             names, held = _held(record, self.rate_hz)
-            return Wanted(self.flyer, names, held, 1.0 / record.dt_s, channels, air)
+            return Wanted(flyer, names, held, 1.0 / record.dt_s, channels, air)
         at = self.begun(record) if at is None else at
         assert at is not None
         names, u = self._deviations(record, at)
         held = at_frames(u, record, self.rate_hz)
-        return Wanted(self.flyer, names, held, 1.0 / record.dt_s, channels, air, free.start(at))
+        return Wanted(flyer, names, held, 1.0 / record.dt_s, channels, air, free.start(at))
+
+    def wanted_to_read(self, record: FlightRecord, at: FloatArray | None = None) -> Wanted:
+        """Return what :meth:`predict` flies, likewise."""
+        return self.wanted(record, self.at(record).needed, at=at)
 
     def predict_linear(self, record: FlightRecord) -> FloatArray:
         """Return the same from the aircraft linearised at trim: faster, and right for small deviations.
@@ -296,6 +338,14 @@ class Believed:
 
     def predict_linear_all(self, records: Sequence[FlightRecord]) -> list[FloatArray]:
         """Return :meth:`predict_linear` of several records at once."""
+        out: dict[int, FloatArray] = {}
+        for there in self.at_each(records):
+            own = [i for i, record in enumerate(records) if self.at(record) is there]
+            out |= dict(zip(own, there._predict_linear([records[i] for i in own]), strict=True))
+        return [out[i] for i in range(len(records))]
+
+    def _predict_linear(self, records: Sequence[FlightRecord]) -> list[FloatArray]:
+        """Return the same of records that were all flown from here."""
         model, trimmed = self._linear, made(trims([self.linear_flyer])[0])
         at_trim = np.array([trimmed.state[c] for c in self.needed])
         rows = [model.outputs.index(c) for c in self.needed]

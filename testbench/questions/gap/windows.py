@@ -139,7 +139,7 @@ def restless(record: FlightRecord) -> str:
 
 def longest(believed: Believed, record: FlightRecord) -> tuple[float, str]:
     """Return how long a window may be, s, and why."""
-    growing = float(max(0.0, *believed.linear.poles().real))
+    growing = float(max(0.0, *believed.at(record).linear.poles().real))
     if growing * LONGEST_S <= math.log(GROWTH):
         return LONGEST_S, "nothing grows much faster"
     length = max(math.log(GROWTH) / growing, SHORTEST_S)
@@ -227,6 +227,7 @@ def begin_freely(believed: Believed, records: Mapping[str, FlightRecord], along:
 
 def _guess(believed: Believed, record: FlightRecord) -> FreeStart:
     """Return the start that the first readings of a record tell, without columns."""
+    believed = believed.at(record)
     lateral = bool(_LATERAL & set(believed.outputs))
     states = [n for n in STATES if (lateral or n not in _OF_LATERAL) and (n != "h_m" or "h" in record)]
     controls = [c for c in believed.aircraft.controls if c in _OFFSETS and (lateral or c not in _OF_LATERAL)]
@@ -267,7 +268,7 @@ def _linearised(
         free = starts[key_of_start(record)]
         steps = _STEP * np.diag(free.std)
         points += [(record, x) for x in (free.origin, *(free.origin + s for s in steps))]
-    flights([with_starts.wanted(r, with_starts.needed, at=x) for r, x in points])
+    flights([with_starts.wanted_to_read(r, x) for r, x in points])
     out = {}
     for name, record in records.items():
         key = key_of_start(record)
@@ -300,7 +301,7 @@ def _improved(
         x = starts[key_of_start(record)].origin
         step = with_starts.better_start(record, x) - x
         tried[name] = [x + share * step for share in _SHARES]
-    flights([with_starts.wanted(records[n], with_starts.needed, at=x) for n, xs in tried.items() for x in xs])
+    flights([with_starts.wanted_to_read(records[n], x) for n, xs in tried.items() for x in xs])
     for name, record in records.items():
         free = starts[key_of_start(record)]
         before = _misfit(with_starts, record, free.origin)

@@ -185,7 +185,7 @@ def find_gap(
 
 def _tally(models: Sequence[Believed], records: Sequence[FlightRecord]) -> Tally:
     """Count by what models are flown through records; flights that are kept are not flown again."""
-    found = flights([model.wanted(record, model.needed) for model in models for record in records])
+    found = flights([model.wanted_to_read(record) for model in models for record in records])
     return Tally.of(x for x in found if isinstance(x, FlightRecord))
 
 

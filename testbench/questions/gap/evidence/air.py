@@ -167,8 +167,17 @@ def misfit(model: Believed, records: Sequence[FlightRecord], air: AirFound) -> f
 
 
 def _misfit(believed: Believed, residuals: Sequence[tuple[FlightRecord, FloatArray]], air: AirFound) -> float:
-    model = GustModel.at_trim(believed, air.height_m, residuals[0][0].dt_s)
-    return _cost(believed, model, residuals, air.rms_m_s)
+    return _cost(believed, _models(believed, air.height_m, residuals), residuals, air.rms_m_s)
+
+
+def _models(
+    believed: Believed, height_m: float, residuals: Sequence[tuple[FlightRecord, FloatArray]]
+) -> list[GustModel]:
+    """Return the believed aircraft in turbulence about the trim of each record; one trim gives one model."""
+    there = [believed.at(record) for record, _ in residuals]
+    dt_s = residuals[0][0].dt_s
+    found = {id(b): GustModel.at_trim(b, height_m, dt_s) for b in {id(b): b for b in there}.values()}
+    return [found[id(b)] for b in there]
 
 
 def _refuted(believed: Believed, records: Sequence[FlightRecord], air: AirFound, other: AirFound) -> bool:
@@ -210,10 +219,10 @@ def _likeliest(
     believed: Believed, residuals: Sequence[tuple[FlightRecord, FloatArray]], height_m: float
 ) -> tuple[float, float]:
     """Return the rms that is likeliest at one height, and twice the log-likelihood that it gains over none."""
-    model = GustModel.at_trim(believed, height_m, residuals[0][0].dt_s)
+    models = _models(believed, height_m, residuals)
 
     def cost(log_rms: float) -> float:
-        return _cost(believed, model, residuals, float(np.exp(log_rms)))
+        return _cost(believed, models, residuals, float(np.exp(log_rms)))
 
     low, high = np.log(_RMS_M_S)
     grid = np.linspace(low, high, 9)
@@ -221,21 +230,30 @@ def _likeliest(
     k = int(np.argmin(costs))
     bounds = (grid[max(k - 1, 0)], grid[min(k + 1, grid.size - 1)])
     found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 0.02})
-    return float(np.exp(found.x)), max(_cost(believed, model, residuals, 0.0) - float(found.fun), 0.0)
+    return float(np.exp(found.x)), max(_cost(believed, models, residuals, 0.0) - float(found.fun), 0.0)
 
 
 def _cost(
-    believed: Believed, model: GustModel, residuals: Sequence[tuple[FlightRecord, FloatArray]], rms_m_s: float
+    believed: Believed,
+    models: Sequence[GustModel],
+    residuals: Sequence[tuple[FlightRecord, FloatArray]],
+    rms_m_s: float,
 ) -> float:
-    """Return minus twice the log-likelihood of residuals in units of the noise at an rms, but for a constant."""
-    filters: dict[bytes, GustFilter] = {}
+    """Return minus twice the log-likelihood of residuals in units of the noise at an rms, but for a constant.
+
+    Each record's residuals have the model of its condition.
+    """
+    filters: dict[tuple[int, bytes], GustFilter] = {}
     taken = [believed.taken(record) for record, _ in residuals]
-    for one in sorted(taken, key=len, reverse=True):  # of shorter records it is the beginning of that of a longer one
-        key, longer = one.tobytes(), next((f for k, f in filters.items() if k.startswith(one.tobytes())), None)
-        if key not in filters:
-            filters[key] = GustFilter.of(model, rms_m_s, one) if longer is None else longer.first(len(one))
+    both = zip(models, taken, strict=True)
+    for model, one in sorted(both, key=lambda p: len(p[1]), reverse=True):
+        # the filter of a shorter record is the beginning of that of a longer one from the same condition
+        of, key = id(model), one.tobytes()
+        longer = next((f for (m, k), f in filters.items() if m == of and k.startswith(key)), None)
+        if (of, key) not in filters:
+            filters[of, key] = GustFilter.of(model, rms_m_s, one) if longer is None else longer.first(len(one))
     total = 0.0
-    for one, (_, r) in zip(taken, residuals, strict=True):
-        found = filters[one.tobytes()]
+    for model, one, (_, r) in zip(models, taken, residuals, strict=True):
+        found = filters[id(model), one.tobytes()]
         total += float(np.sum(found.whiten(r) ** 2)) + found.log_det
     return total

@@ -90,7 +90,7 @@ def check_data(
     """
     try:
         result = _estimated(believed, records)
-        plain = all(_is_plain(s, believed.trimmed.state) for s in believed.suite.sensors)
+        plain = all(_is_plain(s, b.trimmed.state) for b in believed.at_each(records) for s in b.suite.sensors)
         shown = {} if plain else _shown(believed, records if flown is None else flown)
     except (ChannelError, EstimationError) as error:
         return DataCheck(None, str(error), ())
@@ -153,7 +153,9 @@ def _shown(believed: Believed, records: Sequence[FlightRecord]) -> dict[str, flo
 
     def found(k: int) -> DataCompatibility:
         seeds = range(k * len(flown), (k + 1) * len(flown))
-        return _estimated(believed, [believed.suite.measure(f, s) for f, s in zip(flown, seeds, strict=True)])
+        suites = [believed.at(record).suite for record in records]
+        measured = [suite.measure(f, s) for suite, f, s in zip(suites, flown, seeds, strict=True)]
+        return _estimated(believed, measured)
 
     for result in spread([partial(found, k) for k in range(_FLIGHTS)]):
         for error in {e.name: e for e in (*result.tested, *result.errors)}.values():

@@ -59,6 +59,7 @@ def equation_errors(believed: Believed, name: str, record: FlightRecord) -> Equa
     """
     if not {"V", "alpha", "q", "theta"} <= set(record.channels) or starts_freely(record):
         return None
+    believed = believed.at(record)
     shared = [n for n in ("V", "alpha", "q", "theta", *_FORCES) if n in record]
     flown = believed.flown(record).columns(shared)
     read = dict(zip(believed.outputs, believed.predict(record).T, strict=True))

@@ -24,6 +24,7 @@ from scipy.stats import chi2
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.air import Gust
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects.base import Effect, MetGust
 from testbench.questions.gap.effects.gust import LARGEST_M_S, Axis, placed
@@ -93,12 +94,13 @@ class GustSearch:
         places = tuple((axis, d) for axis in axes for d in DURATIONS_S)
         T = np.split(point.tangents, np.cumsum([len(r) * p for r in records])[:-1])
         A = cho_factor(point.tangents.T @ point.tangents + np.diag(point.prior_std**-2.0))
-        responses = _responses(point, max(records, key=len), places)
+        longest = {id(there): max(own, key=len) for there, own in _by_start(point)}
+        of_start = {key: _responses(point, record, places) for key, record in longest.items()}
         filters, information, sizes = [], [], []
         for record, tangents in zip(records, T, strict=True):
             n = len(record)
             size = next_fast_len(2 * n, real=True)
-            R = responses[:, :n]
+            R = of_start[id(point.model.at(record))][:, :n]
             valid = record.valid[:, [record.channels.index(c) for c in point.believed.outputs]].astype(float)
             F = np.conj(rfft(R, size, axis=1))
             V = rfft(valid, size, axis=0)
@@ -139,6 +141,12 @@ class GustSearch:
                 start, size = float(s) * record.dt_s, float(amplitude[m, s])
                 out = FoundGust(k, axis, start, duration, size, float(gain[m, s]), self.looks)
         return out
+
+
+def _by_start(point: Hypothesis) -> list[tuple[Believed, list[FlightRecord]]]:
+    """Return each condition that the records of a point were flown from, and those flown from there."""
+    model = point.model
+    return [(b, [r for r in point.records if model.at(r) is b]) for b in model.at_each(point.records)]
 
 
 def _responses(point: Hypothesis, record: FlightRecord, places: Sequence[tuple[Axis, float]]) -> FloatArray:

@@ -261,7 +261,8 @@ class Signature:
 def flown_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
     """Return the residuals (samples,) of each model as flown, all together; None for one that cannot fly."""
     out: list[FloatArray | None] = []
-    some = max(1, AT_ONCE // ((1 + STEPS) * len(records)))
+    each = 1 + (STEPS if any(starts_freely(r) for r in records) else 0)
+    some = max(1, AT_ONCE // (each * len(records)))
     for k in range(0, len(models), some):
         fly_together(models[k : k + some], records)
         out += [_or_none(_flown, model, records) for model in models[k : k + some]]
@@ -270,7 +271,7 @@ def flown_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> 
 
 def linear_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
     """Return the linear prediction (samples,) of each model, in units of the noise; None for one without a trim."""
-    linear_models([model.linear_flyer for model in models])
+    linear_models([there.linear_flyer for model in models for there in model.at_each(records)])
     return [_or_none(_linear, model, records) for model in models]
 
 
@@ -302,7 +303,7 @@ def _wanted_of(models: Sequence[Believed], records: Sequence[FlightRecord], step
     for model in models:
         for record in records:
             with suppress(*_NOT_FLOWN):
-                wanted.append(model.wanted(record, model.needed, at=model.begun(record, steps)))
+                wanted.append(model.wanted_to_read(record, model.begun(record, steps)))
     return wanted
 
 
