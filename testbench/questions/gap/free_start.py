@@ -16,10 +16,13 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from testbench.core.record import FloatArray
 from testbench.flight import Start
 
+MOST = 4.0
+"""Prior standard deviations that a start parameter may lie from the centre."""
 FARTHEST = 5.0
 """Prior standard deviations that a start is moved at once."""
 STATES = ("V_m_s", "alpha", "beta", "p", "q", "r", "phi", "theta", "h_m")
@@ -91,5 +94,13 @@ class Directions:
         return np.asarray(flat - self.U @ (share * (self.U.T @ flat))).reshape(r.shape)
 
     def best(self, r: FloatArray) -> FloatArray:
-        """Return the z (k,) that fits residuals r (n, outputs) from the centre best: (G'G + I)^-1 G' r."""
-        return np.asarray(self.Vt.T @ (self.s / (1.0 + self.s**2) * (self.U.T @ r.ravel())))
+        """Return the z (k,) that fits residuals r (n, outputs) from the centre best: (G'G + I)^-1 G' r.
+
+        No entry is larger than MOST: a model that fits badly is not to be flown from where nobody believes it began.
+        """
+        onto = self.U.T @ r.ravel()
+        z = self.Vt.T @ (self.s / (1.0 + self.s**2) * onto)
+        if np.max(np.abs(z), initial=0.0) > MOST:
+            A = np.vstack([self.s[:, None] * self.Vt, np.eye(self.s.size)])
+            z = lsq_linear(A, np.concatenate([onto, np.zeros(self.s.size)]), (-MOST, MOST), method="bvls").x
+        return np.asarray(z)

@@ -278,23 +278,19 @@ def _conditions(
     groups = _alike(quiet)
     means = [_mean([quiet[n] for n in names]) for names in groups]
     most = max(range(len(groups)), key=lambda i: len(groups[i]))
-    out = dict(records)
+    out, tells = dict(records), "quiet flight before the first commands"
+    if any(restless(records[n]) for n in open_):
+        tells += ", or where there is none their mean,"
     for i, names in enumerate(groups):
         out |= {n: marked(records[n], Start(means[i])) for n in names if i != most}
     if len(groups) > 1:
         each = "; ".join(
             f"{c.V_m_s:.4g} m/s and {c.h_m:.4g} m in {', '.join(g)}" for c, g in zip(means, groups, strict=True)
         )
-        notes.append(
-            f"the records start from {len(groups)} conditions, which their quiet flight before the first commands "
-            f"tells: {each}"
-        )
+        notes.append(f"the records start from {len(groups)} conditions, which their {tells} tells: {each}")
     elif V_m_s is None:
         at = means[0]
-        notes.append(
-            f"the condition, {at.V_m_s:.4g} m/s and {at.h_m:.4g} m, is that of the quiet flight before the first "
-            "commands"
-        )
+        notes.append(f"the condition, {at.V_m_s:.4g} m/s and {at.h_m:.4g} m, is that of the {tells.rstrip(',')}")
     return means[most], out
 
 

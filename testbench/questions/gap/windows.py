@@ -48,8 +48,8 @@ _FROM_TRIM = {  # prior standard deviations: of a state that is measured, by wha
     "p": (1.0 * DEG_RAD, 10.0 * DEG_RAD),
     "q": (1.0 * DEG_RAD, 10.0 * DEG_RAD),
     "r": (1.0 * DEG_RAD, 10.0 * DEG_RAD),
-    "phi": (2.0 * DEG_RAD, 20.0 * DEG_RAD),
-    "theta": (2.0 * DEG_RAD, 10.0 * DEG_RAD),
+    "phi": (2.0 * DEG_RAD, 15.0 * DEG_RAD),
+    "theta": (2.0 * DEG_RAD, 5.0 * DEG_RAD),
     "h_m": (10.0, 10.0),
 }
 _OFFSETS = {"de": 3.0 * DEG_RAD, "da": 3.0 * DEG_RAD, "dr": 3.0 * DEG_RAD, "thr": 0.2}
