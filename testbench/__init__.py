@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from testbench.estimators.causes import with_causes
     from testbench.estimators.parametric.structures.written import structure_from_equations
     from testbench.evaluation import evaluate
-    from testbench.flight import FlightCondition, Manoeuvre, fly, linearise, load_aircraft, trim
+    from testbench.flight import FlightCondition, Manoeuvre, Start, fly, linearise, load_aircraft, trim
     from testbench.flight.batch.fly import fly_many, fly_stream
     from testbench.flight.batch.jobs import Job
     from testbench.flight.batch.trim import trim_many
@@ -76,6 +76,7 @@ _HOME = {
     "FlightCondition": "testbench.flight",
     "FlightRecord": "testbench.core.record",
     "Manoeuvre": "testbench.flight",
+    "Start": "testbench.flight",
     "amend": "testbench.questions.identify.amend.ask",
     "compare": "testbench.questions.compare.ask",
     "compare_results": "testbench.questions.results.ask",
@@ -126,6 +127,7 @@ __all__ = [
     "LogCoefficients",
     "Manoeuvre",
     "Prior",
+    "Start",
     "amend",
     "compare",
     "compare_results",

@@ -68,10 +68,16 @@ class Trajectories:
         return _times(self._V, x).transpose(2, 0, 1)
 
 
-def driven(A: FloatArray, B: FloatArray, inputs: Sequence[FloatArray], dt_s: float) -> list[FloatArray]:
-    """Return the states (n, k) of xdot = A x + B u from rest, one array for each input (n, m), held between samples.
+def driven(
+    A: FloatArray,
+    B: FloatArray,
+    inputs: Sequence[FloatArray],
+    dt_s: float,
+    starts: Sequence[FloatArray] | None = None,
+) -> list[FloatArray]:
+    """Return the states (n, k) of xdot = A x + B u, one array for each input (n, m), held between samples.
 
-    All run side by side; a shorter one is at rest once it ends.
+    All run side by side, from rest or from ``starts`` (k,); a shorter one is at rest once it ends.
     """
     k, m = B.shape
     block = np.zeros((k + m, k + m))
@@ -81,7 +87,11 @@ def driven(A: FloatArray, B: FloatArray, inputs: Sequence[FloatArray], dt_s: flo
     f = np.zeros((longest, k, len(inputs)))
     for i, u in enumerate(inputs):
         f[: len(u) - 1, :, i] = u[:-1] @ step[:k, k:].T
-    x = Trajectories(step[:k, :k], longest).forced(f)
+    if starts is not None:  # the first step leads to them
+        f = np.concatenate([np.stack(starts, axis=1)[None], f])
+        x = Trajectories(step[:k, :k], longest + 1).forced(f)[1:]
+    else:
+        x = Trajectories(step[:k, :k], longest).forced(f)
     return [x[: len(u), :, i] for i, u in enumerate(inputs)]
 
 

@@ -1,6 +1,6 @@
 """The only room that knows JSBSim: trim, simulate, linearise."""
 
-from testbench.flight.condition import FlightCondition, TrimmedFlight
+from testbench.flight.condition import FlightCondition, Start, TrimmedFlight
 from testbench.flight.linear_model import LinearModel
 from testbench.flight.linearise import linearise, linearise_along
 from testbench.flight.load import load_aircraft
@@ -11,6 +11,7 @@ __all__ = [
     "FlightCondition",
     "LinearModel",
     "Manoeuvre",
+    "Start",
     "TrimmedFlight",
     "fly",
     "linearise",

@@ -32,6 +32,35 @@ class FlightCondition:
         return f"{self.V_m_s:g} m/s, {self.h_m:g} m"
 
 
+@dataclass(frozen=True)
+class Start:
+    """How far from its trim a flight begins, SI; a flight that is given one begins with its first commands.
+
+    Servos and engines begin where these commands hold them at that airspeed, elastic modes at their static deflection.
+
+    Attributes:
+        V_m_s, h_m: airspeed and height beyond those of the trim.
+        alpha, beta: flow angles beyond those of the trim, rad.
+        p, q, r: rates beyond those that keep the attitude to the horizon, rad/s.
+        phi, theta: attitude beyond that of the trim, rad; the heading is north.
+
+    Example:
+        >>> import testbench as tb
+        >>> tb.Start(V_m_s=-1.0, phi=0.5).beta
+        0.0
+    """
+
+    V_m_s: float = 0.0
+    alpha: float = 0.0
+    beta: float = 0.0
+    p: float = 0.0
+    q: float = 0.0
+    r: float = 0.0
+    phi: float = 0.0
+    theta: float = 0.0
+    h_m: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class TrimmedFlight:
     """An equilibrium: attitude and controls that hold the condition.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from typing import Any
 
@@ -18,10 +18,11 @@ from testbench.core.errors import ChannelError, LimitError, nearest
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.core.sizes import NUMBER, require_room
 from testbench.flight.air import Air
-from testbench.flight.condition import TrimmedFlight
+from testbench.flight.condition import Start, TrimmedFlight
 from testbench.flight.executive import Executive
 from testbench.flight.recorder import Recorder
-from testbench.flight.trim import place_at_trim, steady_wind
+from testbench.flight.start import Beginning
+from testbench.flight.trim import steady_wind
 from testbench.inputs.signal import InputSignal
 
 _JSBSIM = version("jsbsim")  # asked once: the answer takes as long as a flight of some seconds
@@ -104,6 +105,14 @@ def commands(aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre) -
     return u
 
 
+def beginning_of(trimmed: TrimmedFlight, manoeuvre: Manoeuvre, start: Start | None) -> Beginning:
+    """Return where a manoeuvre begins: at the trim, or off it with the controls where they are commanded first."""
+    if start is None or manoeuvre.settle_s > 0.0:
+        return Beginning(trimmed, start, trimmed.controls)
+    moved = zip(manoeuvre.signal.channels, manoeuvre.signal.u[0].tolist(), strict=True)
+    return Beginning(trimmed, start, {**trimmed.controls, **{n: trimmed.controls[n] + x for n, x in moved}})
+
+
 def fly(
     aircraft: Aircraft,
     trimmed: TrimmedFlight,
@@ -111,6 +120,7 @@ def fly(
     log_rate_hz: float,
     channels: Sequence[str] | None = None,
     air: Air | None = None,
+    start: Start | None = None,
 ) -> FlightRecord:
     """Fly ``manoeuvre`` from ``trimmed`` and return the truth, logged every 1/``log_rate_hz`` s from t = 0.
 
@@ -125,9 +135,10 @@ def fly(
         channels: what is logged; every channel of the simulator and of the wing stations if not given.
         air: turbulence and gust; its steady wind must be the one that was trimmed in. If not given, the air keeps the
             steady wind of the trim, which is none unless ``trim`` was given one.
+        start: how far from the trim the flight begins; its controls then begin where they are commanded first.
 
     Raises:
-        LimitError: a rate, a command or the air breaks its law.
+        LimitError: a rate, a command, the air or the start breaks its law.
         FlightAborted: the flight left the aircraft's limits or ceased to be finite; the error carries the record.
 
     Example:
@@ -142,12 +153,13 @@ def fly(
     """
     step, u, wind = checked(aircraft, trimmed, manoeuvre, log_rate_hz, air)
     fdm = Executive(aircraft, trimmed.rate_hz, trimmed.condition)
-    place_at_trim(fdm, trimmed)
+    beginning = beginning_of(trimmed, manoeuvre, start)
+    beginning.put(fdm)
 
     names, wanted = logged_of(aircraft, fdm.channels, channels)
-    at_trim = np.array([trimmed.controls[n] for n in manoeuvre.signal.channels])
-    data, reason = _run(fdm, manoeuvre.signal.channels, at_trim, u, step, names, wind)
-    provenance = provenance_of(aircraft, trimmed, manoeuvre, air)
+    first = np.array([beginning.controls[n] for n in manoeuvre.signal.channels])
+    data, reason = _run(fdm, manoeuvre.signal.channels, first, u, step, names, wind)
+    provenance = provenance_of(aircraft, trimmed, manoeuvre, air, start)
     record = truth_of(aircraft, data, names, wanted, log_rate_hz, provenance, reason)
     if reason:
         raise aborted(record, aircraft.name, manoeuvre.name, log_rate_hz)
@@ -268,7 +280,7 @@ def _triple(values: Sequence[float]) -> str:
 def _run(
     fdm: Executive,
     controls: Sequence[str],
-    at_trim: FloatArray,
+    first: FloatArray,
     u: FloatArray,
     step: int,
     names: Sequence[str],
@@ -276,7 +288,8 @@ def _run(
 ) -> tuple[FloatArray, str]:
     """Run JSBSim with the commands ``u`` (frames + 1, controls), and log the channels ``names`` every ``step`` frames.
 
-    ``wind`` is the velocity of the air (frames + 1, 3) north, east, down, m/s, or None if it does not change.
+    ``first`` (controls,) is where the commands are before; ``wind`` is the velocity of the air (frames + 1, 3) north,
+    east, down, m/s, or None if it does not change.
 
     Returns:
         The rows logged, SI, and why the flight ended before its time, or "". The row outside the limits is left out:
@@ -288,7 +301,7 @@ def _run(
     log.take(taken, 0)
     scale = np.array([fdm.aircraft.controls[n].scale for n in controls])
     columns = [column.tolist() for column in (u / scale).T]
-    changed = np.any(np.diff(np.vstack([at_trim, at_trim, u[1:]]), axis=0) != 0.0, axis=1).tolist()
+    changed = np.any(np.diff(np.vstack([first, first, u[1:]]), axis=0) != 0.0, axis=1).tolist()
     writers = [fdm.command_nodes[n].set_double_value for n in controls]
     if wind is not None:  # written like the commands: nothing is added to the loop of a flight in steady air
         columns += [column.tolist() for column in (wind / FT_M).T]
@@ -308,7 +321,11 @@ def _run(
 
 
 def provenance_of(
-    aircraft: Aircraft, trimmed: TrimmedFlight, manoeuvre: Manoeuvre, air: Air | None = None
+    aircraft: Aircraft,
+    trimmed: TrimmedFlight,
+    manoeuvre: Manoeuvre,
+    air: Air | None = None,
+    start: Start | None = None,
 ) -> dict[str, Any]:
     """Return what the record of a flight says of where it comes from."""
     c = trimmed.condition
@@ -323,4 +340,6 @@ def provenance_of(
         "simulation_rate_hz": trimmed.rate_hz,
         "jsbsim": _JSBSIM,
     }
+    if start is not None:
+        out["start"] = {n: x for n, x in asdict(start).items() if x}
     return out if air is None else out | {"air": air.as_provenance()}

@@ -25,6 +25,7 @@ from testbench.flight.batch.model import BatchModel
 from testbench.flight.batch.program import Op, Program
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.simulate import stride
+from testbench.flight.start import Beginning
 
 MOTION = ("h", "phi", "theta", "V", "alpha", "beta", "p", "q", "r", "udot", "vdot", "wdot")
 """What a motion consists of, SI; udot, vdot, wdot are the rates of change of the velocity in body axes."""
@@ -139,7 +140,7 @@ def _block(lanes: Sequence[Lane], models: Sequence[BatchModel], channels: Sequen
     model, given = models[0], lanes[0].given
     step, program = stride(model.rate_hz, given.rate_hz), _held(model.program)
     R = np.zeros((program.size, LANES))
-    R[: model.program.size] = placed(models, [lane.trimmed for lane in lanes])
+    R[: model.program.size] = placed(models, [Beginning.at(lane.trimmed) for lane in lanes])
     R[r.DT] = 1.0 / model.rate_hz
     first, controls = model.program.size, tuple(given.commands)
     targets = [*range(first, first + _GIVEN), r.U_DOT, r.U_DOT + 1, r.U_DOT + 2, *(model.commands[n] for n in controls)]

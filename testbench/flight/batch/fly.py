@@ -22,12 +22,13 @@ from testbench.flight.batch.check import difference, distrust, judged
 from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.interpret import run
 from testbench.flight.batch.jobs import BATCH, BOTH, JSBSIM, Job, Simulator, Tally
-from testbench.flight.batch.model import TOP_FT, BatchModel, filled, put, read, registers, states_at_trim
-from testbench.flight.condition import TrimmedFlight
+from testbench.flight.batch.model import TOP_FT, BatchModel, filled, put, read, registers, states_at
+from testbench.flight.condition import Start, TrimmedFlight
 from testbench.flight.executive import body_from_earth
 from testbench.flight.recorder import limit_broken
-from testbench.flight.simulate import Manoeuvre, checked, fly, logged_of, provenance_of, truth_of
-from testbench.flight.trim import horizon_rates, steady_wind, velocity_at
+from testbench.flight.simulate import Manoeuvre, checked, logged_of, provenance_of, truth_of
+from testbench.flight.start import Beginning
+from testbench.flight.trim import steady_wind
 
 FEWEST = 8
 """Flights from which a batch is worth the judgement of a model that has not been judged: 50 ms, where one flight of
@@ -46,6 +47,7 @@ def fly_many(
     log_rate_hz: float,
     channels: Sequence[str] | None = None,
     air: Air | Sequence[Air | None] | None = None,
+    start: Start | Sequence[Start | None] | None = None,
     simulator: Simulator = "auto",
 ) -> list[FlightRecord]:
     """Fly many flights and return their truths, each as :func:`testbench.flight.fly` would.
@@ -60,6 +62,7 @@ def fly_many(
         log_rate_hz: of all.
         channels: what is logged; all if not given.
         air: of each.
+        start: of each, how far from its trim it begins.
         simulator: "jsbsim" flies one by one; "batch" refuses what is not translated; "auto" takes the batch where the
             model has been found equal to JSBSim.
 
@@ -79,14 +82,14 @@ def fly_many(
         >>> [record.outcome for record in tb.fly_many(taurus, trimmed, pulses, log_rate_hz=60.0)]
         ['completed', 'completed']
     """
-    many = [x for x in (aircraft, trimmed, manoeuvre, air) if isinstance(x, Sequence)]
+    many = [x for x in (aircraft, trimmed, manoeuvre, air, start) if isinstance(x, Sequence)]
     counts = {len(x) for x in many}
     if len(counts) > 1:
         raise LimitError(f"what is given for each flight must have one length, got {sorted(counts)}")
     n = counts.pop() if counts else 1
     wanted = None if channels is None else tuple(channels)
-    parts = zip(_each(aircraft, n), _each(trimmed, n), _each(manoeuvre, n), _each(air, n), strict=True)
-    jobs = [Job(a, t, m, log_rate_hz, wanted, blowing) for a, t, m, blowing in parts]
+    of = zip(_each(aircraft, n), _each(trimmed, n), _each(manoeuvre, n), _each(air, n), _each(start, n), strict=True)
+    jobs = [Job(a, t, m, log_rate_hz, wanted, blowing, begun) for a, t, m, blowing, begun in of]
     out = []
     for record in fly_jobs(jobs, simulator):
         if isinstance(record, TestbenchError):
@@ -200,7 +203,7 @@ def _by_batch(record: FlightRecord | TestbenchError | None) -> bool:
 def _by_jsbsim(job: Job, flown: Tally, reason: str) -> FlightRecord | TestbenchError:
     flown.by_jsbsim(reason)
     try:
-        record = fly(*job.asked)
+        record = job.flown_by_jsbsim()
     except FlightAborted as error:
         if error.record is None:
             return error
@@ -240,6 +243,7 @@ class _Ready:
             LimitError: a rate, a command or the air breaks its law.
             ChannelError: it has no such channel.
         """
+        _ = job.beginning.placed
         step, u, wind = checked(job.aircraft, job.trimmed, job.manoeuvre, job.log_rate_hz, job.air)
         logged, wanted = logged_of(job.aircraft, model.channels, job.channels)
         return cls(job, model, u, wind, logged, wanted, step)
@@ -257,7 +261,7 @@ def fly_block(jobs: Sequence[Job], models: Sequence[BatchModel], flown: Tally) -
 
 def _fly_block(lanes: Sequence[_Ready], flown: Tally) -> list[FlightRecord | TestbenchError]:
     model, step, names = lanes[0].model, lanes[0].step, lanes[0].logged
-    R = placed([x.model for x in lanes], [x.job.trimmed for x in lanes])
+    R = placed([x.model for x in lanes], [x.job.beginning for x in lanes])
     controls = tuple(dict.fromkeys(n for x in lanes for n in x.job.manoeuvre.signal.channels))
     blowing = any(x.wind is not None for x in lanes)
     rows = max((x.u.shape[0] - 1) // step for x in lanes)
@@ -294,39 +298,36 @@ def _fly_block(lanes: Sequence[_Ready], flown: Tally) -> list[FlightRecord | Tes
     return out
 
 
-def placed(models: Sequence[BatchModel], trims: Sequence[TrimmedFlight]) -> FloatArray:
-    """Return the registers (registers, LANES) of flights of one program at their trims."""
+def placed(models: Sequence[BatchModel], beginnings: Sequence[Beginning]) -> FloatArray:
+    """Return the registers (registers, LANES) of flights of one program where they begin."""
     R = registers(models)
-    columns = [_trim_column(x) for x in trims]
+    columns = [_column(x) for x in beginnings]
     h, theta, phi = (np.array([c[k] for c in columns]) for k in range(3))
     uvw, pqr, wind = (np.stack([c[k] for c in columns], axis=1) for k in range(3, 6))
     R[r.GUST : r.GUST + 3] = filled(wind) / FT_M
-    controls = {n for x in trims for n in x.controls}
-    at = {n: np.array([x.controls[n] for x in trims]) for n in controls}
-    put(models[0], R, h, theta, phi, uvw, pqr, at, models[0].iterations, _engines(models, trims))
+    controls = {n for x in beginnings for n in x.controls}
+    at = {n: np.array([x.controls[n] for x in beginnings]) for n in controls}
+    put(models[0], R, h, theta, phi, uvw, pqr, at, models[0].iterations, _engines(models, beginnings))
     return R
 
 
-def _engines(models: Sequence[BatchModel], trims: Sequence[TrimmedFlight]) -> list[dict[str, float]]:
-    """Return what the engines of flights hold at their trims; nothing if they have no states of their own."""
+def _engines(models: Sequence[BatchModel], beginnings: Sequence[Beginning]) -> list[dict[str, float]]:
+    """Return what the engines of flights hold where they begin; nothing if they have no states of their own."""
     if not models[0].settles:
         return []
-    known: dict[tuple[int, int], dict[str, float]] = {}
-    for model, trimmed in zip(models, trims, strict=True):
-        key = id(model), id(trimmed)
+    known: dict[object, dict[str, float]] = {}
+    keys = [(id(m), x.key) for m, x in zip(models, beginnings, strict=True)]
+    for key, model, beginning in zip(keys, models, beginnings, strict=True):
         if key not in known:
-            known[key] = states_at_trim(model, trimmed)
-    return [known[id(m), id(t)] for m, t in zip(models, trims, strict=True)]
+            known[key] = states_at(model, beginning)
+    return [known[key] for key in keys]
 
 
-def _trim_column(trimmed: TrimmedFlight) -> tuple[float, float, float, FloatArray, FloatArray, FloatArray]:
-    """Return height, pitch, bank, velocity over the ground and rates in body axes, and the wind, of a trim."""
-    c, wind = trimmed.condition, np.array(steady_wind(trimmed))
-    uvw = velocity_at(c.V_m_s, trimmed.alpha, trimmed.beta)
-    pqr = horizon_rates(c.h_m, trimmed.theta, trimmed.phi, uvw, wind)
-    if wind.any():
-        uvw = uvw + body_from_earth(trimmed.theta, trimmed.phi) @ wind
-    return c.h_m, trimmed.theta, trimmed.phi, uvw, pqr, wind
+def _column(beginning: Beginning) -> tuple[float, float, float, FloatArray, FloatArray, FloatArray]:
+    """Return height, pitch, bank, velocity over the ground and rates in body axes, and the wind, of a beginning."""
+    at, wind = beginning.placed, np.array(steady_wind(beginning.trimmed))
+    uvw = at.uvw_m_s + body_from_earth(at.theta, at.phi) @ wind if wind.any() else at.uvw_m_s
+    return at.h_m, at.theta, at.phi, uvw, at.pqr, wind
 
 
 def _inputs(lanes: Sequence[_Ready], controls: Sequence[str], blowing: bool, frames: int) -> FloatArray:
@@ -383,13 +384,17 @@ def _scratch(use: str, shape: tuple[int, ...]) -> FloatArray:
 
 def _record(ready: _Ready, data: FloatArray, reason: str) -> FlightRecord:
     job = ready.job
-    provenance = provenance_of(job.aircraft, job.trimmed, job.manoeuvre, job.air) | {"simulator": BATCH}
+    provenance = provenance_of(job.aircraft, job.trimmed, job.manoeuvre, job.air, job.start) | {"simulator": BATCH}
     return truth_of(job.aircraft, data.copy(), ready.logged, ready.wanted, job.log_rate_hz, provenance, reason)
 
 
 def _is_looked_at(ready: _Ready) -> bool:
     """Return whether a flight is one of those flown by both; its own commands decide, whatever flies beside it."""
-    return zlib.crc32(ready.u.tobytes() + repr(ready.job.trimmed.alpha).encode()) % BOTH == 0
+    return zlib.crc32(ready.u.tobytes() + _told_apart(ready.job).encode()) % BOTH == 0
+
+
+def _told_apart(job: Job) -> str:
+    return repr(job.trimmed.alpha) + ("" if job.start is None else repr(job.start))
 
 
 def _look_at(record: FlightRecord, ready: _Ready, flown: Tally) -> str:

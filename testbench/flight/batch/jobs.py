@@ -9,8 +9,9 @@ from typing import Literal, Self
 from testbench.aircraft import Aircraft
 from testbench.core.record import FlightRecord
 from testbench.flight.air import Air
-from testbench.flight.condition import TrimmedFlight
-from testbench.flight.simulate import Manoeuvre
+from testbench.flight.condition import Start, TrimmedFlight
+from testbench.flight.simulate import Manoeuvre, beginning_of, fly
+from testbench.flight.start import Beginning
 
 Simulator = Literal["auto", "batch", "jsbsim"]
 """What flies: "jsbsim" one flight after the other; "batch" many at once, and refuses what it cannot fly; "auto" the
@@ -41,11 +42,16 @@ class Job:
     log_rate_hz: float
     channels: tuple[str, ...] | None = None
     air: Air | None = None
+    start: Start | None = None
+
+    def flown_by_jsbsim(self) -> FlightRecord:
+        """Return the truth of the flight by :func:`testbench.flight.fly`."""
+        return fly(self.aircraft, self.trimmed, self.manoeuvre, self.log_rate_hz, self.channels, self.air, self.start)
 
     @property
-    def asked(self) -> tuple[Aircraft, TrimmedFlight, Manoeuvre, float, tuple[str, ...] | None, Air | None]:
-        """The arguments of :func:`testbench.flight.fly`."""
-        return self.aircraft, self.trimmed, self.manoeuvre, self.log_rate_hz, self.channels, self.air
+    def beginning(self) -> Beginning:
+        """Where it begins."""
+        return beginning_of(self.trimmed, self.manoeuvre, self.start)
 
 
 @dataclass

@@ -24,9 +24,9 @@ from testbench.flight.batch.properties import CORE, ON_GROUND, plain
 from testbench.flight.batch.scope import MEMORY
 from testbench.flight.batch.translate import Translation, declared, translate
 from testbench.flight.batch.weights import Weights, dry
-from testbench.flight.condition import FlightCondition, TrimmedFlight
+from testbench.flight.condition import FlightCondition
 from testbench.flight.executive import Executive
-from testbench.flight.trim import place_at_trim
+from testbench.flight.start import Beginning
 
 _LEVERS = re.compile(r"fcs/(mixture|advance|feather)-cmd-norm(\[\d+\])?")
 _SETTLED = ("/propeller-rpm", "/map-pa")
@@ -353,14 +353,14 @@ def _set_weights(start: FloatArray, weights: Weights) -> None:
     start[r.INERTIA : r.INERTIA + 6] = [weights.inertia[i, k] for _, i, k, _ in _INERTIA]
 
 
-def states_at_trim(model: BatchModel, trimmed: TrimmedFlight) -> dict[str, float]:
-    """Return what is not motion when a flight from trim begins, from JSBSim: property -> value.
+def states_at(model: BatchModel, beginning: Beginning) -> dict[str, float]:
+    """Return what is not motion when a flight begins, from JSBSim: property -> value.
 
     Of engines the speeds, blade angles and pressures, the levers that hold them, and what has no property but follows
     from others; and the angle by which the Earth has turned while engines were held.
     """
-    fdm = Executive(model.aircraft, model.rate_hz, trimmed.condition)
-    place_at_trim(fdm, trimmed)
+    fdm = Executive(model.aircraft, model.rate_hz, beginning.trimmed.condition)
+    beginning.put(fdm)
     names = (n for n in model.program.properties if n.startswith("propulsion/") or _LEVERS.fullmatch(n))
     states = {n: fdm.get(n) for n in names if fdm.has(n)}
     for name in model.program.properties:
@@ -407,7 +407,7 @@ def put(
         pqr: (3, flights), rad/s.
         commands: control -> (flights,), SI.
         times: evaluations, each of which JSBSim makes as two frames.
-        states: of every flight, see ``states_at_trim``; none of them moves while time stands still.
+        states: of every flight, see ``states_at``; none of them moves while time stands still.
     """
     R[r.DT] = 0.0
     weigh(R)

@@ -19,6 +19,7 @@ from testbench.flight.batch.model import BatchModel
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.recorder import limit_broken
 from testbench.flight.simulate import stride
+from testbench.flight.start import Beginning
 from testbench.flight.step import SteppedFlight
 
 Mask = npt.NDArray[np.bool_]
@@ -74,7 +75,7 @@ class SteppedBatch:
         self._low = np.array([aircraft.controls[n].low for n in controls])
         index = [model.channels.index(n) for n in channels]
         self._factors = model.factors[index]
-        R = placed([model], [trimmed])
+        R = placed([model], [Beginning.at(trimmed)])
         R[r.DT] = 1.0 / model.rate_hz
         execute(model.program.before, model.program.tables, R)  # time stood still when they were placed
         execute(model.program.log, model.program.tables, R)

@@ -8,18 +8,21 @@ from pathlib import Path
 
 from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord, load_record
-from testbench.flight import load_aircraft
+from testbench.core.scenario.base import Condition
+from testbench.flight import FlightCondition, load_aircraft
 from testbench.flight.batch.jobs import Simulator
 from testbench.line import Keep, condition_of
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.brought import choose
 from testbench.questions.gap.evidence.compared import not_compared
 from testbench.questions.gap.hidden.kinds import measure_hidden
-from testbench.questions.gap.records import Flights, check_records, check_speeds
+from testbench.questions.gap.records import Flights, at_its_own, check_records, check_speeds
 from testbench.questions.gap.result import GapFinding
-from testbench.questions.gap.scenario import GapScenario
+from testbench.questions.gap.scenario import GapScenario, Loaded
+from testbench.questions.gap.starts import Start, marked
+from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.workflow import find_gap
-from testbench.sensors import load_suite
+from testbench.sensors import SensorSuite, load_suite
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +61,7 @@ def run_gap(
     control_file: Path | None = None,
     more_effects: Sequence[str] = (),
     simulator: Simulator = "auto",
+    windows: Windows | None = None,
 ) -> GapResult:
     """Read or make the measured records of a gap scenario and find what the believed model lacks.
 
@@ -71,6 +75,7 @@ def run_gap(
         control_file: keeps each of them, so that none is flown twice.
         more_effects: searched beside those of the scenario, ``FILE.py:NAME`` or names of the library.
         simulator: "jsbsim" flies nothing in batches.
+        windows: how records without quiet flight are cut, see :func:`.workflow.find_gap`; replaces the scenario's own.
 
     Raises:
         TestbenchError: with the file and key that it comes from.
@@ -96,6 +101,7 @@ def run_gap(
         choice = choose(suite, scenario.effects, (*scenario.more_effects, *more_effects), file, aircraft)
     notes = not_compared(suite)
     if scenario.hidden is not None:
+        starts = {m.name: s for m in scenario.manoeuvre if (s := _start(m, m.condition, condition)) is not None}
         with located(file, "manoeuvre"):
             records = measure_hidden(
                 scenario.aircraft,
@@ -107,14 +113,16 @@ def run_gap(
                 seed,
                 scenario.simulation.rate_hz,
                 progress,
+                {n: (s.condition, s.load_kg, s.load_aft_m) for n, s in starts.items()},
             )
+            records = {n: marked(r, starts[n]) if n in starts else r for n, r in records.items()}
         held = {m.name for m in scenario.manoeuvre if m.use == "validation"}
     else:
         with located(file, "measured"):
             records = {m.name: load_record((file.parent if file else Path()) / m.file) for m in scenario.measured}
             if len(records) < len(scenario.measured):
                 raise RecordError("names of measured records must differ")
-            records = check_records(suite, records, notes)
+            records = _started(check_records(suite, records, notes), scenario, suite, condition)
             check_speeds(suite, records, condition.V_m_s)
         held = {m.name for m in scenario.measured if m.use == "held_out"}
     for name, record in records.items():
@@ -129,11 +137,35 @@ def run_gap(
             effects=choice.effects,
             controls=controls,
             control_file=control_file,
+            windows=scenario.windows if windows is None else windows,
         )
     notes += choice.notes
     return GapResult(
         scenario.name, scenario.title, scenario.question, scenario.aircraft, records, finding, seed, file, tuple(notes)
     )
+
+
+def _start(loaded: Loaded, own: Condition | None, general: FlightCondition) -> Start | None:
+    """Return what a record was flown from, None if that is the ``general`` condition without a load."""
+    start = Start(general if own is None else condition_of(own), loaded.load_kg, loaded.load_aft_m)
+    return None if start == Start(general) else start
+
+
+def _started(
+    records: Mapping[str, FlightRecord], scenario: GapScenario, suite: SensorSuite, general: FlightCondition
+) -> dict[str, FlightRecord]:
+    """Return the measured records of a scenario, with what it says of their starts; else they keep their own word."""
+    out = dict(records)
+    for spec in scenario.measured:
+        with located(None, f"record '{spec.name}'"):
+            if spec.condition == "recorded":
+                at = at_its_own(suite, records[spec.name], general.h_m)
+                start: Start | None = Start(at, spec.load_kg, spec.load_aft_m)
+            else:
+                start = _start(spec, spec.condition, general)
+            if start is not None:
+                out[spec.name] = marked(records[spec.name], start)
+    return out
 
 
 def run_flights(
@@ -145,10 +177,11 @@ def run_flights(
     control_file: Path | None = None,
     more_effects: Sequence[str] = (),
     simulator: Simulator = "auto",
+    windows: Windows = "auto",
 ) -> GapResult:
     """Find what the believed model of recorded flights lacks; see :func:`testbench.questions.gap.records.load_flights`.
 
-    ``progress``, ``check``, ``controls``, ``control_file``, ``more_effects`` and ``simulator`` are those of
+    ``progress``, ``check``, ``controls``, ``control_file``, ``more_effects``, ``simulator`` and ``windows`` are as in
     :func:`run_gap`.
 
     Raises:
@@ -165,6 +198,7 @@ def run_flights(
         effects=choice.effects,
         controls=controls,
         control_file=control_file,
+        windows=windows,
     )
     return GapResult(
         name=aircraft,

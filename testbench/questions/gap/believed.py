@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
@@ -11,18 +11,20 @@ from numpy.typing import NDArray
 
 from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient
 from testbench.core.channels import CONTROLS
-from testbench.core.errors import ModelError, ScenarioError
+from testbench.core.errors import ModelError, RecordError, ScenarioError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.trajectories import driven
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight
 from testbench.flight.air import Air, Gust
 from testbench.flight.batch.jobs import Simulator
+from testbench.flight.linear_model import SERVO
 from testbench.flight.simulate import commands as absolute_commands
+from testbench.flight.start import Beginning
 from testbench.inputs.signal import InputSignal
 from testbench.line import flown_already
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.effects.base import MetGust
-from testbench.questions.gap.evidence.commanded import commands, moves_laterally
+from testbench.questions.gap.evidence.commanded import commands, key_of_start, moves_laterally, starts_freely
 from testbench.questions.gap.evidence.compared import DRIFT_OVER_S, left_out, not_compared
 from testbench.questions.gap.evidence.gusts import linear_response, record_key
 from testbench.questions.gap.flights import (
@@ -33,6 +35,8 @@ from testbench.questions.gap.flights import (
     made,
     trims,
 )
+from testbench.questions.gap.free_start import Directions, FreeStart
+from testbench.questions.gap.starts import Start, start_of
 from testbench.sensors import SensorSuite
 
 # A nuisance is a coefficient of the believed aircraft that is estimated along with every hypothesis ("re-tuned"). Its
@@ -59,6 +63,7 @@ LATERAL_PRIORS: Mapping[str, float] = {
     "Cn_da": 0.30,
     "Cn_dr": 0.10,
 }
+STEPS, NEAR = 3, 0.3  # that starts are brought to rest by; prior standard deviations below which one step is enough
 NOTHING = 1e-9  # a coefficient of a foreign model that is smaller is what differences leave of zero
 
 
@@ -70,7 +75,10 @@ class Believed:
     is the aircraft that is linearised, without the amendments that shapes stand for. ``whiten`` serves if turbulence
     colours the residuals: it takes a record and residuals (n, outputs) in units of the noise and returns as many, each
     white with variance one; it must be linear. ``gusts`` are those that single records met: every other record is
-    predicted in still air. ``simulator`` "jsbsim" flies nothing in batches.
+    predicted in still air. ``simulator`` "jsbsim" flies nothing in batches. Records that say so (:mod:`starts`) were
+    flown from another condition or with another load: whatever is asked of a record is answered by :meth:`at`, whose
+    ``start`` that is. ``free_starts`` are those of the records that do not begin at trim, by their keys
+    (:func:`.windows.begin_freely`).
 
     Raises:
         ScenarioError: the suite has no channel to compare, or one without any noise.
@@ -85,6 +93,8 @@ class Believed:
     whiten: Callable[[FlightRecord, FloatArray], FloatArray] | None = None
     gusts: tuple[MetGust, ...] = ()
     simulator: Simulator = "auto"
+    free_starts: Mapping[str, FreeStart] = field(default_factory=dict)
+    start: Start | None = None
 
     def __post_init__(self) -> None:
         if not self.outputs:
@@ -103,6 +113,36 @@ class Believed:
     def trimmed(self) -> TrimmedFlight:
         """The believed equilibrium."""
         return made(trims([self.flyer])[0])
+
+    def at(self, record: FlightRecord) -> Believed:
+        """Return the belief in the condition, and with the load, that a record says it was flown from.
+
+        Effects, nuisances and sensors are the same: the load comes on top. Its trim and linear model are made once.
+
+        Raises:
+            RecordError: what the record says is no start.
+            ModelError: the belief is that at another start already.
+        """
+        start = start_of(record)
+        if start is None or start == self.start:
+            return self
+        if self.start is not None:
+            raise ModelError(f"a belief about flights from {self.start} cannot be asked about one from {start}")
+        if start not in self._by_start:
+            aircraft, suite = start.loaded(replace(self.aircraft, rate_hz=self.rate_hz), self.suite)
+            at_rest = None if self.at_rest is None else start.loaded(self.at_rest, self.suite)[0]
+            self._by_start[start] = replace(
+                self, aircraft=aircraft, suite=suite, condition=start.condition, at_rest=at_rest, start=start
+            )
+        return self._by_start[start]
+
+    def at_each(self, records: Sequence[FlightRecord]) -> list[Believed]:
+        """Return :meth:`at` of several records, each condition and load once."""
+        return list({id(there): there for there in map(self.at, records)}.values())
+
+    @cached_property
+    def _by_start(self) -> dict[Start, Believed]:
+        return {}
 
     def with_effect(self, effect: Effect, values: Mapping[str, float]) -> Believed:
         """Return the belief with one effect of the library added, or with all parts of one that is put together."""
@@ -157,43 +197,137 @@ class Believed:
             FlightAborted, LimitError: the believed aircraft does not survive these commands.
             RecordError: the record holds no command, or no quiet flight before the first one.
         """
-        return self._read(self.flown(record, self.needed))
+        there = self.at(record)
+        return there._read(there.flown(record, there.needed))
+
+    def free_start_of(self, record: FlightRecord) -> FreeStart | None:
+        """Return what the start of a record is made of; None for one that begins at trim.
+
+        Raises:
+            RecordError: it starts freely, and nothing is known of its start.
+        """
+        if not starts_freely(record):
+            return None
+        key = key_of_start(record)
+        if key not in self.free_starts:
+            raise RecordError("the start of a window must be known before it is flown; call windows.begin_freely")
+        return self.free_starts[key]
+
+    def begun(self, record: FlightRecord, steps: int = STEPS) -> FloatArray | None:
+        """Return the start parameters (k,) that suit this model best on a record; None if it begins at trim.
+
+        Steps of Gauss-Newton from the origin of its start, on the tangents there.
+
+        Raises:
+            FlightAborted, LimitError: a flight from there does not survive.
+            RecordError: as :meth:`predict`.
+        """
+        free = self.free_start_of(record)
+        if free is None:
+            return None
+        points = self._begun.setdefault(key_of_start(record), [free.origin])
+        while len(points) <= steps:
+            x = points[-1]
+            points.append(self.better_start(record, x))
+            if float(np.max(np.abs(points[-1] - x) / free.std)) < NEAR:
+                points += [points[-1]] * (steps + 1 - len(points))
+        return points[steps]
+
+    @cached_property
+    def _begun(self) -> dict[str, list[FloatArray]]:
+        return {}
+
+    def better_start(self, record: FlightRecord, x: FloatArray) -> FloatArray:
+        """Return the start parameters (k,) that a step of Gauss-Newton from ``x`` (k,) leads to."""
+        free = self.free_start_of(record)
+        assert free is not None
+        left = record.columns(self.outputs) - self.read_from(record, x) + free.shift(x)
+        return free.moved(x, self._directions(record, free).best(self.over_noise(record, left)))
+
+    def _directions(self, record: FlightRecord, free: FreeStart) -> Directions:
+        return free.directions(partial(self.over_noise, record), (self.whiten, self.noise_std.tobytes()))
+
+    def _deviations(self, record: FlightRecord, at: FloatArray | None = None) -> tuple[tuple[str, ...], FloatArray]:
+        """Return controls and the deviations (n, m) of their commands from trim, with the offsets of a start ``at``."""
+        names, u = commands(record)
+        free = self.free_start_of(record)
+        if free is None:
+            return names, u
+        offsets = free.offsets(free.origin if at is None else at)
+        more = tuple(n for n in offsets if n not in names)
+        u = np.hstack([u, np.zeros((len(u), len(more)))])
+        names = (*names, *more)
+        return names, u + np.array([offsets.get(n, 0.0) for n in names])
+
+    def read_from(self, record: FlightRecord, at: FloatArray) -> FloatArray:
+        """Return what :meth:`predict` does, of a record that starts freely with parameters ``at`` (k,)."""
+        there = self.at(record)
+        return there._read(there.flown(record, there.needed, at=at))
 
     def check_commands(self, record: FlightRecord) -> None:
         """Refuse a record whose commands, about the trim of the belief, leave the range of a control.
+
+        The trim that the commands of a record that starts freely belong to is not known: there controls stop at their
+        ends.
 
         Raises:
             LimitError: they do.
             RecordError: as :meth:`predict`.
             TrimError: the belief has no trim.
         """
+        if starts_freely(record):
+            return
         names, u = commands(record)
         signal = InputSignal(np.arange(len(u), dtype=np.float64) * record.dt_s, u, names)
-        absolute_commands(self.aircraft, self.trimmed, Manoeuvre("measured commands", signal, 0.0))
+        there = self.at(record)
+        absolute_commands(there.aircraft, there.trimmed, Manoeuvre("measured commands", signal, 0.0))
 
     def flown(
-        self, record: FlightRecord, channels: tuple[str, ...] | None = None, air: Air | None = None
+        self,
+        record: FlightRecord,
+        channels: tuple[str, ...] | None = None,
+        air: Air | None = None,
+        at: FloatArray | None = None,
     ) -> FlightRecord:
         """Return the truth of that flight at the record's sample times: ``channels``, or all there are.
 
-        ``air`` is flown through in place of the still air, or the gust, that the record is believed to have met.
+        ``air`` is flown through in place of the still air, or the gust, that the record is believed to have met. ``at``
+        (k,) are the parameters of a free start, those that suit this model best if not given.
 
         Raises:
             FlightAborted, LimitError, RecordError: as :meth:`predict`.
         """
-        found = flights([self.wanted(record, channels, air)])[0]
-        return flown_already(self.aircraft, self.trimmed, "measured commands", 1.0 / record.dt_s, found)
+        found = flights([self.wanted(record, channels, air, at)])[0]
+        there = self.at(record)
+        return flown_already(there.aircraft, there.trimmed, "measured commands", 1.0 / record.dt_s, found)
 
-    def wanted(self, record: FlightRecord, channels: tuple[str, ...] | None = None, air: Air | None = None) -> Wanted:
+    def wanted(
+        self,
+        record: FlightRecord,
+        channels: tuple[str, ...] | None = None,
+        air: Air | None = None,
+        at: FloatArray | None = None,
+    ) -> Wanted:
         """Return what :meth:`flown` flies, to be asked for together with others.
 
         Raises:
-            RecordError: as :meth:`predict`.
+            FlightAborted, LimitError, RecordError: as :meth:`begun`.
         """
-        names, held = _held(record, self.rate_hz)
         gust = self.gust_in(record)
         air = Air(gust=gust) if air is None and gust is not None else air
-        return Wanted(self.flyer, names, held, 1.0 / record.dt_s, channels, air)
+        free, flyer = self.free_start_of(record), self.at(record).flyer
+        if free is None:
+            names, held = _held(record, self.rate_hz)
+            return Wanted(flyer, names, held, 1.0 / record.dt_s, channels, air)
+        at = self.begun(record) if at is None else at
+        assert at is not None
+        names, u = self._deviations(record, at)
+        held = at_frames(u, record, self.rate_hz)
+        return Wanted(flyer, names, held, 1.0 / record.dt_s, channels, air, free.start(at))
+
+    def wanted_to_read(self, record: FlightRecord, at: FloatArray | None = None) -> Wanted:
+        """Return what :meth:`predict` flies, likewise."""
+        return self.wanted(record, self.at(record).needed, at=at)
 
     def predict_linear(self, record: FlightRecord) -> FloatArray:
         """Return the same from the aircraft linearised at trim: faster, and right for small deviations.
@@ -204,23 +338,47 @@ class Believed:
 
     def predict_linear_all(self, records: Sequence[FlightRecord]) -> list[FloatArray]:
         """Return :meth:`predict_linear` of several records at once."""
+        out: dict[int, FloatArray] = {}
+        for there in self.at_each(records):
+            own = [i for i, record in enumerate(records) if self.at(record) is there]
+            out |= dict(zip(own, there._predict_linear([records[i] for i in own]), strict=True))
+        return [out[i] for i in range(len(records))]
+
+    def _predict_linear(self, records: Sequence[FlightRecord]) -> list[FloatArray]:
+        """Return the same of records that were all flown from here."""
         model, trimmed = self._linear, made(trims([self.linear_flyer])[0])
         at_trim = np.array([trimmed.state[c] for c in self.needed])
         rows = [model.outputs.index(c) for c in self.needed]
         alike: dict[tuple[tuple[str, ...], float], list[tuple[int, FloatArray]]] = {}
         for i, record in enumerate(records):
-            names, u = commands(record)
+            names, u = self._deviations(record)
             for shape in self.shapes:
                 u = shape(names, u, record.dt_s)
             alike.setdefault((names, record.dt_s), []).append((i, u))
+        starts = {i: self._linear_start(record) for i, record in enumerate(records) if starts_freely(record)}
         out: dict[int, FloatArray] = {}
         for (names, dt_s), inputs in alike.items():
             columns = [model.inputs.index(n if n == "thr" else f"{n}_cmd") for n in names]
             B, D = model.B[:, columns], model.D[np.ix_(rows, columns)]
-            moved = driven(model.A, B, [u for _, u in inputs], dt_s)
+            at_rest = np.zeros(len(model.states))
+            begun = [starts.get(i, at_rest) for i, _ in inputs] if starts else None
+            moved = driven(model.A, B, [u for _, u in inputs], dt_s, begun)
             for (i, u), x in zip(inputs, moved, strict=True):
                 out[i] = x @ model.C[rows].T + u @ D.T + at_trim
         return [self._with_gust(record, out[i]) for i, record in enumerate(records)]
+
+    def _linear_start(self, record: FlightRecord) -> FloatArray:
+        """Return the deviations (states,) from trim that a record that starts freely begins with, at its origin."""
+        free = self.free_start_of(record)
+        assert free is not None
+        trimmed, model = made(trims([self.linear_flyer])[0]), self._linear
+        there, trim = (Beginning(trimmed, s, trimmed.controls).placed for s in (free.start(free.origin), None))
+        moved = dict(zip("uvw", there.uvw_m_s - trim.uvw_m_s, strict=True))
+        moved |= dict(zip("pqr", there.pqr - trim.pqr, strict=True))
+        moved |= {"phi": there.phi - trim.phi, "theta": there.theta - trim.theta, "h": there.h_m - trim.h_m}
+        names, u = self._deviations(record)
+        moved |= {f"{SERVO}{n}": first for n, first in zip(names, u[0], strict=True)}
+        return np.array([float(moved.get(s, 0.0)) for s in model.states])
 
     def _with_gust(self, record: FlightRecord, outputs: FloatArray) -> FloatArray:
         """Return what is read of linear ``outputs`` (n, needed) and of the gust that the record met, if any."""
@@ -293,16 +451,35 @@ class Believed:
     def residuals(self, record: FlightRecord) -> FloatArray:
         """Return measured minus predicted in units of the noise, each channel about its own mean, (n, outputs).
 
-        The mean is taken out because sensor biases and trim offsets are unknown; invalid samples are set to zero.
+        The mean is taken out because sensor biases and trim offsets are unknown; invalid samples are set to zero. What
+        an unknown start would change is taken out, too.
         """
-        return self.in_noise_units(record, record.columns(self.outputs) - self.predict(record))
+        left, free = record.columns(self.outputs) - self.predict(record), self.free_start_of(record)
+        if free is not None:
+            at = self.begun(record)
+            assert at is not None
+            left = left + free.shift(at)
+        return self.in_noise_units(record, left)
+
+    def lost(self, record: FlightRecord) -> float:
+        """Return the degrees of freedom that the unknown start of a record takes; 0 if it begins at trim."""
+        free = self.free_start_of(record)
+        return 0.0 if free is None else self._directions(record, free).lost
 
     def taken(self, record: FlightRecord) -> NDArray[np.bool_]:
         """Return which samples (n, outputs) of a record were taken."""
         return record.valid[:, [record.channels.index(n) for n in self.outputs]]
 
     def in_noise_units(self, record: FlightRecord, difference: FloatArray) -> FloatArray:
-        """Return ``difference`` (n, outputs) over the noise, about its mean over the valid samples of the record."""
+        """Return ``difference`` (n, outputs) over the noise, about its mean over the valid samples of the record.
+
+        If the start of the record is unknown, what it would change is taken out (:mod:`.free_start`).
+        """
+        r, free = self.over_noise(record, difference), self.free_start_of(record)
+        return r if free is None else self._directions(record, free).taken_out(r)
+
+    def over_noise(self, record: FlightRecord, difference: FloatArray) -> FloatArray:
+        """Return the same, what a start would change left in."""
         valid = self.taken(record)
         r = difference / self.noise_std
         mean = (r * valid).sum(axis=0) / np.maximum(valid.sum(axis=0), 1)
@@ -347,7 +524,12 @@ def _held(record: FlightRecord, rate_hz: float) -> tuple[tuple[str, ...], bytes]
     The last command acts after the record.
     """
     names, u = commands(record)
-    return names, np.repeat(u[:-1], round(rate_hz * record.dt_s), axis=0).tobytes()
+    return names, at_frames(u, record, rate_hz)
+
+
+def at_frames(u: FloatArray, record: FlightRecord, rate_hz: float) -> bytes:
+    """Return the bytes of commands (n, m) held from sample to sample, at every frame."""
+    return np.repeat(u[:-1], round(rate_hz * record.dt_s), axis=0).tobytes()
 
 
 def _in_place(aircraft: Aircraft, known: int, effect: Effect) -> Aircraft:

@@ -9,6 +9,7 @@ import typer
 
 from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
+from testbench.questions.gap.window_length import windows_of
 from testbench.questions.options import FlownBy, OutOption, SeedOption, SimulatorOption, Wings, refuse
 
 CONTROLS = "controls.jsonl"  # in a folder of results: control flights, which are not flown again
@@ -49,6 +50,14 @@ def command(
         int | None, typer.Option(min=1, help="Processes that search; if not given, one for each core.")
     ] = None,
     simulator: SimulatorOption = FlownBy.auto,
+    windows: Annotated[
+        str | None,
+        typer.Option(
+            help="Records without quiet trim flight are cut into windows that start freely: auto, off, or a length, "
+            "s, for all records.  [default: auto, or as the case says]",
+            show_default=False,
+        ),
+    ] = None,
     controls: Annotated[
         int,
         typer.Option(
@@ -70,7 +79,7 @@ def command(
         refuse(
             context,
             "with --plan, whose scenario says all",
-            *(*FLIGHTS, "case", "records", "seed", "workers", "controls", "effect", "simulator"),
+            *(*FLIGHTS, "case", "records", "seed", "workers", "controls", "effect", "simulator", "windows"),
         )
         _plan_gap(find(plan, "run"), out)
         return
@@ -100,6 +109,7 @@ def command(
                 control_file=folder / CONTROLS,
                 more_effects=effect or (),
                 simulator=simulator.value,
+                windows=windows_of(windows) or "auto",
             )
         else:
             refuse(context, "with a gap case, whose file says all; or give measured records, too", *FLIGHTS)
@@ -117,6 +127,7 @@ def command(
                 control_file=folder / CONTROLS,
                 more_effects=effect or (),
                 simulator=simulator.value,
+                windows=windows_of(windows),
             )
         say("write report")
         page = gap_page(result)

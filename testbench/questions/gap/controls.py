@@ -29,6 +29,7 @@ from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.evidence.air import AirFound, listen
 from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.search.parallel import Ahead
+from testbench.questions.gap.starts import start_of
 
 Search = Callable[[Sequence[FlightRecord], AirFound], Naming]
 _CUT = 2.0  # standard deviations at which drawn coefficients are cut: beyond them a name is refused
@@ -144,7 +145,7 @@ def _air(found: AirFound, seed: int) -> Air | None:
 
 def _measured(real: Believed, record: FlightRecord, air: Air | None, seed: int) -> FlightRecord:
     """Return ``record`` with what the sensors of ``real`` read, in place of what was measured."""
-    measured = real.suite.measure(real.flown(record, None, air), seed)
+    measured = real.at(record).suite.measure(real.flown(record, None, air), seed)
     return record.with_columns({name: measured[name] for name in real.outputs})
 
 
@@ -221,6 +222,7 @@ def _fingerprint(believed: Believed, records: Sequence[FlightRecord], air: AirFo
     a = believed.aircraft
     parts = [__version__, a.xml, repr((a.elastic, a.amendments, a.mass, a.limits, believed.suite, believed.condition))]
     parts += [] if a.adapter is None else [repr(a.adapter)]
+    parts += [repr(starts)] if any(starts := [start_of(record) for record in records]) else []
     parts += [repr((believed.rate_hz, air.moves, air.rms_m_s, air.height_m)), *map(record_key, records)]
     return blake2b("\0".join(parts).encode(), digest_size=16).hexdigest()
 

@@ -17,7 +17,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightRecord, FloatArray
-from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight
+from testbench.flight import FlightCondition, LinearModel, Manoeuvre, Start, TrimmedFlight
 from testbench.flight.air import Air
 from testbench.flight.batch.fly import fly_jobs
 from testbench.flight.batch.jobs import Job, Simulator
@@ -27,7 +27,7 @@ from testbench.inputs.signal import InputSignal
 from testbench.questions.gap.search.parallel import spread
 
 BEYOND = 0.25  # share of the range between its limits by which a hypothesis may exceed them on either side
-_MODELS, _FLIGHTS = 512, 512  # that are kept
+_MODELS, AT_ONCE = 512, 512  # that are kept; so many flights may be asked for at once
 K = TypeVar("K", bound=Hashable)
 S = TypeVar("S")
 T = TypeVar("T")
@@ -71,6 +71,7 @@ class Wanted:
         log_rate_hz: of the record.
         channels: that are logged; all if None.
         air: flown through; still if None.
+        start: how far from trim it begins; at trim if None.
     """
 
     flyer: Flyer
@@ -79,6 +80,7 @@ class Wanted:
     log_rate_hz: float
     channels: tuple[str, ...] | None
     air: Air | None
+    start: Start | None = None
 
     def job(self, trimmed: TrimmedFlight) -> Job:
         """Return the flight from a trim.
@@ -93,7 +95,7 @@ class Wanted:
         within = np.clip(u, [c.low - at for c, at in of], [c.full - at for c, at in of])
         signal = InputSignal(np.arange(len(u)) / self.flyer.rate_hz, within, self.controls)
         manoeuvre = Manoeuvre("measured commands", signal, 0.0)
-        return Job(_beyond_limits(aircraft), trimmed, manoeuvre, self.log_rate_hz, self.channels, self.air)
+        return Job(_beyond_limits(aircraft), trimmed, manoeuvre, self.log_rate_hz, self.channels, self.air, self.start)
 
 
 def trims(flyers: Sequence[Flyer]) -> list[TrimmedFlight | TestbenchError]:
@@ -157,7 +159,7 @@ class _Kept(Generic[K, T]):
 
 _TRIMS: _Kept[Flyer, TrimmedFlight | TestbenchError] = _Kept(_MODELS)
 _LINEAR: _Kept[Flyer, LinearModel | TestbenchError] = _Kept(_MODELS)
-_FLOWN: _Kept[Wanted, FlightRecord | TestbenchError] = _Kept(_FLIGHTS)
+_FLOWN: _Kept[Wanted, FlightRecord | TestbenchError] = _Kept(AT_ONCE)
 
 
 def _trim(flyers: Sequence[Flyer]) -> list[TrimmedFlight | TestbenchError]:

@@ -29,7 +29,7 @@ from testbench.line import condition_of
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import Effect, library
-from testbench.questions.gap.evidence.commanded import commands, quiet_samples
+from testbench.questions.gap.evidence.commanded import commands, quiet_samples, starts_freely
 from testbench.questions.gap.evidence.compared import not_compared
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
@@ -37,6 +37,7 @@ from testbench.questions.run.scenario import Scenario
 from testbench.sensors import load_suite
 
 # The threshold that tells two effects apart, 2 ln(1 / FALSE_ALARM), passed with a probability of 0.9.
+_QUIET_S = 2.0  # before a manoeuvre that is added to records without quiet flight: that of scenarios
 NEEDED = float((np.sqrt(2.0 * np.log(1.0 / CRITERIA.false_alarm)) + 1.2816) ** 2)
 ALIKE = 0.9  # from this share on, two effects are told apart by the details of their form alone
 _MOST_STARTS = 4
@@ -298,7 +299,7 @@ def separate(believed: Believed, records: Sequence[FlightRecord], fits: Sequence
     plain = replace(believed, whiten=None)
     priors = believed.priors_of(records)
     flown = sum_of([Grams.of(plain, r, effects, sizes, priors) for r in records])
-    quiet = max(quiet_samples(r) * r.dt_s for r in records)
+    quiet = max((quiet_samples(r) * r.dt_s for r in records if not starts_freely(r)), default=_QUIET_S)
     best, words = 0.0, ""
     for spec, text in family(plain, (), records):
         try:

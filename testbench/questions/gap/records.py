@@ -20,11 +20,14 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.evidence.compared import not_compared
 from testbench.questions.gap.evidence.gusts import record_key
+from testbench.questions.gap.starts import Start, marked, start_of
+from testbench.questions.gap.windows import restless
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.sensors import SensorSuite, load_suite
 from testbench.sensors.sensor import whole_ratio
 
-SAME_SPEED = 0.05  # records must start within this share of one airspeed: the believed aircraft is trimmed once
+SAME_SPEED = 0.05  # share of an airspeed within which records start from one condition: one trim serves them all
+SAME_HEIGHT_M = 300.0  # the same of heights: three percent of density
 SAME_RATE = 0.01
 LATEST = 0.5  # samples by which a record's clock may be off at its end to be put right to the suite's rate
 
@@ -65,7 +68,8 @@ def load_flights(
             the last one is.
         sensors: believed suite, by name or as a file; if not given, the one that the records say made them.
         wings: "flexible" or "rigid".
-        V_m_s: airspeed that the flights start from; if not given, its mean over the quiet flight before the commands.
+        V_m_s: airspeed that all flights start from; if not given, its mean over the quiet flight before the commands.
+            Flights whose airspeeds or altitudes differ are then each flown from their own.
         h_m: altitude, likewise; the aircraft's design altitude where h is not recorded.
         data_folder: folder of the files that descriptions name.
 
@@ -106,7 +110,7 @@ def load_flights(
         notes.append("nothing is held out, so it is not known whether the gap shrinks elsewhere; give --hold-out")
     suite = _suite(sensors, {**naming, **held}, notes)
     records = check_records(suite, {**naming, **held}, notes)
-    condition = _condition(believed_aircraft, suite, records, V_m_s, h_m, notes)
+    condition, records = _conditions(believed_aircraft, suite, records, V_m_s, h_m, notes)
     with located(None, f"sensors '{suite.name}'"):
         believed = Believed(believed_aircraft, suite, condition, _frame_rate(believed_aircraft, suite, notes))
     notes += not_compared(suite)
@@ -162,7 +166,7 @@ def check_records(
     A clock that is off by no more than half a sample at the end of a record is put right, with a note.
 
     Raises:
-        RecordError: a record was aborted, lacks a channel or a command, has another rate, or no quiet flight.
+        RecordError: a record was aborted, lacks a channel or a command, or has another rate.
     """
     out = {}
     for name, record in records.items():
@@ -193,27 +197,37 @@ def check_records(
                         f"samples off at its end; the sensors' {suite.rate_hz:g} Hz is taken in its place"
                     )
                 record = replace(record, t_s=record.t_s[0] + np.arange(len(record)) / suite.rate_hz)
-            quiet_samples(record)
             out[name] = record
     return out
 
 
-def check_speeds(suite: SensorSuite, records: Mapping[str, FlightRecord], V_m_s: float | None) -> dict[str, float]:
-    """Return the airspeed, m/s, in the quiet flight of every record that holds it.
+def check_speeds(suite: SensorSuite, records: Mapping[str, FlightRecord], V_m_s: float) -> None:
+    """Check the airspeed in the quiet flight of every record that holds it.
 
     Raises:
-        RecordError: one of them is not ``V_m_s``, or where that is None not their mean, within SAME_SPEED.
+        RecordError: one of them is not ``V_m_s``, or that which the record says it was flown from, within SAME_SPEED.
     """
-    speeds = {n: _quiet_mean(suite, r, "V") for n, r in records.items() if "V" in r}
-    at = float(np.mean(list(speeds.values()))) if V_m_s is None and speeds else V_m_s
-    for name, speed in speeds.items():
-        if at is not None and abs(speed - at) > SAME_SPEED * at:
+    for name, record in records.items():
+        start = start_of(record)
+        at = V_m_s if start is None else start.condition.V_m_s
+        speed = _quiet_mean(suite, record, "V") if "V" in record else at
+        if abs(speed - at) > SAME_SPEED * at:
             raise RecordError(
-                f"records must start within {100 * SAME_SPEED:g} % of one airspeed, got {speed:.2f} m/s in '{name}' "
-                f"and {at:.2f} m/s {'in the mean of all' if V_m_s is None else 'as the condition'}; give the records "
-                "of each speed alone"
+                f"a record must start within {100 * SAME_SPEED:g} % of the airspeed of its condition, got {speed:.2f} "
+                f"m/s in '{name}' and {at:.2f} m/s as the condition; without --V each record's quiet flight tells its "
+                'own, in a scenario with condition = "recorded" or a condition of its own beside the record'
             )
-    return speeds
+
+
+def at_its_own(suite: SensorSuite, record: FlightRecord, h_m: float) -> FlightCondition:
+    """Return the condition that a record's quiet flight tells; ``h_m`` is taken if it holds no height.
+
+    Raises:
+        RecordError: it does not hold the airspeed.
+    """
+    if "V" not in record:
+        raise RecordError("the airspeed of a record must be known, but it is not recorded; give its condition")
+    return FlightCondition(_quiet_mean(suite, record, "V"), _quiet_mean(suite, record, "h") if "h" in record else h_m)
 
 
 def _frame_rate(aircraft: Aircraft, suite: SensorSuite, notes: list[str]) -> float:
@@ -227,35 +241,86 @@ def _frame_rate(aircraft: Aircraft, suite: SensorSuite, notes: list[str]) -> flo
     return rate
 
 
-def _condition(
+def _conditions(
     aircraft: Aircraft,
     suite: SensorSuite,
     records: Mapping[str, FlightRecord],
     V_m_s: float | None,
     h_m: float | None,
     notes: list[str],
-) -> FlightCondition:
-    speeds = check_speeds(suite, records, V_m_s)
-    if V_m_s is None and len(speeds) < len(records):
+) -> tuple[FlightCondition, dict[str, FlightRecord]]:
+    """Return the condition of most records, and the records: those flown from elsewhere say so.
+
+    What a record says of its start already is believed.
+    """
+    open_ = {n: r for n, r in records.items() if start_of(r) is None}
+    if V_m_s is not None:
+        check_speeds(suite, records, V_m_s)
+    elif any("V" not in r for r in open_.values()):
         raise RecordError("the airspeed must be known, but it is not recorded; give --V in m/s")
-    V = float(np.mean(list(speeds.values()))) if V_m_s is None else V_m_s
-    heights = [_quiet_mean(suite, r, "h") for r in records.values() if "h" in r]
-    if h_m is not None:
-        h = h_m
-    elif len(heights) == len(records):
-        h = float(np.mean(heights))
-    else:
-        h = aircraft.design_h_m
+    if not open_:
+        told = next(start for r in records.values() if (start := start_of(r)) is not None)
+        return told.condition, dict(records)
+    recorded = h_m is None and all("h" in r for r in open_.values())
+    default = aircraft.design_h_m if h_m is None else h_m
+    if h_m is None and not recorded:
         notes.append(
-            f"the altitude is not recorded, so the aircraft's design altitude, {h:g} m, is taken; give it with --h"
+            f"the altitude is not recorded, so the aircraft's design altitude, {default:g} m, is taken; give it with "
+            "--h"
         )
-    if V_m_s is None:
-        notes.append(f"the condition, {V:.4g} m/s and {h:.4g} m, is that of the quiet flight before the first commands")
-    return FlightCondition(V, h)
+    quiet = {
+        n: (
+            _quiet_mean(suite, r, "V") if V_m_s is None else V_m_s,
+            _quiet_mean(suite, r, "h") if recorded else default,
+        )
+        for n, r in open_.items()
+    }
+    groups = _alike(quiet)
+    means = [_mean([quiet[n] for n in names]) for names in groups]
+    most = max(range(len(groups)), key=lambda i: len(groups[i]))
+    out, tells = dict(records), "quiet flight before the first commands"
+    if any(restless(records[n]) for n in open_):
+        tells += ", or where there is none their mean,"
+    for i, names in enumerate(groups):
+        out |= {n: marked(records[n], Start(means[i])) for n in names if i != most}
+    if len(groups) > 1:
+        each = "; ".join(
+            f"{c.V_m_s:.4g} m/s and {c.h_m:.4g} m in {', '.join(g)}" for c, g in zip(means, groups, strict=True)
+        )
+        notes.append(f"the records start from {len(groups)} conditions, which their {tells} tells: {each}")
+    elif V_m_s is None:
+        at = means[0]
+        notes.append(f"the condition, {at.V_m_s:.4g} m/s and {at.h_m:.4g} m, is that of the {tells.rstrip(',')}")
+    return means[most], out
+
+
+def _mean(conditions: Sequence[tuple[float, float]]) -> FlightCondition:
+    V, h = (list(column) for column in zip(*conditions, strict=True))
+    return FlightCondition(float(np.mean(V)), float(np.mean(h)))
+
+
+def _alike(quiet: Mapping[str, tuple[float, float]]) -> list[list[str]]:
+    """Return the names of those records together that one trim serves, of airspeeds and heights."""
+
+    def near(at: tuple[float, float], of: tuple[float, float]) -> bool:
+        return abs(at[0] - of[0]) <= SAME_SPEED * of[0] and abs(at[1] - of[1]) <= SAME_HEIGHT_M
+
+    mean = _mean(list(quiet.values()))
+    if all(near(at, (mean.V_m_s, mean.h_m)) for at in quiet.values()):
+        return [list(quiet)]
+    groups: list[list[str]] = []
+    for name in sorted(quiet, key=lambda n: quiet[n]):
+        known = next((g for g in groups if near(quiet[name], quiet[g[0]])), None)
+        if known is None:
+            groups.append([name])
+        else:
+            known.append(name)
+    return groups
 
 
 def _quiet_mean(suite: SensorSuite, record: FlightRecord, name: str) -> float:
-    """Return what a sensor reads in the quiet flight, less what is believed of its bias and scale."""
+    """Return what a sensor reads in the quiet flight, in all of a record without it, less bias and scale."""
     sensor = next((s for s in suite.sensors if s.channel == name), None)
     bias, scale = (0.0, 1.0) if sensor is None else (sensor.bias, sensor.scale)
-    return (float(np.mean(record[name][: quiet_samples(record)])) - bias) / scale
+    n = quiet_samples(record) if not restless(record) else len(record)
+    return (float(np.mean(record[name][:n])) - bias) / scale

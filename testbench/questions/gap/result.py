@@ -99,6 +99,7 @@ class GapFinding:
         rest: what another effect would explain of what is left, if that is more than noise and form account for.
         controls: control flights without any effect, if any were asked for.
         first: what forces and moments say before anything is flown, or None if nobody looked.
+        windows: how records without quiet flight were cut, a sentence for each.
         tally: by what the believed and the amended model were flown through every record.
     """
 
@@ -119,6 +120,7 @@ class GapFinding:
     controls: Controls | None = None
     first: FirstLook | None = None
     tally: Tally | None = None
+    windows: tuple[str, ...] = ()
 
     @property
     def changed(self) -> bool:
@@ -156,7 +158,7 @@ class GapFinding:
         news = self.check.sentences if self.check is not None and self.check.news else ()
         controls = () if self.controls is None else (self.controls.sentence,)
         first = () if self.first is None else self.first.sentences
-        return (*out, *first, *controls, self.air.sentence, *news)
+        return (*out, *self.windows, *first, *controls, self.air.sentence, *news)
 
     @property
     def immaterial(self) -> bool:
@@ -164,8 +166,11 @@ class GapFinding:
 
         By so much a flight simulator for training may err. A channel without a tolerance must change by less than its
         noise. If nothing is named, but more than noise is left or parameters are wrong, this is True if the believed
-        model errs by less than TOLERANCE in every record.
+        model errs by less than TOLERANCE in every record. False of windows: starts that are fitted hide how far it
+        would go astray.
         """
+        if self.windows:
+            return False
         judged = [i for i, n in enumerate(self.believed.outputs) if n in TOLERANCE]
         if self.naming.best is None:
             errors = [(self.errors.get(self.believed.outputs[i], np.inf), i) for i in judged]

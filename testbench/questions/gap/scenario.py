@@ -7,18 +7,40 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from testbench.core.errors import TestbenchError
-from testbench.core.scenario.base import FlownAt, Manoeuvre, SuiteName
+from testbench.core.scenario.base import Condition, FlownAt, Manoeuvre, SuiteName
 from testbench.core.schema import Strict
 from testbench.questions.gap.hidden.kinds import Hidden
+from testbench.questions.gap.window_length import SHORTEST_S
 from testbench.sensors import load_suite
 
 
-class MeasuredFile(Strict):
-    """A measured record on disk (NetCDF, as written by the testbench), relative to the scenario file."""
+class Loaded(Strict):
+    """What the aircraft carried in one flight beyond what is believed of it, on the centre line.
+
+    ``load_kg`` is negative where it carried less, fuel that was burnt for one. ``load_aft_m`` is behind the believed
+    centre of gravity.
+    """
+
+    load_kg: float = 0.0
+    load_aft_m: float = 0.0
+
+
+class MeasuredFile(Loaded):
+    """A measured record on disk (NetCDF, as written by the testbench), relative to the scenario file.
+
+    ``condition`` is what it started from where that is not the scenario's; "recorded": its quiet flight tells.
+    """
 
     name: str
     file: str
     use: Literal["naming", "held_out"]
+    condition: Condition | Literal["recorded"] | None = None
+
+
+class GapManoeuvre(Manoeuvre, Loaded):
+    """A manoeuvre that makes a record; ``condition`` is what it starts from where that is not the scenario's."""
+
+    condition: Condition | None = None
 
 
 class GapScenario(FlownAt):
@@ -28,16 +50,21 @@ class GapScenario(FlownAt):
 
     ``effects`` are searched in place of the whole library, ``more_effects`` beside it, or beside those: names of the
     library, or ``FILE.py:NAME`` for effects that are brought.
+
+    ``windows = "auto"`` cuts records that do not begin with quiet trim flight into windows, each of which starts
+    freely; a number cuts every record into windows of so many seconds; "off" cuts none, and refuses records without
+    quiet flight.
     """
 
     unnamed: ClassVar[str] = "gap"
 
     suite: SuiteName
-    manoeuvre: Annotated[tuple[Manoeuvre, ...], Field(strict=False)] = ()
+    manoeuvre: Annotated[tuple[GapManoeuvre, ...], Field(strict=False)] = ()
     hidden: Hidden | None = None
     measured: Annotated[tuple[MeasuredFile, ...], Field(strict=False)] = ()
     effects: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] | None = None
     more_effects: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    windows: Literal["auto", "off"] | Annotated[float, Field(strict=False, ge=SHORTEST_S)] = "auto"
 
     def faults(self) -> list[str]:
         """Return what is wrong with the effects that are searched, as far as texts tell; no code of theirs is run."""

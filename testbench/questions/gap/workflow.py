@@ -45,6 +45,8 @@ from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.parallel import Ahead
+from testbench.questions.gap.window_length import Windows
+from testbench.questions.gap.windows import begin_freely, cut
 
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
@@ -58,6 +60,7 @@ def find_gap(
     effects: Mapping[str, Effect] | None = None,
     controls: int = 0,
     control_file: Path | None = None,
+    windows: Windows = "auto",
 ) -> GapFinding:
     """Find what the believed model lacks.
 
@@ -75,6 +78,8 @@ def find_gap(
         effects: the library, by name; that of the suite if not given.
         controls: number of control flights without any effect; if one of them gains as much, nothing is named.
         control_file: keeps each of them, so that none is flown twice.
+        windows: "auto" cuts records that do not begin with quiet trim flight into windows that start freely, a number
+            all of them, into windows of so many seconds; "off" refuses them.
 
     Raises:
         RecordError: a record is not measured, or lacks a channel of the believed suite; or ``control_file`` cannot be
@@ -86,22 +91,31 @@ def find_gap(
         >>> finding = tb.find_gap(believed, {"doublet": record}, {"sweep": held_out})  # doctest: +SKIP
         >>> finding.sentences  # doctest: +SKIP
     """
-    say, as_believed = progress or (lambda text: None), believed
+    say = progress or (lambda text: None)
     for name, record in {**records, **held_out}.items():
         if record.kind != "measured":
             raise RecordError(f"the gap workflow takes measured records only, got '{name}' of kind '{record.kind}'")
+    given, others = cut(believed, records, windows), cut(believed, held_out, windows)
+    records, held_out = given.records, others.records
+    if given.notes or others.notes:
+        say("fit where windows start")
+        believed = begin_freely(believed, {**records, **held_out})
+        tuned = _retuned(believed, believed, list(records.values()))
+        believed = begin_freely(believed, {**records, **held_out}, tuned)
+    as_believed = believed
+    for name, record in {**records, **held_out}.items():
         with located(None, f"record '{name}'"):
             believed.check_commands(record)
             believed.predict(record)  # what cannot be flown, of those held out too, is to be known before the search
     naming_records = list(records.values())
-    checked, instruments = None, partial(check_data, believed, naming_records)
+    checked, instruments = None, partial(check_data, believed, list(given.whole.values()), naming_records)
     with Ahead() as ahead:
         if check:
             say("check the instruments against each other")
             ahead.begin("check", instruments)  # the search needs nothing of it
             checked = ahead.take("check", instruments) if ahead.most == 1 else None
         say("look at forces and moments")
-        first = first_look(believed, records)
+        first = first_look(believed, given.whole)
         say("listen to the air")
         air = listen(believed, naming_records)
         believed, naming, air = search(believed, naming_records, air, say, effects)
@@ -162,6 +176,7 @@ def find_gap(
         rest=None if naming.best is None else unexplained,
         first=first,
         controls=beside,
+        windows=(*given.notes, *others.notes),
         tally=_tally(
             [believed, amended] if amended is not believed else [believed], [*records.values(), *held_out.values()]
         ),
@@ -170,7 +185,7 @@ def find_gap(
 
 def _tally(models: Sequence[Believed], records: Sequence[FlightRecord]) -> Tally:
     """Count by what models are flown through records; flights that are kept are not flown again."""
-    found = flights([model.wanted(record, model.needed) for model in models for record in records])
+    found = flights([model.wanted_to_read(record) for model in models for record in records])
     return Tally.of(x for x in found if isinstance(x, FlightRecord))
 
 
@@ -282,7 +297,7 @@ def _shrink(believed: Believed, amended: Believed, name: str, record: FlightReco
     predictions, energy, maps = [], [], []
     for model in (believed, amended):
         y = model.predict(record)
-        residuals = model.in_noise_units(record, measured - y)
+        residuals = model.residuals(record)
         predictions.append(y + ((measured - y) * taken).sum(axis=0) / np.maximum(count, 1.0))
         energy.append((residuals**2).sum(axis=0) / np.maximum(count, 1.0))
         maps.append(locate(name, residuals, model.outputs, record.dt_s, taken))

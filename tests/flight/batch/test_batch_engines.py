@@ -15,11 +15,12 @@ from testbench.flight.batch.check import TOLERANCE, compared, difference
 from testbench.flight.batch.compiled import LANES
 from testbench.flight.batch.fly import fly_many
 from testbench.flight.batch.forces import thruster
-from testbench.flight.batch.model import batch_model, put, registers, states_at_trim
+from testbench.flight.batch.model import batch_model, put, registers, states_at
 from testbench.flight.batch.program import Untranslated
 from testbench.flight.batch.translate import translate
 from testbench.flight.condition import TrimmedFlight
 from testbench.flight.executive import Executive
+from testbench.flight.start import Beginning
 from testbench.flight.trim import place_at_trim, velocity_at
 
 MOTOR = '<electric_engine name="motor"><power unit="WATTS">60000</power></electric_engine>'
@@ -143,7 +144,7 @@ def test_air_that_comes_in_aslant_moves_the_thrust_sideways():
     R, one, V = registers([model]), np.ones(1), at.condition.V_m_s
     uvw = velocity_at(V, at.alpha, 0.1)[:, None]
     controls = {n: v * one for n, v in at.controls.items()}
-    states = states_at_trim(model, at)
+    states = states_at(model, Beginning.at(at))
     put(model, R, at.condition.h_m * one, at.theta * one, at.phi * one, uvw, np.zeros((3, 1)), controls, 12, [states])
     u, v, w = R[r.U_AERO : r.U_AERO + 3, 0]
     place = model.program.properties["propulsion/engine/y-position"]

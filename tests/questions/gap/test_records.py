@@ -78,7 +78,7 @@ def test_records_of_a_description_are_used_as_it_says(files, tmp_path):
         ({"outcome": "aborted", "reason": "stalled"}, {}, "must be complete"),
         ({"provenance": {}}, {}, "give --sensors"),
         ({}, {"sensors": "eolo_alpha"}, "lacks de"),
-        ({}, {"V_m_s": 18.0}, "within 5 % of one airspeed"),
+        ({}, {"V_m_s": 18.0}, "within 5 % of the airspeed of its condition"),
     ],
 )
 def test_a_record_that_does_not_do_is_refused_in_one_sentence(flown, tmp_path, change, options, message):

@@ -14,6 +14,13 @@ from testbench.sensors.sensor import ACCELEROMETERS
 def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircraft, SensorSuite]:
     """Add a point mass; the centre of gravity and the inertia follow, accelerometers stay in the airframe."""
     load, aft = values["ratio"] * aircraft.mass.mass_kg, values["aft_chords"] * aircraft.geometry.cbar_m
+    return with_load(aircraft, suite, "payload", load, aft)
+
+
+def with_load(
+    aircraft: Aircraft, suite: SensorSuite, name: str, load: float, aft: float
+) -> tuple[Aircraft, SensorSuite]:
+    """Add a load in kg so many metres aft of the centre of gravity, as the amendment ``name``; it may be negative."""
     total = aircraft.mass.mass_kg + load
     shift = load / total * aft
     sensors = tuple(
@@ -22,7 +29,7 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
     )
     mass = replace(aircraft.mass, mass_kg=total)
     text = f"load of {load:.3g} kg {1000 * aft:+.3g} mm aft of the origin"
-    amended = aircraft.amended(Amendment("payload", text, added_load(aircraft, load, aft)))
+    amended = aircraft.amended(Amendment(name, text, added_load(aircraft, load, aft)))
     return replace(amended, mass=mass), replace(suite, sensors=sensors)
 
 

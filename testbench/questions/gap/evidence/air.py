@@ -25,7 +25,7 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.scenario.air import LOWEST_M
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
-from testbench.questions.gap.evidence.commanded import quiet_samples
+from testbench.questions.gap.evidence.commanded import quiet_samples, starts_freely
 from testbench.questions.gap.evidence.gust_filter import FlightFilter, GustFilter
 from testbench.questions.gap.evidence.gust_model import GustModel
 
@@ -58,6 +58,11 @@ class AirFound:
     @property
     def sentence(self) -> str:
         """What was found, in words."""
+        if not self.quiet_s and not self.moves:
+            return (
+                "no record begins with quiet flight, in which moving air would show: whether the air moved is not "
+                "known, and the residuals are compared with the noise of the sensors alone"
+            )
         heard = f"likelihood-ratio statistic {self.gain:.3g}, threshold {self.threshold:.3g}"
         if not self.moves:
             return (
@@ -83,6 +88,7 @@ def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
 
     The test is a likelihood ratio of turbulence against none. As the rms 0 lies on the edge of its range, the statistic
     is half a chi-square with one degree of freedom (Chernoff 1954). Trim errors and biases are free in both hypotheses.
+    Records that start freely have no quiet flight. If there is none at all, nothing is said of the air.
 
     Raises:
         FlightAborted, TrimError, LimitError: the believed aircraft cannot fly the measured commands.
@@ -91,6 +97,8 @@ def listen(believed: Believed, records: Sequence[FlightRecord]) -> AirFound:
     plain = replace(believed, whiten=None)
     quiet = _quiet(plain, records)
     height = max(believed.condition.h_m, LOWEST_M)
+    if not quiet:
+        return AirFound(False, 0.0, height, 0.0, float("inf"), 0.0)
     rms, gain = _likeliest(plain, quiet, height)
     threshold = float(chi2.isf(2.0 * CRITERIA.air_false_alarm, 1))
     moves = gain > threshold
@@ -140,6 +148,8 @@ def listen_again(
     """
     if heard.moves:
         return measure(amended, records, heard)
+    if not heard.quiet_s:  # a gap that nothing explains would look like turbulence
+        return heard
     rms, of_turbulence = _likeliest(believed, _plain_residuals(believed, records), heard.height_m)
     if of_turbulence <= max(heard.threshold, gain):
         return heard
@@ -157,8 +167,17 @@ def misfit(model: Believed, records: Sequence[FlightRecord], air: AirFound) -> f
 
 
 def _misfit(believed: Believed, residuals: Sequence[tuple[FlightRecord, FloatArray]], air: AirFound) -> float:
-    model = GustModel.at_trim(believed, air.height_m, residuals[0][0].dt_s)
-    return _cost(believed, model, residuals, air.rms_m_s)
+    return _cost(believed, _models(believed, air.height_m, residuals), residuals, air.rms_m_s)
+
+
+def _models(
+    believed: Believed, height_m: float, residuals: Sequence[tuple[FlightRecord, FloatArray]]
+) -> list[GustModel]:
+    """Return the believed aircraft in turbulence about the trim of each record; one trim gives one model."""
+    there = [believed.at(record) for record, _ in residuals]
+    dt_s = residuals[0][0].dt_s
+    found = {id(b): GustModel.at_trim(b, height_m, dt_s) for b in {id(b): b for b in there}.values()}
+    return [found[id(b)] for b in there]
 
 
 def _refuted(believed: Believed, records: Sequence[FlightRecord], air: AirFound, other: AirFound) -> bool:
@@ -169,7 +188,8 @@ def _refuted(believed: Believed, records: Sequence[FlightRecord], air: AirFound,
 
 def _plain_residuals(model: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:
     plain = replace(model, whiten=None)
-    return [(r, plain.residuals(r)) for r in records]
+    # The filter takes out where the aircraft began by itself.
+    return [(r, plain.over_noise(r, r.columns(plain.outputs) - plain.predict(r))) for r in records]
 
 
 def in_air(believed: Believed, air: AirFound, along: Believed | None = None) -> Believed:
@@ -184,9 +204,11 @@ def in_air(believed: Believed, air: AirFound, along: Believed | None = None) -> 
 
 
 def _quiet(plain: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:
-    """Return the flight before the first command of every record, and its residuals: at trim, but for the means."""
+    """Return the flight before the first command of every record that begins at trim, and its residuals there."""
     out = []
     for record in records:
+        if starts_freely(record):
+            continue
         n = quiet_samples(record)
         start = record.between(float(record.t_s[0]), float(record.t_s[n - 1]) + 0.5 * record.dt_s)
         out.append((start, plain.in_noise_units(start, start.columns(plain.outputs))))
@@ -197,10 +219,10 @@ def _likeliest(
     believed: Believed, residuals: Sequence[tuple[FlightRecord, FloatArray]], height_m: float
 ) -> tuple[float, float]:
     """Return the rms that is likeliest at one height, and twice the log-likelihood that it gains over none."""
-    model = GustModel.at_trim(believed, height_m, residuals[0][0].dt_s)
+    models = _models(believed, height_m, residuals)
 
     def cost(log_rms: float) -> float:
-        return _cost(believed, model, residuals, float(np.exp(log_rms)))
+        return _cost(believed, models, residuals, float(np.exp(log_rms)))
 
     low, high = np.log(_RMS_M_S)
     grid = np.linspace(low, high, 9)
@@ -208,21 +230,30 @@ def _likeliest(
     k = int(np.argmin(costs))
     bounds = (grid[max(k - 1, 0)], grid[min(k + 1, grid.size - 1)])
     found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 0.02})
-    return float(np.exp(found.x)), max(_cost(believed, model, residuals, 0.0) - float(found.fun), 0.0)
+    return float(np.exp(found.x)), max(_cost(believed, models, residuals, 0.0) - float(found.fun), 0.0)
 
 
 def _cost(
-    believed: Believed, model: GustModel, residuals: Sequence[tuple[FlightRecord, FloatArray]], rms_m_s: float
+    believed: Believed,
+    models: Sequence[GustModel],
+    residuals: Sequence[tuple[FlightRecord, FloatArray]],
+    rms_m_s: float,
 ) -> float:
-    """Return minus twice the log-likelihood of residuals in units of the noise at an rms, but for a constant."""
-    filters: dict[bytes, GustFilter] = {}
+    """Return minus twice the log-likelihood of residuals in units of the noise at an rms, but for a constant.
+
+    Each record's residuals have the model of its condition.
+    """
+    filters: dict[tuple[int, bytes], GustFilter] = {}
     taken = [believed.taken(record) for record, _ in residuals]
-    for one in sorted(taken, key=len, reverse=True):  # of shorter records it is the beginning of that of a longer one
-        key, longer = one.tobytes(), next((f for k, f in filters.items() if k.startswith(one.tobytes())), None)
-        if key not in filters:
-            filters[key] = GustFilter.of(model, rms_m_s, one) if longer is None else longer.first(len(one))
+    both = zip(models, taken, strict=True)
+    for model, one in sorted(both, key=lambda p: len(p[1]), reverse=True):
+        # the filter of a shorter record is the beginning of that of a longer one from the same condition
+        of, key = id(model), one.tobytes()
+        longer = next((f for (m, k), f in filters.items() if m == of and k.startswith(key)), None)
+        if (of, key) not in filters:
+            filters[of, key] = GustFilter.of(model, rms_m_s, one) if longer is None else longer.first(len(one))
     total = 0.0
-    for one, (_, r) in zip(taken, residuals, strict=True):
-        found = filters[one.tobytes()]
+    for model, one, (_, r) in zip(models, taken, residuals, strict=True):
+        found = filters[id(model), one.tobytes()]
         total += float(np.sum(found.whiten(r) ** 2)) + found.log_det
     return total

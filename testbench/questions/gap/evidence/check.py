@@ -73,7 +73,9 @@ class DataCheck:
         return tuple(e.words for e, _ in self.news if e.name.rpartition("_")[0] == channel)
 
 
-def check_data(believed: Believed, records: Sequence[FlightRecord]) -> DataCheck:
+def check_data(
+    believed: Believed, records: Sequence[FlightRecord], flown: Sequence[FlightRecord] | None = None
+) -> DataCheck:
     """Compare the records with rigid-body kinematics, the believed biases and scales of the sensors taken out.
 
     A lag and a delay are taken together, as kinematics tell their sum better than either. Without a forward
@@ -83,12 +85,13 @@ def check_data(believed: Believed, records: Sequence[FlightRecord]) -> DataCheck
 
     Kinematics know bias, scale, lag and delay of sensors at the centre of gravity of a rigid body. Believed sensors may
     also drift, sit ahead or sample slowly, which looks like one of these errors. If they do, believed flights are
-    measured with them, too, and errors that show there are no news.
+    measured with them, too, and errors that show there are no news. These fly the commands of ``flown``, of ``records``
+    if that is not given.
     """
     try:
         result = _estimated(believed, records)
-        plain = all(_is_plain(s, believed.trimmed.state) for s in believed.suite.sensors)
-        shown = {} if plain else _shown(believed, records)
+        plain = all(_is_plain(s, b.trimmed.state) for b in believed.at_each(records) for s in b.suite.sensors)
+        shown = {} if plain else _shown(believed, records if flown is None else flown)
     except (ChannelError, EstimationError) as error:
         return DataCheck(None, str(error), ())
     sensors = {s.channel: s for s in believed.suite.sensors}
@@ -150,7 +153,9 @@ def _shown(believed: Believed, records: Sequence[FlightRecord]) -> dict[str, flo
 
     def found(k: int) -> DataCompatibility:
         seeds = range(k * len(flown), (k + 1) * len(flown))
-        return _estimated(believed, [believed.suite.measure(f, s) for f, s in zip(flown, seeds, strict=True)])
+        suites = [believed.at(record).suite for record in records]
+        measured = [suite.measure(f, s) for suite, f, s in zip(suites, flown, seeds, strict=True)]
+        return _estimated(believed, measured)
 
     for result in spread([partial(found, k) for k in range(_FLIGHTS)]):
         for error in {e.name: e for e in (*result.tested, *result.errors)}.values():

@@ -86,11 +86,17 @@ def felt(believed: Believed, records: Mapping[str, FlightRecord], copies: int) -
         motions[name] = motion
     priors = believed.priors_of(list(records.values()))
     ones = dict.fromkeys(priors, 1.0)
-    base = believed.with_nuisances(ones).aircraft
-    changed = [believed.with_nuisances(ones | {n: 1.0 + _STEP}).aircraft for n in priors]
-    lanes = [Lane(base, believed.trimmed, m.given(k)) for m in motions.values() for k in range(1 + copies)]
-    lanes += [Lane(a, believed.trimmed, m.given(0)) for m in motions.values() for a in changed]
-    shown = [n for n in _SHOWN if n in believed.trimmed.state]
+    base = believed.with_nuisances(ones)
+    changed = [believed.with_nuisances(ones | {n: 1.0 + _STEP}) for n in priors]
+
+    def lane(model: Believed, motion: Motion, version: int) -> Lane:
+        """Return one version of a motion of the model as it was flown from where that record was."""
+        return Lane(model.at(motion.record).aircraft, believed.at(motion.record).trimmed, motion.given(version))
+
+    lanes = [lane(base, m, k) for m in motions.values() for k in range(1 + copies)]
+    lanes += [lane(model, m, 0) for m in motions.values() for model in changed]
+    trimmed = [believed.at(m.record).trimmed for m in motions.values()]
+    shown = [n for n in _SHOWN if all(n in t.state for t in trimmed)]
     found = iter(forces_along(lanes, shown))
     versions = {name: [next(found) for _ in range(1 + copies)] for name in motions}
     by_name = {name: {n: next(found) for n in priors} for name in motions}

@@ -23,7 +23,7 @@ from scipy.signal import savgol_filter
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.trajectories import Trajectories
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.evidence.commanded import commands, quiet_samples
+from testbench.questions.gap.evidence.commanded import commands, quiet_samples, starts_freely
 
 _WINDOW_S = 0.25  # of the local cubic that differentiates pitch rate and smooths everything alike
 _FORCES = {"ax": "CX", "az": "CZ"}
@@ -50,15 +50,16 @@ class EquationErrors:
 
 
 def equation_errors(believed: Believed, name: str, record: FlightRecord) -> EquationErrors | None:
-    """Return the equation errors of one record, or None if it does not hold V, alpha, q and theta.
+    """Return the equation errors of one record; None if it lacks V, alpha, q or theta, or has no quiet flight.
 
     Surfaces are taken where the believed servos would have put them. Samples that were not taken hold the last value.
 
     Raises:
         FlightAborted, LimitError: the believed aircraft does not survive the measured commands.
     """
-    if not {"V", "alpha", "q", "theta"} <= set(record.channels):
+    if not {"V", "alpha", "q", "theta"} <= set(record.channels) or starts_freely(record):
         return None
+    believed = believed.at(record)
     shared = [n for n in ("V", "alpha", "q", "theta", *_FORCES) if n in record]
     flown = believed.flown(record).columns(shared)
     read = dict(zip(believed.outputs, believed.predict(record).T, strict=True))

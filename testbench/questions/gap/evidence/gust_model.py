@@ -53,6 +53,7 @@ class GustModel:
     @classmethod
     def along(cls, believed: Believed, height_m: float, record: FlightRecord) -> GustModel:
         """Do the same along the aircraft's flight through the commands of a record, linear about every sample."""
+        believed = believed.at(record)
         names, flown = _moving(believed), believed.flown(record)
         A, C, outputs = linear_along(believed.flyer, flown, names)
         return cls._of(believed, height_m, record.dt_s, names, A, C, outputs, flown["theta"])

@@ -75,6 +75,7 @@ def motion_of(believed: Believed, record: FlightRecord, copies: int, number: int
     """
     if not set(NEEDED) <= set(record.channels):
         return None
+    believed = believed.at(record)
     lateral = set(_LATERAL) <= set(record.channels)
     names = [n for n in (*_STATES, *_FORCES) if n in record and (lateral or n not in (*_LATERAL, "ay"))]
     read = {n: _readings(believed, record, n, copies, number) for n in names}

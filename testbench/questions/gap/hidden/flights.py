@@ -18,6 +18,7 @@ from testbench.flight import FlightCondition, TrimmedFlight, load_aircraft, trim
 from testbench.flight.air import Air
 from testbench.inputs.signal import InputSignal
 from testbench.line import fly_and_measure
+from testbench.questions.gap.hidden.mass import load, with_moved_accelerometers
 from testbench.questions.gap.hidden.truth import Truth
 from testbench.sensors import SensorSuite
 
@@ -35,6 +36,8 @@ class Commands:
         settle_s: flight at trim before the first one.
         seed: of the sensors' noise.
         air: that it flies through; still air if None.
+        condition: that it starts from; that of all if None.
+        load_kg, load_aft_m: known load in this flight alone, and its place on the centre line.
     """
 
     name: str
@@ -43,6 +46,9 @@ class Commands:
     settle_s: float
     seed: int
     air: Air | None = None
+    condition: FlightCondition | None = None
+    load_kg: float = 0.0
+    load_aft_m: float = 0.0
 
 
 def fly_hidden(
@@ -72,14 +78,17 @@ def fly_hidden(
     Raises:
         TrimError, FlightAborted, LimitError: this truth cannot fly the manoeuvres.
     """
-    real = real_aircraft(load_aircraft(aircraft, "flexible" if truth.flexible else wings), truth)
-    sensors = read_through(suite, truth)
-    rate = rate_hz or real.rate_hz
-    trimmed = trim(real, condition, rate)
+    base = load_aircraft(aircraft, "flexible" if truth.flexible else wings)
+    starts: dict[tuple[FlightCondition, float, float], tuple[Aircraft, SensorSuite, TrimmedFlight]] = {}
     out = {}
     for commands in flights:
         if progress:
             progress(f"fly {commands.name}")
+        start = (commands.condition or condition, commands.load_kg, commands.load_aft_m)
+        if start not in starts:
+            starts[start] = _ready(base, truth, suite, start, rate_hz)
+        real, sensors, trimmed = starts[start]
+        rate = trimmed.rate_hz
         u = np.repeat(commands.u, round(rate / suite.rate_hz), axis=0)
         signal = InputSignal(np.arange(len(u)) / rate, sent(truth, u, commands.controls, 1.0 / rate), commands.controls)
         flight = fly_and_measure(
@@ -98,6 +107,23 @@ def fly_hidden(
             measured = as_issued_in(measured, u, commands.controls, trimmed, commands.settle_s)
         out[commands.name] = measured if truth.spoil is None else spoiled(measured, truth)
     return out
+
+
+def _ready(
+    base: Aircraft,
+    truth: Truth,
+    suite: SensorSuite,
+    start: tuple[FlightCondition, float, float],
+    rate_hz: float | None,
+) -> tuple[Aircraft, SensorSuite, TrimmedFlight]:
+    """Return what flies from a condition with a load, what reads it, and its trim."""
+    condition, kg, aft_m = start
+    if kg:
+        ahead = kg / (base.mass.mass_kg + truth.extra_kg + kg) * aft_m  # places are told from the centre of gravity
+        suite = read_through(suite, with_moved_accelerometers(Truth(), ahead))
+        truth = truth.with_(load(kg, aft_m))
+    real = real_aircraft(base, truth)
+    return real, read_through(suite, truth), trim(real, condition, rate_hz or real.rate_hz)
 
 
 def read_through(suite: SensorSuite, truth: Truth) -> SensorSuite:

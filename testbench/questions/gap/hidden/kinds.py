@@ -233,10 +233,12 @@ def measure_hidden(
     seed: int,
     rate_hz: float | None = None,
     progress: Callable[[str], None] | None = None,
+    starts: Mapping[str, tuple[FlightCondition, float, float]] | None = None,
 ) -> Mapping[str, FlightRecord]:
     """Fly the aircraft with its hidden truth and return name -> measured record; provenance is left out.
 
-    Commands are issued at the rate of the suite's log and held, as an on-board computer does.
+    Commands are issued at the rate of the suite's log and held, as an on-board computer does. ``starts`` are manoeuvres
+    that begin from another condition, or with a load in kg so many metres aft of the centre of gravity.
 
     Raises:
         TrimError, FlightAborted, LimitError: the hidden aircraft cannot fly these manoeuvres.
@@ -244,7 +246,9 @@ def measure_hidden(
     truth = hidden.truth(aircraft, load_aircraft(aircraft, wings))
     built = [build(spec.input, spec.duration_s, suite.rate_hz) for spec in manoeuvres]
     flights = [
-        Commands(spec.name, signal.channels, signal.u, spec.settle_s, seed + i)
+        Commands(
+            spec.name, signal.channels, signal.u, spec.settle_s, seed + i, None, *(starts or {}).get(spec.name, ())
+        )
         for i, (spec, signal) in enumerate(zip(manoeuvres, built, strict=True))
     ]
     as_issued = truth.elevator is not None or truth.throttle is not None or truth.fed_back

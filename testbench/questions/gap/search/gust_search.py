@@ -24,9 +24,11 @@ from scipy.stats import chi2
 
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.air import Gust
+from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects.base import Effect, MetGust
 from testbench.questions.gap.effects.gust import LARGEST_M_S, Axis, placed
+from testbench.questions.gap.evidence.commanded import starts_freely
 from testbench.questions.gap.evidence.gusts import manoeuvre_of, record_key
 from testbench.questions.gap.search.hypothesis import Hypothesis
 
@@ -92,12 +94,13 @@ class GustSearch:
         places = tuple((axis, d) for axis in axes for d in DURATIONS_S)
         T = np.split(point.tangents, np.cumsum([len(r) * p for r in records])[:-1])
         A = cho_factor(point.tangents.T @ point.tangents + np.diag(point.prior_std**-2.0))
-        responses = _responses(point, max(records, key=len), places)
+        longest = {id(there): max(own, key=len) for there, own in _by_start(point)}
+        of_start = {key: _responses(point, record, places) for key, record in longest.items()}
         filters, information, sizes = [], [], []
         for record, tangents in zip(records, T, strict=True):
             n = len(record)
             size = next_fast_len(2 * n, real=True)
-            R = responses[:, :n]
+            R = of_start[id(point.model.at(record))][:, :n]
             valid = record.valid[:, [record.channels.index(c) for c in point.believed.outputs]].astype(float)
             F = np.conj(rfft(R, size, axis=1))
             V = rfft(valid, size, axis=0)
@@ -109,7 +112,7 @@ class GustSearch:
             flat = G.reshape(-1, G.shape[2])
             square -= (flat * cho_solve(A, flat.T).T).sum(axis=1).reshape(square.shape)
             step = max(1, round(STEP_S / record.dt_s))
-            looked = (np.arange(n) % step == 0) & (square > _LEAST)
+            looked = (np.arange(n) % step == 0) & (square > _LEAST) & (not starts_freely(record))
             filters.append(F)
             information.append(np.where(looked, square, 0.0))
             sizes.append(size)
@@ -140,6 +143,12 @@ class GustSearch:
         return out
 
 
+def _by_start(point: Hypothesis) -> list[tuple[Believed, list[FlightRecord]]]:
+    """Return each condition that the records of a point were flown from, and those flown from there."""
+    model = point.model
+    return [(b, [r for r in point.records if model.at(r) is b]) for b in model.at_each(point.records)]
+
+
 def _responses(point: Hypothesis, record: FlightRecord, places: Sequence[tuple[Axis, float]]) -> FloatArray:
     """Return what a gust of 1 m/s from the first sample on changes in the readings (places, n, p), in noise units."""
     model, out = replace(point.model.with_nuisances(point.by_name), gusts=()), []
@@ -156,7 +165,7 @@ def sought(point: Hypothesis, effect: Effect) -> Effect:
     Its place is a record, an axis and a time. A gust that does not stand out, or promises too small a share of the
     excess over the noise, stays without a place and is not fitted. In turbulence no gust is sought: the whitening
     filter takes moving air out of the residuals, and one more gust of it is not another effect. For the same reason a
-    gust in the quiet flight before the commands counts as turbulence.
+    gust in the quiet flight before the commands counts as turbulence. Records that start freely are not looked at.
     """
     if effect.met is None or point.believed.whiten is not None or point.model.gusts:
         return effect

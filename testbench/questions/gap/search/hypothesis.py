@@ -14,9 +14,10 @@ from testbench.core.differences import ends, slope
 from testbench.core.errors import LimitError, ModelError, TrimError
 from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.estimators.residuals import coloured_information
-from testbench.questions.gap.believed import LATERAL_PRIORS, Believed
+from testbench.questions.gap.believed import LATERAL_PRIORS, STEPS, Believed
 from testbench.questions.gap.effects import Effect
-from testbench.questions.gap.flights import Wanted, flights, linear_models
+from testbench.questions.gap.evidence.commanded import starts_freely
+from testbench.questions.gap.flights import AT_ONCE, Wanted, flights, linear_models
 
 LINEAR_STEP = 0.02  # of central differences of linear predictions by the nuisances, which are factors
 FLOWN_STEP = 0.01  # of forward differences of flights by them
@@ -84,8 +85,9 @@ class Hypothesis:
 
     @cached_property
     def samples(self) -> int:
-        """Number of samples in ``exact`` that were taken; those that were not are zero there."""
-        return sum(int(np.count_nonzero(self.believed.taken(r))) for r in self.records)
+        """Number of samples in ``exact`` that were taken, less what unknown starts take; the others are zero there."""
+        taken = sum(int(np.count_nonzero(self.believed.taken(r))) for r in self.records)
+        return taken - round(sum(self.believed.lost(r) for r in self.records))
 
     @property
     def lateral(self) -> bool:
@@ -258,17 +260,18 @@ class Signature:
 
 def flown_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
     """Return the residuals (samples,) of each model as flown, all together; None for one that cannot fly."""
-    wanted: list[Wanted] = []
-    for model in models:
-        with suppress(*_NOT_FLOWN):
-            wanted += [model.wanted(record, model.needed) for record in records]
-    flights(wanted)
-    return [_or_none(_flown, model, records) for model in models]
+    out: list[FloatArray | None] = []
+    each = 1 + (STEPS if any(starts_freely(r) for r in records) else 0)
+    some = max(1, AT_ONCE // (each * len(records)))
+    for k in range(0, len(models), some):
+        fly_together(models[k : k + some], records)
+        out += [_or_none(_flown, model, records) for model in models[k : k + some]]
+    return out
 
 
 def linear_all(models: Sequence[Believed], records: tuple[FlightRecord, ...]) -> list[FloatArray | None]:
     """Return the linear prediction (samples,) of each model, in units of the noise; None for one without a trim."""
-    linear_models([model.linear_flyer for model in models])
+    linear_models([there.linear_flyer for model in models for there in model.at_each(records)])
     return [_or_none(_linear, model, records) for model in models]
 
 
@@ -283,8 +286,29 @@ def _or_none(
         return None
 
 
+def fly_together(models: Sequence[Believed], records: Sequence[FlightRecord]) -> None:
+    """Fly models through records, so that they are found when they are asked for; free starts from their origins first.
+
+    A model that cannot be flown is left out.
+    """
+    free = [r for r in records if starts_freely(r)]
+    for steps in range(STEPS if free else 0):
+        flights(_wanted_of(models, free, steps))
+    flights(_wanted_of(models, records))
+
+
+def _wanted_of(models: Sequence[Believed], records: Sequence[FlightRecord], steps: int = STEPS) -> list[Wanted]:
+    """Return the flights of models that can be flown, free starts moved by so many steps."""
+    wanted: list[Wanted] = []
+    for model in models:
+        for record in records:
+            with suppress(*_NOT_FLOWN):
+                wanted.append(model.wanted_to_read(record, model.begun(record, steps)))
+    return wanted
+
+
 def _flown(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:
-    flights([model.wanted(record, model.needed) for record in records])
+    fly_together([model], records)
     return np.concatenate([model.residuals(r).ravel() for r in records])
 
 

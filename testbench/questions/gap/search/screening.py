@@ -102,7 +102,8 @@ def screen_all(tasks: Sequence[tuple[Hypothesis, Effect]], share: float = 1.0, f
         base.prepare()
     if share == 1.0:  # trimmed here, so that what other processes fly in batches is known to this one afterwards
         sought = [(base, e) for base, e in tasks if not _not_sought(base, e)]
-        trims([Signature(base, e).tuned_model(_starts(e)[0]).flyer for base, e in sought])
+        models = [(Signature(base, e).tuned_model(_starts(e)[0]), base.records) for base, e in sought]
+        trims([there.flyer for model, records in models for there in model.at_each(records)])
     parts = spread([partial(_parts, base, effect, share, far) for base, effect in tasks])
     both = zip(tasks, parts, strict=True)
     return [Screened(e, Signature(b, e, known), *rest) for (b, e), (known, rest) in both]

@@ -1,0 +1,326 @@
+"""Records without quiet trim flight are cut into windows, each of which starts freely (multiple shooting).
+
+H. G. Bock, Numerical treatment of inverse problems in chemical reaction kinetics, 1981; R. V. Jategaonkar, Flight
+Vehicle System Identification, 2nd ed., 2015, section 9.5, for unstable aircraft. A window is a record of its own. It
+begins with LEAD_S of flight that is flown but not compared, so that servos, links and sensors that lag have forgotten
+where they began. Its start and constant offsets of its commands (thrust that wanders, a trim that is not known) are
+nuisances of its own (:mod:`.free_start`), first fitted to the believed model.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from testbench.core.channels import CONTROLS
+from testbench.core.constants import DEG_RAD
+from testbench.core.errors import RecordError, TestbenchError, located
+from testbench.core.record import FlightRecord, FloatArray
+from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.evidence.commanded import (
+    begins_quietly,
+    commands,
+    freed,
+    key_of_start,
+    quiet_samples,
+    starts_freely,
+)
+from testbench.questions.gap.evidence.gusts import record_key
+from testbench.questions.gap.flights import flights
+from testbench.questions.gap.free_start import STATES, FreeStart
+from testbench.questions.gap.window_length import SHORTEST_S, Windows
+
+LEAD_S = 0.5
+"""Flown before a window is compared: four time constants of a servo of 8 rad/s."""
+LONGEST_S = 10.0
+"""Of a window where nothing is unstable: turbulence and thrust wander within longer ones."""
+GROWTH = 30.0
+"""By which the fastest unstable mode may grow within a window: what noise leaves of a start, some 0.1 deg, stays where
+the aircraft is linear."""
+_FROM_TRIM = {  # prior standard deviations: of a state that is measured, by what instruments may be biased; of others
+    "V_m_s": (0.03, 0.06),  # of the airspeed
+    "alpha": (2.0 * DEG_RAD, 4.0 * DEG_RAD),
+    "beta": (2.0 * DEG_RAD, 4.0 * DEG_RAD),
+    "p": (1.0 * DEG_RAD, 10.0 * DEG_RAD),
+    "q": (1.0 * DEG_RAD, 10.0 * DEG_RAD),
+    "r": (1.0 * DEG_RAD, 10.0 * DEG_RAD),
+    "phi": (2.0 * DEG_RAD, 15.0 * DEG_RAD),
+    "theta": (2.0 * DEG_RAD, 5.0 * DEG_RAD),
+    "h_m": (10.0, 10.0),
+}
+_OFFSETS = {"de": 3.0 * DEG_RAD, "da": 3.0 * DEG_RAD, "dr": 3.0 * DEG_RAD, "thr": 0.2}
+_CHANNELS = {"V_m_s": "V", "h_m": "h"}
+_LATERAL = {"beta", "v", "p", "r", "phi", "ay"}  # channels
+_OF_LATERAL = ("beta", "p", "r", "phi", "da", "dr")  # start parameters
+_FITTED_S, _FEWEST = 0.2, 5  # straight lines through so much of a reading, and so many samples, say where it begins
+_TURNS_DEG_S, _BANK_DEG, _ACCELERATES_1_S = 5.0, 15.0, 0.05  # beyond which quiet commands are not taken for trim
+_STEP = 0.05  # of differences, in prior standard deviations
+_HORIZONS_S = (1.5, 3.0, math.inf)
+_ROUNDS = 8
+_AT_REST = 0.1  # of chi-square
+_SHARES = (1.0, 0.4, 0.1)
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """Records as they are searched.
+
+    Attributes:
+        records: name -> record that begins at trim, or window.
+        whole: name -> record as it was given; one without quiet flight says so.
+        notes: what was cut, in sentences.
+    """
+
+    records: Mapping[str, FlightRecord]
+    whole: Mapping[str, FlightRecord]
+    notes: tuple[str, ...]
+
+
+def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Windows = "auto") -> Cut:
+    """Cut records into windows where that is wanted.
+
+    Args:
+        believed: whose unstable modes say how long windows may be.
+        records: by name.
+        windows: length of the windows of every record, s; "auto" cuts those alone that do not begin with quiet flight,
+            "off" none.
+
+    Raises:
+        RecordError: a record is shorter than one window, or a length makes no sense.
+    """
+    if windows == "off":
+        return Cut(records, records, ())
+    out: dict[str, FlightRecord] = {}
+    whole: dict[str, FlightRecord] = {}
+    notes: list[str] = []
+    for name, record in records.items():
+        why_free = restless(record)
+        if starts_freely(record) or (windows == "auto" and not why_free):
+            out[name] = whole[name] = record
+            continue
+        with located(None, f"record '{name}'"):
+            length_s, why = longest(believed, record) if windows == "auto" else (float(windows), "as wanted")
+            whole[name] = freed(record, record_key(record), level(record))
+            parts = _parts(whole[name], length_s)
+        out |= {f"{name}, {part.t_s[0]:.4g} to {part.t_s[-1]:.4g} s": part for part in parts}
+        each = (len(parts[0]) - round(LEAD_S / record.dt_s)) * record.dt_s
+        into = f"is cut into {len(parts)} window{'s' if len(parts) > 1 else ''} of {each:.3g} s"
+        because = f"{why_free}: it " if why_free else ""
+        notes.append(f"'{name}' {because}{into} ({why}), each started freely")
+    return Cut(out, whole, tuple(notes))
+
+
+def restless(record: FlightRecord) -> str:
+    """Return why a record does not begin in trimmed flight, in words; "" if it may.
+
+    Turbulence moves an aircraft at trim, too: what it does within half a second is let pass.
+    """
+    if not begins_quietly(record):
+        return "does not begin with quiet flight"
+    n = quiet_samples(record)
+    for name in ("p", "q", "r"):
+        rate = float(np.mean(record[name][:n])) / DEG_RAD if name in record else 0.0
+        if abs(rate) > _TURNS_DEG_S:
+            return f"turns as it begins ({name} {rate:.3g} deg/s)"
+    bank = float(np.mean(record["phi"][:n])) / DEG_RAD if "phi" in record else 0.0
+    if abs(bank) > _BANK_DEG:
+        return f"is banked as it begins ({bank:.3g} deg)"
+    if "V" in record:
+        V = record["V"][:n]
+        slope = float(np.polyfit(np.arange(n) * record.dt_s, V, 1)[0]) / float(np.mean(V))
+        if abs(slope) > _ACCELERATES_1_S:
+            return f"changes its airspeed as it begins ({100.0 * slope:.2g} % per second)"
+    return ""
+
+
+def longest(believed: Believed, record: FlightRecord) -> tuple[float, str]:
+    """Return how long a window may be, s, and why."""
+    growing = float(max(0.0, *believed.at(record).linear.poles().real))
+    if growing * LONGEST_S <= math.log(GROWTH):
+        return LONGEST_S, "nothing grows much faster"
+    length = max(math.log(GROWTH) / growing, SHORTEST_S)
+    return length, f"its fastest unstable mode doubles in {math.log(2.0) / growing:.2g} s"
+
+
+def level(record: FlightRecord) -> dict[str, float]:
+    """Return control -> command from which deviations are taken: in quiet flight, or in the mean of the record."""
+    names = [n for n in CONTROLS if f"{n}_cmd" in record]
+    if not names:
+        raise RecordError("a record of the gap workflow must hold a command such as de_cmd, got none")
+    u = record.columns(f"{n}_cmd" for n in names)
+    if not restless(record):
+        u = u - commands(record)[1]
+    return dict(zip(names, u.mean(axis=0).tolist(), strict=True))
+
+
+def _parts(record: FlightRecord, length_s: float) -> list[FlightRecord]:
+    """Return windows of equal length, none compared for more than ``length_s``.
+
+    Raises:
+        RecordError: ``length_s`` or the record is too short.
+    """
+    if not length_s >= SHORTEST_S:
+        raise RecordError(f"a window must be at least {SHORTEST_S:g} s long, got windows = {length_s:g}")
+    lead = round(LEAD_S / record.dt_s)
+    n = len(record) - lead
+    if n * record.dt_s < SHORTEST_S:
+        raise RecordError(
+            f"a record must be at least {SHORTEST_S + LEAD_S:g} s long to start freely, got {record.duration_s:.2f} s"
+        )
+    count = max(1, math.ceil(n * record.dt_s / length_s - 1e-9))
+    ends = np.linspace(lead, len(record), count + 1).round().astype(int)
+    out = []
+    compared = [i for i, c in enumerate(record.channels) if c.removesuffix("_cmd") not in CONTROLS]
+    for a, b in pairwise(ends.tolist()):
+        rows = slice(a - lead, b)
+        valid = record.valid[rows].copy()
+        valid[:lead, compared] = False
+        part = replace(record, t_s=record.t_s[rows], data=record.data[rows], valid=valid)
+        out.append(freed(part, record_key(part), level(record) if not starts_freely(record) else _level_of(record)))
+    return out
+
+
+def _level_of(record: FlightRecord) -> dict[str, float]:
+    names, u = commands(record)
+    return dict(zip(names, (record.columns(f"{n}_cmd" for n in names) - u)[0].tolist(), strict=True))
+
+
+def begin_freely(believed: Believed, records: Mapping[str, FlightRecord], along: Believed | None = None) -> Believed:
+    """Return the belief with the starts of all records that start freely, fitted to them.
+
+    Gauss-Newton on flown differences: readings less what the believed sensors would read, about their means.
+
+    Args:
+        believed: whose starts they become.
+        records: by name; those that begin at trim are left alone.
+        along: model that they are fitted to, from the starts that ``believed`` has already; ``believed`` itself, from
+            the first readings, if not given.
+
+    Raises:
+        FlightAborted, LimitError, TrimError: the believed aircraft cannot fly a window from where it seems to begin.
+    """
+    own = {n: r for n, r in records.items() if starts_freely(r)}
+    if not own:
+        return believed
+    plain = replace(along or believed, whiten=None)
+    known = along is not None
+    starts = {
+        key_of_start(r): believed.free_starts[key_of_start(r)] if known else _guess(plain, r) for r in own.values()
+    }
+    # What seems to begin well may leave the limits before it has been fitted: first the beginnings alone.
+    for horizon_s in _HORIZONS_S[-1:] if known else _HORIZONS_S:
+        moving = {n: r.between(float(r.t_s[0]), float(r.t_s[0]) + horizon_s) for n, r in own.items()}
+        for _ in range(_ROUNDS):
+            starts |= _linearised(plain, moving, starts)
+            moved, fallen = _improved(plain, moving, starts)
+            starts |= moved
+            moving = {n: r for n, r in moving.items() if fallen[n] > _AT_REST}
+            if not moving:
+                break
+    starts |= _linearised(plain, own, starts)
+    return replace(believed, free_starts={**believed.free_starts, **starts})
+
+
+def _guess(believed: Believed, record: FlightRecord) -> FreeStart:
+    """Return the start that the first readings of a record tell, without columns."""
+    believed = believed.at(record)
+    lateral = bool(_LATERAL & set(believed.outputs))
+    states = [n for n in STATES if (lateral or n not in _OF_LATERAL) and (n != "h_m" or "h" in record)]
+    controls = [c for c in believed.aircraft.controls if c in _OFFSETS and (lateral or c not in _OF_LATERAL)]
+    origin, std = [], []
+    for name in states:
+        channel = _CHANNELS.get(name, name)
+        measured, other = _FROM_TRIM[name]
+        scale = believed.condition.V_m_s if name == "V_m_s" else 1.0
+        here = channel in record
+        origin.append(_first(believed, record, channel) - believed.trimmed.state[channel] if here else 0.0)
+        std.append(scale * (measured if here else other))
+    values = np.array([*origin, *(0.0 for _ in controls)])
+    stds = np.array([*std, *(_OFFSETS[c] for c in controls)])
+    return FreeStart(
+        (*states, *controls), values, stds, values, np.zeros((len(record), len(believed.outputs), values.size))
+    )
+
+
+def _first(believed: Believed, record: FlightRecord, channel: str) -> float:
+    """Return what a sensor reads as a record begins, by a straight line, less what is believed of bias and scale."""
+    n = min(max(_FEWEST, round(_FITTED_S / record.dt_s)), len(record))
+    sensor = next((s for s in believed.suite.sensors if s.channel == channel), None)
+    bias, scale = (0.0, 1.0) if sensor is None else (sensor.bias, sensor.scale)
+    return (float(np.polyfit(np.arange(n), record[channel][:n], 1)[1]) - bias) / scale
+
+
+def _linearised(
+    believed: Believed, records: Mapping[str, FlightRecord], starts: Mapping[str, FreeStart]
+) -> dict[str, FreeStart]:
+    """Return the starts with columns at their origins, by flown differences, all together.
+
+    Raises:
+        FlightAborted, LimitError, TrimError: an origin cannot be flown.
+    """
+    with_starts = replace(believed, free_starts=starts)
+    points = []
+    for record in records.values():
+        free = starts[key_of_start(record)]
+        steps = _STEP * np.diag(free.std)
+        points += [(record, x) for x in (free.origin, *(free.origin + s for s in steps))]
+    flights([with_starts.wanted_to_read(r, x) for r, x in points])
+    out = {}
+    for name, record in records.items():
+        key = key_of_start(record)
+        free = starts[key]
+        with located(None, f"record '{name}'"):
+            here = with_starts.read_from(record, free.origin)
+        columns = []
+        for step in _STEP * np.diag(free.std):
+            column = np.zeros_like(here)
+            for sign in (1.0, -1.0):
+                try:
+                    column = sign * (with_starts.read_from(record, free.origin + sign * step) - here) / _STEP
+                    break
+                except TestbenchError:
+                    continue
+            columns.append(column)
+        out[key] = replace(free, columns=np.stack(columns, axis=-1), known={})
+    return out
+
+
+def _improved(
+    believed: Believed,
+    records: Mapping[str, FlightRecord],
+    starts: Mapping[str, FreeStart],
+) -> tuple[dict[str, FreeStart], dict[str, float]]:
+    """Return starts moved to where they suit better, and by how much chi-square fell in each record."""
+    with_starts = replace(believed, free_starts=starts)
+    tried, out, fallen = {}, {}, {}
+    for name, record in records.items():
+        x = starts[key_of_start(record)].origin
+        step = with_starts.better_start(record, x) - x
+        tried[name] = [x + share * step for share in _SHARES]
+    flights([with_starts.wanted_to_read(records[n], x) for n, xs in tried.items() for x in xs])
+    for name, record in records.items():
+        free = starts[key_of_start(record)]
+        before = _misfit(with_starts, record, free.origin)
+        best, at = before, free.origin
+        for x in tried[name]:
+            try:
+                now = _misfit(with_starts, record, x)
+            except TestbenchError:
+                continue
+            if now < best:
+                best, at = now, x
+        fallen[name] = before - best
+        out[key_of_start(record)] = replace(free, origin=at, known={})
+    return out, fallen
+
+
+def _misfit(believed: Believed, record: FlightRecord, x: FloatArray) -> float:
+    """Return what is minimised over the parameters ``x`` (k,) of a start: chi-square and the price of the prior."""
+    free = believed.free_start_of(record)
+    assert free is not None
+    r = believed.over_noise(record, record.columns(believed.outputs) - believed.read_from(record, x))
+    return float(np.sum(r**2) + np.sum(((x - free.centre) / free.std) ** 2))
