@@ -9,6 +9,7 @@ from testbench.core.record import FlightRecord
 from testbench.estimators import estimate
 from testbench.estimators.causes import with_causes
 from testbench.estimators.causes.coloured_fit import Stretch, Whitener, normal, regress, samples_lost, settled, solved
+from testbench.estimators.causes.feedback import _moving
 from testbench.estimators.discrete_transfer import in_free_run
 from testbench.estimators.residuals import Autoregression
 from tests.studies.advice_cases import INPUTS, OUTPUTS, WN, fly
@@ -74,7 +75,7 @@ def test_noise_alone_is_no_fault_of_the_aircraft(case, method):
         assert named <= {"far_from_best", "coloured_residuals"}
 
 
-@pytest.mark.parametrize("method", [m for m in METHODS if m != "equation_error"])
+@pytest.mark.parametrize("method", METHODS)
 def test_a_clean_fit_is_good(method):
     for seed in SEEDS[method]:
         assert serious("clean", method, seed)[0] == []  # false alarm: 1e-3 for each of some three tests of a fit
@@ -142,6 +143,14 @@ def test_inputs_of_another_flight_are_no_feedback():
         codes = [a.code for a in with_causes(estimate("dsr_e", [flown], INPUTS, OUTPUTS, **HORIZONS), [flown]).advice]
         named += "closed_loop" in codes
     assert named <= 1  # each errs in 1 % of flights: two of eight by chance in 0.3 %
+
+
+def test_what_moves_the_aircraft_is_told_from_the_noise_of_sensors():
+    rng = np.random.default_rng(9)
+    gust = 500.0 * coloured(rng, 0.97, 2000, 2).T  # of four times the variance of the noise
+    (moved,), gain = _moving([gust + 2.0 * rng.standard_normal(gust.shape)])
+    assert np.std(moved - gust) < 0.8 * 2.0
+    assert np.all(np.linalg.eigvals(gain).real < 0.9)
 
 
 def test_a_line_in_noise_of_long_memory_is_found():

@@ -1,9 +1,11 @@
 """Do the inputs react to the outputs? What is new in an input, against the residuals around it.
 
 What an open loop leaves as residuals knows nothing of the inputs. In a closed loop, gusts are in the residuals and in
-what the input does beyond its own past (C. W. J. Granger, Econometrica 37, 1969). One number per output is tested, the
-residual of the same sample: its past adds degrees of freedom and little news. What is new in the input is clipped, so
-that the steps of a pilot do not drown a damper that works at every sample.
+what the input does beyond its own past (C. W. J. Granger, Econometrica 37, 1969). One number per output is tested, what
+moves the aircraft in the residual of the same sample: a damper has sensors of its own, whose noise is not that of the
+outputs, which a Wiener filter over this sample and the two before it therefore takes away. Each of these samples by
+itself would add degrees of freedom and little news. What is new in the input is clipped, so that the steps of a pilot
+do not drown a damper that works at every sample.
 
 An input that moves between samples reaches the outputs before the next sample. Part of one sample's response, anything
 from nothing (held inputs) to all of it (inputs that are stamped a sample late), is therefore taken from the residuals
@@ -23,6 +25,7 @@ from testbench.estimators.causes.coloured_fit import settled
 from testbench.estimators.residuals import Autoregression
 
 _PAST = 40  # samples of its own past that may explain an input
+_FILTERED = 2  # samples before the present one that tell the noise of sensors from what moves the aircraft
 _ROUNDS = 5
 _CLIP = 4.0  # robust standard deviations of what is new in an input
 _PARTS = (0.0, 0.25, 0.5, 0.75, 1.0)  # of one sample's response that may lie within the sample
@@ -67,7 +70,8 @@ def strongest(
         return None
     rows = [settled(g, min(2 * _PAST, len(g) // 8)) for g in good]
     lags = min(_PAST, min(len(g) for g in good) // 8)
-    found = []
+    left, gain = _moving(left)
+    first, found = gain @ first, []
     for j in range(inputs[0].shape[1]):
         if _held([u[:, j] for u in inputs]):
             continue
@@ -77,6 +81,30 @@ def strongest(
         if len(now) > 2 * (past.shape[1] + known.shape[1]):
             found.append(_test(j, past, now, known, first[:, j]))
     return max(found, key=lambda f: f.statistic, default=None)
+
+
+def _moving(left: Sequence[FloatArray]) -> tuple[list[FloatArray], FloatArray]:
+    """Return the residuals (p, N) per record without white noise, by a causal Wiener filter, and its first gain (p, p).
+
+    What is not white has the autocovariance of the residuals, but at no lag, where it follows on a line from lags one
+    and two. Its regression on the present residuals and those before is the filter.
+    """
+    lags, p = range(_FILTERED + 1), left[0].shape[0]
+    R = np.sum([[v[:, k:] @ v[:, : v.shape[1] - k].T for k in (*lags, _FILTERED + 1)] for v in left], axis=0)
+    size = np.sqrt(np.maximum(np.diag(R[0]), 1e-300))
+    R = R / np.outer(size, size)
+    values, vectors = np.linalg.eigh(R[1] + R[1].T - 0.5 * (R[2] + R[2].T))
+    now = (vectors * np.maximum(values, 0.0)) @ vectors.T
+    whole = np.block([[R[b - a] if b >= a else R[a - b].T for b in lags] for a in lags])
+    goal = np.hstack([now, *R[1 : _FILTERED + 1]])
+    filters = np.linalg.lstsq(whole.T, goal.T, rcond=1e-10)[0].T.reshape(p, len(lags), p) * size[:, None, None] / size
+    out = []
+    for v in left:
+        moved = np.zeros_like(v)
+        for k in lags:
+            moved[:, k:] += filters[:, k] @ v[:, : v.shape[1] - k]
+        out.append(moved)
+    return out, filters[:, 0]
 
 
 def _past(u: FloatArray, lags: int) -> FloatArray:

@@ -21,9 +21,12 @@ class BeliefCriteria(NamedTuple):
     Attributes:
         weak: standard error relative to the value from which the data say little of it.
         coloured: factor by which coloured residuals raise an error from which it is in doubt.
-        turbulent: factor by which they raise the error of some derivative of a fit from which all of its are in doubt.
+        turbulent: factor by which they raise the error of some derivative of a fit from which all of its are in doubt,
+            if they are those of more than one output: what moves the states moves all outputs, while the colour of
+            one alone is that of its sensor, and touches the derivatives whose errors it raises.
         together: correlation from which two estimates stand for one another.
         changed: errors between the value before and the one found from which they are told to differ.
+        white: probability under whiteness of the residuals of an output below which they are coloured.
     """
 
     weak: float = 0.5
@@ -31,6 +34,7 @@ class BeliefCriteria(NamedTuple):
     coloured: float = 1.5
     turbulent: float = 2.0
     changed: float = 3.0
+    white: float = 1e-3
 
 
 CRITERIA = BeliefCriteria()
@@ -123,7 +127,9 @@ def _beliefs(model: ParametricModel, names: Sequence[str]) -> dict[str, str]:
     if len(correlation) == len(model.structure.parameters):
         correlation = correlation[np.ix_(model.structure.free, model.structure.free)]
     inflated = np.asarray(found.get("error_inflation", np.ones(len(names))))
-    spoilt = model.status == "wrong" or float(np.max(inflated, initial=1.0)) > CRITERIA.turbulent
+    spoilt = model.status == "wrong" or (
+        float(np.max(inflated, initial=1.0)) > CRITERIA.turbulent and _coloured_throughout(model)
+    )
     out = {}
     for i, name in enumerate(names):
         value, error = model.values[name], model.standard_errors[name]
@@ -142,6 +148,12 @@ def _beliefs(model: ParametricModel, names: Sequence[str]) -> dict[str, str]:
         else:
             out[name] = "determined"
     return out
+
+
+def _coloured_throughout(model: ParametricModel) -> bool:
+    """Return whether the residuals of more than one output, or of the only one, are not white."""
+    chances = np.atleast_1d(np.asarray(model.diagnostics.get("whiteness_p", 0.0), float))
+    return int(np.sum(chances < CRITERIA.white)) > 1 or bool(np.all(chances < CRITERIA.white))
 
 
 def _unit(name: str, structure: str) -> str:

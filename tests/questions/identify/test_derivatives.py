@@ -16,6 +16,7 @@ from testbench.estimators.structured import Servo
 from testbench.questions.identify.answer import identify_answer
 from testbench.questions.identify.ask import _passed, identify
 from testbench.questions.identify.before import servos_of
+from testbench.questions.identify.derivatives import _beliefs
 from testbench.questions.identify.page import identify_page
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.ask import import_log, write_import
@@ -171,3 +172,16 @@ def test_identify_takes_the_folder_that_import_wrote(tmp_path, monkeypatch):
     (tmp_path / "empty").mkdir()
     with pytest.raises(RecordError, match=r"must hold a description of records \(.toml\), got 'empty'"):
         CliRunner().invoke(app, ["identify", "empty"], catch_exceptions=False)
+
+
+@pytest.mark.parametrize(("whiteness", "believed"), [([0.0, 0.4], "determined"), ([0.0, 0.0], "in doubt")])
+def test_the_colour_of_one_output_alone_is_held_against_what_it_touches(whiteness, believed):
+    names = ["Z_alpha", "M_q"]
+    model = SimpleNamespace(
+        values={"Z_alpha": -2.0, "M_q": -3.0},
+        standard_errors={"Z_alpha": 0.1, "M_q": 0.1},
+        structure=SimpleNamespace(parameters=names, free=np.ones(2, bool)),
+        status="good",
+        diagnostics={"correlation": np.eye(2), "error_inflation": np.array([2.4, 1.2]), "whiteness_p": whiteness},
+    )
+    assert _beliefs(model, names) == {"Z_alpha": "in doubt", "M_q": believed}
