@@ -10,11 +10,14 @@ from testbench.core.channels import channel
 from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.logs.manoeuvres import SMALLEST
+from testbench.page.words import counted
 
 SLOWEST_M_S = 3.0
 """Airspeed below which nothing is carried by its wing; judged: the lightest models of the field stall at 4 to 5 m/s."""
 FEWEST = 50
 """Samples below which a record decides nothing; judged: five for each of the ten unknowns of the smallest structure."""
+UNBROKEN = 5
+"""Samples in a row that a control must have somewhere; judged: with fewer it was logged too slowly for the record."""
 
 
 def moving(records: Sequence[FlightRecord], controls: Sequence[str]) -> list[str]:
@@ -34,6 +37,13 @@ def why_not(record: FlightRecord, controls: Sequence[str]) -> str:
         return f"no control moves ({said})"
     if len(record) < FEWEST:
         return f"it holds {len(record)} samples, and a model needs {FEWEST} at least"
+    moved = moving([record], controls)
+    longest = min(_longest(record, name) for name in moved)
+    if longest < UNBROKEN:
+        return (
+            f"{', '.join(moved)} has at most {counted(longest, 'sample')} in a row at {1.0 / record.dt_s:.3g} Hz: "
+            "logged more slowly than the record; a lower --rate of testbench import takes all of it"
+        )
     speed = _taken(record, "V") if "V" in record else np.zeros(0)
     if speed.size and float(np.median(speed)) < SLOWEST_M_S:
         return (
@@ -45,6 +55,12 @@ def why_not(record: FlightRecord, controls: Sequence[str]) -> str:
 
 def _taken(record: FlightRecord, name: str) -> FloatArray:
     return record[name][record.valid[:, record.channels.index(name)]]
+
+
+def _longest(record: FlightRecord, name: str) -> int:
+    """Return the longest stretch of valid samples of a channel."""
+    edges = np.flatnonzero(np.diff(np.r_[0, record.valid[:, record.channels.index(name)].astype(int), 0]))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
 
 
 def _range(record: FlightRecord, name: str) -> float:

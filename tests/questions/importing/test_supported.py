@@ -8,9 +8,11 @@ from commands import command
 from writers import elevator, short_period
 
 from testbench.core.constants import DEG_RAD
+from testbench.core.record import FlightRecord
 from testbench.questions.identify.command import _in_folder
 from testbench.questions.importing.ask import import_log, write_import
 from testbench.questions.importing.page import import_answer
+from testbench.questions.importing.supported import why_not
 
 T = np.arange(0.0, 35.0, 0.02)
 
@@ -50,6 +52,17 @@ def test_what_no_recipe_fits_has_none_and_says_why_in_one_line(tmp_path, name):
     with pytest.raises(Exception, match="must hold a flight that can be identified") as refused:
         _in_folder(tmp_path / "out")
     assert why in str(refused.value)
+
+
+def test_a_control_logged_more_slowly_than_the_record_is_no_input():
+    t = np.arange(400) / 50.0
+    valid = np.ones((400, 2), bool)
+    valid[:, 1] = np.arange(400) % 5 == 0
+    data = np.column_stack([np.sin(t), 0.1 * np.sin(t)])
+    record = FlightRecord(t, ("q", "de_cmd"), data, "measured", valid)
+    assert "at most 1 sample in a row at 50 Hz" in why_not(record, ("de_cmd",))
+    valid[100:200, 1] = True
+    assert why_not(FlightRecord(t, ("q", "de_cmd"), data, "measured", valid), ("de_cmd",)) == ""
 
 
 def test_a_flight_fast_enough_has_its_recipe_and_without_airspeed_a_model_without_derivatives(tmp_path):
