@@ -96,11 +96,11 @@ def section(say: Say) -> Section:
 
 
 def _head(study: Study) -> str:
-    """Return in one sentence what alpha buys at both ends of the horizon, all noise."""
+    """Return in one sentence what alpha buys at both ends of the horizon: mean MRSE of q, V, theta, all noise."""
     short, long = (next(iter(study.values()))[k] for k in (0, -1))
     return (
-        f"What α buys hangs on the horizon: mean MRSE of q, V, θ {short[1]:.0f} → {short[2]:.0f} % with "
-        f"L = {B1_FUTURE}, {long[1]:.0f} → {long[2]:.0f} % with {long[0]:g} s"
+        f"α lowers the mean error from {short[1]:.0f} to {short[2]:.0f} % at L = {B1_FUTURE}, from {long[1]:.0f} to "
+        f"{long[2]:.0f} % with a future of {long[0]:g} s"
     )
 
 

@@ -159,8 +159,8 @@ def section(say: Say) -> Section:
         (comparison(curves[PAPER][0]),),
         (_horizon_table(curves, [silent, *decimated.values()]), _method_table(rows, structured)),
         (_plate(curves, list(decimated.values())),),
-        head=f"EOLO: J = 200, L = 4 lose a pole (real z ≤ 0) in {100 * curves[PAPER][0].lost:.0f} % of noises, as the "
-        f"paper does; a longer future in {100 * curves[PAPER][-1].lost:.0f} %",
+        head=f"At J = 200, L = 4 noise makes a false pole in {100 * curves[PAPER][0].lost:.0f} %, as in the paper; a "
+        f"longer future in {100 * curves[PAPER][-1].lost:.0f} %",
     )
 
 

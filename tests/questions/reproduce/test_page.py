@@ -76,7 +76,9 @@ def chapter(ours: float) -> Chapter:
     )
     line = Line(np.linspace(0.0, 1.0, 50), np.linspace(0.0, ours, 50), "ours", 0)
     drawn = plate("nine_figure", "A figure", "What to see.", [Panel("", "t, s", "y", (line,), marks=((0.95, "end"),))])
-    own = Section("nine", "Section nine", (f"We found {ours:g}",), rows, plates=(drawn,))
+    own = Section(
+        "nine", "Section nine", (f"We found {ours:g}",), rows, plates=(drawn,), head="It hangs on the horizon"
+    )
     return Chapter("paper", "A paper", "Somebody, 2020.", (own, paper_checks.taurus(silent), paper_checks.eolo(silent)))
 
 
@@ -147,6 +149,17 @@ def test_the_committed_page_holds_every_printed_number_with_its_place():
     assert not missing
     for place in ("equation 6", "equation 9", "Table 3, n = 4", "Table 3, n = 5", "Table 4", "Table 1", "Table 2"):
         assert place in text
+
+
+def test_the_page_begins_with_the_finding_and_its_figure_and_shows_equations_without_a_script(written):
+    html = (written / PAGE).read_text(encoding="utf-8")
+    first = html[html.index('class="answer"') : html.index('aria-labelledby="counted"')]
+    assert "It hangs on the horizon." in first
+    assert first.count("<figure") == 1
+    assert html.count("<math ") == 9  # equations 1 to 5 of one paper, 1 to 4 of the other
+    text = text_of(written / PAGE)
+    for said in ("1.23", "0.55", "elevator chord 4 in", "2 inputs stated", "the largest MRSE of Table 4: q without α"):
+        assert said in text
 
 
 def test_the_committed_folder_is_whole_and_small():
