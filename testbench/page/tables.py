@@ -92,9 +92,9 @@ class Table:
 
     def numeric(self) -> list[bool]:
         """Return for every column whether it holds numbers, which stand to the right."""
+        columns = zip(*self.rows, strict=True) if self.rows else ((),) * len(self.columns)
         return [
-            any(_is_number(v) for v in values) and all(v is None or _is_number(v) for v in values)
-            for values in zip(*self.rows, strict=True)
+            any(_is_number(v) for v in values) and all(v is None or _is_number(v) for v in values) for values in columns
         ]
 
     def cells(self) -> list[list[tuple[str, bool]]]:

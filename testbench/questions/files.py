@@ -14,6 +14,8 @@ from testbench.questions import BY_COMMAND, QUESTIONS, Question
 
 WITH_FILES = tuple(q for q in QUESTIONS if q.kind)
 """The questions that are asked in a file."""
+PROMISES = "promises"
+"""Folder beside ``designs`` where `testbench design` writes what it promises of each."""
 _NEAR = 0.8  # likeness of a misspelt key, as difflib counts it
 
 
@@ -34,6 +36,12 @@ def find(path: Path, command: str) -> Path:
     if question not in kinds:
         raise ScenarioError([f"{file} is a {kinds[0].kind}: use testbench {kinds[0].command}"])
     return file
+
+
+def promise_beside(scenario: Path) -> Path | None:
+    """Return the file of what was promised of a designed scenario ``designs/NAME.toml``; None if there is none."""
+    file = scenario.parent.parent / PROMISES / f"{scenario.stem}.json"
+    return file if file.is_file() else None
 
 
 def _none(path: Path, packaged: list[str]) -> str:

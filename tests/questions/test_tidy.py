@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -90,6 +91,14 @@ def test_a_run_gives_the_same_columns(tmp_path) -> None:
     assert set(table.aircraft) == {"eolo"}
     (tmp_path / "out" / "tables" / "results.parquet").unlink()
     pd.testing.assert_frame_equal(tb.read_results(tmp_path / "out"), table, check_categorical=False, check_dtype=False)
+    model = tmp_path / "out" / "models" / "eolo_alpha_equation_error.json"
+    assert "promise" not in json.loads(model.read_text("utf-8"))
+    (tmp_path / "promises").mkdir()
+    promise = tmp_path / "promises" / "1_x.json"
+    promise.write_text("{}", "utf-8")
+    design = replace(result, source=result.source.at(tmp_path / "designs" / "1_x.toml"))
+    run_page(design).write(tmp_path / "out")
+    assert json.loads(model.read_text("utf-8"))["promise"] == promise.as_posix()  # for `testbench design --after`
 
 
 def test_a_folder_without_results_is_named(tmp_path) -> None:

@@ -11,7 +11,7 @@ must not make an odd aircraft: for the values alone, the model counts as known t
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from testbench.information.fisher import accuracy
 from testbench.page.words import listed
 from testbench.questions.design.identified import STRUCTURE
 from testbench.questions.design.problem import Design, Problem
+from testbench.questions.design.promised import promise_of_file
 from testbench.questions.identify.amend.reach import REACHED_BY, coefficient_errors, reached
 from testbench.questions.identify.pool.prior import Prior
 
@@ -38,6 +39,7 @@ DISAGREE = 0.01
 """Probability below which flights that differ by chance are said to disagree."""
 _SAME_SPEED = 0.05
 """Relative difference of airspeed up to which derivatives are taken as the same; judged: 10 % of a moment."""
+_GROWN = 1.1  # of a stated error, from which its growth is named
 _PACKAGED = ("longitudinal", "short_period", "lateral_directional")
 _AS_HELD = "flexible"  # names the derivatives with elastic modes held, forces per mass: those of a design
 
@@ -173,6 +175,7 @@ def _read(file: Path, V_m_s: float) -> Prior:
         condition, status = content.get("condition"), str(content.get("status", "good"))
         flown = None if condition is None else float(condition["V_m_s"])
         errors = {str(name): float(e) for name, e in content.get("flown_errors", {}).items()}
+        promise = Path(str(content["promise"])) if "promise" in content else None
     if structure != STRUCTURE and structure not in _PACKAGED:
         raise EstimationError(
             f"what was flown before must be identified by the estimator of a design, or by one of the structures "
@@ -194,9 +197,38 @@ def _read(file: Path, V_m_s: float) -> Prior:
     if structure != STRUCTURE:
         notes.append(f"{file.name} is of the structure {structure}: what it holds fixed counts as known in its errors")
     stated = np.sqrt(np.diag(P)[keep])
+    if not errors:
+        errors, why = _beyond_stated(dict(zip(names, stated.tolist(), strict=True)), promise)
+        notes.append(f"{file.name}: {why}")
     per = per * np.array([max(errors.get(n, 0.0) / s, 1.0) for n, s in zip(names, stated, strict=True)])
     covariance = P[np.ix_(keep, keep)] * np.outer(per, per)
     return Prior(tuple(names), scaled, 0.5 * (covariance + covariance.T), str(file), tuple(notes))
+
+
+def _beyond_stated(stated: Mapping[str, float], promise: Path | None) -> tuple[dict[str, float], str]:
+    """Return the errors that count where the estimator states some, and what they are, in words.
+
+    What a model leaves out moves its estimates by what no estimator can state: a wing that bends is off by the same in
+    every flight. The simulated flights of the design show it. With their mean error m, and k what they scatter beyond
+    their stated errors, the error is sqrt((s k)^2 + m^2), as of `testbench plan close`.
+
+    Args:
+        stated: parameter -> standard error s that the estimator states.
+        promise: file of what was promised of the design that was flown; None if the model names none.
+    """
+    alone = "its errors are those that its estimator states of itself, and what its equations leave out is not in them"
+    if promise is None:
+        return {}, alone
+    if not promise.is_file():
+        return {}, f"{alone}: '{promise}', which says what simulated flights of the design had, is not there any more"
+    said = promise_of_file(promise)
+    if said.realised is None or said.realised.found.n < 1:
+        return {}, f"{alone}: the design was not flown in simulation"
+    found, at = said.realised.found, {name: k for k, name in enumerate(said.names) if name in stated}
+    errors = {n: float(np.hypot(stated[n] * found.excess(k), found.lasting(k))) for n, k in at.items()}
+    grown = [f"{n} by {e / stated[n]:.2g}" for n, e in errors.items() if e > _GROWN * stated[n]]
+    head = f"its errors hold what {found.n} simulated flights of the design had beyond stated ones"
+    return errors, f"{head}: {listed(grown)}" if grown else f"{head}, which is nothing of weight"
 
 
 def of_problem(prior: Prior, problem: Problem) -> tuple[Prior, FloatArray]:

@@ -17,11 +17,11 @@ from testbench.core.errors import RecordError
 from testbench.core.record import FloatArray
 from testbench.questions.design.answer import air_words
 from testbench.questions.design.realise import Errors, Realised
+from testbench.questions.files import promise_beside
 
 if TYPE_CHECKING:
     from testbench.questions.design.result import DesignResult, Ranked
 
-FOLDER = "promises"
 Modes = dict[str, complex | tuple[complex, complex]]
 
 
@@ -105,13 +105,20 @@ def read_promise(design: Path) -> Promise | None:
     Raises:
         RecordError: it is not as :func:`promise_text` writes it.
     """
-    file = design.parent.parent / FOLDER / f"{design.stem}.json"
-    if not file.is_file():
-        return None
+    file = promise_beside(design)
+    return None if file is None else promise_of_file(file)
+
+
+def promise_of_file(file: Path) -> Promise:
+    """Return the promise that a file ``promises/NAME.json`` holds.
+
+    Raises:
+        RecordError: it is not as :func:`promise_text` writes it, or cannot be read.
+    """
     try:
         found = json.loads(file.read_text(encoding="utf-8"))
         return _read(found)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise RecordError(
             f"a promise must be as `testbench design` writes it, got '{file}' ({type(error).__name__}: {error}); "
             "design again, or remove it"

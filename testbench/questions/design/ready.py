@@ -12,7 +12,8 @@ from testbench.core.toml_text import quoted
 from testbench.page.labels import file_stem, number
 from testbench.questions.design.answer import family_label, is_ratio
 from testbench.questions.design.identified import toml_of
-from testbench.questions.design.promised import FOLDER, promise_of, promise_text
+from testbench.questions.design.promised import promise_of, promise_text
+from testbench.questions.files import PROMISES
 
 if TYPE_CHECKING:
     from testbench.page.page import Content
@@ -42,7 +43,7 @@ def ready_to_fly(result: DesignResult) -> Mapping[str, Content]:
             t[rows], channels, design.u[rows], "truth", provenance={"signal": "deviation from trim", "held": True}
         )
         out[f"designs/{stem}.toml"] = scenario_toml(result, design)
-        out[f"{FOLDER}/{stem}.json"] = promise_text(promise_of(result, entry))
+        out[f"{PROMISES}/{stem}.json"] = promise_text(promise_of(result, entry))
         out[f"signals/{stem}.csv"] = record.save_csv
         out[f"signals/{stem}.mat"] = record.save_mat
     return out

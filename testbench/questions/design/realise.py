@@ -9,13 +9,14 @@ weight of a few flights, because neither is exact.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.stats import chi2, t
 
 from testbench.aircraft import Aircraft
 from testbench.core.errors import EstimationError, TestbenchError
@@ -36,6 +37,8 @@ from testbench.sensors import Sensor, SensorSuite
 
 FALSE_ALARM = 0.01
 """Probability that a right promise is called wrong for some target of a design."""
+CHANCE = 0.01
+"""Probability that errors of simulated flights, or a flown one as they are, are said to be beyond what is stated."""
 INTERVAL = 0.95
 """Probability of the interval about a realised error."""
 MORE = 1
@@ -109,6 +112,29 @@ class Errors:
         """Return the limits (t,) of the root-mean-square errors, for normal errors: n rms^2 / chi-square."""
         low, high = chi2.ppf([0.5 * (1.0 - INTERVAL), 0.5 * (1.0 + INTERVAL)], max(self.n, 1))
         return self.rms * np.sqrt(self.n / high), self.rms * np.sqrt(self.n / low)
+
+    def lasting(self, k: int) -> float:
+        """Return the mean error of target ``k`` if it is no chance (1 %), else 0: no number of runs removes it."""
+        if self.n < _FEWEST:
+            return 0.0
+        e = self.errors[:, k]
+        spread = float(e.std(ddof=1)) / math.sqrt(len(e))
+        limit = float(t.ppf(1.0 - 0.5 * CHANCE, len(e) - 1))
+        return abs(float(e.mean())) if abs(float(e.mean())) > limit * spread else 0.0
+
+    def excess(self, k: int) -> float:
+        """Return by how much errors of target ``k`` scatter more than was stated; 1 if by no more than chance.
+
+        If stated errors s are right, the sum of (e - m)^2 / s^2 over n flights is chi-square with n degrees of freedom.
+        """
+        if self.n < _FEWEST:
+            return 1.0
+        e = self.errors[:, k] - (float(self.bias[k]) if self.lasting(k) else 0.0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            total = float(np.sum((e / self.stated[:, k]) ** 2))
+        if not math.isfinite(total):
+            return 1.0
+        return math.sqrt(total / self.n) if total > chi2.ppf(1.0 - CHANCE, self.n) else 1.0
 
     def departs(self, promised: FloatArray) -> np.ndarray:
         """Return for which targets (t,) the errors contradict the promised standard errors, at ``FALSE_ALARM``.

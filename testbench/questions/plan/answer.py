@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
+from testbench.core.errors import TestbenchError
 from testbench.page.words import counted, listed, some
 from testbench.questions.plan.card_text import beyond_limits
+from testbench.questions.plan.flown_recipe import design_file
+from testbench.questions.run.scenario import Scenario
 
 if TYPE_CHECKING:
     from testbench.questions.plan.result import Card, Plan
@@ -49,8 +53,33 @@ def plan_answer(plan: Plan) -> list[tuple[str, str]]:
                 f"{listed(beyond)}",
             )
         )
+    out += _calm_lines(plan)
     out += _accuracy_lines(plan)
     return out
+
+
+def _calm_lines(plan: Plan) -> list[tuple[str, str]]:
+    """Return which cards have a design for still air, though the plan's air moves.
+
+    Its estimator is output error, which takes gusts for noise.
+    """
+    rms, calm = plan.scenario.turbulence_rms_m_s, []
+    for card in plan.cards if rms else ():
+        file = design_file(plan, card)
+        with suppress(TestbenchError):  # a design that is damaged is told where it is needed
+            if file is not None and Scenario.load(file).identification.estimators[0].method == "output_error":
+                calm.append(str(card.number))
+    if not calm:
+        return []
+    many = len(calm) > 1
+    head = (
+        f"the {'designs of cards' if many else 'design of card'} {listed(calm)} {'are' if many else 'is'} for still air"
+    )
+    text = (
+        f"{head}, and this plan has turbulence of {rms:g} m/s, which biases {'their' if many else 'its'} estimator: "
+        f"fly in calm air, or design again with [air] turbulence_rms_m_s = {rms:g}"
+    )
+    return [("doubt", text)]
 
 
 def _onset_lines(plan: Plan) -> list[tuple[str, str]]:

@@ -20,22 +20,20 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.stats import chi2, t
+from scipy.stats import t
 
 from testbench.core.constants import PERCENT
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.page.labels import number
 from testbench.page.words import listed
-from testbench.questions.design.realise import Realised
+from testbench.questions.design.realise import CHANCE, Realised
 from testbench.questions.plan.close import Closed, FlownRun, command_of
 from testbench.questions.plan.flown_card import Estimate, FlownCard
 from testbench.questions.plan.result import Card, Plan
 
 Verdict = Literal["reached", "not reached", "found", "not identifiable", "not flown"]
 """Found: known, and nothing was promised or wanted of it."""
-CHANCE = 0.01
-"""Probability that a flown error as the simulated ones is said to break the promise."""
 SLACK = 1.25
 """Judged: a promise by information alone is kept within a quarter."""
 MOST = 50
@@ -204,8 +202,8 @@ def _target(f: FlownCard, k: int, name: str, found: Estimate | None, causes: tup
     here = believed * f.here.get(name, 1.0)
     promised = one / math.sqrt(runs)
     realised = None if promise.realised is None else _realised_of(promise.realised, k, runs)
-    factor = 1.0 if promise.realised is None else excess(promise.realised, k)
-    lasting = abs(f.bends.get(name, 0.0)) if promise.realised is None else lasting_error(promise.realised, k)
+    factor = 1.0 if promise.realised is None else promise.realised.found.excess(k)
+    lasting = abs(f.bends.get(name, 0.0)) if promise.realised is None else promise.realised.found.lasting(k)
     allowed = math.hypot(SLACK * promised, lasting)
     if promise.realised is not None:
         allowed = max(SLACK * promised, math.hypot(factor * _limit(promise.realised, k) / math.sqrt(runs), lasting))
@@ -250,40 +248,14 @@ def _realised_of(realised: Realised, k: int, runs: int) -> tuple[float, float, f
     rms = float(realised.found.rms[k])
     if not math.isfinite(rms) or rms == 0.0:
         return None
-    share = _after(rms, lasting_error(realised, k), runs) / rms
+    share = _after(rms, realised.found.lasting(k), runs) / rms
     low, high = realised.found.interval()
     return rms * share, float(low[k]) * share, float(high[k]) * share
-
-
-def lasting_error(realised: Realised | None, k: int) -> float:
-    """Return the mean error of the simulated flights if it is no chance (1 %), else 0: no number of runs removes it."""
-    if realised is None or realised.found.n < 3:
-        return 0.0
-    e = realised.found.errors[:, k]
-    spread = float(e.std(ddof=1)) / math.sqrt(len(e))
-    limit = float(t.ppf(1.0 - 0.5 * CHANCE, len(e) - 1))
-    return abs(float(e.mean())) if abs(float(e.mean())) > limit * spread else 0.0
 
 
 def _after(one: float, lasting: float, runs: int) -> float:
     """Return the error of several runs from that of one, of which a part lasts."""
     return math.sqrt(lasting**2 + max(one**2 - lasting**2, 0.0) / runs)
-
-
-def excess(realised: Realised, k: int) -> float:
-    """Return by how much simulated errors scatter more than was stated there; 1 if by no more than chance.
-
-    If stated errors s are right, the sum of (e - m)^2 / s^2 over n flights is chi-square with n degrees of freedom.
-    """
-    found = realised.found
-    if found.n < 3:
-        return 1.0
-    e = found.errors[:, k] - (float(found.bias[k]) if lasting_error(realised, k) else 0.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        total = float(np.sum((e / found.stated[:, k]) ** 2))
-    if not math.isfinite(total):
-        return 1.0
-    return math.sqrt(total / found.n) if total > chi2.ppf(1.0 - CHANCE, found.n) else 1.0
 
 
 def _limit(realised: Realised | None, k: int) -> float:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from testbench.core.scenario.base import FlownAt
 from testbench.page.labels import file_stem, unique
 from testbench.page.page import COMPUTED, FLOWN, Page, source_of
 from testbench.page.write import json_text
+from testbench.questions.files import promise_beside
 from testbench.questions.run.answer import run_answer
 from testbench.questions.run.failed import failed_table
 from testbench.questions.run.figures import plates
@@ -35,7 +36,10 @@ def run_page(result: RunResult, V_m_s: float | None = None) -> Page:
     simulated = result.truth is not None
     if isinstance(result.source, FlownAt):
         V_m_s = result.source.condition.V_m_s
-    at = {} if V_m_s is None else {"condition": {"V_m_s": V_m_s}}
+    at: dict[str, Any] = {} if V_m_s is None else {"condition": {"V_m_s": V_m_s}}
+    file = result.source.file if simulated else None
+    if file is not None and (promise := promise_beside(file)) is not None:
+        at["promise"] = promise.as_posix()  # what simulated flights of the design had: `testbench design --after`
     flown = flown_tables(result)
     stems = unique([file_stem(case.label) for case in result.cases])
     models = zip(map(file_stem, stems), result.cases, strict=True)

@@ -20,8 +20,11 @@ from testbench.questions.design.known import AllKnown, known_after, of_problem, 
 from testbench.questions.design.page import design_page
 from testbench.questions.design.posed import pose
 from testbench.questions.design.problem import seen_in
+from testbench.questions.design.promised import Promise, promise_text
+from testbench.questions.design.realise import Errors, Realised
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.design.tables import known_table
+from testbench.questions.files import promise_beside
 from testbench.sensors import load_suite
 
 FILE = SCENARIOS / "design" / "taurus_short_period.toml"
@@ -97,6 +100,31 @@ def test_model_files_are_read_with_their_meaning(tmp_path):
     assert not [n for n in flown.notes if "speed" in n]
     with pytest.raises(EstimationError, match=r"speed of the design, 14 m/s, got 12\.1 m/s"):
         known_after([folder], 14.0)
+
+
+def test_a_run_of_a_design_is_not_known_better_than_its_simulated_flights_show(tmp_path):
+    """Errors of -0.3 +- 0.2 where 0.1 is stated: 0.1 becomes sqrt(0.2^2 + 0.3^2), not what was stated."""
+    e = np.random.default_rng(3).standard_normal(40)
+    e = -0.3 + 0.2 * (e - e.mean()) / e.std()
+    off, right = np.column_stack([e, 0.1 * (e + 0.3) / 0.2]), np.full((40, 2), 0.1)
+    realised = Realised(np.full(2, 0.1), Errors(off, right, ()), np.array([True, False]))
+    values = np.array([-10.0, -2.0])
+    promise = Promise(("M_de", "M_q"), values, np.full(2, np.nan), np.full(2, 0.1), {}, 12.0, 0.0, "", realised)
+    (tmp_path / "promises").mkdir()
+    (tmp_path / "promises" / "1_x.json").write_text(promise_text(promise), "utf-8")
+    beside = promise_beside(tmp_path / "designs" / "1_x.toml")
+    assert beside is not None
+    more = {"condition": {"V_m_s": 12.0}, "promise": beside.as_posix()}
+    run = model_file(tmp_path / "run.json", ("M_de", "M_q"), values.tolist(), [[0.01, 0.0], [0.0, 0.01]], **more)
+    known = known_after([run], 12.0)
+    np.testing.assert_allclose(np.sqrt(np.diag(known.covariance)), [np.hypot(0.2, 0.3), 0.1], rtol=1e-6)
+    assert "beyond stated ones: M_de by 3.6" in known.notes[0]
+    beside.unlink()
+    stated = known_after([run], 12.0)
+    np.testing.assert_allclose(np.sqrt(np.diag(stated.covariance)), [0.1, 0.1])
+    assert "not there any more" in stated.notes[0]  # said, not passed over
+    bare = model_file(tmp_path / "bare.json", ("M_q",), (-2.0,), [[0.01]], condition={"V_m_s": 12.0})
+    assert "states of itself" in known_after([bare], 12.0).notes[0]
 
 
 @pytest.mark.parametrize("text", ["", "{}", "[1]", '{"structure": "designed_for", "parameters": {"M_q": 3}}'])

@@ -1,6 +1,7 @@
 """The prediction checked by estimation, and designs against the pilots' rules; both studies, small and in full."""
 
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,6 +33,32 @@ def test_designs_beat_the_papers_doublet_and_3211(name, by_modes):
     for rule in against_rules(name, by_modes):
         assert rule.gain >= (2.0 if rule.rule == "doublet" else 1.3)
         assert rule.short_gain >= 0.99  # best of all signs, moving no longer than the rule does
+
+
+def test_the_guide_says_what_the_studies_found():
+    """Promise, robustness and 3-2-1-1 of the guide on plans are those of the tables."""
+    root = Path(__file__).resolve().parents[3]
+    guide = " ".join((root / "docs" / "guides" / "plan_a_flight.md").read_text("utf-8").split())
+
+    def rows(name):
+        with (root / "results" / "design" / f"{name}.csv").open(encoding="utf-8", newline="") as file:
+            return list(csv.DictReader(file))
+
+    promise = rows("promise")
+    assert len({r["design"] for r in promise}) == 6
+    assert all(abs(float(r["fresh_over_headline"]) - 1.0) <= 0.25 for r in promise)
+    flights = sorted({int(r["fresh_flights"]) for r in promise})
+    assert min(flights) >= 100
+    words = " or ".join(str(n) for n in flights)
+    assert f"All {len(promise)} headline errors of six designs lie within 25 % of what {words} fresh flights" in guide
+    taurus, b1, eolo = rows("robust")
+    assert f"{taurus['worst_ratio']} (Taurus), {eolo['worst_ratio']} (EOLO) and {b1['worst_ratio']} (B-1)" in guide
+    assert f"{taurus['fresh_worst_ratio']}, {eolo['fresh_worst_ratio']} and {b1['fresh_worst_ratio']}" in guide
+    worst = {(r["design"], r["way"], r["flights"]): float(r["worst_target_rms_percent"]) for r in rows("sequential")}
+    for label, design in (("EOLO", "eolo longitudinal"), ("B-1", "b1 longitudinal")):
+        for n in "123":
+            cells = " | ".join(f"{worst[design, way, n]:.1f} %" for way in ("one-shot", "sequential", "3-2-1-1"))
+            assert f"| {label}, {n} flight{'s' if n != '1' else ''} | {cells} |" in guide.replace("**", "")
 
 
 @pytest.mark.slow

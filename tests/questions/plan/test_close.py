@@ -176,6 +176,11 @@ def test_the_command_reads_a_log_and_writes_what_it_found(plan, tmp_path):
     assert len(list((tmp_path / "close_plan" / "records").glob("*_run_1.nc"))) == 1
     assert (tmp_path / "close_plan" / "report.html").is_file()
     assert "testbench identify" in done.stdout
+    quiet = tmp_path / "quiet.csv"
+    quiet.write_text("\n".join(log.read_text("utf-8").splitlines()[:25]) + "\n", "utf-8")
+    none = command("plan", "close", file, quiet, "-o", tmp_path / "none")
+    assert none.returncode == 0, none.stderr  # the page has a table of runs without a row
+    assert "0 runs of 2 found in 1 log" in none.stdout
     other = tmp_path / "other.csv"
     other.write_text("t [s],q [rad/s]\n" + "\n".join(f"{0.02 * i},{0.01 * (i % 7)}" for i in range(200)), "utf-8")
     strange = command("plan", "close", file, other, "-o", tmp_path)

@@ -27,7 +27,7 @@ from testbench.questions.plan.flown_card import identify_cards
 from testbench.questions.plan.flown_recipe import recipe_of
 from testbench.questions.plan.rehearse import rehearse
 from testbench.questions.plan.scenario import PlanScenario
-from testbench.questions.plan.verdicts import excess, judge, lasting_error, more_runs
+from testbench.questions.plan.verdicts import judge, more_runs
 
 SENSORS = {"V": ("m/s", 0.3), "alpha": ("deg", 0.1), "q": ("deg/s", 0.2), "theta": ("deg", 0.1), "az": ("m/s2", 0.1),
            "p": ("deg/s", 0.2), "r": ("deg/s", 0.2), "phi": ("deg", 0.1), "beta": ("deg", 0.1)}  # fmt: skip
@@ -375,11 +375,11 @@ def test_what_lasts_and_what_exceeds_is_told_from_chance():
     stated = np.full((20, 400), 2.0)
     errors = 2.0 * rng.standard_normal((20, 400))
     right = Realised(np.full(400, 2.0), Errors(errors, stated, ()), np.zeros(400, bool))
-    assert sum(lasting_error(right, k) > 0.0 for k in range(400)) < 12
-    assert sum(excess(right, k) > 1.0 for k in range(400)) < 12
+    assert sum(right.found.lasting(k) > 0.0 for k in range(400)) < 12
+    assert sum(right.found.excess(k) > 1.0 for k in range(400)) < 12
     off = replace(right, found=Errors(3.0 * errors + 9.0, stated, ()))
-    assert np.median([lasting_error(off, k) for k in range(400)]) == pytest.approx(9.0, rel=0.1)
-    assert np.median([excess(off, k) for k in range(400)]) == pytest.approx(3.0, rel=0.1)
+    assert np.median([off.found.lasting(k) for k in range(400)]) == pytest.approx(9.0, rel=0.1)
+    assert np.median([off.found.excess(k) for k in range(400)]) == pytest.approx(3.0, rel=0.1)
     assert more_runs(2.0, 1.0, 3, 0.0) == 9  # errors fall with the root of the number of runs
     assert more_runs(0.9, 1.0, 3, 0.0) == 0
     assert more_runs(math.hypot(2.0, 0.6), 1.0, 1, 0.6) == 6  # (2 / 0.8)^2 = 6.25 runs

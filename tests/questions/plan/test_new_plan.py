@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import shutil
 from dataclasses import replace
 
@@ -18,6 +19,7 @@ from testbench.questions.design.ask import run_design
 from testbench.questions.design.page import design_page
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.plan.airspace import box_faults, leg_of
+from testbench.questions.plan.answer import plan_answer
 from testbench.questions.plan.ask import make_plan
 from testbench.questions.plan.card_text import before_lines
 from testbench.questions.plan.check import check
@@ -87,8 +89,18 @@ def test_a_design_is_taken_over_as_it_was_designed(designed, tmp_path):
     assert manoeuvre.design == taken.file.as_posix()
     assert all(f"#     {line}" in text for line in taken.promised)
     assert len(taken.promised) == 5
-    (card,) = make_plan(scenario).cards
+    plan = make_plan(scenario)
+    (card,) = plan.cards
     assert card.status == "fly"  # inside the limits that it was designed for
+    assert not any("for still air" in text for _, text in plan_answer(plan))  # filter error: a light aircraft
+    text = taken.file.read_text("utf-8").replace('method = "filter_error"', 'method = "output_error"')
+    calm = tmp_path / "calm.toml"
+    calm.write_text(re.sub(r"(?m)^process_noise.*$", "", text), "utf-8")
+    spec = card.spec.model_copy(update={"design": calm.as_posix()})
+    still = replace(plan, cards=(replace(card, spec=spec),))
+    assert any("card 1 is for still air" in text for _, text in plan_answer(still))
+    none = still.scenario.changed(turbulence_rms_m_s=0.0)
+    assert not any("for still air" in text for _, text in plan_answer(replace(still, scenario=none)))
 
 
 def test_the_command_takes_a_design_over_and_keeps_what_was_edited(designed, tmp_path):
