@@ -134,6 +134,7 @@ def run_gap(
             effects=choice.effects,
             controls=controls,
             control_file=control_file,
+            drive=scenario.drive,
         )
     notes += choice.notes
     return GapResult(

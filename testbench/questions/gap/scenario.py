@@ -49,6 +49,9 @@ class GapScenario(FlownAt):
 
     ``effects`` are searched in place of the whole library, ``more_effects`` beside it, or beside those: names of the
     library, or ``FILE.py:NAME`` for effects that are brought.
+
+    ``drive`` "both": where a surface is recorded beside its command, the path between them is judged by itself first,
+    and restricts the search; "command": recorded surfaces are not looked at.
     """
 
     unnamed: ClassVar[str] = "gap"
@@ -59,6 +62,7 @@ class GapScenario(FlownAt):
     measured: Annotated[tuple[MeasuredFile, ...], Field(strict=False)] = ()
     effects: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] | None = None
     more_effects: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    drive: Literal["command", "both"] = "both"
 
     def faults(self) -> list[str]:
         """Return what is wrong with the effects that are searched, as far as texts tell; no code of theirs is run."""
