@@ -138,6 +138,7 @@ def run_gap(
             controls=controls,
             control_file=control_file,
             windows=scenario.windows if windows is None else windows,
+            drive=scenario.drive,
         )
     notes += choice.notes
     return GapResult(

@@ -16,6 +16,7 @@ from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, Rest
 from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.check import DataCheck
+from testbench.questions.gap.evidence.control_path import JudgedPath
 from testbench.questions.gap.evidence.forces import EquationErrors
 from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
 from testbench.questions.gap.open_set import FirstLook
@@ -101,6 +102,7 @@ class GapFinding:
         first: what forces and moments say before anything is flown, or None if nobody looked.
         windows: how records without quiet flight were cut, a sentence for each.
         tally: by what the believed and the amended model were flown through every record.
+        paths: what recorded surfaces say of the paths from their commands.
     """
 
     believed: Believed
@@ -121,6 +123,7 @@ class GapFinding:
     first: FirstLook | None = None
     tally: Tally | None = None
     windows: tuple[str, ...] = ()
+    paths: tuple[JudgedPath, ...] = ()
 
     @property
     def changed(self) -> bool:
@@ -137,6 +140,7 @@ class GapFinding:
         """The answer in words."""
         re_tuned = "; ".join(p.sentence for p in self.parameters)
         out = [f"{re_tuned}; beside that, {self.naming.sentence}" if re_tuned else self.naming.sentence]
+        out += [p.sentence for p in self.paths if p.outcome in ("differs", "unexplained")]
         verdict = self.verdict
         out += [] if verdict is None else verdict.sentences
         out += [*self._evidence(), *([self.next_flight] if self.next_flight else [])]
@@ -158,7 +162,8 @@ class GapFinding:
         news = self.check.sentences if self.check is not None and self.check.news else ()
         controls = () if self.controls is None else (self.controls.sentence,)
         first = () if self.first is None else self.first.sentences
-        return (*out, *self.windows, *first, *controls, self.air.sentence, *news)
+        paths = (p.sentence for p in self.paths if p.outcome in ("as believed", "not judged"))
+        return (*out, *self.windows, *paths, *first, *controls, self.air.sentence, *news)
 
     @property
     def immaterial(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +11,7 @@ from testbench.core.words import with_error
 from testbench.page.labels import symbol
 from testbench.page.tables import Column, Table
 from testbench.questions.gap.criteria import CRITERIA, FALSE_ALARM
+from testbench.questions.gap.evidence.control_path import JudgedPath
 from testbench.questions.gap.evidence.forces import follows
 from testbench.questions.gap.open_set import FirstLook, title_of
 from testbench.questions.gap.plan import ALIKE, NEEDED
@@ -22,6 +24,39 @@ if TYPE_CHECKING:
 
 _MOST_PAIRS = 40
 _MOST_INSTEAD = 6
+
+
+def _path_table(paths: Sequence[JudgedPath]) -> Table:
+    """Return what recorded surfaces say of the paths from their commands."""
+    return Table(
+        "control_paths",
+        "Control paths by themselves",
+        "What a recorded surface does that its recorded command does not explain, fitted to that surface alone. Gain: "
+        "fall of minus twice the log-likelihood. Left: mean square of what remains, in units of the noise, where 1 is "
+        "noise alone.",
+        (
+            Column("control", "control"),
+            Column("outcome", "outcome"),
+            Column("differs_by", "differs by, with standard error"),
+            Column("instead", "or instead"),
+            Column("gain", "gain", decimals=1),
+            Column("threshold", "threshold", decimals=1),
+            Column("left", "left", decimals=3),
+        ),
+        tuple(
+            (
+                p.control,
+                p.outcome,
+                " beside ".join(t.words for t in p.terms) or p.why,
+                ", ".join(p.instead),
+                p.gain,
+                p.threshold,
+                p.left,
+            )
+            for p in paths
+        ),
+        wide=True,
+    )
 
 
 def gap_tables(result: GapResult) -> list[Table]:
@@ -58,6 +93,8 @@ def gap_tables(result: GapResult) -> list[Table]:
         wide=True,
     )
     out = [ranking]
+    if result.finding.paths:
+        out.append(_path_table(result.finding.paths))
     if result.finding.forces:
         shares = follows(result.finding.forces)
         quantities = list(dict.fromkeys(q for row in shares.values() for q in row))

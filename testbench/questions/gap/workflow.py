@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -27,6 +28,7 @@ from testbench.questions.gap.evidence.air import (
     misfit,
 )
 from testbench.questions.gap.evidence.check import check_data
+from testbench.questions.gap.evidence.control_path import JudgedPath, judge_paths, restricted
 from testbench.questions.gap.evidence.forces import equation_errors
 from testbench.questions.gap.evidence.locate import (
     ResidualMap,
@@ -48,6 +50,8 @@ from testbench.questions.gap.search.parallel import Ahead
 from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.windows import begin_freely, cut
 
+Drive = Literal["command", "both"]
+"""What tells how the controls moved: commands, or recorded surfaces beside them."""
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
 
@@ -61,11 +65,13 @@ def find_gap(
     controls: int = 0,
     control_file: Path | None = None,
     windows: Windows = "auto",
+    drive: Drive = "both",
 ) -> GapFinding:
     """Find what the believed model lacks.
 
-    The instruments are checked against each other, the turbulence is measured, the library is searched, and what is
-    found is judged on the manoeuvres held out: what makes them worse is not named. The turbulence is measured again
+    The instruments are checked against each other, paths whose command and surface are recorded are judged by
+    themselves, the turbulence is measured, the library is searched as far as these leave it open, and what is found is
+    judged on the manoeuvres held out: what makes them worse is not named. The turbulence is measured again
     beside what was named; if it differs, the search is made again in the new air. Within
     ``testbench.questions.gap.search.parallel.processes(n)`` the same is found sooner, in n processes.
 
@@ -80,6 +86,7 @@ def find_gap(
         control_file: keeps each of them, so that none is flown twice.
         windows: "auto" cuts records that do not begin with quiet trim flight into windows that start freely, a number
             all of them, into windows of so many seconds; "off" refuses them.
+        drive: "both" judges paths whose surfaces are recorded by themselves; "command" does not.
 
     Raises:
         RecordError: a record is not measured, or lacks a channel of the believed suite; or ``control_file`` cannot be
@@ -118,12 +125,13 @@ def find_gap(
         first = first_look(believed, given.whole)
         say("listen to the air")
         air = listen(believed, naming_records)
-        believed, naming, air = search(believed, naming_records, air, say, effects)
+        known = library(believed.suite, believed.aircraft) if effects is None else effects
+        paths = judge_paths(believed, naming_records) if drive == "both" and not given.notes else ()
+        believed, naming, air, known = _search_beside(paths, known, believed, naming_records, air, say)
         if check and checked is None:
             checked = ahead.take("check", instruments)
     if naming.best is not None:
         say("look at what is left")
-    known = library(believed.suite, believed.aircraft) if effects is None else effects
     naming, unexplained = judged(naming, believed, naming_records, list(held_out.values()), known)
     if naming.outcome == "unexplained" and first.terms:
         checked = checked or instruments()  # what instruments do is no force
@@ -134,7 +142,7 @@ def find_gap(
 
         def again(flown: Sequence[FlightRecord], heard: AirFound) -> Naming:
             """Search a control flight as the measured ones were searched."""
-            return search(as_believed, flown, heard, lambda stage: None, effects)[1]
+            return search(as_believed, flown, heard, lambda stage: None, known)[1]
 
         beside = fly_controls(as_believed, naming_records, air, naming, controls, again, say, control_file)
         naming = without_false_alarms(naming, beside)
@@ -177,10 +185,31 @@ def find_gap(
         first=first,
         controls=beside,
         windows=(*given.notes, *others.notes),
+        paths=paths,
         tally=_tally(
             [believed, amended] if amended is not believed else [believed], [*records.values(), *held_out.values()]
         ),
     )
+
+
+def _search_beside(
+    paths: Sequence[JudgedPath],
+    known: Mapping[str, Effect],
+    believed: Believed,
+    records: Sequence[FlightRecord],
+    air: AirFound,
+    say: Callable[[str], None],
+) -> tuple[Believed, Naming, AirFound, Mapping[str, Effect]]:
+    """Return what :func:`search` does among the effects that the paths leave open, and those effects.
+
+    Those that a path shows come first; if they name nothing, all that is left open is searched.
+    """
+    shown, left_open = restricted(known, paths)
+    if shown is not left_open:
+        found = search(believed, records, air, say, shown)
+        if found[1].names:
+            return (*found, left_open)
+    return (*search(believed, records, air, say, left_open), left_open)
 
 
 def _tally(models: Sequence[Believed], records: Sequence[FlightRecord]) -> Tally:
