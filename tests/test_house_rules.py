@@ -36,7 +36,7 @@ ASKS = {
     "compatibility": {"identify"},
     "modes": {"identify"},
     "importing": {"identify"},
-    "compare": {"run", "design"},
+    "compare": {"run", "design", "identify"},  # a benchmark reads descriptions of recorded flights
     "campaign": {"run"},
     "design": {"run", "identify"},  # what was flown before, and the aircraft that has it
     "plan": {"design", "identify", "importing", "run"},

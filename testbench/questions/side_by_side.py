@@ -10,12 +10,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from testbench.core.record import FloatArray
+from testbench.evaluation.calibration import calibration
 from testbench.evaluation.ranks import Ranks, ranks
 from testbench.evaluation.statistics import LEAST_PAIRS, Test, holm, paired
-from testbench.page.plot import COLOURS, INK, Plate, grid, new_figure
+from testbench.page.plot import COLOURS, INK, MEASURED, Plate, grid, label, new_figure
 from testbench.page.tables import Column, Table, Value
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 MOST_EXACT = 100
@@ -182,3 +186,48 @@ def _diagram(contest: Contest, found: Ranks) -> Callable[[bool], Figure]:
         return figure
 
     return make
+
+
+_TALL_IN, _GAP_IN, _POINTS = 1.75, 0.78, 2000
+CALIBRATION = (
+    "Estimate minus truth over the standard error that the estimator states, sorted, against the normal distribution. "
+    "On the line the stated errors are true; steeper, the errors are larger than stated; beside it, they are biased. "
+    "Shaded: where each point lies with 95 % if they are true."
+)
+
+
+def calibration_plates(of: Mapping[str, FloatArray]) -> list[Plate]:
+    """Return the figure of errors over stated errors, one panel per name; none if nothing is stated.
+
+    Args:
+        of: name -> (n, 2) errors and stated standard errors.
+    """
+    if not of:
+        return []
+    names = list(of)
+
+    def make(wide: bool) -> Figure:
+        """Draw one panel per name."""
+        columns = min(3, len(names)) if wide else 1
+        rows = -(-len(names) // columns)
+        figure = new_figure(wide, 0.32 + rows * _TALL_IN + (rows - 1) * _GAP_IN + 0.48)
+        panels = grid(figure, 0.32, [_TALL_IN] * rows, (1.0,) * columns, gap_in=_GAP_IN, between_in=0.72)
+        for i, axes in enumerate(panels.ravel()):
+            if i >= len(names):
+                axes.set_visible(False)
+                continue
+            draw_calibration(axes, *of[names[i]].T)
+            label(axes, "normal", "error / stated" if i % columns == 0 else "", names[i])
+        return figure
+
+    return [Plate("calibration", "Errors over stated errors", CALIBRATION, make)]
+
+
+def draw_calibration(axes: Axes, errors: FloatArray, stated: FloatArray) -> None:
+    """Draw errors over stated errors against normal quantiles, with the line and the band of true ones."""
+    z = calibration(errors, stated)
+    every = max(1, z.found.size // _POINTS)
+    axes.fill_between(z.expected, z.low, z.high, color=MEASURED, alpha=0.5, linewidth=0)
+    end = float(np.abs(z.expected).max(initial=1.0))
+    axes.plot([-end, end], [-end, end], color=INK, linewidth=0.9)
+    axes.plot(z.expected[::every], z.found[::every], ".", color=COLOURS[0], markersize=3.5, alpha=0.6)

@@ -73,7 +73,7 @@ def test_every_command_of_the_pages_exists_with_its_options():
             found = program.commands.get(words[0])
             while found is not None and hasattr(found, "commands") and len(words) > 1:
                 words = words[1:]
-                first = found.commands.get("show", found.commands.get("draw"))  # aircraft NAME is aircraft show NAME
+                first = next((found.commands[k] for k in ("show", "draw", "suites") if k in found.commands), None)
                 found = found.commands.get(words[0], first)
             if found is None:
                 wrong.append(f"{name(page) if page.is_relative_to(DOCS) else page.name}: {line}")

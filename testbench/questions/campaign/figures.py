@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.evaluation.calibration import calibration
 from testbench.page.plot import COLOURS, INK, MEASURED, QUIET, Plate, grid, label, new_figure
 from testbench.questions.campaign.answer import most_biased
 from testbench.questions.campaign.result import errors
+from testbench.questions.side_by_side import CALIBRATION, draw_calibration
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -61,9 +61,7 @@ def campaign_plates(summary: Summary) -> list[Plate]:
             Plate(
                 "calibration",
                 "Errors over stated errors",
-                "Estimate minus truth over the standard error that the estimator states, sorted, against the normal "
-                "distribution. On the line the stated errors are true; steeper, the errors are larger than stated; "
-                "beside it, they are biased. Shaded: where each point lies with 95 % if they are true.",
+                CALIBRATION,
                 _panels(of_stated, lambda axes, name: _calibration(axes, summary, name), "normal", "error / stated"),
             )
         )
@@ -171,12 +169,7 @@ def _scatter(axes: Axes, summary: Summary, name: str) -> None:
 
 
 def _calibration(axes: Axes, summary: Summary, name: str) -> None:
-    z = calibration(errors(summary)[name][summary.done], summary.columns[f"{name}, std"][summary.done])
-    every = max(1, z.found.size // _POINTS)
-    axes.fill_between(z.expected, z.low, z.high, color=MEASURED, alpha=0.5, linewidth=0)
-    end = float(np.abs(z.expected).max(initial=1.0))
-    axes.plot([-end, end], [-end, end], color=INK, linewidth=0.9)
-    axes.plot(z.expected[::every], z.found[::every], ".", color=COLOURS[0], markersize=3.5, alpha=0.6)
+    draw_calibration(axes, errors(summary)[name][summary.done], summary.columns[f"{name}, std"][summary.done])
 
 
 def _histogram(axes: Axes, values: FloatArray, zero: bool) -> None:

@@ -8,10 +8,18 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import FlownBy, OutOption, ScenarioArgument, SeedOption, SimulatorOption
+from testbench.questions.compare.benchmark.command import benchmark
+from testbench.questions.options import ByDefault, FlownBy, OutOption, ScenarioArgument, SeedOption, SimulatorOption
+
+command = typer.Typer(
+    no_args_is_help=True,
+    cls=ByDefault.first("suites"),
+    help="Compare sensor suites over the same flights and noise, or methods on a packaged benchmark.",
+)
 
 
-def command(
+@command.command("suites")
+def suites(
     scenario: ScenarioArgument,
     out: OutOption = Path("results"),
     seed: SeedOption = None,
@@ -22,8 +30,9 @@ def command(
 ) -> None:
     """Compare sensor suites over the same flights and noise: what each sensor buys, and what is more than chance.
 
-    Fisher information answers the same question without simulation. If the scenario has a `[placement]`, the command
-    also finds the best stations for sensors along the wing. Examples: `testbench compare eolo_alpha`, `testbench
+    `testbench compare SCENARIO` is `testbench compare suites SCENARIO`. Fisher information answers the same
+    question without simulation. If the scenario has a `[placement]`, the command also finds the best stations for
+    sensors along the wing. Examples: `testbench compare eolo_alpha`, `testbench
     compare eolo_wing`.
     """
     from testbench.questions.compare.ask import compare
@@ -39,3 +48,6 @@ def command(
         page = compare_page(result)
         page.write(folder)
     page.show(console(), folder)
+
+
+command.command("benchmark")(benchmark)

@@ -101,7 +101,7 @@ class DatasetScenario(Asked):
 
     seed: Annotated[int, Field(ge=0)] = 0
     flights: Annotated[int, Field(ge=1)]
-    licence: Annotated[str, Field(min_length=1)]
+    licence: Annotated[str, Field(min_length=1)] = "not stated"
     split: Split = Split()
     suite: SuiteName | None = None
     samples_hz: Positive | None = None

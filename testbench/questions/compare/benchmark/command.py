@@ -1,0 +1,56 @@
+"""The command ``testbench compare benchmark``."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from testbench.page.terminal import console, stages
+
+
+def benchmark(
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the benchmark.")] = Path("results/benchmark"),
+    seeds: Annotated[int, typer.Option(min=1, help="Flights of each simulated data set.")] = 5,
+    method: Annotated[
+        list[str] | None,
+        typer.Option(help="Own estimator FILE.py:NAME beside the packaged ones. May be repeated.", show_default=False),
+    ] = None,
+    only: Annotated[
+        list[str] | None,
+        typer.Option(help="Packaged method, instead of all. May be repeated.", show_default=False),
+    ] = None,
+    data: Annotated[
+        list[str] | None, typer.Option(help="Data set, instead of all. May be repeated.", show_default=False)
+    ] = None,
+    workers: Annotated[int | None, typer.Option(min=1, help="Processes. Default: one per processor.")] = None,
+) -> None:
+    """Compare methods of identification on packaged data sets whose truth is known, and on recorded flights.
+
+    The same command goes on with a benchmark that was interrupted, and with more seeds or methods flies only what is
+    missing. Recorded flights are read from the folder TESTBENCH_FLIGHT_DATA. Examples: `testbench compare benchmark`,
+    `testbench compare benchmark --method my_method.py:estimate`.
+    """
+    from testbench.questions.compare.benchmark.ask import benchmark as run
+    from testbench.questions.compare.benchmark.page import benchmark_page
+
+    try:
+        with stages() as say:
+            found = run(
+                out,
+                seeds=seeds,
+                sets=data or (),
+                methods=only or (),
+                own=method or (),
+                workers=workers,
+                progress=say,
+            )
+            say("write report")
+            page = benchmark_page(found)
+            page.write(out)
+    except KeyboardInterrupt:
+        print("what is finished is kept; the same command goes on", file=sys.stderr)
+        raise
+    page.show(console(), out)

@@ -1,0 +1,164 @@
+"""The page of a benchmark: one table of scores, ranks with the critical difference, calibration, how to cite it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from testbench.page.page import COMPUTED, Page
+from testbench.page.tables import Column, Table, Value
+from testbench.page.words import listed
+from testbench.questions.side_by_side import calibration_plates, rank_plates, rank_table
+
+if TYPE_CHECKING:
+    from testbench.questions.compare.benchmark.result import Benchmark
+
+OVER = "the sets of the benchmark"
+_TRUE = 0.95
+
+
+def benchmark_page(found: Benchmark) -> Page:
+    """Return the page of a benchmark."""
+    contests = [found.contest()] if len(found.methods) > 1 else []
+    ranked = [c for c in contests if c.ranked is not None]
+    return Page(
+        kicker="Benchmark of identification",
+        title=f"{len(found.methods)} methods on {len(found.sets)} data sets",
+        question="Which method finds frequency and damping of the short period, and whose stated errors are true?",
+        answer=[("lead", _lead(found)), *(("doubt", text) for text in _doubts(found)), ("note", citation(found))],
+        tables=[score_table(found), summary_table(found), *([rank_table(ranked, OVER)] if ranked else [])],
+        plates=[*rank_plates(ranked, OVER), *calibration_plates(found.calibration())],
+        packages=COMPUTED,
+        asked=[("data", listed([f"{d.name} ({d.words})" for d in found.sets]))],
+        provenance=[
+            ("SHA-256 of the benchmark", found.sha256),
+            ("seeds", f"{found.seeds[0]} to {found.seeds[-1]}"),
+            ("processor time", f"{_seconds(found):.0f} s"),
+        ],
+        terminal=[summary_table(found)],
+        notes=[citation(found)],
+    )
+
+
+def citation(found: Benchmark) -> str:
+    """Return how a paper cites the benchmark."""
+    from testbench import __version__
+
+    return (
+        f"to cite it: flight-testbench {__version__}, testbench compare benchmark, {len(found.seeds)} seeds, SHA-256 "
+        f"{found.sha256}; the hash is taken over the definition of the data, the settings of the methods and the seeds"
+    )
+
+
+def _seconds(found: Benchmark) -> float:
+    return sum(c.seconds for cells in found.cells.values() for c in cells.values())
+
+
+def _lead(found: Benchmark) -> str:
+    contest = found.contest()
+    if len(found.methods) < 2 or contest.ranked is None:
+        best = min(
+            found.methods,
+            key=lambda e: np.nan_to_num(np.nanmean(contest.errors[:, found.methods.index(e)]), nan=np.inf),
+        )
+        return f"{best.label} has the smallest errors; three data sets and two methods are needed to rank them"
+    r = contest.ranked
+    first = int(np.argmin(r.mean))
+    alike = int(np.sum(r.mean - r.mean[first] < r.critical)) - 1
+    return (
+        f"{contest.methods[first]} ranks first, {r.mean[first]:.1f} in the mean of {r.blocks} data sets; {alike} of "
+        f"the other {len(contest.methods) - 1} methods cannot be told from it"
+    )
+
+
+def _doubts(found: Benchmark) -> list[str]:
+    out = []
+    if found.absent:
+        names = listed([d.name for d in found.absent])
+        out.append(
+            f"the recorded flights {names} are not there and left out; set TESTBENCH_FLIGHT_DATA to their folder. The "
+            "hash is that of the data sets that ran"
+        )
+    failed = sum(c.errors is None for cells in found.cells.values() for c in cells.values())
+    if failed:
+        out.append(f"{failed} of {sum(map(len, found.cells.values()))} cells gave no model; the table says why")
+    return out
+
+
+def score_table(found: Benchmark) -> Table:
+    """Return one row for each data set and method."""
+    rows: list[tuple[Value, ...]] = []
+    for data in found.sets:
+        for entry in found.methods:
+            s = found.score(data.name, entry.label)
+            relative = None if s.relative is None else 100.0 * s.relative
+            held = None if s.held is None else 100.0 * s.held
+            rows.append(
+                (data.name, entry.label, s.rms, relative, held, s.intervals, s.flights, s.failed, s.seconds, s.reason)
+            )
+    columns = (
+        Column("set", "data set"),
+        Column("method", "method"),
+        Column("rms", "rms error", "bounds", digits=3),
+        Column("relative", "rms error", "%", digits=3),
+        Column("held", "truth held", "%", digits=3),
+        Column("intervals", "intervals"),
+        Column("flights", "flights"),
+        Column("failed", "failed"),
+        Column("seconds", "time", "s", digits=2),
+        Column("reason", "first reason of failure"),
+    )
+    return Table(
+        "benchmark", f"Scores of benchmark {found.sha256[:12]}", _caption(found), columns, tuple(rows), wide=True
+    )
+
+
+def _caption(found: Benchmark) -> str:
+    return (
+        "Errors of natural frequency and damping ratio of the short period: of the pole nearest to the true one, in "
+        "units of the Cramér-Rao bound of that flight, which takes noise, gusts and all but the five derivatives for "
+        "known; and relative to the truth. Recorded flights have printed results in place of the truth, and neither "
+        "bound nor intervals. Truth held: share of the stated 95 % intervals, of derivatives or else of frequency and "
+        f"damping. Time: of the processor, median. SHA-256 of the benchmark: {found.sha256}."
+    )
+
+
+def summary_table(found: Benchmark) -> Table:
+    """Return one row per method, over all data sets, in the order of the ranks."""
+    contest = found.contest()
+    r = contest.ranked if len(found.methods) > 1 else None
+    rows: list[tuple[Value, ...]] = []
+    order = range(len(found.methods)) if r is None else np.argsort(r.mean, kind="stable").tolist()
+    known = found.calibration()
+    for k in order:
+        label = found.methods[k].label
+        cells = [c for d in found.sets for c in found.cells[d.name, label].values()]
+        stated = known.get(label)
+        held = None if stated is None else 100.0 * float(np.mean(np.abs(stated[:, 0]) <= 1.959964 * stated[:, 1]))
+        simulated = [contest.errors[i, k] for i, d in enumerate(found.sets) if not d.records]
+        median = float(np.median(np.nan_to_num(simulated, nan=np.inf))) if simulated else np.inf
+        rows.append(
+            (
+                label,
+                None if r is None else float(r.mean[k]),
+                median if np.isfinite(median) else None,
+                held,
+                sum(c.errors is None for c in cells),
+                float(sum(c.seconds for c in cells)),
+            )
+        )
+    columns = (
+        Column("method", "method"),
+        Column("rank", "mean rank", decimals=2),
+        Column("rms", "rms error, median of the sets", "bounds", digits=3),
+        Column("held", "truth held", "%", digits=3),
+        Column("failed", "failed"),
+        Column("seconds", "time in all", "s", digits=2),
+    )
+    caption = (
+        "Over all data sets; a set for which a method gave no model for more than half of the flights ranks it last. "
+        f"Truth held is {100 * _TRUE:g} % if stated errors are true; sets that break the assumptions of a method "
+        "count, too."
+    )
+    return Table("methods", "Methods over all data sets", caption, columns, tuple(rows))

@@ -1,0 +1,124 @@
+"""What a benchmark found: one cell per data set, method and seed, and the scores of each data set and method."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from testbench.core.record import FloatArray
+from testbench.questions.compare.benchmark.entries import Entry
+from testbench.questions.compare.benchmark.sets import DataSet
+from testbench.questions.side_by_side import Contest
+
+LEVEL = 1.959964  # of a 95 % interval, in standard errors
+
+
+class Cell(NamedTuple):
+    """One method on one flight.
+
+    Attributes:
+        errors: of wn (rad/s) and zeta, estimate minus truth or printed value; None if it failed.
+        bound: Cramér-Rao bound of both; None for recorded flights.
+        truth: of both.
+        stated: figure -> (error, standard error that the method states).
+        seconds: of the processor, that it took.
+        reason: why it failed; "" if it did not.
+    """
+
+    errors: tuple[float, float] | None
+    bound: tuple[float, float] | None
+    truth: tuple[float, float]
+    stated: Mapping[str, tuple[float, float]]
+    seconds: float
+    reason: str = ""
+
+
+class Score(NamedTuple):
+    """One method on one data set.
+
+    Attributes:
+        flights: that it was given, and ``failed`` of them without a model; ``reason`` of the first.
+        rms: of the errors of wn and zeta, in bounds; None for recorded flights, or if it gave none.
+        relative: rms of both errors over the true or printed values.
+        held: share of the stated 95 % intervals that hold the truth, of ``intervals``; None if none is stated.
+        seconds: of the processor, median.
+    """
+
+    flights: int
+    failed: int
+    rms: float | None
+    relative: float | None
+    held: float | None
+    intervals: int
+    seconds: float
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Benchmark:
+    """A finished benchmark.
+
+    Attributes:
+        sha256: of the definitions of data, the settings of methods and the seeds; it names the benchmark.
+        sets, methods, seeds: in the order of tables.
+        absent: recorded flights that were not there.
+        cells: (set, method) -> seed -> cell.
+    """
+
+    sha256: str
+    sets: tuple[DataSet, ...]
+    methods: tuple[Entry, ...]
+    seeds: tuple[int, ...]
+    absent: tuple[DataSet, ...]
+    cells: Mapping[tuple[str, str], Mapping[int, Cell]] = field(default_factory=dict)
+
+    def score(self, data: str, method: str) -> Score:
+        """Return how a method fares on a data set."""
+        cells = list(self.cells[data, method].values())
+        found = [c for c in cells if c.errors is not None]
+        stated = stated_errors(found)
+        over = np.array([np.divide(c.errors or (), c.bound) for c in found if c.bound is not None])
+        relative = np.array([np.divide(c.errors or (), c.truth) for c in found])
+        return Score(
+            len(cells),
+            len(cells) - len(found),
+            float(np.sqrt(np.mean(over**2))) if over.size else None,
+            float(np.sqrt(np.mean(relative**2))) if relative.size else None,
+            float(np.mean(np.abs(stated[:, 0]) <= LEVEL * stated[:, 1])) if stated.size else None,
+            len(stated),
+            float(np.median([c.seconds for c in cells])),
+            next((c.reason for c in cells if c.errors is None), ""),
+        )
+
+    def contest(self) -> Contest:
+        """Return the rms errors (sets, methods), by which methods are ranked.
+
+        A method that gave no model for more than half of the flights of a set has NaN there, which ranks last.
+        """
+        rows = np.full((len(self.sets), len(self.methods)), np.nan)
+        for i, data in enumerate(self.sets):
+            for k, entry in enumerate(self.methods):
+                s = self.score(data.name, entry.label)
+                if 2 * s.failed <= s.flights and s.relative is not None:
+                    rows[i, k] = s.relative if s.rms is None else s.rms
+        return Contest("all data sets", "wn and zeta", "", tuple(m.label for m in self.methods), rows)
+
+    def calibration(self) -> dict[str, FloatArray]:
+        """Return method -> (n, 2) errors and stated standard errors over all simulated flights, where any is stated."""
+        out = {}
+        for entry in self.methods:
+            cells = [c for d in self.sets if not d.records for c in self.cells[d.name, entry.label].values()]
+            stated = stated_errors(cells)
+            if len(stated) > 2:
+                out[entry.label] = stated
+        return out
+
+
+def stated_errors(cells: Sequence[Cell]) -> FloatArray:
+    """Return (error, stated standard error) of all figures of cells (n, 2), where the latter is a positive number."""
+    pairs: list[Any] = [p for c in cells if c.errors is not None for p in c.stated.values()]
+    found = np.array(pairs, float).reshape(-1, 2)
+    return found[np.isfinite(found).all(axis=1) & (found[:, 1] > 0.0)]
