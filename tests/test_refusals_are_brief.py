@@ -106,3 +106,13 @@ def test_headers_and_cells_of_tables(tmp_path, monkeypatch, capsys, table, text)
     (tmp_path / "a.csv").write_text(table.format(text, text) * 1, encoding="utf-8")
     for command in (["import", "a.csv"], ["export", "a.csv", "--to", "b.csv"], ["modes", "a.csv"]):
         assert quoted(monkeypatch, capsys, command) <= QUOTED
+
+
+@pytest.mark.parametrize("control", ["\x1b[31m", "\x1b]0;title\x07", "\x08\x08", "\r", "\x9b2J", "\u202e", "\udc9b"])
+def test_no_control_of_a_terminal_reaches_it_from_a_name(monkeypatch, capsys, control):
+    name = f"a{control}b<script>.toml"
+    for text in (name, name + "x" * 3000):
+        assert [c for c in brief(f"no file '{text}'\nis here") if not c.isprintable()] == ["\n"]
+    status, lines = ends(monkeypatch, capsys, "check", name)
+    assert status == 2
+    assert all(line.isprintable() for line in lines)

@@ -23,6 +23,8 @@ _GIVEN: list[str] = []  # long texts that are known to be a user's
 _IN_QUOTES = re.compile(r"(?<!\w)(?:'[^'\n]*'|\"[^\"\n]*\")(?!\w)")
 _UNBROKEN = re.compile(r"\S+")
 _ONE_LINE = re.compile(r"[^\n]+")
+_OF_TERMINALS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+"""What steers a terminal instead of being shown: controls but tab and line end, marks of direction, lone surrogates."""
 
 
 def given(texts: Iterable[str | None]) -> None:
@@ -40,16 +42,22 @@ def given(texts: Iterable[str | None]) -> None:
 def brief(text: str) -> str:
     """Return a message with what it quotes cut in the middle to :data:`QUOTED` letters: the ends of paths say most.
 
+    Controls that a file's name or a log's text may hold are written as their codes, so that no terminal obeys them.
+
     Quoted is what :func:`given` says, what stands in quotation marks, and what no blank breaks. No line is longer than
     2000 letters.
     """
     if len(text) <= QUOTED:
-        return text
+        return _shown(text)
     for whole in sorted(_GIVEN, key=len, reverse=True):
         text = text.replace(whole, _cut(whole, QUOTED))
     for pattern, most in ((_IN_QUOTES, QUOTED + 2), (_UNBROKEN, QUOTED + 2), (_ONE_LINE, _LINE)):
         text = pattern.sub(lambda found, most=most: _cut(found[0], most), text)  # type: ignore[misc]
-    return text
+    return _shown(text)
+
+
+def _shown(text: str) -> str:
+    return _OF_TERMINALS.sub(lambda found: repr(found[0])[1:-1], text)
 
 
 def _cut(text: str, most: int) -> str:

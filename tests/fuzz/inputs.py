@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5netcdf
 import numpy as np
 from scipy.io import netcdf_file, savemat
 from writers import dataflash_bin, dataflash_log, ulog, write_73
 
+from testbench.aircraft.strips.reading import read_ground_test
 from testbench.core.paths import SCENARIOS, SUITES
 from testbench.core.record import FlightRecord
+from testbench.estimators.contract import Text
+from testbench.questions.files import load
+from testbench.sensors import load_suite
 
 T = 0.05 * np.arange(240)
 DE = np.where((T >= 4.0) & (T < 5.0), 0.05, 0.0) - np.where((T >= 5.0) & (T < 6.0), 0.05, 0.0)
@@ -120,3 +126,20 @@ def scenarios() -> dict[str, str]:
     """Return name -> text of every packaged scenario, and of the suites."""
     files = [*SCENARIOS.rglob("*.toml"), *SUITES.glob("*.toml")]
     return {f"{f.parent.name}/{f.stem}": f.read_text(encoding="utf-8") for f in sorted(files)}
+
+
+def read_scenario(name: str, text: str, folder: Path) -> Any:
+    """Return what the reader of its kind makes of the text of a packaged file, or of one that was damaged."""
+    path = folder / f"{Path(name).name}.toml"
+    path.write_text(text, encoding="utf-8")
+    match name.split("/")[0]:
+        case "suites":
+            return load_suite(str(path))
+        case "ground_tests":
+            for table in (SCENARIOS / "ground_tests").glob("*.csv"):
+                shutil.copy(table, folder)
+            return read_ground_test(path).content
+        case "structures":
+            return Text(path, "").made()
+        case _:
+            return load(path)

@@ -117,6 +117,22 @@ def mistyped(text: str, rng: Generator) -> str:
     return text
 
 
+def nudged(text: str, rng: Generator) -> str:
+    """Return TOML with one number that became another of the same kind, between zero and twice as much or negative."""
+    lines = text.splitlines(keepends=True)
+    places = [k for k, line in enumerate(lines) if _ASSIGNED.search(line) and _NUMBER.search(line.partition("=")[2])]
+    if not places:
+        return text
+    k = places[int(rng.integers(0, len(places)))]
+    key, _, values = lines[k].partition("=")
+    where = list(_NUMBER.finditer(values))
+    found = where[int(rng.integers(0, len(where)))]
+    new = float(found[0]) * float(rng.choice([-1.0, 0.0, 0.5, 0.9, 1.1, 1.5, 2.0]))
+    written = str(round(new)) if found[0].lstrip("-").isdigit() else repr(new)
+    lines[k] = f"{key}={values[: found.start()]}{written}{values[found.end() :]}"
+    return "".join(lines)
+
+
 Damage = Callable[[bytes, Generator], bytes]
 
 

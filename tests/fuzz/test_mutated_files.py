@@ -17,12 +17,9 @@ from fuzz import inputs
 from fuzz.mutations import damaged, mistyped, of_text
 from fuzz.survive import broken
 
-from testbench.core.paths import SUITES
 from testbench.questions.export.ask import export_model, export_record
 from testbench.questions.export.matrices import load_matrices
-from testbench.questions.files import load
 from testbench.questions.importing.ask import import_log, write_import
-from testbench.sensors import load_suite
 
 SEEDS = int(os.environ.get("FUZZ_SEEDS", "0"))
 FEW = 12  # of each format in the normal suite
@@ -107,13 +104,12 @@ def texts() -> dict[str, str]:
 
 
 def checked(name: str, seed: int, folder: Path) -> None:
-    path = folder / f"{Path(name).name}.toml"
-    text = mistyped(texts()[name], rng_of(name, seed))
-    path.write_text(text, encoding="utf-8")
-    if name.startswith(SUITES.name):
-        load_suite(str(path))
-    else:
-        load(path)
+    inputs.read_scenario(name, mistyped(texts()[name], rng_of(name, seed)), folder)
+
+
+def test_each_scenario_is_read_by_the_reader_of_its_kind(tmp_path):
+    for name, text in texts().items():
+        inputs.read_scenario(name, text, tmp_path)
 
 
 def test_mistyped_scenarios_of_every_kind():

@@ -1,0 +1,107 @@
+"""Mutated records of every format through the commands that read them; what is read is held against the original."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from fuzz import inputs
+from fuzz.mutations import damaged, of_text
+from fuzz.test_mutated_files import TEXTS, rng_of
+from studies.reliability.cases import Row, go_on, quiet_main
+from studies.reliability.scenarios import run_cases
+
+from testbench.core.errors import TestbenchError
+from testbench.core.record import FlightRecord
+
+COUNT = 600  # of each format
+WRONG = 0.5  # of the samples of a channel that differ from the original's: no damage of some bytes does that
+
+
+@cache
+def originals() -> dict[str, tuple[str, bytes, FlightRecord]]:
+    """Return format -> (suffix, content, what is read of it)."""
+    from testbench.questions.importing.ask import import_log
+
+    with tempfile.TemporaryDirectory() as place:
+        out = {}
+        for name, (suffix, content) in inputs.logs(Path(place)).items():
+            path = Path(place, f"whole{suffix}")
+            path.write_bytes(content)
+            out[name] = (suffix, content, import_log(path).record)
+    return out
+
+
+def judged(case: str, folder: Path) -> tuple[str, str]:
+    """Return what became of a mutant: refused, or read, and whether most of what was read is the original's."""
+    from testbench.questions.importing.ask import import_log
+
+    name, _, seed = case.rpartition(" ")
+    suffix, content, whole = originals()[name]
+    path = folder / f"log{suffix}"
+    path.write_bytes((of_text if name in TEXTS else damaged)(content, rng_of(f"reliability {name}", int(seed))))
+    commands(path, folder, int(seed))
+    try:
+        found = import_log(path)
+    except TestbenchError as error:
+        return "refused", str(error)
+    wrong = differing(whole, found.record)
+    if not wrong:
+        return "read", ""
+    asked = [*found.asked, *found.log.notes]
+    return ("read with a question" if found.asked else "to be looked at"), "; ".join([*wrong, "|", *asked])
+
+
+def commands(path: Path, folder: Path, seed: int) -> None:
+    """Read a file by one command of those that read it, in turn.
+
+    Raises:
+        AssertionError: the command ended with a traceback, another status than 0, 2 or 3, or controls of a terminal.
+    """
+    words = [
+        ["import", str(path), "-o", str(folder / "out")],
+        ["import", str(path), "--describe", str(folder / "d.toml")],
+        ["identify", str(path), "-o", str(folder / "out")],
+        ["check", str(path)],
+        ["export", str(path), "--to", "csv", "-o", str(folder / "e.csv")],
+        ["import", str(path), "--strict"],
+    ][seed % 6]
+    status, said = quiet_main(words, folder / "said")
+    assert status in (0, 2, 3), f"{words[0]} ended with {status}"
+    assert "Traceback" not in said, f"{words[0]}: {said[-200:]}"
+    steering = sorted({c for c in said if not c.isprintable() and c not in "\n\t"} - set("\u200b\xa0"))
+    assert not steering, f"{words[0]}: controls {steering} in what is printed"
+
+
+def differing(whole: FlightRecord, read: FlightRecord) -> list[str]:
+    """Return the channels most samples of which differ from the original's at the same time, or near it."""
+    out = []
+    for name in set(whole.channels) & set(read.channels):
+        a, b = whole.channels.index(name), read.channels.index(name)
+        valid, ours = whole.valid[:, a], read.valid[:, b]
+        inside = ours & (read.t_s >= whole.t_s[0]) & (read.t_s <= whole.t_s[-1])
+        if valid.sum() < 2 or inside.sum() < 10:
+            continue
+        there = np.interp(read.t_s[inside], whole.t_s[valid], whole.data[valid, a])
+        near = 0.02 * max(np.ptp(whole.data[valid, a]), 1e-9) + 1e-6 * np.abs(there)
+        share = float(np.mean(np.abs(read.data[inside, b] - there) > near))
+        if share > WRONG:
+            out.append(f"{name}: {share:.0%} of the samples")
+    return out
+
+
+def records(count: int = COUNT) -> list[Row]:
+    """Read ``count`` mutants of each format."""
+    names = [f"{name} {seed}" for seed in range(count) for name in originals()]
+    return go_on("records", names, lambda due: run_cases(due, judged, 60, 1.0, 39))
+
+
+def by_format(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return the rows of each format."""
+    out: dict[str, list[Row]] = {}
+    for row in rows:
+        out.setdefault(row["case"].rpartition(" ")[0], []).append(row)
+    return out
