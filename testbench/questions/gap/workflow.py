@@ -119,6 +119,11 @@ def find_gap(
         say("listen to the air")
         air = listen(believed, naming_records)
         believed, naming, air = search(believed, naming_records, air, say, effects)
+        near = next((f for f in naming.ranking if f.significant and f.flown), None)
+        if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
+            say("fit where windows start beside what comes nearest")
+            as_believed = begin_freely(as_believed, {**records, **held_out}, near.added_to(as_believed))
+            believed, naming, air = search(as_believed, naming_records, air, say, effects)
         if check and checked is None:
             checked = ahead.take("check", instruments)
     if naming.best is not None:
