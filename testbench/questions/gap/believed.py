@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from testbench.aircraft import Aircraft, Amendment, ScaleCoefficient
 from testbench.core.channels import CONTROLS
-from testbench.core.errors import ModelError, RecordError, ScenarioError
-from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.errors import LimitError, ModelError, RecordError, ScenarioError
+from testbench.core.record import FlightAborted, FlightRecord, FloatArray
 from testbench.estimators.trajectories import driven
 from testbench.flight import FlightCondition, LinearModel, Manoeuvre, TrimmedFlight
 from testbench.flight.air import Air, Gust
@@ -216,7 +216,7 @@ class Believed:
     def begun(self, record: FlightRecord, steps: int = STEPS) -> FloatArray | None:
         """Return the start parameters (k,) that suit this model best on a record; None if it begins at trim.
 
-        Steps of Gauss-Newton from the origin of its start, on the tangents there.
+        Steps of Gauss-Newton from the origin of its start, on the tangents there, as long as they suit it better.
 
         Raises:
             FlightAborted, LimitError: a flight from there does not survive.
@@ -225,17 +225,53 @@ class Believed:
         free = self.free_start_of(record)
         if free is None:
             return None
-        points = self._begun.setdefault(key_of_start(record), [free.origin])
-        while len(points) <= steps:
-            x = points[-1]
-            points.append(self.better_start(record, x))
-            if float(np.max(np.abs(points[-1] - x) / free.std)) < NEAR:
-                points += [points[-1]] * (steps + 1 - len(points))
-        return points[steps]
+        tried = self._begun.setdefault(key_of_start(record), [])
+        while len(tried) <= steps:
+            x = self.next_start(record, len(tried))
+            assert x is not None
+            cost = self.cost_of_start(record, x)
+            if tried and not cost < tried[-1][1]:  # the tangents are those of another model, and lead astray
+                tried += [tried[-1]] * (steps + 1 - len(tried))
+                break
+            near = bool(tried) and float(np.max(np.abs(x - tried[-1][0]) / free.std)) < NEAR
+            tried.append((x, cost))
+            if near:
+                tried += [tried[-1]] * (steps + 1 - len(tried))
+        return tried[steps][0]
+
+    def next_start(self, record: FlightRecord, steps: int) -> FloatArray | None:
+        """Return the start parameters (k,) that are flown next by ``begun``; None if so many steps are made already.
+
+        Raises:
+            FlightAborted, LimitError: as :meth:`begun`.
+        """
+        free, tried = self.free_start_of(record), self._begun.get(key_of_start(record), [])
+        assert free is not None
+        if len(tried) > steps:
+            return None
+        return self.better_start(record, tried[-1][0]) if tried else free.origin
 
     @cached_property
-    def _begun(self) -> dict[str, list[FloatArray]]:
+    def _begun(self) -> dict[str, list[tuple[FloatArray, float]]]:
         return {}
+
+    def cost_of_start(self, record: FlightRecord, x: FloatArray) -> float:
+        """Return what is minimised over the parameters ``x`` (k,) of a start: chi-square and the price of the prior.
+
+        Infinite where the flight does not survive, but for the origin.
+
+        Raises:
+            FlightAborted, LimitError: the flight from the origin does not survive.
+        """
+        free = self.free_start_of(record)
+        assert free is not None
+        try:
+            r = self.over_noise(record, record.columns(self.outputs) - self.read_from(record, x))
+        except (FlightAborted, LimitError):
+            if x is free.origin:
+                raise
+            return float("inf")
+        return float(np.sum(r**2) + np.sum(((x - free.centre) / free.std) ** 2))
 
     def better_start(self, record: FlightRecord, x: FloatArray) -> FloatArray:
         """Return the start parameters (k,) that a step of Gauss-Newton from ``x`` (k,) leads to."""

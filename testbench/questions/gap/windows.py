@@ -19,7 +19,7 @@ import numpy as np
 from testbench.core.channels import CONTROLS
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError, TestbenchError, located
-from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.record import FlightAborted, FlightRecord
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.evidence.commanded import (
     begins_quietly,
@@ -58,6 +58,7 @@ _LATERAL = {"beta", "v", "p", "r", "phi", "ay"}  # channels
 _OF_LATERAL = ("beta", "p", "r", "phi", "da", "dr")  # start parameters
 _FITTED_S, _FEWEST = 0.2, 5  # straight lines through so much of a reading, and so many samples, say where it begins
 _TURNS_DEG_S, _BANK_DEG, _ACCELERATES_1_S = 5.0, 15.0, 0.05  # beyond which quiet commands are not taken for trim
+_MISFIT, _UNTRIMMED = 2.0, 6.0  # of the noise; chi-square from trim over that from another start
 _STEP = 0.05  # of differences, in prior standard deviations
 _HORIZONS_S = (1.5, 3.0, math.inf)
 _ROUNDS = 8
@@ -98,8 +99,11 @@ def cut(believed: Believed, records: Mapping[str, FlightRecord], windows: Window
     whole: dict[str, FlightRecord] = {}
     notes: list[str] = []
     for name, record in records.items():
-        why_free = restless(record)
-        if starts_freely(record) or (windows == "auto" and not why_free):
+        if starts_freely(record):
+            out[name] = whole[name] = record
+            continue
+        why_free = restless(record) or (untrimmed(believed, record) if windows == "auto" else "")
+        if windows == "auto" and not why_free:
             out[name] = whole[name] = record
             continue
         with located(None, f"record '{name}'"):
@@ -135,6 +139,29 @@ def restless(record: FlightRecord) -> str:
         if abs(slope) > _ACCELERATES_1_S:
             return f"changes its airspeed as it begins ({100.0 * slope:.2g} % per second)"
     return ""
+
+
+def untrimmed(believed: Believed, record: FlightRecord) -> str:
+    """Return why a record with quiet commands is not to be flown from trim, in words; "" if it may be.
+
+    The start alone, commands as they are, is fitted to the whole record. If that leaves less than a sixth of what a
+    start at trim does, the aircraft was not trimmed. Turbulence and gaps in the model go on through the record: a free
+    start leaves more of them. An unstable aircraft may leave its limits however well it was trimmed.
+    """
+    plain, free = replace(believed, whiten=None), freed(record, record_key(record), level(record))
+    try:
+        at_trim = float(np.sum(plain.residuals(record) ** 2))
+        if at_trim < _MISFIT * int(np.count_nonzero(believed.taken(record))):
+            return ""
+        left = float(np.sum(begin_freely(plain, {"": free}, offsets=False).residuals(free) ** 2))
+    except FlightAborted:
+        unstable = longest(believed, record)[0] < min(LONGEST_S, record.duration_s)
+        return "cannot be flown from trim to its end" if unstable else ""
+    except TestbenchError:
+        return ""
+    if at_trim < _UNTRIMMED * left:
+        return ""
+    return f"is not in trimmed flight as it begins (another start leaves {left / at_trim:.2g} of the misfit)"
 
 
 def longest(believed: Believed, record: FlightRecord) -> tuple[float, str]:
@@ -189,7 +216,12 @@ def _level_of(record: FlightRecord) -> dict[str, float]:
     return dict(zip(names, (record.columns(f"{n}_cmd" for n in names) - u)[0].tolist(), strict=True))
 
 
-def begin_freely(believed: Believed, records: Mapping[str, FlightRecord], along: Believed | None = None) -> Believed:
+def begin_freely(
+    believed: Believed,
+    records: Mapping[str, FlightRecord],
+    along: Believed | None = None,
+    offsets: bool = True,
+) -> Believed:
     """Return the belief with the starts of all records that start freely, fitted to them.
 
     Gauss-Newton on flown differences: readings less what the believed sensors would read, about their means.
@@ -199,6 +231,7 @@ def begin_freely(believed: Believed, records: Mapping[str, FlightRecord], along:
         records: by name; those that begin at trim are left alone.
         along: model that they are fitted to, from the starts that ``believed`` has already; ``believed`` itself, from
             the first readings, if not given.
+        offsets: whether commands may be off by constants.
 
     Raises:
         FlightAborted, LimitError, TrimError: the believed aircraft cannot fly a window from where it seems to begin.
@@ -209,7 +242,8 @@ def begin_freely(believed: Believed, records: Mapping[str, FlightRecord], along:
     plain = replace(along or believed, whiten=None)
     known = along is not None
     starts = {
-        key_of_start(r): believed.free_starts[key_of_start(r)] if known else _guess(plain, r) for r in own.values()
+        key_of_start(r): believed.free_starts[key_of_start(r)] if known else _guess(plain, r, offsets)
+        for r in own.values()
     }
     # What seems to begin well may leave the limits before it has been fitted: first the beginnings alone.
     for horizon_s in _HORIZONS_S[-1:] if known else _HORIZONS_S:
@@ -225,12 +259,13 @@ def begin_freely(believed: Believed, records: Mapping[str, FlightRecord], along:
     return replace(believed, free_starts={**believed.free_starts, **starts})
 
 
-def _guess(believed: Believed, record: FlightRecord) -> FreeStart:
+def _guess(believed: Believed, record: FlightRecord, offsets: bool) -> FreeStart:
     """Return the start that the first readings of a record tell, without columns."""
     believed = believed.at(record)
     lateral = bool(_LATERAL & set(believed.outputs))
     states = [n for n in STATES if (lateral or n not in _OF_LATERAL) and (n != "h_m" or "h" in record)]
     controls = [c for c in believed.aircraft.controls if c in _OFFSETS and (lateral or c not in _OF_LATERAL)]
+    controls = controls if offsets else []
     origin, std = [], []
     for name in states:
         channel = _CHANNELS.get(name, name)
@@ -304,23 +339,12 @@ def _improved(
     flights([with_starts.wanted_to_read(records[n], x) for n, xs in tried.items() for x in xs])
     for name, record in records.items():
         free = starts[key_of_start(record)]
-        before = _misfit(with_starts, record, free.origin)
+        before = with_starts.cost_of_start(record, free.origin)
         best, at = before, free.origin
         for x in tried[name]:
-            try:
-                now = _misfit(with_starts, record, x)
-            except TestbenchError:
-                continue
+            now = with_starts.cost_of_start(record, x)
             if now < best:
                 best, at = now, x
         fallen[name] = before - best
         out[key_of_start(record)] = replace(free, origin=at, known={})
     return out, fallen
-
-
-def _misfit(believed: Believed, record: FlightRecord, x: FloatArray) -> float:
-    """Return what is minimised over the parameters ``x`` (k,) of a start: chi-square and the price of the prior."""
-    free = believed.free_start_of(record)
-    assert free is not None
-    r = believed.over_noise(record, record.columns(believed.outputs) - believed.read_from(record, x))
-    return float(np.sum(r**2) + np.sum(((x - free.centre) / free.std) ** 2))

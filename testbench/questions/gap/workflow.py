@@ -128,6 +128,11 @@ def find_gap(
         known = library(believed.suite, believed.aircraft) if effects is None else effects
         paths = judge_paths(believed, naming_records) if drive == "both" and not given.notes else ()
         believed, naming, air, known = _search_beside(paths, known, believed, naming_records, air, say)
+        near = next((f for f in naming.ranking if f.significant and f.flown), None)
+        if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
+            say("fit where windows start beside what comes nearest")
+            as_believed = begin_freely(as_believed, {**records, **held_out}, near.added_to(as_believed))
+            believed, naming, air = search(as_believed, naming_records, air, say, known)
         if check and checked is None:
             checked = ahead.take("check", instruments)
     if naming.best is not None:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -292,19 +293,18 @@ def fly_together(models: Sequence[Believed], records: Sequence[FlightRecord]) ->
     A model that cannot be flown is left out.
     """
     free = [r for r in records if starts_freely(r)]
-    for steps in range(STEPS if free else 0):
-        flights(_wanted_of(models, free, steps))
-    flights(_wanted_of(models, records))
-
-
-def _wanted_of(models: Sequence[Believed], records: Sequence[FlightRecord], steps: int = STEPS) -> list[Wanted]:
-    """Return the flights of models that can be flown, free starts moved by so many steps."""
-    wanted: list[Wanted] = []
-    for model in models:
-        for record in records:
+    for steps in range(1 + STEPS if free else 0):
+        wanted: list[Wanted] = []
+        for model, record in product(models, free):
             with suppress(*_NOT_FLOWN):
-                wanted.append(model.wanted_to_read(record, model.begun(record, steps)))
-    return wanted
+                x = model.next_start(record, steps)
+                wanted += [] if x is None else [model.wanted_to_read(record, x)]
+        flights(wanted)
+    wanted = []
+    for model, record in product(models, records):
+        with suppress(*_NOT_FLOWN):
+            wanted.append(model.wanted_to_read(record))
+    flights(wanted)
 
 
 def _flown(model: Believed, records: tuple[FlightRecord, ...]) -> FloatArray:
