@@ -9,6 +9,7 @@ from testbench.questions.compatibility.tables import compatibility_tables
 from testbench.questions.gap.export import amended_files
 from testbench.questions.gap.figures import gap_plates
 from testbench.questions.gap.plan_figures import plan_plates
+from testbench.questions.gap.starts import start_of
 from testbench.questions.gap.tables import gap_tables, plan_tables
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ def gap_page(result: GapResult) -> Page:
         template="questions/gap/page.html.j2",
         context={
             "result": result,
+            "starts": {n: f", from {s}" if (s := start_of(r)) else "" for n, r in result.records.items()},
             "data_check": check.sentences if check else (),
             "check_tables": compatibility_tables(check.result) if check and check.result else [],
             "amended": list(amended),

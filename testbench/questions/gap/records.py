@@ -180,9 +180,11 @@ def check_records(
                     f"{', '.join(lacking)} (it holds {', '.join(record.channels)}); give --sensors a suite without them"
                 )
             if not any(f"{c}_cmd" in record for c in CONTROLS):
+                surfaces = [c for c in CONTROLS if c in record]
+                alone = f"; {', '.join(surfaces)} alone cannot show a servo, a feedback or an interconnect"
                 raise RecordError(
                     "a record must hold a command such as de_cmd, because servos are part of what is believed, got "
-                    f"{', '.join(record.channels)}"
+                    f"{', '.join(record.channels)}{alone if surfaces else ''}"
                 )
             off = abs(record.dt_s * suite.rate_hz - 1.0)
             if off * len(record) > LATEST:

@@ -18,6 +18,7 @@ from testbench.questions.gap.evidence.air import AirFound
 from testbench.questions.gap.evidence.check import DataCheck
 from testbench.questions.gap.evidence.control_path import JudgedPath
 from testbench.questions.gap.evidence.forces import EquationErrors
+from testbench.questions.gap.evidence.held_out import HeldOutFlight
 from testbench.questions.gap.evidence.locate import RegionMap, ResidualMap, Structure
 from testbench.questions.gap.open_set import FirstLook
 from testbench.questions.gap.parameters import WrongParameter, off_parameters
@@ -103,6 +104,7 @@ class GapFinding:
         windows: how records without quiet flight were cut, a sentence for each.
         tally: by what the believed and the amended model were flown through every record.
         paths: what recorded surfaces say of the paths from their commands.
+        held_out: how different the flights held out are from those used.
     """
 
     believed: Believed
@@ -124,6 +126,7 @@ class GapFinding:
     tally: Tally | None = None
     windows: tuple[str, ...] = ()
     paths: tuple[JudgedPath, ...] = ()
+    held_out: tuple[HeldOutFlight, ...] = ()
 
     @property
     def changed(self) -> bool:
@@ -156,6 +159,7 @@ class GapFinding:
                     else "the excess is too small to judge by"
                 )
             )
+        out += [h.sentence for h in self.held_out] if self.changed else []
         if self.naming.outcome != "no gap":
             out += [m.sentence for m in self.maps]
             out += [max(self.regions, key=lambda r: r.contrast).sentence] if self.regions else []

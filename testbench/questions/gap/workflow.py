@@ -30,6 +30,7 @@ from testbench.questions.gap.evidence.air import (
 from testbench.questions.gap.evidence.check import check_data
 from testbench.questions.gap.evidence.control_path import JudgedPath, judge_paths, restricted
 from testbench.questions.gap.evidence.forces import equation_errors
+from testbench.questions.gap.evidence.held_out import differences
 from testbench.questions.gap.evidence.locate import (
     ResidualMap,
     Structure,
@@ -191,6 +192,7 @@ def find_gap(
         controls=beside,
         windows=(*given.notes, *others.notes),
         paths=paths,
+        held_out=differences(believed, records, held_out),
         tally=_tally(
             [believed, amended] if amended is not believed else [believed], [*records.values(), *held_out.values()]
         ),
