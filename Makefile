@@ -12,7 +12,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
   tests/questions/campaign/test_draws.py tests/questions/run/test_scenario.py tests/test_house_rules.py \
   tests/test_packaging.py
 
-.PHONY: demo quick lint test pages-held fuzz mutants surroundings test-slow benchmarks stock blind-test docs campaign-cost dataset-study design-study promise-study sequential-study estimator-study advice-study reproduction autopilot-log-study clean
+.PHONY: demo quick lint test pages-held fuzz mutants surroundings reliability test-slow benchmarks stock blind-test docs campaign-cost dataset-study design-study promise-study sequential-study estimator-study advice-study reproduction autopilot-log-study clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -42,6 +42,11 @@ mutants: $(VENV)/installed-dev
 # The quick tests without extras, home, room or locale, and with other versions: results/surroundings.csv; some ten minutes.
 surroundings: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/surroundings.py
+
+# Kills, damage, a full disk, crashes of JSBSim, very many runs: results/reliability.md. It goes on where it stopped;
+# one part alone: PYTHONPATH=.:tests python -m studies.reliability --only records (see its --help).
+reliability: $(VENV)/installed-dev
+	PYTHONPATH=.:tests $(BIN)/python -m studies.reliability
 
 test-slow: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -m slow

@@ -84,3 +84,22 @@ def test_memory_that_does_not_suffice_is_one_line(monkeypatch, capsys):
         cli.main()
     assert end.value.code == 3
     assert capsys.readouterr().err == "error: the memory of this machine does not suffice: 17.9 GiB\n"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("plan", "show", "taurus_63", "-o"),
+        ("studio", "taurus", "--write"),
+        ("exercise", "start", "short_period", "--student", "a", "--out"),
+    ],
+    ids=["plan", "studio", "exercise"],
+)
+def test_commands_that_find_no_room_at_all_name_the_file(tmp_path, words, monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["testbench", *words, str(tmp_path / "out")])
+    status, said = with_room(0, cli.main)
+    errors = [line for line in said.splitlines() if not line.startswith("... ")]
+    assert status == 3
+    assert len(errors) == 1
+    assert errors[0].startswith("error: the disk must have room for '/")
+    assert [p for p in tmp_path.rglob("*") if p.is_file()] == []

@@ -191,6 +191,8 @@ class Faults(list[str]):
         """Return what the action returns; if it fails, note why under the key and return None."""
         try:
             return action(*arguments)
+        except DiskError:
+            raise  # no fault of the file
         except TestbenchError as error:
             for fault in error.faults if isinstance(error, ScenarioError) else (error.message,):
                 self.note(key, fault)

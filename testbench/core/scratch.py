@@ -12,6 +12,7 @@ import weakref
 from functools import lru_cache
 from pathlib import Path
 
+from testbench.core.errors import DiskError
 from testbench.core.interrupts import held_back
 
 try:
@@ -19,8 +20,21 @@ try:
 except ImportError:  # not on Windows: there what a killed process leaves stays, as it did before
     fcntl = None  # type: ignore[assignment]
 
+_FIX = "free space, or set TMPDIR to a folder that can be written to"
 _PREFIX = "testbench_run-"
 _YOUNG_S = 60.0  # a folder may not be locked yet by the process that has just made it
+
+
+def temporary() -> str:
+    """Return the folder for temporary files.
+
+    Raises:
+        DiskError: none can be written to.
+    """
+    try:
+        return tempfile.gettempdir()
+    except FileNotFoundError as error:  # Python writes a file into each that it knows, and found no room
+        raise DiskError(Path(os.environ.get("TMPDIR", "/tmp")), error, _FIX) from error
 
 
 class Scratch:
@@ -29,10 +43,13 @@ class Scratch:
     All folders of a process lie in one, which the process, and those that it forks, hold locked for as long as they
     live. A folder that nobody holds locked was left by a process that was killed; it is removed when the next one
     begins.
+
+    Raises:
+        DiskError: no folder for temporary files can be written to.
     """
 
     def __init__(self) -> None:
-        self.name = tempfile.mkdtemp(dir=_of_process(os.getpid(), tempfile.gettempdir()))
+        self.name = tempfile.mkdtemp(dir=_of_process(os.getpid(), temporary()))
         self._removal = weakref.finalize(self, _remove, self.name, os.getpid())
 
     def remove(self) -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import itertools
 import os
 import re
-import tempfile
 import weakref
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Sequence
@@ -27,9 +26,10 @@ from testbench.aircraft import Aircraft
 from testbench.core.channels import CHANNELS, CONTROLS, modal_channels
 from testbench.core.constants import FT_M, LBF_N
 from testbench.core.errors import ModelError
+from testbench.core.files import write_file
 from testbench.core.interrupts import held_back
 from testbench.core.record import FloatArray
-from testbench.core.scratch import Scratch
+from testbench.core.scratch import Scratch, temporary
 from testbench.flight.condition import FlightCondition
 from testbench.flight.propellers import Propellers
 
@@ -348,6 +348,10 @@ def _model(key: _Key) -> tuple[bytes, frozenset[str]]:
     return text.encode(), frozenset(read - {""})
 
 
+_LAW = "models for JSBSim must go to a temporary folder that can be written to"
+_FIX = "free space, or set TMPDIR to another folder"
+
+
 class _Written:
     """A model on disk, where JSBSim finds it.
 
@@ -361,10 +365,10 @@ class _Written:
 
     def __init__(self, key: _Key) -> None:
         text, self.properties = _model(key)
-        self.root = _root(os.getpid(), tempfile.gettempdir(), key.engines).name
+        self.root = _root(os.getpid(), temporary(), key.engines).name
         self.name = f"model-{next(_NUMBERS)}"
         path = Path(self.root) / "aircraft" / f"{self.name}.xml"
-        path.write_bytes(text)
+        write_file(path, text, _LAW, _FIX)
         weakref.finalize(self, self._remove, path, os.getpid())
 
     @staticmethod
@@ -383,7 +387,7 @@ def _root(process: int, place: str, engines: tuple[tuple[str, str], ...]) -> Scr
     (Path(root.name) / "aircraft").mkdir()
     (Path(root.name) / "engine").mkdir()
     for name, engine in engines:
-        (Path(root.name) / "engine" / name).write_text(engine, encoding="utf-8")
+        write_file(Path(root.name) / "engine" / name, engine, _LAW, _FIX)
     return root
 
 

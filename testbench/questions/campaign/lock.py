@@ -11,6 +11,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from testbench.core.errors import CampaignError
+from testbench.core.files import not_written
 
 
 class WriterLock:
@@ -24,6 +25,7 @@ class WriterLock:
 
     Raises:
         CampaignError: another process writes to the store.
+        RecordError: the disk is full, or the file cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -45,7 +47,11 @@ class WriterLock:
                 f"a campaign's store takes one writer at a time, but process {owner.get('pid', '?')} on "
                 f"{owner['host']} has not given it back; if that process is gone, delete '{path}'"
             )
-        path.write_text(json.dumps({"pid": os.getpid(), "host": here}), encoding="utf-8")
+        try:
+            path.write_text(json.dumps({"pid": os.getpid(), "host": here}), encoding="utf-8")
+        except OSError as error:
+            self._lock.release()
+            raise not_written(path, error) from error
 
     def _owner(self) -> dict[str, Any]:
         try:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.files import write_file
 from testbench.core.schema import Strict, parse, read_toml
 from testbench.core.toml_text import quoted
 from testbench.questions.exercise.answers import ANSWERS, template
@@ -125,5 +126,4 @@ def _texts(name: str, student: str, exercise: Exercise, handout: Handout) -> dic
 
 
 def _write(folder: Path, name: str, text: str) -> None:
-    (folder / name).parent.mkdir(parents=True, exist_ok=True)
-    (folder / name).write_text(text, encoding="utf-8")
+    write_file(folder / name, text)

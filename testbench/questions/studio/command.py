@@ -24,6 +24,7 @@ def command(
 
     The page is served on 127.0.0.1 only, until Ctrl-C. Example: `testbench studio eolo`.
     """
+    from testbench.core.files import write_file
     from testbench.questions.studio.ask import studio_models
     from testbench.questions.studio.page import studio_page
     from testbench.questions.studio.serve import HOST, serving
@@ -31,8 +32,7 @@ def command(
     with stages() as say:
         page = studio_page(studio_models(aircraft or (), say))
     if write is not None:
-        write.parent.mkdir(parents=True, exist_ok=True)
-        write.write_text(page, encoding="utf-8")
+        write_file(write, page)
         print(f"Written: {write}")
         return
     with serving(page, port) as server:

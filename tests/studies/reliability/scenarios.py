@@ -16,6 +16,7 @@ from studies.reliability.cases import Row, go_on, in_batches
 from testbench.core.errors import TestbenchError
 
 COUNT, FLOWN, FLIGHT_S, BATCH = 3000, 150, 20, 200
+LONGEST_S = 300  # by the clock, of what takes less than a second of processor: other work may have the machine
 
 
 @cache
@@ -96,7 +97,7 @@ def run_cases(names: Sequence[str], judge: Callable[[str, Path], tuple[str, str]
 
 def scenarios(count: int = COUNT) -> list[Row]:
     """Read mutants of all scenarios."""
-    return go_on("scenarios", names(count), lambda due: run_cases(due, judged, 60))
+    return go_on("scenarios", names(count), lambda due: run_cases(due, judged, LONGEST_S))
 
 
 def flown(read_rows: Sequence[Row], most: int = FLOWN) -> list[Row]:
@@ -105,7 +106,7 @@ def flown(read_rows: Sequence[Row], most: int = FLOWN) -> list[Row]:
 
     accepted = [r["case"] for r in read_rows if r["outcome"] == "read as changed"
                 and r["case"].startswith((f"{SCENARIOS.name}/", "campaign/", "ground_tests", "modes/"))]  # fmt: skip
-    return go_on("flown", accepted[:most], lambda due: run_cases(due, _flown, 3 * FLIGHT_S, 1.5, 20))
+    return go_on("flown", accepted[:most], lambda due: run_cases(due, _flown, LONGEST_S, 1.5, 20))
 
 
 class _Enough(BaseException):
