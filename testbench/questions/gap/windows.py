@@ -58,10 +58,10 @@ _LATERAL = {"beta", "v", "p", "r", "phi", "ay"}  # channels
 _OF_LATERAL = ("beta", "p", "r", "phi", "da", "dr")  # start parameters
 _FITTED_S, _FEWEST = 0.2, 5  # straight lines through so much of a reading, and so many samples, say where it begins
 _TURNS_DEG_S, _BANK_DEG, _ACCELERATES_1_S = 5.0, 15.0, 0.05  # beyond which quiet commands are not taken for trim
-_MISFIT, _UNTRIMMED = 2.0, 6.0  # of the noise; chi-square from trim over that from another start
+_MISFIT, _UNTRIMMED = 2.0, 7.0  # of the noise; chi-square from trim over that from another start
 _STEP = 0.05  # of differences, in prior standard deviations
 _HORIZONS_S = (1.5, 3.0, math.inf)
-_ROUNDS = 8
+_ROUNDS, _FEW_ROUNDS = 8, 3
 _AT_REST = 0.1  # of chi-square
 _SHARES = (1.0, 0.4, 0.1)
 
@@ -144,7 +144,7 @@ def restless(record: FlightRecord) -> str:
 def untrimmed(believed: Believed, record: FlightRecord) -> str:
     """Return why a record with quiet commands is not to be flown from trim, in words; "" if it may be.
 
-    The start alone, commands as they are, is fitted to the whole record. If that leaves less than a sixth of what a
+    The start alone, commands as they are, is fitted to the whole record. If that leaves less than a seventh of what a
     start at trim does, the aircraft was not trimmed. Turbulence and gaps in the model go on through the record: a free
     start leaves more of them. An unstable aircraft may leave its limits however well it was trimmed.
     """
@@ -153,7 +153,9 @@ def untrimmed(believed: Believed, record: FlightRecord) -> str:
         at_trim = float(np.sum(plain.residuals(record) ** 2))
         if at_trim < _MISFIT * int(np.count_nonzero(believed.taken(record))):
             return ""
-        left = float(np.sum(begin_freely(plain, {"": free}, offsets=False).residuals(free) ** 2))
+        key = key_of_start(free)
+        starts = _fitted(plain, {"": free}, {key: _guess(plain, free, offsets=False)}, math.inf, _FEW_ROUNDS)
+        left = replace(plain, free_starts=starts).cost_of_start(free, starts[key].origin)
     except FlightAborted:
         unstable = longest(believed, record)[0] < min(LONGEST_S, record.duration_s)
         return "cannot be flown from trim to its end" if unstable else ""
@@ -220,7 +222,6 @@ def begin_freely(
     believed: Believed,
     records: Mapping[str, FlightRecord],
     along: Believed | None = None,
-    offsets: bool = True,
 ) -> Believed:
     """Return the belief with the starts of all records that start freely, fitted to them.
 
@@ -231,7 +232,6 @@ def begin_freely(
         records: by name; those that begin at trim are left alone.
         along: model that they are fitted to, from the starts that ``believed`` has already; ``believed`` itself, from
             the first readings, if not given.
-        offsets: whether commands may be off by constants.
 
     Raises:
         FlightAborted, LimitError, TrimError: the believed aircraft cannot fly a window from where it seems to begin.
@@ -242,24 +242,36 @@ def begin_freely(
     plain = replace(along or believed, whiten=None)
     known = along is not None
     starts = {
-        key_of_start(r): believed.free_starts[key_of_start(r)] if known else _guess(plain, r, offsets)
-        for r in own.values()
+        key_of_start(r): believed.free_starts[key_of_start(r)] if known else _guess(plain, r) for r in own.values()
     }
     # What seems to begin well may leave the limits before it has been fitted: first the beginnings alone.
     for horizon_s in _HORIZONS_S[-1:] if known else _HORIZONS_S:
-        moving = {n: r.between(float(r.t_s[0]), float(r.t_s[0]) + horizon_s) for n, r in own.items()}
-        for _ in range(_ROUNDS):
-            starts |= _linearised(plain, moving, starts)
-            moved, fallen = _improved(plain, moving, starts)
-            starts |= moved
-            moving = {n: r for n, r in moving.items() if fallen[n] > _AT_REST}
-            if not moving:
-                break
+        starts = _fitted(plain, own, starts, horizon_s, _ROUNDS)
     starts |= _linearised(plain, own, starts)
     return replace(believed, free_starts={**believed.free_starts, **starts})
 
 
-def _guess(believed: Believed, record: FlightRecord, offsets: bool) -> FreeStart:
+def _fitted(
+    believed: Believed,
+    records: Mapping[str, FlightRecord],
+    starts: Mapping[str, FreeStart],
+    horizon_s: float,
+    rounds: int,
+) -> dict[str, FreeStart]:
+    """Return starts fitted to no more than ``horizon_s`` of each record, by so many rounds at most."""
+    out = dict(starts)
+    moving = {n: r.between(float(r.t_s[0]), float(r.t_s[0]) + horizon_s) for n, r in records.items()}
+    for _ in range(rounds):
+        out |= _linearised(believed, moving, out)
+        moved, fallen = _improved(believed, moving, out)
+        out |= moved
+        moving = {n: r for n, r in moving.items() if fallen[n] > _AT_REST}
+        if not moving:
+            break
+    return out
+
+
+def _guess(believed: Believed, record: FlightRecord, offsets: bool = True) -> FreeStart:
     """Return the start that the first readings of a record tell, without columns."""
     believed = believed.at(record)
     lateral = bool(_LATERAL & set(believed.outputs))

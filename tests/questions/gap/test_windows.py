@@ -11,13 +11,32 @@ import numpy as np
 import pytest
 from gap_flights import ELEVATOR, believe, measure
 from hand_flown import hand_flown
+from real_aircraft import (
+    ATTAS_H,
+    ATTAS_V,
+    HFB_RHO,
+    altitude_m,
+    attas,
+    attas_record,
+    fine_noise,
+    hfb320,
+    hfb320_record,
+    quiet_noise,
+)
+from real_aircraft import believe as believe_real
+from recorded import flight_data
 from scipy.stats import chi2
 
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.effects import library
 from testbench.questions.gap.evidence.air import listen
-from testbench.questions.gap.evidence.commanded import begins_quietly, commands, starts_freely
+from testbench.questions.gap.evidence.commanded import (
+    begins_quietly,
+    commands,
+    quiet_samples,
+    starts_freely,
+)
 from testbench.questions.gap.free_start import FreeStart
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
@@ -206,3 +225,32 @@ def test_what_is_known_of_a_start_follows_its_record(begun):
     assert isinstance(other, FlightRecord)
     assert believed.free_start_of(other) is believed.free_start_of(record)
     assert replace(believed, free_starts={}).with_nuisances({"Cm_q": 1.1}).free_starts == {}
+
+
+@pytest.mark.slow
+def test_real_records_that_were_wrong_or_refused_are_cut_and_fly(tmp_path):
+    """HFB-320 from 5 s on: commands rest for a while, the aircraft does not. ATTAS from within its 3-2-1-1."""
+    data = flight_data()
+    record = hfb320_record(data)
+    speed = float(record["V"][: quiet_samples(record)].mean())
+    hfb = believe_real(hfb320(tmp_path / "hfb320"), record, fine_noise(record), speed, altitude_m(HFB_RHO))
+    assert cut(hfb, {"3211": record}).notes == ()  # trimmed, in turbulence: as before
+    later = record.between(5.0, 30.0)
+    assert begins_quietly(later)
+    found = cut(hfb, {"later": later})
+    assert "'later' is not in trimmed flight as it begins (another start leaves 0.0" in found.notes[0]
+    from_trim = np.sum(hfb.residuals(later) ** 2)
+    began = begin_freely(hfb, found.records)
+    assert sum(np.sum(began.residuals(r) ** 2) for r in found.records.values()) < 0.1 * from_trim
+
+    whole = attas_record(data, "fAttasElv1")
+    aircraft = attas(tmp_path / "attas")
+    model = believe_real(aircraft, whole, quiet_noise([whole]), ATTAS_V, ATTAS_H)
+    moved = np.flatnonzero(np.abs(whole["de_cmd"] - whole["de_cmd"][0]) > 0.01)
+    piece = whole.between(whole.t_s[moved[0] + 20], whole.t_s[-1])
+    found = cut(model, {"Elv1": piece})
+    assert "does not begin with quiet flight" in found.notes[0]
+    began = begin_freely(model, found.records)
+    (window, *_) = found.records.values()
+    left = window["q"] - window["q"].mean() - (began.predict(window)[:, 1] - began.predict(window)[:, 1].mean())
+    assert np.std(left) < 0.25 * np.std(window["q"])
