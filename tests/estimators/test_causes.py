@@ -12,6 +12,7 @@ from testbench.estimators.causes.coloured_fit import Stretch, Whitener, normal, 
 from testbench.estimators.causes.feedback import _moving
 from testbench.estimators.discrete_transfer import in_free_run
 from testbench.estimators.residuals import Autoregression
+from testbench.questions.compare.benchmark.flights import TRUE, doublets, steady_states
 from tests.studies.advice_cases import INPUTS, OUTPUTS, WN, fly
 
 STRUCTURE = {"structure": "short_period", "held": ["de"]}
@@ -128,7 +129,7 @@ def test_an_input_that_acts_between_its_samples_is_no_feedback():
         flown = FlightRecord(record.t_s, (*INPUTS, *OUTPUTS), np.column_stack([de, alpha, q]), "measured")
         codes = [a.code for a in with_causes(estimate("dsr_e", [flown], INPUTS, OUTPUTS, **HORIZONS), [flown]).advice]
         named += "closed_loop" in codes
-    assert named <= 1  # each errs in 1 % of flights: two of five by chance in 0.1 %
+    assert named <= 1  # each errs in 2 % of flights: two of five by chance in 0.4 %
 
 
 def test_inputs_of_another_flight_are_no_feedback():
@@ -142,7 +143,22 @@ def test_inputs_of_another_flight_are_no_feedback():
         flown = FlightRecord(record.t_s, (*INPUTS, *OUTPUTS), data, "measured")
         codes = [a.code for a in with_causes(estimate("dsr_e", [flown], INPUTS, OUTPUTS, **HORIZONS), [flown]).advice]
         named += "closed_loop" in codes
-    assert named <= 1  # each errs in 1 % of flights: two of eight by chance in 0.3 %
+    assert named <= 1  # each errs in 2 % of flights: two of eight by chance in 1 %, which these seeds do not hit
+
+
+def test_steps_into_a_stall_are_no_feedback():
+    # A stall leaves residuals that go with the steps of the input; counted, they named a loop in two of three flights.
+    named = 0
+    for seed in range(101, 107):
+        rng = np.random.default_rng(seed)
+        de = doublets(900) + 0.004 * rng.standard_normal(900)
+        noise = 0.003 * rng.standard_normal((900, 2)) + coloured(rng, 0.97, 900, 2)
+        data = np.column_stack([de, steady_states(TRUE, de, stall=True) + noise])
+        flown = FlightRecord(0.02 * np.arange(900), (*INPUTS, *OUTPUTS), data, "measured")
+        codes = [a.code for a in with_causes(estimate("moesp", [flown], INPUTS, OUTPUTS, **HORIZONS), [flown]).advice]
+        assert "bend" in codes[:2]
+        named += "closed_loop" in codes
+    assert named <= 1  # each errs in 2 % of flights: two of six by chance in 0.6 %
 
 
 def test_what_moves_the_aircraft_is_told_from_the_noise_of_sensors():

@@ -5,7 +5,8 @@ what the input does beyond its own past (C. W. J. Granger, Econometrica 37, 1969
 moves the aircraft in the residual of the same sample: a damper has sensors of its own, whose noise is not that of the
 outputs, which a Wiener filter over this sample and the two before it therefore takes away. Each of these samples by
 itself would add degrees of freedom and little news. What is new in the input is clipped, so that the steps of a pilot
-do not drown a damper that works at every sample.
+do not drown a damper that works at every sample. Where the aircraft bends, steps go with residuals without any loop:
+these samples are then left out, though the test misses more loops without them.
 
 An input that moves between samples reaches the outputs before the next sample. Part of one sample's response, anything
 from nothing (held inputs) to all of it (inputs that are stamped a sample late), is therefore taken from the residuals
@@ -56,6 +57,7 @@ def strongest(
     good: Sequence[NDArray[np.bool_]],
     noise: Autoregression,
     first: FloatArray,
+    steps: bool = True,
 ) -> Feedback | None:
     """Return the input that reacts most; None where white residuals or held inputs leave nothing to test.
 
@@ -65,6 +67,7 @@ def strongest(
         good: (N,) per record, samples that count.
         noise: autoregression of the residuals.
         first: (p, m) how the outputs answer an input one sample after it.
+        steps: whether samples in which an input steps count.
     """
     if not len(noise.A):
         return None
@@ -79,7 +82,7 @@ def strongest(
         now = np.concatenate([u[r, j] for u, r in zip(inputs, rows, strict=True)])
         known = np.vstack([x.T[r] for x, r in zip(left, rows, strict=True)])
         if len(now) > 2 * (past.shape[1] + known.shape[1]):
-            found.append(_test(j, past, now, known, first[:, j]))
+            found.append(_test(j, past, now, known, first[:, j], steps))
     return max(found, key=lambda f: f.statistic, default=None)
 
 
@@ -115,7 +118,9 @@ def _past(u: FloatArray, lags: int) -> FloatArray:
     return out
 
 
-def _test(j: int, past: FloatArray, now: FloatArray, known: FloatArray, first: FloatArray) -> Feedback:
+def _test(
+    j: int, past: FloatArray, now: FloatArray, known: FloatArray, first: FloatArray, steps: bool = True
+) -> Feedback:
     weight, new, size = np.ones(len(now)), now, 0.0
     for _ in range(_ROUNDS):
         b = np.linalg.lstsq(past * weight[:, None], now * weight, rcond=1e-10)[0]
@@ -124,10 +129,13 @@ def _test(j: int, past: FloatArray, now: FloatArray, known: FloatArray, first: F
         if size <= 0.0:
             break
         weight = np.sqrt(np.minimum(1.0, size / np.maximum(np.abs(new), 1e-300)))
+    if not steps and size > 0.0:
+        counts = np.abs(new) <= size
+        past, new, known = past[counts], new[counts], known[counts]
     clipped = np.clip(new, -size, size) if size > 0.0 else new
     Q = np.linalg.qr(past)[0]
     clipped, new, known = (x - Q @ (Q.T @ x) for x in (clipped, new, known))
-    total, samples = float(clipped @ clipped), len(now) - past.shape[1] - known.shape[1]
+    total, samples = float(clipped @ clipped), len(new) - past.shape[1] - known.shape[1]
     if total <= 0.0:
         return Feedback(j, 0.0, 0.0, known.shape[1])
     rest = total

@@ -87,7 +87,7 @@ def search(model: IdentifiedModel, data: Data, found: Sequence[Direction]) -> li
     start = regress_from(data.parts, steady_parts, [s.v for s in data.parts])
     steady = joined(steady_parts, *[c.columns for c in drifts(model, data)])  # a slow pole would else follow a drift
     still = regress_from(data.parts, steady, [s.v for s in data.parts])
-    loop = _loop(model, data)
+    given, loop = data, _loop(model, data)
     best = _best_of_its_kind(model, _Best(model, list(found), data, still), steady)
     data, linear = best.data, any_linear(model, best.data)
     crooked = {name_of(c): c for c in (*bends(best.model, data), *drifts(model, data))}
@@ -143,6 +143,8 @@ def search(model: IdentifiedModel, data: Data, found: Sequence[Direction]) -> li
     out = [_measured(model, best, start, fit, t) for t in chosen]
     if not chosen:  # what a cause leaves moves the best of the kind as well
         out += [c for c in (_far_from_best(model, best, still), _coloured(model, best)) if c is not None]
+    if loop is not None and any(t.candidate.code == "bend" for t in chosen):
+        loop = _loop(model, given, steps=False)
     if loop is not None:  # what else is found presumes inputs that know nothing of the outputs
         errors, moved_most, relative = _shift(model, best, fit)
         out.insert(0, loop._replace(errors=errors, moved=moved_most, relative=relative))
@@ -251,7 +253,7 @@ def _acting_later(model: IdentifiedModel, moved: Data, c: Candidate) -> list[Flo
     ]
 
 
-def _loop(model: IdentifiedModel, data: Data) -> Found | None:
+def _loop(model: IdentifiedModel, data: Data, steps: bool = True) -> Found | None:
     """Return feedback, if what is new in an input goes with what any linear response to its past leaves of the outputs.
 
     The model has no part in it: one that is wrong hides what it is wrong for. Outputs with direct feedthrough follow
@@ -277,6 +279,7 @@ def _loop(model: IdentifiedModel, data: Data) -> Found | None:
         [s.good for s in parts],
         autoregression([v.T for v in left]),
         first[apart],
+        steps,
     )
     if f is None or chi2.sf(f.statistic, f.degrees) * m > _CHANCE_LOOP:
         return None
