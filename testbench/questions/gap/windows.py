@@ -230,8 +230,7 @@ def begin_freely(
     Args:
         believed: whose starts they become.
         records: by name; those that begin at trim are left alone.
-        along: model that they are fitted to, from the starts that ``believed`` has already; ``believed`` itself, from
-            the first readings, if not given.
+        along: model that they are fitted to, from the first readings; ``believed`` itself if not given.
 
     Raises:
         FlightAborted, LimitError, TrimError: the believed aircraft cannot fly a window from where it seems to begin.
@@ -240,12 +239,9 @@ def begin_freely(
     if not own:
         return believed
     plain = replace(along or believed, whiten=None)
-    known = along is not None
-    starts = {
-        key_of_start(r): believed.free_starts[key_of_start(r)] if known else _guess(plain, r) for r in own.values()
-    }
+    starts = {key_of_start(r): _guess(believed, r) for r in own.values()}
     # What seems to begin well may leave the limits before it has been fitted: first the beginnings alone.
-    for horizon_s in _HORIZONS_S[-1:] if known else _HORIZONS_S:
+    for horizon_s in _HORIZONS_S:
         starts = _fitted(plain, own, starts, horizon_s, _ROUNDS)
     starts |= _linearised(plain, own, starts)
     return replace(believed, free_starts={**believed.free_starts, **starts})

@@ -53,6 +53,7 @@ from testbench.questions.gap.windows import begin_freely, cut
 
 Drive = Literal["command", "both"]
 """What tells how the controls moved: commands, or recorded surfaces beside them."""
+STARTS_IN_TURN = 6  # rounds in which starts of windows and coefficients are fitted at most
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
 
@@ -107,9 +108,7 @@ def find_gap(
     records, held_out = given.records, others.records
     if given.notes or others.notes:
         say("fit where windows start")
-        believed = begin_freely(believed, {**records, **held_out})
-        tuned = _retuned(believed, believed, list(records.values()))
-        believed = begin_freely(believed, {**records, **held_out}, tuned)
+        believed = _begun(believed, records, held_out)
     as_believed = believed
     for name, record in {**records, **held_out}.items():
         with located(None, f"record '{name}'"):
@@ -217,6 +216,20 @@ def _search_beside(
         if found[1].names:
             return (*found, left_open)
     return (*search(believed, records, air, say, left_open), left_open)
+
+
+def _begun(believed: Believed, records: Mapping[str, FlightRecord], held_out: Mapping[str, FlightRecord]) -> Believed:
+    """Return the belief with starts of windows, fitted to the re-tuned model in turn with its coefficients."""
+    both, naming = {**records, **held_out}, tuple(records.values())
+    out = begin_freely(believed, both)
+    tuned = retune(Hypothesis.at(out, out, naming))
+    for _ in range(STARTS_IN_TURN):
+        out = begin_freely(out, both, out.with_nuisances(tuned.by_name))
+        better = retune(Hypothesis.at(out, out, naming, tuned.nuisances))
+        fallen, tuned = tuned.chi2 - better.chi2, better
+        if fallen < 1.0:
+            break
+    return out
 
 
 def _tally(models: Sequence[Believed], records: Sequence[FlightRecord]) -> Tally:
