@@ -98,9 +98,12 @@ def section(say: Say) -> Section:
 def _head(study: Study) -> str:
     """Return in one sentence what alpha buys at both ends of the horizon: mean MRSE of q, V, theta, all noise."""
     short, long = (next(iter(study.values()))[k] for k in (0, -1))
+    far = f"from {long[1]:.0f} to {long[2]:.0f} %"
+    if abs(long[1] - long[2]) < 0.5:
+        far = f"not at all, {long[2]:.0f} %,"
     return (
-        f"α lowers the mean error from {short[1]:.0f} to {short[2]:.0f} % at L = {B1_FUTURE}, from {long[1]:.0f} to "
-        f"{long[2]:.0f} % with a future of {long[0]:g} s"
+        f"α lowers the mean error from {short[1]:.0f} to {short[2]:.0f} % at L = {B1_FUTURE}, {far} with a future of "
+        f"{long[0]:g} s"
     )
 
 
