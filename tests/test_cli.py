@@ -153,7 +153,7 @@ def test_a_file_that_does_not_exist(verb, tmp_path):
         (("run", "gap/flexible_wings"), "is a gap scenario: use testbench gap"),
         (("gap", "eolo_alpha"), "is a scenario: use testbench run"),
         (("gap", "slow_servos"), "did you mean 'slow_servo'?"),
-        (("gap",), "the believed aircraft must be given with its records"),
+        (("gap", "--windows", "4"), "the believed aircraft must be given with its records"),
         (("gap", "eolo"), "measured records of eolo must be given"),
         (("gap", "eolo", "x.nc"), "a record must be a file that exists, got 'x.nc'"),
         (("identify", "records/../eolo_alpha"), "is a scenario: use testbench run"),

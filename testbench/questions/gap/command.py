@@ -1,4 +1,4 @@
-"""The command ``testbench gap``."""
+"""The commands ``testbench gap`` and ``gap new``."""
 
 from __future__ import annotations
 
@@ -10,13 +10,21 @@ import typer
 from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
 from testbench.questions.gap.window_length import windows_of
-from testbench.questions.options import FlownBy, OutOption, SeedOption, SimulatorOption, Wings, refuse
+from testbench.questions.options import ByDefault, FlownBy, OutOption, SeedOption, SimulatorOption, Wings, refuse
 
 CONTROLS = "controls.jsonl"  # in a folder of results: control flights, which are not flown again
 FLIGHTS = ("sensors", "hold_out", "wings", "airspeed", "altitude", "data")  # what is said of measured records
 
 
-def command(
+command = typer.Typer(
+    cls=ByDefault.first("show"),
+    no_args_is_help=True,
+    help="Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.",
+)
+
+
+@command.command()
+def show(
     context: typer.Context,
     case: Annotated[
         str | None, typer.Argument(help="The believed aircraft, or a gap case.", show_default=False)
@@ -68,10 +76,11 @@ def command(
 ) -> None:
     """Find where simulation and measurement disagree, name the missing effect, add it, show the gap shrink.
 
-    Measured manoeuvres are compared with the believed aircraft and sensors: `testbench gap eolo flown/*.nc --sensors
-    eolo_gap --wings rigid --hold-out flown/doublets.nc`. A case makes its own flights from a hidden truth: `testbench
-    gap flexible_wings`. The instruments are checked against each other first. Before flight, `testbench gap --plan
-    eolo_alpha` says which effects the manoeuvres of a scenario could not tell apart.
+    `testbench gap new` writes a case for your records. Measured manoeuvres are compared with the believed aircraft and
+    sensors: `testbench gap eolo flown/*.nc --sensors eolo_gap --wings rigid --hold-out flown/doublets.nc`. A case makes
+    its own flights from a hidden truth: `testbench gap flexible_wings`. The instruments are checked against each other
+    first. Before flight, `testbench gap --plan eolo_alpha` says which effects the manoeuvres of a scenario could not
+    tell apart.
     """
     from testbench.questions.files import find
 
@@ -148,3 +157,54 @@ def _plan_gap(file: Path, out: Path) -> None:
         page = gap_plan_page(planned)
         page.write(folder)
     page.show(console(), folder)
+
+
+@command.command()
+def new(
+    case: Annotated[Path, typer.Argument(help="Gap case to write, a new .toml file.", show_default=False)],
+    records: Annotated[
+        list[Path],
+        typer.Argument(help="Measured records (.nc), or folders that testbench import wrote.", show_default=False),
+    ],
+    aircraft: Annotated[
+        str, typer.Option(help="The believed aircraft: packaged, or a folder of your own.", show_default=False)
+    ],
+    sensors: Annotated[
+        str | None,
+        typer.Option(
+            help="Believed sensor suite; if not given, that which the records name, else one made from them.",
+            show_default=False,
+        ),
+    ] = None,
+    wings: Annotated[Wings, typer.Option(help="Whether the believed aircraft's elastic modes move.")] = Wings.flexible,
+    airspeed: Annotated[float | None, typer.Option("--V", help="Airspeed at the start, m/s.")] = None,
+    altitude: Annotated[float | None, typer.Option("--h", help="Altitude at the start, m.")] = None,
+) -> None:
+    """Write a complete commented gap case for an aircraft and its records, to change and to run.
+
+    The quiet flight of the records tells the condition. The record that differs most from the others is held out. A
+    sensor suite with the noise that the records show lies beside the case. Example: `testbench import flight.csv -o
+    flown`, `testbench gap new mine.toml --aircraft eolo flown`, then `testbench gap mine.toml`.
+    """
+    from testbench.core.files import write_file
+    from testbench.questions.gap.new import new_case, sensors_file
+
+    if case.suffix != ".toml":
+        raise RecordError(f"a new gap case must be a .toml file, got '{case}'")
+    _must_be_new(case)
+    with stages() as say:
+        say("read records")
+        made = new_case(case, aircraft, records, sensors, wings.value, airspeed, altitude)
+    if made.sensors is not None:
+        _must_be_new(sensors_file(case))
+        print(f"Sensors: {write_file(sensors_file(case), made.sensors)}")
+    print(f"Gap case: {write_file(case, made.text)}")
+    print(f"Held out: {made.held_out.sentence}")
+    print(f"Next: look at the lines with YOURS, then testbench check {case} and testbench gap {case}")
+
+
+def _must_be_new(file: Path) -> None:
+    if file.exists():
+        raise RecordError(
+            f"a new gap case must go to new files, got '{file}', which is there already: give another name"
+        )

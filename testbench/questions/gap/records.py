@@ -88,7 +88,7 @@ def load_flights(
         *((f, False) for f in files if Path(f).resolve() not in kept),
         *((f, True) for f in hold_out),
     ]:
-        for name, use, record in _read(given, data_folder):
+        for name, use, record in read_flights(given, data_folder):
             same = next((n for n, r in [*naming.items(), *held.items()] if record_key(r) == record_key(record)), None)
             if same is not None:
                 raise RecordError(f"measured records must differ, got '{same}' twice ({given}); give it once")
@@ -108,16 +108,40 @@ def load_flights(
         )
     if not held:
         notes.append("nothing is held out, so it is not known whether the gap shrinks elsewhere; give --hold-out")
-    suite = _suite(sensors, {**naming, **held}, notes)
-    records = check_records(suite, {**naming, **held}, notes)
-    condition, records = _conditions(believed_aircraft, suite, records, V_m_s, h_m, notes)
+    return flights_of(believed_aircraft, naming, held, sensors, V_m_s, h_m, notes)
+
+
+def flights_of(
+    aircraft: Aircraft,
+    naming: Mapping[str, FlightRecord],
+    held: Mapping[str, FlightRecord],
+    sensors: str | SensorSuite | None = None,
+    V_m_s: float | None = None,
+    h_m: float | None = None,
+    notes: Sequence[str] = (),
+) -> Flights:
+    """Set up what is believed of records that were read; see :func:`load_flights`.
+
+    Raises:
+        ScenarioError: the suite is wrong.
+        RecordError: a record does not hold what is needed.
+    """
+    said = list(notes)
+    suite = _suite(sensors, {**naming, **held}, said)
+    records = check_records(suite, {**naming, **held}, said)
+    condition, records = _conditions(aircraft, suite, records, V_m_s, h_m, said)
     with located(None, f"sensors '{suite.name}'"):
-        believed = Believed(believed_aircraft, suite, condition, _frame_rate(believed_aircraft, suite, notes))
-    notes += not_compared(suite)
-    return Flights(believed, {n: records[n] for n in naming}, {n: records[n] for n in held}, tuple(notes))
+        believed = Believed(aircraft, suite, condition, _frame_rate(aircraft, suite, said))
+    said += not_compared(suite)
+    return Flights(believed, {n: records[n] for n in naming}, {n: records[n] for n in held}, tuple(said))
 
 
-def _read(given: Path | str, data_folder: Path | str | None) -> Iterable[tuple[str, str, FlightRecord]]:
+def read_flights(given: Path | str, data_folder: Path | str | None = None) -> Iterable[tuple[str, str, FlightRecord]]:
+    """Return name, use ("" if nothing says it) and record of each measured flight in a file.
+
+    Raises:
+        RecordError, ScenarioError: it is neither a measured record nor a description of some, or cannot be read.
+    """
     path = Path(given)
     if path.suffix == ".nc":
         if not path.is_file():
@@ -142,7 +166,9 @@ def _read(given: Path | str, data_folder: Path | str | None) -> Iterable[tuple[s
     return read_records(RecordDescription.load(found), data_folder)
 
 
-def _suite(sensors: str | None, records: Mapping[str, FlightRecord], notes: list[str]) -> SensorSuite:
+def _suite(sensors: str | SensorSuite | None, records: Mapping[str, FlightRecord], notes: list[str]) -> SensorSuite:
+    if isinstance(sensors, SensorSuite):
+        return sensors
     if sensors is not None:
         return load_suite(sensors)
     stated = {str(r.provenance.get("suite", "")) for r in records.values()}

@@ -1,0 +1,263 @@
+"""A complete, commented gap case for an aircraft and its records: condition, sensors, and which record judges."""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from testbench.core.errors import RecordError, located
+from testbench.core.escape import one_line
+from testbench.core.paths import AIRCRAFT, STOCK, aircraft_names, resolve, suite_names
+from testbench.core.record import FlightRecord
+from testbench.core.toml_text import quoted, real
+from testbench.flight import load_aircraft
+from testbench.questions.gap.evidence.commanded import MOVED, commands, freed
+from testbench.questions.gap.evidence.gusts import record_key
+from testbench.questions.gap.evidence.held_out import HeldOutFlight, differences
+from testbench.questions.gap.new_suite import suite_of_records
+from testbench.questions.gap.records import Flights, flights_of, read_flights
+from testbench.questions.gap.starts import start_of
+from testbench.questions.gap.windows import level, restless
+from testbench.sensors import SensorSuite, load_suite, suite_toml
+
+WHOLE = "whole.nc"
+"""Record of a whole log in a folder of `testbench import`, whose cuts lie beside it."""
+
+
+@dataclass(frozen=True)
+class NewCase:
+    """What is written.
+
+    Attributes:
+        text: of the case.
+        sensors: text of the suite that lies beside it; None if the case names another.
+        held_out: how different that record is from the others.
+    """
+
+    text: str
+    sensors: str | None
+    held_out: HeldOutFlight
+
+
+def sensors_file(case: Path) -> Path:
+    """Return where the suite of a new case lies."""
+    return case.with_name(f"{case.stem}_sensors.toml")
+
+
+def new_case(
+    case: Path,
+    aircraft: str,
+    given: Sequence[Path],
+    sensors: str | None = None,
+    wings: str = "flexible",
+    V_m_s: float | None = None,
+    h_m: float | None = None,
+) -> NewCase:
+    """Return a gap case that runs as it is.
+
+    Args:
+        case: its file, which paths in it are relative to.
+        aircraft: as believed: packaged, a path, or a folder of the project.
+        given: measured records (.nc), or folders that `testbench import` wrote.
+        sensors: believed suite; if not given, the packaged one that the records name, else one made from the records.
+        wings: "flexible" or "rigid".
+        V_m_s: airspeed that all records start from; if not given, their quiet flight tells.
+        h_m: altitude, likewise.
+
+    Raises:
+        RecordError: a record does not do, there is one alone, or its airspeed is not known.
+        ChannelError: a record holds an unknown channel.
+        TestbenchError: no such aircraft or suite, or no trim.
+    """
+    meant = resolve(aircraft, AIRCRAFT)
+    files = record_files(given)
+    if len(files) == 1:
+        raise RecordError(
+            f"a gap case must have a second record to judge on, got one, '{files[0]}': give one of another manoeuvre; "
+            "testbench import LOG -o FOLDER cuts a log with several into records; or name without a judge with "
+            f"testbench gap {aircraft} {files[0]} --sensors SUITE"
+        )
+    records = read(files)
+    suite, left, made = _suite(case, meant, records, sensors)
+    flights = flights_of(load_aircraft(meant, wings), records, {}, suite, V_m_s, h_m, left)
+    judge = most_different(flights)
+    paths = dict(zip(records, (_relative(f, case) for f in files), strict=True))
+    own = meant if meant in aircraft_names() or meant.startswith(STOCK) else _relative(Path(meant), case)
+    lines = _head(own, wings, _named_suite(case, sensors, suite, made), made, flights)
+    for name, record in flights.naming.items():
+        lines += _measured(name, paths[name], record, judge)
+    return NewCase("\n".join(lines).rstrip() + "\n", suite_toml(suite) if made else None, judge)
+
+
+def record_files(given: Sequence[Path]) -> list[Path]:
+    """Return the records that files and folders of `testbench import` mean; of a folder its cuts, if there are any.
+
+    Raises:
+        RecordError: one is no record, or a folder holds none.
+    """
+    if not given:
+        raise RecordError("a gap case must have measured records (.nc), or folders of testbench import, got none")
+    out: list[Path] = []
+    for path in given:
+        if path.is_dir():
+            found = [p for p in sorted(path.glob("*.nc")) if not p.stem.endswith("_truth")]
+            if not found:
+                raise RecordError(
+                    f"a folder must hold records (.nc) that testbench import wrote, got '{path}', which has none"
+                )
+            out += [p for p in found if p.name != WHOLE] or found
+        elif not path.is_file():
+            raise RecordError(f"a record must be a file that exists, got '{path}'")
+        elif path.suffix.lower() == ".toml":
+            raise RecordError(f"a case lists records, not descriptions, got '{path}': give its records (.nc)")
+        elif path.suffix.lower() != ".nc":
+            raise RecordError(
+                f"a record must be NetCDF of the testbench (.nc), got '{path}': make records of it with testbench "
+                f"import {path} -o FOLDER, then give FOLDER"
+            )
+        else:
+            out.append(path)
+    return out
+
+
+def read(files: Sequence[Path]) -> dict[str, FlightRecord]:
+    """Return name -> measured record of files. What was cut from a log is named after its folder, too, if need be.
+
+    Raises:
+        RecordError: a record is not measured, two are the same, or a file cannot be read.
+        ChannelError: a record holds an unknown channel.
+    """
+    unclear = any(f.name == WHOLE for f in files) or len({f.name for f in files}) < len(files)
+    out: dict[str, FlightRecord] = {}
+    for file in files:
+        ((name, _, record),) = read_flights(file)
+        same = next((n for n, r in out.items() if record_key(r) == record_key(record)), None)
+        if same is not None:
+            raise RecordError(f"measured records must differ, got '{same}' twice ({file}); give it once")
+        if unclear and (file.parent / WHOLE).is_file():
+            name = " ".join(filter(None, (file.resolve().parent.name, "" if file.name == WHOLE else file.stem)))
+        out[name if name not in out else f"{name} ({len(out) + 1})"] = record
+    return out
+
+
+def most_different(flights: Flights) -> HeldOutFlight:
+    """Return the record that judges best: it differs most from all the others.
+
+    It moves the control that most records move, and none that no other record moves: a flight of other controls judges
+    nothing. Where no record does, all are asked.
+    """
+    records = {n: r if not restless(r) else freed(r, record_key(r), level(r)) for n, r in flights.naming.items()}
+    moved = {n: _moved(r) for n, r in records.items()}
+    count = Counter(c for own in moved.values() for c in own)
+    main = max(count, key=lambda c: count[c], default="")
+    fit = [n for n, own in moved.items() if main in own and all(count[c] > 1 for c in own)]
+    found = [
+        differences(flights.believed, {k: r for k, r in records.items() if k != n}, {n: records[n]})[0]
+        for n in fit or records
+    ]
+    return max(found, key=lambda f: f.difference)
+
+
+def _moved(record: FlightRecord) -> set[str]:
+    names, u = commands(record)
+    return {n for n, column in zip(names, u.T, strict=True) if np.ptp(column) > MOVED}
+
+
+def _suite(
+    case: Path, aircraft: str, records: Mapping[str, FlightRecord], sensors: str | None
+) -> tuple[SensorSuite, list[str], bool]:
+    """Return the suite, what it leaves out in sentences, and whether it was made from the records."""
+    if sensors is not None:
+        return load_suite(sensors), [], False
+    stated = {str(r.provenance.get("suite", "")) for r in records.values()}
+    if len(stated) == 1 and next(iter(stated)) in suite_names():
+        return load_suite(stated.pop()), [], False
+    for file, record in records.items():
+        with located(None, f"record '{file}'"):
+            if not any(n.endswith("_cmd") for n in record.channels):
+                raise RecordError(
+                    "a record must hold a command such as de_cmd, as servos are part of what is believed, got "
+                    f"{', '.join(record.channels)}; if a column is the command, name it so and import the log again"
+                )
+    suite, left = suite_of_records(sensors_file(case).stem, Path(aircraft).name.removeprefix(STOCK), records)
+    return suite, left, True
+
+
+def _relative(file: Path, case: Path) -> str:
+    return Path(os.path.relpath(file.resolve(), case.resolve().parent)).as_posix()
+
+
+def _named_suite(case: Path, sensors: str | None, suite: SensorSuite, made: bool) -> str:
+    if made:
+        return sensors_file(case).name
+    if sensors is not None and sensors not in suite_names() and Path(sensors).is_file():
+        return _relative(Path(sensors), case)
+    return suite.name if sensors is None else sensors
+
+
+def _head(aircraft: str, wings: str, suite: str, made: bool, flights: Flights) -> list[str]:
+    believed = flights.believed
+    recorded = all("h" in r for r in flights.naming.values())
+    height = "" if recorded else "YOURS: not recorded; "
+    said = "  # made from the records: look at its lines with YOURS" if made else ""
+    return [
+        "# A gap case, made by `testbench gap new`. It runs as it is: change what is yours, then",
+        "#     testbench check THIS_FILE",
+        "#     testbench gap THIS_FILE",
+        "# Lines with YOURS hold guesses.",
+        f"title = {quoted(f'{believed.aircraft.name}: does the simulation fly as the aircraft does?')}",
+        'question = "What does the simulation lack that the aircraft has?"',
+        f"aircraft = {quoted(aircraft)}  # as believed",
+        f'wings = "{wings}"  # or "{"rigid" if wings == "flexible" else "flexible"}": whether its elastic modes move',
+        f"suite = {quoted(suite)}{said}",
+        'windows = "auto"  # records without quiet trim flight are cut; "off": none; 4.0: all, into windows of 4 s',
+        'drive = "both"  # the path from command to recorded surface is judged first; "command": surfaces are ignored',
+        '# effects = ["actuator_lag"]  # searched in place of the whole library (testbench list effects)',
+        '# more_effects = ["my_effect.py:EFFECT"]  # searched beside those: your own, or names of the library',
+        "",
+        *(line for note in flights.notes for line in _comment(note)),
+        "",
+        "[condition]  # that the records start from",
+        f"V_m_s = {real(believed.condition.V_m_s, 5)}  # true airspeed",
+        f"h_m = {real(believed.condition.h_m, 5)}  # {height}above sea level",
+        "# gamma_deg = 0.0  # flight path angle, climbing positive",
+        "",
+        "# [simulation]",
+        f"# rate_hz = {real(believed.rate_hz)}  # frames per second of the simulation; the aircraft's own if left out",
+        "",
+        '# use = "naming": an effect is named and fitted on it. use = "held_out": it only judges what was named.',
+        "# Optional keys of a record, where it was not flown as the others were:",
+        '#     condition = "recorded"  # its own quiet flight tells; or { V_m_s = 16.0, h_m = 500.0 }',
+        "#     load_kg = 0.5           # carried beyond what is believed; negative for fuel that was burnt",
+        "#     load_aft_m = 0.1        # place of the load behind the believed centre of gravity",
+        "",
+    ]
+
+
+def _comment(text: str) -> list[str]:
+    return textwrap.wrap(one_line(text), 118, initial_indent="# ", subsequent_indent="#   ", break_long_words=False)
+
+
+def _measured(name: str, file: str, record: FlightRecord, judge: HeldOutFlight) -> list[str]:
+    held = name == judge.name
+    lines = []
+    if held:
+        lines += [
+            f"# Held out, as it differs most: {100.0 * judge.difference:.0f} % from '{one_line(judge.nearest)}', the "
+            "record that is most like it",
+            "# (control, amplitude and spectrum of the command, dynamic pressure). YOURS: hold out what you will.",
+        ]
+    use = "held_out" if held else "naming"
+    lines += ["[[measured]]", f"name = {quoted(name)}", f"file = {quoted(file)}", f'use = "{use}"']
+    start = start_of(record)
+    if start is not None:
+        at = f"{{ V_m_s = {real(start.condition.V_m_s, 5)}, h_m = {real(start.condition.h_m, 5)} }}"
+        told = f'"recorded"  # {start.condition.V_m_s:.4g} m/s, {start.condition.h_m:.4g} m' if "V" in record else at
+        lines.append(f"condition = {told}")
+    return [*lines, ""]
