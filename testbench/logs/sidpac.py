@@ -70,7 +70,8 @@ def read_columns(path: Path | str) -> tuple[Log, tuple[Rule, ...]]:
         if kind not in ("csv", "text"):
             raise
         table = _salvage(path, kind, error)
-        warnings.append(f"{table.damaged} lines are damaged and were left out ({error.message})")
+        lines = "1 line is damaged and was" if table.damaged == 1 else f"{table.damaged} lines are damaged and were"
+        warnings.append(f"{lines} left out ({error.message})")
     return _plain(path, table, warnings)
 
 

@@ -358,4 +358,5 @@ def make_topic(
         return Topic(name, t_s, columns, units or {}), ""
     topic = Topic(name, t_s[keep], {key: column[keep] for key, column in columns.items()}, units or {})
     lost = t_s.size - keep.size
-    return topic, f"{name}: {lost} of {t_s.size} samples left out, because their times do not run on"
+    of = f"{name}: " if name else ""  # a table has one topic only, which has no name
+    return topic, f"{of}{lost} of {t_s.size} samples left out, because their times do not run on"

@@ -100,12 +100,19 @@ def read_text(
     first = 0 if header == "none" else next(data, len(cells))
     if first >= len(cells):
         raise RecordError(_no_numbers(path, cells, lines))
+    broken = [i for i in range(first) if _is_broken(lines.rows[i], delimiter, decimal)]
     heads: list[str] = []
     if header != "none":
         remarks = [r for r in lines.remarks if not _is_data(_cells(path, 0, r, delimiter), decimal)]
-        heads = remarks + lines.rows[:first]
-    rows, numbers = cells[first:], numbers[first:]
+        heads = remarks + [line for i, line in enumerate(lines.rows[:first]) if i not in broken]
+    rows = cells[first:]
     width, names, units = _header([_Head(path, line, delimiter) for line in heads], rows[0])
+    if broken and not lenient:
+        raise RecordError(
+            f"every row must have {width} cells, got {len(cells[broken[0]])} in line {numbers[broken[0]]} of '{path}', "
+            "where a quote is not closed"
+        )
+    numbers = numbers[first:]
     lost = "" if any(names) or not heads else _lost_heading(path, heads, delimiter, decimal, rows[0])
     whole = len(rows)
     if lenient:
@@ -123,7 +130,7 @@ def read_text(
         said.append("decimal comma")
     said += [lost] if lost else []
     columns = tuple(zip(*(row[:width] for row in rows), strict=True))
-    return Cells(names, units, columns, numbers, decimal, tuple(said), whole - len(rows))
+    return Cells(names, units, columns, numbers, decimal, tuple(said), whole - len(rows) + len(broken))
 
 
 def numbers(cells: Sequence[str], decimal: str, where: str) -> FloatArray:
@@ -282,6 +289,15 @@ def _is_data(row: Sequence[str], decimal: str) -> bool:
     taken = sum(_is_taken(cell, decimal) for cell in filled)
     missing = sum(cell.lower() in MISSING and cell.lower() != "nan" for cell in filled)
     return taken > 0 and 2 * (taken + missing) >= len(filled)
+
+
+def _is_broken(line: str, delimiter: str | None, decimal: str) -> bool:
+    """Say whether a line before the numbers is a row of them whose quote is not closed: one cell takes the rest."""
+    return (
+        delimiter is not None
+        and line.count('"') % 2 == 1
+        and _is_data([cell.strip(' "') for cell in line.split(delimiter)], decimal)
+    )
 
 
 def _no_numbers(path: Path, cells: Sequence[Sequence[str]], lines: _Lines) -> str:

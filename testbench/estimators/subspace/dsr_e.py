@@ -315,6 +315,31 @@ class Innovations:
         return out
 
 
+def shortage(
+    good: Sequence[NDArray[np.bool_]], inputs: int, outputs: int, past_horizon: int, future_horizon: int
+) -> tuple[int, int] | None:
+    """Return columns and the fewest that are needed, of the first step that has too few of noisy data; None if none.
+
+    Args:
+        good: (N,) of each record, True where every channel was sampled.
+        inputs: their number; the model has no direct feedthrough.
+        outputs: their number.
+        past_horizon: as of :func:`estimate`, with no offset and no decimation.
+        future_horizon: likewise.
+    """
+    first = [window_starts(own, past_horizon + 1) for own in good]
+    second = 0
+    for own, starts in zip(good, first, strict=True):
+        known = np.zeros(own.size, bool)
+        known[starts + past_horizon] = True
+        second += window_starts(known, future_horizon).size
+    steps = (
+        (sum(starts.size for starts in first), past_horizon * (inputs + outputs) + outputs),
+        (second, future_horizon * (inputs + 2 * outputs)),
+    )
+    return next(((columns, needed) for columns, needed in steps if columns < needed), None)
+
+
 class Realisation(NamedTuple):
     """Step 2: A, C in the units of step 1, and the singular values relative to the noise floor."""
 

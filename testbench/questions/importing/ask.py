@@ -19,6 +19,7 @@ from testbench.core.errors import RecordError
 from testbench.core.escape import one_line
 from testbench.core.files import write_file
 from testbench.core.record import FlightRecord
+from testbench.core.scenario.base import Preparation
 from testbench.logs.ardupilot import ardupilot_rules
 from testbench.logs.dataflash import HEAD, read_dataflash
 from testbench.logs.foreign import looks_like_text, refuse_foreign
@@ -36,11 +37,12 @@ from testbench.logs.signals import Log, Mapped, Rule, Topic, find_channels, scal
 from testbench.logs.ulog import MAGIC, read_ulog
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.balance import Balance, balance_of, balance_rows
-from testbench.questions.importing.recipe import AXES, lines, measured_in, propose
-from testbench.questions.importing.supported import moving, why_not
+from testbench.questions.importing.recipe import AXES, Recipe, lines, measured_in, propose
+from testbench.questions.importing.supported import moving, too_few, why_not
 
 WHOLE = "whole"
 """Name of the record of a whole log, and of its description."""
+_COMMANDED = (*CONTROLS, *(f"{name}_cmd" for name in CONTROLS))
 UNUSABLE = "no_recipe"
 """Key of the provenance of a whole record: why there is no recipe for it or for its cuts."""
 
@@ -71,13 +73,14 @@ class Imported:
     def unusable(self) -> tuple[str, ...]:
         """Why nothing is identified from a cut, or from the whole record, in sentences."""
         if not controls_of(self.record):
-            return ()
+            known = [f"{s.channel}: {s.reason}" for s in self.balance.left_out if s.channel in _COMMANDED]
+            return (_no_recipe([WHOLE], "no control was found" + (f" ({'; '.join(known)})" if known else "")),)
         every = {name: record for own in self._groups.values() for name, (_, record) in own.items()}
-        return tuple(
-            f"no recipe for {'the whole record' if name == WHOLE else name}: {why}"
-            for name, record in every.items()
-            if (why := why_not(record, controls_of(record)))
-        )
+        alone = [
+            _no_recipe([name], why) for name, record in every.items() if (why := why_not(record, controls_of(record)))
+        ]
+        together = [_no_recipe(list(own), why) for own in self.members.values() if (why := _proposal(self, own)[2])]
+        return (*alone, *together)
 
     @property
     def _groups(self) -> dict[str, dict[str, tuple[Manoeuvre | None, FlightRecord]]]:
@@ -219,7 +222,7 @@ def import_log(
         "log": dict(log.facts),
         "warnings": list(log.warnings),
     }
-    commands = [f"{name}_cmd" for name in CONTROLS]
+    commands = [name for name in _COMMANDED if name not in CONTROLS]
     record = resample(channels, rate, provenance, CONTROLS, commands)
     balance = balance_of(log, found, record)
     channels = tuple(c for c in channels if c.name in record)
@@ -230,7 +233,7 @@ def import_log(
     }
     record = replace(record, provenance={**record.provenance, **said})
     controls = controls_of(record)
-    search = find_manoeuvres(record, controls, lead_s, tail_s) if controls else Search((), ("no control was found",))
+    search = find_manoeuvres(record, controls, lead_s, tail_s) if controls else Search((), ())
     questions = implausible({c.name: (c.t_s, c.values) for c in channels})
     described = Path(path) if Path(path).suffix.lower() == ".toml" else None
     imported = Imported(log, channels, record, rate, search, balance, questions, described)
@@ -305,6 +308,10 @@ def write_import(imported: Imported, folder: Path | str) -> list[Path]:
     return paths
 
 
+def _no_recipe(names: Sequence[str], why: str) -> str:
+    return f"no recipe for {', '.join('the whole record' if name == WHOLE else name for name in names)}: {why}"
+
+
 def _supported(
     members: Mapping[str, tuple[Manoeuvre | None, FlightRecord]],
 ) -> dict[str, tuple[Manoeuvre | None, FlightRecord]]:
@@ -325,15 +332,8 @@ def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvr
     log = imported.log
     records = [record for _, record in members.values()]
     held = measured_in(records)
-    used = [m for m, _ in members.values() if m is not None] or imported.search.manoeuvres
-    moved = {name for m in used for name in m.controls}
     cut_out = any(m is not None for m, _ in members.values())
-    inputs = [n for n in controls_of(records[0]) if n in held and (n in moved or not moved)]
-    inputs = moving(records, inputs)
-    place = next(
-        (log.imu_m.get(number_of(c.source.partition(".")[0])) for c in imported.channels if c.name == "az"), None
-    )
-    recipe = propose(inputs, records, imported.rate_hz, place) if inputs else None
+    inputs, recipe, _ = _proposal(imported, members)
     if recipe is None:
         return ""
     leads = [m.start_s - m.cut_s[0] for m, _ in members.values() if m is not None and m.cut_s is not None]
@@ -369,6 +369,30 @@ def describe(imported: Imported, axis: str, members: Mapping[str, tuple[Manoeuvr
             head.append('missing = "mask"')
     head += ["", "[preparation]", f'bias = "{"trim" if trim >= QUIET_S else "mean"}"', *lines(recipe, inputs)]
     return "\n".join([*head, ""])
+
+
+def _proposal(
+    imported: Imported, members: Mapping[str, tuple[Manoeuvre | None, FlightRecord]]
+) -> tuple[list[str], Recipe | None, str]:
+    """Return the inputs and the recipe for some records of one log; without a recipe why there is none."""
+    records = [record for _, record in members.values()]
+    held = measured_in(records)
+    used = [m for m, _ in members.values() if m is not None] or imported.search.manoeuvres
+    moved = {name for m in used for name in m.controls}
+    inputs = [n for n in controls_of(records[0]) if n in held and (n in moved or not moved)]
+    inputs = moving(records, inputs)
+    if not inputs:
+        return inputs, None, "no control that moves has samples in every one of them"
+    places = imported.log.imu_m
+    place = next((places.get(number_of(c.source.partition(".")[0])) for c in imported.channels if c.name == "az"), None)
+    recipe = propose(inputs, records, imported.rate_hz, place)
+    if recipe is None:
+        return inputs, None, f"nothing was measured that {', '.join(inputs)} could be seen in"
+    share = Preparation.model_fields["identification_fraction"].default
+    parts = zip(records, _uses(members), strict=True)
+    fit = [r.split(share)[0] if use == "split" else r for r, use in parts if use != "validation"]
+    why = too_few(fit, recipe, inputs)
+    return inputs, None if why else recipe, why
 
 
 def _balance_lines(imported: Imported, held: Sequence[str]) -> list[str]:

@@ -103,7 +103,9 @@ def print_import(imported: Imported, console: Console, paths: Sequence[Path] = (
             print_rows(console, heads, texts)
     unread = [f"{s.source} ({s.samples})" for s in sorted(imported.balance.unknown, key=lambda s: -s.samples)]
     also = [f"no rule knows: {some(unread, _MOST_UNREAD, ', ')}"] if unread else []
-    console.print()
-    print_answer(console, [("finding", text) for text in (*imported.log.notes, *imported.search.said, *also)])
+    said = [("finding", text) for text in (*imported.log.notes, *imported.search.said, *also)]
+    if said:
+        console.print()
+        print_answer(console, said)
     for path in paths:
         console.print(Text(f"Written: {path}"), soft_wrap=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.logs.manoeuvres import SMALLEST
 from testbench.page.words import counted
+
+if TYPE_CHECKING:
+    from testbench.questions.importing.recipe import Recipe
 
 SLOWEST_M_S = 3.0
 """Airspeed below which nothing is carried by its wing; judged: the lightest models of the field stall at 4 to 5 m/s."""
@@ -51,6 +55,31 @@ def why_not(record: FlightRecord, controls: Sequence[str]) -> str:
             "ground, in a hover, or the airspeed is wrong"
         )
     return ""
+
+
+def too_few(records: Sequence[FlightRecord], recipe: Recipe, inputs: Sequence[str]) -> str:
+    """Return why a recipe's model without a structure cannot be made of records, or "" if it can.
+
+    Args:
+        records: that the model is identified from: of one that is split, the first part.
+        recipe: of them.
+        inputs: of the model.
+    """
+    from testbench.estimators.subspace.dsr_e import shortage
+
+    settings = next((entry for _, entry in recipe.estimators if entry["method"] == "dsr_e"), None)
+    if settings is None:
+        return ""
+    good = [np.asarray(r.select([*inputs, *recipe.outputs]).valid.all(axis=1)) for r in records]
+    L = settings["future_horizon"]
+    short = shortage(good, len(inputs), len(recipe.outputs), settings["past_horizon"], L)
+    if short is None:
+        return ""
+    return (
+        f"a model of {', '.join(recipe.outputs)} without a structure takes {short[1]} stretches of samples that follow "
+        f"each other, and {counted(short[0], 'stretch', 'stretches')} of {L} samples or more could be identified from; "
+        "fly longer, or log faster"
+    )
 
 
 def _taken(record: FlightRecord, name: str) -> FloatArray:

@@ -8,8 +8,13 @@ from commands import command
 from writers import elevator, short_period
 
 from testbench.core.constants import DEG_RAD
+from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
+from testbench.estimators import estimate
+from testbench.estimators.prepare import prepare
+from testbench.questions.identify.ask import identify
 from testbench.questions.identify.command import _in_folder
+from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.ask import import_log, write_import
 from testbench.questions.importing.page import import_answer
 from testbench.questions.importing.supported import why_not
@@ -52,6 +57,26 @@ def test_what_no_recipe_fits_has_none_and_says_why_in_one_line(tmp_path, name):
     with pytest.raises(Exception, match="must hold a flight that can be identified") as refused:
         _in_folder(tmp_path / "out")
     assert why in str(refused.value)
+
+
+def test_a_model_without_a_structure_has_a_recipe_where_its_estimator_has_samples_enough_and_not_below(tmp_path):
+    """At 9 Hz the horizons of DSR_e are 5 samples: 35 stretches are needed, which 7 s hold and 6.5 s do not."""
+    short = import_log(log(tmp_path, V=None, rows=slice(0, 325)), rate_hz=9.0)
+    assert [text for text in short.unusable if "without a structure takes 35 stretches" in text] == [*short.unusable]
+    first = prepare(short.record.split(0.7)[0], bias="mean", trim_s=0.0)
+    with pytest.raises(EstimationError, match="gives 35 rows, got 32 columns"):
+        estimate("dsr_e", [first], ["de"], ["q", "theta", "az"], past_horizon=5, future_horizon=5, order=3)
+    enough = import_log(log(tmp_path, V=None, rows=slice(0, 350)), rate_hz=9.0)
+    assert enough.unusable == ()
+    (description,) = (p for p in write_import(enough, tmp_path / "out") if p.suffix == ".toml")
+    assert identify(RecordDescription.load(description)).cases[0].model.method == "dsr_e"
+
+
+def test_a_log_without_a_control_says_so_to_identify_too(tmp_path):
+    found = import_log(log(tmp_path, control=0.0))
+    write_import(found, tmp_path / "out")
+    with pytest.raises(Exception, match=r"no control was found \(de: zero throughout\)"):
+        _in_folder(tmp_path / "out")
 
 
 def test_a_control_logged_more_slowly_than_the_record_is_no_input():
