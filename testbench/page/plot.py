@@ -6,9 +6,11 @@ placed in inches: matplotlib's automatic layouts draw every figure three times o
 
 from __future__ import annotations
 
+import contextlib
 import io
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -31,7 +33,8 @@ DASHES: tuple[Any, ...] = ("-", (0, (6, 1.5)), (0, (3, 1.2)), (0, (6, 1.5, 1.2, 
 MARKERS = "osD^vP"
 
 INK, QUIET, MEASURED, FAINT, BAND = "#202428", "#6b7280", "#a9b0b8", "#dfe3e8", "#eceff3"
-WIDE_IN, NARROW_IN = 8.6, 3.75
+WIDE_IN, NARROW_IN = 8.6, 3.75  # of figures on a page
+_OTHER_IN: ContextVar[float | None] = ContextVar("other width", default=None)
 PNG_DPI = 144
 _POINTS_PER_LETTER = 5.2  # of 9 point DejaVu Sans, on average
 Item = TypeVar("Item")
@@ -134,11 +137,27 @@ class Plate:
         return Drawing(small_svg(svg.getvalue()), raster.getvalue())
 
 
+def width_in(wide: bool) -> float:
+    """Return the width of figures, in: of the page's wide or narrow ones, or what :func:`of_width` has set."""
+    other = _OTHER_IN.get()
+    return other if other is not None else WIDE_IN if wide else NARROW_IN
+
+
+@contextlib.contextmanager
+def of_width(width: float) -> Generator[None]:
+    """Make figures ``width`` in wide within the block, whatever their layout."""
+    token = _OTHER_IN.set(width)
+    try:
+        yield
+    finally:
+        _OTHER_IN.reset(token)
+
+
 def new_figure(wide: bool, height_in: float, share: float = 1.0) -> Figure:
     """Return an empty figure of the report's narrow width, or of a ``share`` of its wide one."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(share * WIDE_IN if wide else NARROW_IN, height_in))
+    return Figure(figsize=(width_in(wide) * (share if wide else 1.0), height_in))
 
 
 def grid(
@@ -311,7 +330,7 @@ def legend(figure: Figure, handles: Sequence[Any]) -> None:
 
 def legend_in(names: Sequence[str], wide: bool, share: float = 1.0) -> float:
     """Return the height, in, that a legend of ``names`` takes in a figure from :func:`new_figure`."""
-    width = share * WIDE_IN if wide else NARROW_IN
+    width = width_in(wide) * (share if wide else 1.0)
     return 0.08 + 0.18 * -(-len(names) // _legend_columns(names, width))
 
 

@@ -51,11 +51,20 @@ def write_tables(tables: Iterable[Table], folder: Path) -> list[Path]:
 
 
 def write_plates(plates: Iterable[Plate], folder: Path) -> tuple[list[Path], list[Picture]]:
-    """Draw each plate once, write folder/figures/NAME.png; return the paths and the pictures for a page."""
-    from testbench.page.html import picture
+    """Write each plate as folder/figures/NAME.png, return the paths and the pictures for a page.
 
+    Within :func:`testbench.page.publish.published` they are written as it asks, with their data beside them.
+    """
+    from testbench.page.html import picture
+    from testbench.page.publish import asked, publish
+
+    how = asked()
     paths, pictures = [], []
     for plate in plates:
+        if how is not None:
+            paths += publish(plate, folder / "figures", how)
+            pictures.append(picture(plate))
+            continue
         drawing = plate.draw()
         paths.append(write_file(folder / "figures" / f"{file_stem(plate.name)}.png", drawing.png))
         pictures.append(picture(plate, drawing.svg))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
+from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -78,3 +81,77 @@ def refuse(context: typer.Context, why: str, *parameters: str) -> None:
         if parameter.name in parameters and source is not None and source.name == "COMMANDLINE":
             name = next((o for o in parameter.opts if o.startswith("--")), (parameter.name or "").upper())
             raise UsageError(f"{name} has no use {why}", ctx=context)
+
+
+class Columns(str, Enum):
+    """How wide figures for a paper are."""
+
+    single = "single"
+    double = "double"
+
+
+_ONLY_WITH_FIGURES = ("column", "style", "latex")
+_FIGURES = {
+    "figures": (
+        Annotated[
+            str | None,
+            typer.Option(
+                "--figures",
+                help="Formats of figures/, of pdf, svg and png, with a comma between them: pdf,svg. Each figure has "
+                "its data beside it as CSV, and the Python that draws it again.  [default: png, without data]",
+                show_default=False,
+            ),
+        ],
+        None,
+    ),
+    "column": (
+        Annotated[Columns, typer.Option("--column", help="Width of --figures: 3.5 in or 7.16 in.")],
+        Columns.double,
+    ),
+    "style": (
+        Annotated[
+            Path | None,
+            typer.Option("--style", help="matplotlib style file (.mplstyle) for --figures.", show_default=False),
+        ],
+        None,
+    ),
+    "latex": (Annotated[bool, typer.Option("--latex", help="Set the text of --figures by LaTeX.")], False),
+}
+
+
+def with_figures(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command that writes a page the options of figures for a paper.
+
+    They hold around the command, see :mod:`testbench.page.publish`, which needs to know nothing of them.
+    """
+    signature = inspect.signature(command, eval_str=True)
+    own = list(signature.parameters.values())
+    takes_context = any(p.annotation is typer.Context for p in own)
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    more = [] if takes_context else [inspect.Parameter("context", keyword, annotation=typer.Context)]
+    more += [inspect.Parameter(n, keyword, annotation=a, default=d) for n, (a, d) in _FIGURES.items()]
+
+    @functools.wraps(command)
+    def around(**given: Any) -> None:
+        """Take out the options of figures and call the command."""
+        from testbench.page.publish import published
+
+        figures, column, style, latex = (given.pop(name) for name in _FIGURES)
+        context = given["context"] if takes_context else given.pop("context")
+        if figures is None:
+            refuse(context, "without --figures", *_ONLY_WITH_FIGURES)
+        with published(None if figures is None else _publication(context, figures, column, style, latex)):
+            command(**given)
+
+    around.__signature__ = signature.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+    return around
+
+
+def _publication(context: typer.Context, figures: str, column: Columns, style: Path | None, latex: bool) -> Any:
+    from testbench.page.publish import FORMATS, Publication
+
+    formats = tuple(dict.fromkeys(part.strip().lower() for part in figures.split(",")))
+    bad = [name for name in formats if name not in FORMATS]
+    if bad:
+        raise UsageError(f"--figures must be of {', '.join(FORMATS)}, got '{bad[0]}'", ctx=context)
+    return Publication(formats, column is Columns.double, style, latex)

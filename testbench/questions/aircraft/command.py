@@ -10,7 +10,7 @@ import typer
 from testbench.page.terminal import console, stages
 from testbench.questions.aircraft.flexible.command import flexible
 from testbench.questions.aircraft.new import new
-from testbench.questions.options import ByDefault, OutOption, Wings, refuse
+from testbench.questions.options import ByDefault, OutOption, Wings, refuse, with_figures
 
 command = typer.Typer(
     cls=ByDefault.first("show"),
@@ -23,6 +23,7 @@ command.command("new")(new)
 
 
 @command.command()
+@with_figures
 def show(
     context: typer.Context,
     name: Annotated[
@@ -68,6 +69,7 @@ def show(
 
 
 @command.command("adopt")
+@with_figures
 def adopt_command(
     path: Annotated[
         str,

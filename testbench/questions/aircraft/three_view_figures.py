@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from testbench.page.plot import COLOURS, FAINT, INK, NARROW_IN, QUIET, WIDE_IN, Plate, new_figure
+from testbench.page.plot import COLOURS, FAINT, INK, QUIET, Plate, new_figure, width_in
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -150,7 +150,7 @@ def _draw(aircraft: Aircraft, outline: Outline, wide: bool) -> Figure:
     half = 0.5 * max(s.span_m for s in _flat(outline))
     low, high = _heights(outline)
     length, span, tall = nose - end, 2.0 * half, high - low
-    paper = (WIDE_IN if wide else NARROW_IN) - 2.0 * _MARGIN_IN
+    paper = width_in(wide) - 2.0 * _MARGIN_IN
     across = (paper - _GAP_IN) / (span + length) if wide else paper / max(span, length)
     down = (_TALLEST_IN - 3.0 * _GAP_IN) / (length + tall * (1 if wide else 2))
     m_in = 1.0 / min(across, down)
@@ -161,7 +161,7 @@ def _draw(aircraft: Aircraft, outline: Outline, wide: bool) -> Figure:
     narrow = 0.0 if wide else 0.3 + heights[2] + below + _ROW_IN * len(rows)
     total = top + heights[0] + 0.62 + heights[1] + below + narrow
     figure = new_figure(wide, total)
-    width = WIDE_IN if wide else NARROW_IN
+    width = width_in(wide)
     used = (span + length) / m_in + _GAP_IN if wide else max(span, length) / m_in
     left = 0.5 * (width - used)
     first = left if wide else 0.5 * (width - span / m_in)

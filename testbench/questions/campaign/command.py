@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from testbench.page.terminal import console
-from testbench.questions.options import FlownBy, OutOption, SimulatorOption
+from testbench.questions.options import FlownBy, OutOption, SimulatorOption, with_figures
 
 if TYPE_CHECKING:
     from testbench.questions.campaign.load import Campaign
@@ -30,6 +30,7 @@ SchedulerOption = Annotated[
 
 
 @command.command("run")
+@with_figures
 def campaign_run(
     campaign: CampaignArgument,
     out: OutOption = Path("results"),
@@ -45,6 +46,7 @@ def campaign_run(
 
 
 @command.command("resume")
+@with_figures
 def campaign_resume(
     campaign: CampaignArgument,
     out: OutOption = Path("results"),
@@ -71,6 +73,7 @@ def campaign_status(campaign: CampaignArgument, out: OutOption = Path("results")
 
 
 @command.command("summarise")
+@with_figures
 def campaign_summarise(campaign: CampaignArgument, out: OutOption = Path("results")) -> None:
     """Write tables, figures and report.html from the runs that are finished; nothing is flown."""
     from testbench.questions.campaign.load import load_campaign

@@ -9,7 +9,15 @@ import typer
 
 from testbench.page.terminal import console, stages
 from testbench.questions.compare.benchmark.command import benchmark
-from testbench.questions.options import ByDefault, FlownBy, OutOption, ScenarioArgument, SeedOption, SimulatorOption
+from testbench.questions.options import (
+    ByDefault,
+    FlownBy,
+    OutOption,
+    ScenarioArgument,
+    SeedOption,
+    SimulatorOption,
+    with_figures,
+)
 
 command = typer.Typer(
     no_args_is_help=True,
@@ -19,6 +27,7 @@ command = typer.Typer(
 
 
 @command.command("suites")
+@with_figures
 def suites(
     scenario: ScenarioArgument,
     out: OutOption = Path("results"),

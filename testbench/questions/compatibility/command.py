@@ -9,9 +9,10 @@ import typer
 
 from testbench.core.constants import G0_M_S2
 from testbench.page.terminal import console, stages
-from testbench.questions.options import DataOption, OutOption, StrictOption
+from testbench.questions.options import DataOption, OutOption, StrictOption, with_figures
 
 
+@with_figures
 def command(
     description: Annotated[Path, typer.Argument(help="Description of recorded flights (TOML).", show_default=False)],
     out: OutOption = Path("results"),

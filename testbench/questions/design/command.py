@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import FlownBy, OutOption, ScenarioArgument, SeedOption, SimulatorOption
+from testbench.questions.options import FlownBy, OutOption, ScenarioArgument, SeedOption, SimulatorOption, with_figures
 
 AfterOption = Annotated[
     list[Path] | None,
@@ -20,6 +20,7 @@ AfterOption = Annotated[
 ]
 
 
+@with_figures
 def command(
     scenario: ScenarioArgument,
     after: AfterOption = None,

@@ -10,7 +10,16 @@ import typer
 from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
 from testbench.questions.gap.window_length import windows_of
-from testbench.questions.options import ByDefault, FlownBy, OutOption, SeedOption, SimulatorOption, Wings, refuse
+from testbench.questions.options import (
+    ByDefault,
+    FlownBy,
+    OutOption,
+    SeedOption,
+    SimulatorOption,
+    Wings,
+    refuse,
+    with_figures,
+)
 
 CONTROLS = "controls.jsonl"  # in a folder of results: control flights, which are not flown again
 FLIGHTS = ("sensors", "hold_out", "wings", "airspeed", "altitude", "data")  # what is said of measured records
@@ -24,6 +33,7 @@ command = typer.Typer(
 
 
 @command.command()
+@with_figures
 def show(
     context: typer.Context,
     case: Annotated[

@@ -10,7 +10,7 @@ import typer
 
 from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
-from testbench.questions.options import DataOption, OutOption, StrictOption, refuse
+from testbench.questions.options import DataOption, OutOption, StrictOption, refuse, with_figures
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,6 +32,7 @@ class Trends(str, Enum):
     alpha = "alpha"
 
 
+@with_figures
 def command(
     context: typer.Context,
     descriptions: Annotated[

@@ -9,9 +9,10 @@ import typer
 
 from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
-from testbench.questions.options import DataOption, OutOption, SeedOption, refuse
+from testbench.questions.options import DataOption, OutOption, SeedOption, refuse, with_figures
 
 
+@with_figures
 def command(
     context: typer.Context,
     source: Annotated[

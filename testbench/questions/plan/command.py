@@ -10,7 +10,15 @@ import typer
 
 from testbench.core.errors import RecordError
 from testbench.page.terminal import console, stages
-from testbench.questions.options import ByDefault, FlownBy, OutOption, SeedOption, SimulatorOption, UsageError
+from testbench.questions.options import (
+    ByDefault,
+    FlownBy,
+    OutOption,
+    SeedOption,
+    SimulatorOption,
+    UsageError,
+    with_figures,
+)
 
 command = typer.Typer(
     cls=ByDefault.first("show"),
@@ -43,6 +51,7 @@ AutopilotOption = Annotated[
 
 
 @command.command()
+@with_figures
 def show(
     scenario: Annotated[
         Path | None, typer.Argument(help="Plan file, or the name of a packaged one.", show_default=False)
@@ -175,6 +184,7 @@ def rehearse(
 
 
 @command.command()
+@with_figures
 def close(
     scenario: Annotated[Path, typer.Argument(help="Plan file, or the name of a packaged one.", show_default=False)],
     logs: Annotated[list[Path], typer.Argument(help="Logs of its flights.", show_default=False)],

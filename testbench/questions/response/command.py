@@ -8,9 +8,10 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import DataOption, OutOption
+from testbench.questions.options import DataOption, OutOption, with_figures
 
 
+@with_figures
 def command(
     description: Annotated[Path, typer.Argument(help="Description of recorded flights (TOML).", show_default=False)],
     window: Annotated[

@@ -8,13 +8,14 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import OutOption, ScenarioArgument, SeedOption
+from testbench.questions.options import OutOption, ScenarioArgument, SeedOption, with_figures
 
 SeedsOption = Annotated[
     int | None, typer.Option("--seeds", min=1, max=1000, help="Repetitions, instead of those in the scenario.")
 ]
 
 
+@with_figures
 def command(
     scenario: ScenarioArgument,
     out: OutOption = Path("results"),
