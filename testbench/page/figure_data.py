@@ -91,10 +91,10 @@ def curves_of(figure: Figure) -> list[Curve]:
 
 def maps_of(figure: Figure, name: str) -> list[tuple[int, str, dict[str, Any], str]]:
     """Return panel, file name, settings of ``imshow`` and values as CSV, a row of the image each, of all images."""
-    out = []
+    out: list[tuple[int, str, dict[str, Any], str]] = []
     for k, axes in enumerate(_panels(figure)):
         for image in axes.images:
-            values = np.ma.filled(np.ma.asarray(image.get_array(), float), np.nan)
+            values: FloatArray = np.ma.filled(np.ma.asarray(image.get_array(), float), np.nan)
             low, high = image.get_clim()
             settings = {
                 "extent": tuple(float(v) for v in image.get_extent()), "origin": image.origin, "aspect": "auto",
@@ -183,7 +183,9 @@ def _named(figure: Figure) -> dict[tuple[str, str, str], str]:
     from matplotlib.lines import Line2D
 
     found: dict[tuple[str, str, str], set[str]] = {}
-    for legend in [*figure.legends, *(a.get_legend() for a in figure.axes if a.get_legend() is not None)]:
+    for legend in [*figure.legends, *(axes.get_legend() for axes in figure.axes)]:
+        if legend is None:
+            continue
         for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True):
             if isinstance(handle, Line2D):
                 marker = str(handle.get_marker())
@@ -230,7 +232,7 @@ def _lines(axes: Axes) -> _Drawn:
     for line in axes.lines:
         if line.get_transform() != axes.transData and not line.get_clip_on():
             continue
-        xy = np.column_stack([np.ma.filled(np.ma.asarray(d, float), np.nan) for d in line.get_data()])
+        xy: FloatArray = np.column_stack([np.ma.filled(np.ma.asarray(d, float), np.nan) for d in line.get_data()])
         look = {"color": _hex(line.get_color()), "linestyle": _dash(line), "linewidth": line.get_linewidth()}
         if str(line.get_marker()) not in _NO_MARKER:
             inside = _hex(line.get_markerfacecolor())
@@ -266,7 +268,11 @@ def _hex(color: Any) -> str:
     if isinstance(color, str):
         return color if color == "none" else to_hex(color)
     values = np.ravel(np.asarray(color, float))
-    return "none" if values.size < 3 or (values.size > 3 and values[3] == 0.0) else to_hex(values[:4])
+    return (
+        "none"
+        if values.size < 3 or (values.size > 3 and values[3] == 0.0)
+        else to_hex(tuple(float(v) for v in values[:4]))
+    )  # type: ignore[arg-type]
 
 
 def _settings(axes: Axes) -> dict[str, Any]:

@@ -128,7 +128,7 @@ def read_style(file: Path) -> dict[str, Any]:
     log.addHandler(told)
     log.propagate = False
     try:
-        out = dict(rc_params_from_file(file, use_default_template=False))
+        out: dict[str, Any] = {**rc_params_from_file(file, use_default_template=False)}
     except Exception as error:
         raise RecordError(f"{law} got '{file}': {reason_of(error)}") from error
     finally:
@@ -168,7 +168,8 @@ def publish(plate: Plate, folder: Path, how: Publication) -> list[Path]:
     from testbench.page.plot import of_width
 
     stem, settings = file_stem(plate.name), how.settings()
-    with rc_context(settings), of_width(how.width_in()):
+    told: Any = settings  # matplotlib types its keys one by one
+    with rc_context(told), of_width(how.width_in()):
         figure = plate.make(how.double)
         FigureCanvasAgg(figure)
         _recolour(figure, settings)
@@ -178,7 +179,8 @@ def publish(plate: Plate, folder: Path, how: Publication) -> list[Path]:
         if settings.get("text.usetex"):
             set_by_latex(figure)
         made = {f".{name}": _bytes(figure, name, plate.name) for name in how.formats}
-    return [write_file(folder / f"{stem}{end}", content) for end, content in {**made, **texts, **maps}.items()]
+    files: dict[str, str | bytes] = {**made, **texts, **maps}
+    return [write_file(folder / f"{stem}{end}", content) for end, content in files.items()]
 
 
 def _recolour(figure: Figure, settings: Mapping[str, Any]) -> None:
