@@ -186,7 +186,8 @@ def _named(figure: Figure) -> dict[tuple[str, str, str], str]:
     for legend in [*figure.legends, *(axes.get_legend() for axes in figure.axes)]:
         if legend is None:
             continue
-        for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True):
+        handles: list[Any] = list(legend.legend_handles)  # of the many kinds, all that the testbench uses have a colour
+        for handle, text in zip(handles, legend.get_texts(), strict=True):
             if isinstance(handle, Line2D):
                 marker = str(handle.get_marker())
                 look = (str(_dash(handle)), "" if marker in _NO_MARKER else marker)
@@ -267,12 +268,8 @@ def _hex(color: Any) -> str:
 
     if isinstance(color, str):
         return color if color == "none" else to_hex(color)
-    values = np.ravel(np.asarray(color, float))
-    return (
-        "none"
-        if values.size < 3 or (values.size > 3 and values[3] == 0.0)
-        else to_hex(tuple(float(v) for v in values[:4]))
-    )  # type: ignore[arg-type]
+    values: Any = np.ravel(np.asarray(color, float))[:4]
+    return "none" if values.size < 3 or (values.size > 3 and values[3] == 0.0) else to_hex(values)
 
 
 def _settings(axes: Axes) -> dict[str, Any]:

@@ -128,7 +128,8 @@ def read_style(file: Path) -> dict[str, Any]:
     log.addHandler(told)
     log.propagate = False
     try:
-        out: dict[str, Any] = {**rc_params_from_file(file, use_default_template=False)}
+        read: Any = rc_params_from_file(file, use_default_template=False)
+        out: dict[str, Any] = dict(read)
     except Exception as error:
         raise RecordError(f"{law} got '{file}': {reason_of(error)}") from error
     finally:
