@@ -50,6 +50,8 @@ for panel, file, settings in MAPS:
     panels[panel].imshow(values, **settings)
 for panel, (_, settings) in zip(panels, PANELS):
     panel.set(xlim=settings["xlim"], ylim=settings["ylim"])
+    panel.xaxis.set_minor_formatter("")
+    panel.yaxis.set_minor_formatter("")
 if any("label" in look for _, _, look in CURVES):
     figure.legend(loc="lower left", bbox_to_anchor=(0, {above}), frameon=False)
 figure.savefig(HERE.with_name(HERE.stem + "_redrawn.png"), dpi=150, bbox_inches="tight")
@@ -83,8 +85,9 @@ def curves_of(figure: Figure) -> list[Curve]:
     for k, axes in enumerate(_panels(figure)):
         for how, own, look, x, y in _drawn(axes):
             unnamed = own in ("", "None") or own.startswith("_")
+            shade = look.get("alpha") is not None  # behind curves, for which its colour says nothing
             key = (look["color"], str(look.get("linestyle", "")), str(look.get("marker", "")))
-            label = named.get(key, "") if unnamed else own
+            label = ("" if shade else named.get(key, "")) if unnamed else own
             out.append(Curve(k, how, x, y, look, label))
     return out
 
@@ -178,7 +181,7 @@ def _axis_label(axes: Axes, panels: list[Axes], which: str) -> str:
 def _named(figure: Figure) -> dict[tuple[str, str, str], str]:
     """Return (colour, dash, marker) -> label of all that legends of a figure name; of areas dash and marker are "".
 
-    A look that a legend gives two names is left out.
+    Legends show bars as lines, so that their colour is enough. A look that a legend gives two names is left out.
     """
     from matplotlib.lines import Line2D
 
@@ -194,7 +197,8 @@ def _named(figure: Figure) -> dict[tuple[str, str, str], str]:
                 key = (_hex(handle.get_color()), *look)
             else:
                 key = (_hex(handle.get_facecolor()), "", "")
-            found.setdefault(key, set()).add(text.get_text())
+            for known in {key, (key[0], "", "")}:
+                found.setdefault(known, set()).add(text.get_text())
     return {key: texts.pop() for key, texts in found.items() if len(texts) == 1}
 
 
