@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_TITLE_IN = 0.2
+_NO_MARKER = ("None", "none", "", " ")
 _NEAR = 1e-3  # of a figure's width or height: two panels are in one column or row
 _SCRIPT = '''\
 """Draws {name} again from {name}.csv: python {name}.py writes {name}_redrawn.png."""
@@ -31,9 +33,11 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 HERE = Path(__file__).resolve()
+plt.rcParams.update({{"font.size": 9, "axes.titlelocation": "left", "axes.titlesize": 9}})
 SIZE_IN = {size}
 PANELS = {panels}  # place in the figure, and settings of the axes
 CURVES = {curves}  # panel, how it is drawn, and how it looks; in the order of the file's columns
+MAPS = {maps}  # panel, file of its values, and how they are shown
 figure = plt.figure(figsize=SIZE_IN)
 panels = [figure.add_axes(place, **settings) for place, settings in PANELS]
 with HERE.with_suffix(".csv").open(encoding="utf-8", newline="") as file:
@@ -41,10 +45,15 @@ with HERE.with_suffix(".csv").open(encoding="utf-8", newline="") as file:
 for k, (panel, how, look) in enumerate(CURVES):
     points = [(float(row[2 * k]), float(row[2 * k + 1])) for row in rows if row[2 * k]]
     getattr(panels[panel], how)(*zip(*points), **look)
+for panel, file, settings in MAPS:
+    values = [[float(v) for v in row] for row in csv.reader(HERE.with_name(file).open(encoding="utf-8"))]
+    panels[panel].imshow(values, **settings)
 for panel, (_, settings) in zip(panels, PANELS):
     panel.set(xlim=settings["xlim"], ylim=settings["ylim"])
+    panel.xaxis.set_minor_formatter("")
+    panel.yaxis.set_minor_formatter("")
 if any("label" in look for _, _, look in CURVES):
-    figure.legend(loc="upper left", ncols=4, fontsize="small", frameon=False)
+    figure.legend(loc="lower left", bbox_to_anchor=(0, {above}), frameon=False)
 figure.savefig(HERE.with_name(HERE.stem + "_redrawn.png"), dpi=150, bbox_inches="tight")
 '''
 
@@ -70,14 +79,32 @@ class Curve:
 
 
 def curves_of(figure: Figure) -> list[Curve]:
-    """Return all curves, points and areas of a figure's panels, in the order of panels; texts and images are none."""
+    """Return all curves, points and areas of a figure's panels, panel by panel; :func:`maps_of` has the images."""
     named = _named(figure)
     out: list[Curve] = []
     for k, axes in enumerate(_panels(figure)):
         for how, own, look, x, y in _drawn(axes):
-            keys = ((look.get("color"), str(look.get("linestyle"))), (look.get("color"), ""))
-            label = own if own and not own.startswith("_") else next((named[c] for c in keys if c in named), "")
+            unnamed = own in ("", "None") or own.startswith("_")
+            shade = look.get("alpha") is not None  # behind curves, for which its colour says nothing
+            key = (look["color"], str(look.get("linestyle", "")), str(look.get("marker", "")))
+            label = ("" if shade else named.get(key, "")) if unnamed else own
             out.append(Curve(k, how, x, y, look, label))
+    return out
+
+
+def maps_of(figure: Figure, name: str) -> list[tuple[int, str, dict[str, Any], str]]:
+    """Return panel, file name, settings of ``imshow`` and values as CSV, a row of the image each, of all images."""
+    out: list[tuple[int, str, dict[str, Any], str]] = []
+    for k, axes in enumerate(_panels(figure)):
+        for image in axes.images:
+            values: FloatArray = np.ma.filled(np.ma.asarray(image.get_array(), float), np.nan)
+            low, high = image.get_clim()
+            settings = {
+                "extent": tuple(float(v) for v in image.get_extent()), "origin": image.origin, "aspect": "auto",
+                "cmap": image.get_cmap().name, "vmin": float(low or 0.0), "vmax": float(1.0 if high is None else high),
+            }  # fmt: skip
+            text = "".join(",".join(f"{v:.10g}" for v in row) + "\n" for row in values)
+            out.append((k, f"{name}_map_{len(out) + 1}.csv", settings, text))
     return out
 
 
@@ -108,20 +135,23 @@ def csv_of(figure: Figure, curves: list[Curve]) -> str:
 
 def script_of(figure: Figure, curves: list[Curve], name: str) -> str:
     """Return a Python program that draws the curves of NAME.csv again; it needs matplotlib alone."""
-    panels = [
-        (tuple(round(float(v), 4) for v in axes.get_position().bounds), _settings(axes)) for axes in _panels(figure)
-    ]
-    seen: set[str] = set()
+    places = [tuple(round(float(v), 4) for v in axes.get_position().bounds) for axes in _panels(figure)]
+    panels = [(place, _settings(axes)) for place, axes in zip(places, _panels(figure), strict=True)]
+    open_names = set(_named(figure).values())  # that the legend has still to show
     looks = []
     for curve in curves:
         look = dict(curve.look)
-        if curve.label and curve.label not in seen:
+        if curve.label in open_names:
             look["label"] = curve.label
-            seen.add(curve.label)
+            open_names.remove(curve.label)
         looks.append((curve.panel, curve.how, look))
-    size = tuple(round(float(v), 3) for v in figure.get_size_inches())
-    shown = [pformat(part, width=116, compact=True, sort_dicts=False) for part in (panels, looks)]
-    return _SCRIPT.format(name=name, size=size, panels=shown[0], curves=shown[1])
+    maps = [(panel, file, settings) for panel, file, settings, _ in maps_of(figure, name)]
+    width, height = (round(float(v), 3) for v in figure.get_size_inches())
+    above = max((place[1] + place[3] for place in places), default=1.0) + _TITLE_IN / height
+    shown = [pformat(part, width=116, compact=True, sort_dicts=False) for part in (panels, looks, maps)]
+    return _SCRIPT.format(
+        name=name, size=(width, height), panels=shown[0], curves=shown[1], maps=shown[2], above=round(above, 4)
+    )
 
 
 def _panels(figure: Figure) -> list[Axes]:
@@ -148,27 +178,28 @@ def _axis_label(axes: Axes, panels: list[Axes], which: str) -> str:
     return found or which
 
 
-def _named(figure: Figure) -> dict[tuple[Any, str], str]:
-    """Return (colour, dash) -> label of all that legends of a figure name, and (colour, "") where that is enough."""
-    from matplotlib.colors import to_hex
+def _named(figure: Figure) -> dict[tuple[str, str, str], str]:
+    """Return (colour, dash, marker) -> label of all that legends of a figure name; of areas dash and marker are "".
+
+    Legends show bars as lines, so that their colour is enough. A look that a legend gives two names is left out.
+    """
     from matplotlib.lines import Line2D
 
-    handles = [
-        (handle, text.get_text())
-        for legend in [*figure.legends, *(a.get_legend() for a in figure.axes if a.get_legend() is not None)]
-        for handle, text in zip(legend.legend_handles, legend.get_texts(), strict=True)
-    ]
-    out: dict[tuple[Any, str], str] = {}
-    alone: dict[str, list[str]] = {}
-    for handle, text in handles:
-        if isinstance(handle, Line2D):
-            color = to_hex(handle.get_color())  # type: ignore[arg-type]
-            out.setdefault((color, str(_dash(handle))), text)
-        else:
-            color = to_hex(np.ravel(handle.get_facecolor())[:4])
-        alone.setdefault(color, []).append(text)
-    out |= {(color, ""): texts[0] for color, texts in alone.items() if len(set(texts)) == 1}
-    return out
+    found: dict[tuple[str, str, str], set[str]] = {}
+    for legend in [*figure.legends, *(axes.get_legend() for axes in figure.axes)]:
+        if legend is None:
+            continue
+        handles: list[Any] = list(legend.legend_handles)  # of the many kinds, all that the testbench uses have a colour
+        for handle, text in zip(handles, legend.get_texts(), strict=True):
+            if isinstance(handle, Line2D):
+                marker = str(handle.get_marker())
+                look = (str(_dash(handle)), "" if marker in _NO_MARKER else marker)
+                key = (_hex(handle.get_color()), *look)
+            else:
+                key = (_hex(handle.get_facecolor()), "", "")
+            for known in {key, (key[0], "", "")}:
+                found.setdefault(known, set()).add(text.get_text())
+    return {key: texts.pop() for key, texts in found.items() if len(texts) == 1}
 
 
 def _dash(line: Any) -> Any:
@@ -206,9 +237,9 @@ def _lines(axes: Axes) -> _Drawn:
     for line in axes.lines:
         if line.get_transform() != axes.transData and not line.get_clip_on():
             continue
-        xy = np.column_stack([np.ma.filled(np.ma.asarray(d, float), np.nan) for d in line.get_data()])
+        xy: FloatArray = np.column_stack([np.ma.filled(np.ma.asarray(d, float), np.nan) for d in line.get_data()])
         look = {"color": _hex(line.get_color()), "linestyle": _dash(line), "linewidth": line.get_linewidth()}
-        if line.get_marker() not in ("None", "none", "", " ", None):
+        if str(line.get_marker()) not in _NO_MARKER:
             inside = _hex(line.get_markerfacecolor())
             look |= {"marker": line.get_marker(), "markersize": line.get_markersize(), "markerfacecolor": inside}
         yield "plot", str(line.get_label()), look, *_points(axes, xy, line.get_transform())
@@ -241,20 +272,20 @@ def _hex(color: Any) -> str:
 
     if isinstance(color, str):
         return color if color == "none" else to_hex(color)
-    values = np.ravel(np.asarray(color, float))
-    return "none" if values.size < 3 or (values.size > 3 and values[3] == 0.0) else to_hex(values[:4])
+    values: Any = np.ravel(np.asarray(color, float))[:4]
+    return "none" if values.size < 3 or (values.size > 3 and values[3] == 0.0) else to_hex(values)
 
 
 def _settings(axes: Axes) -> dict[str, Any]:
     """Return the settings of a panel that ``Figure.add_axes`` takes."""
-    from matplotlib.ticker import FixedFormatter
+    from matplotlib.ticker import FixedLocator
 
     out: dict[str, Any] = {"title": _title(axes)}
     for which, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
         out[f"{which}label"] = str(getattr(axes, f"get_{which}label")())
         out[f"{which}scale"] = str(getattr(axes, f"get_{which}scale")())
         out[f"{which}lim"] = tuple(float(f"{v:.6g}") for v in getattr(axes, f"get_{which}lim")())
-        if isinstance(axis.get_major_formatter(), FixedFormatter):
+        if isinstance(axis.get_major_locator(), FixedLocator):
             places = [float(v) for v in axis.get_majorticklocs()]
             out[f"{which}ticks"] = places
             out[f"{which}ticklabels"] = list(axis.get_major_formatter().format_ticks(places))

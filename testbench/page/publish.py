@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import io
 import logging
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
@@ -128,7 +128,8 @@ def read_style(file: Path) -> dict[str, Any]:
     log.addHandler(told)
     log.propagate = False
     try:
-        out = dict(rc_params_from_file(file, use_default_template=False))
+        read: Any = rc_params_from_file(file, use_default_template=False)
+        out: dict[str, Any] = dict(read)
     except Exception as error:
         raise RecordError(f"{law} got '{file}': {reason_of(error)}") from error
     finally:
@@ -150,7 +151,7 @@ class _Told(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Keep a warning as one line."""
-        self.lines.append(" ".join(record.getMessage().split()))
+        self.lines.append(" ".join(record.getMessage().split()).split(" You probably need")[0])
 
 
 def publish(plate: Plate, folder: Path, how: Publication) -> list[Path]:
@@ -163,20 +164,45 @@ def publish(plate: Plate, folder: Path, how: Publication) -> list[Path]:
     from matplotlib import rc_context
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    from testbench.page.figure_data import csv_of, curves_of, script_of
+    from testbench.page.figure_data import csv_of, curves_of, maps_of, script_of
     from testbench.page.latex import set_by_latex
     from testbench.page.plot import of_width
 
     stem, settings = file_stem(plate.name), how.settings()
-    with rc_context(settings), of_width(how.width_in()):
+    told: Any = settings  # matplotlib types its keys one by one
+    with rc_context(told), of_width(how.width_in()):
         figure = plate.make(how.double)
         FigureCanvasAgg(figure)
+        _recolour(figure, settings)
         curves = curves_of(figure)
         texts = {".csv": csv_of(figure, curves), ".py": script_of(figure, curves, stem)}
+        maps = {file.removeprefix(stem): text for _, file, _, text in maps_of(figure, stem)}
         if settings.get("text.usetex"):
             set_by_latex(figure)
         made = {f".{name}": _bytes(figure, name, plate.name) for name in how.formats}
-    return [write_file(folder / f"{stem}{end}", content) for end, content in {**made, **texts}.items()]
+    files: dict[str, str | bytes] = {**made, **texts, **maps}
+    return [write_file(folder / f"{stem}{end}", content) for end, content in files.items()]
+
+
+def _recolour(figure: Figure, settings: Mapping[str, Any]) -> None:
+    """Draw what has the house's colours of curves in those of a style's axes.prop_cycle, if it has one."""
+    from matplotlib.colors import to_hex, to_rgba_array
+
+    from testbench.page.plot import COLOURS
+
+    cycle = settings["axes.prop_cycle"].by_key().get("color", ()) if "axes.prop_cycle" in settings else ()
+    if not cycle:
+        return
+    swap = {colour.lower(): cycle[k % len(cycle)] for k, colour in enumerate(COLOURS)}
+    for artist in figure.findobj():
+        for name in ("color", "facecolor", "edgecolor", "markerfacecolor", "markeredgecolor"):
+            found = getattr(artist, f"get_{name}", lambda: None)()
+            if found is None or not hasattr(artist, f"set_{name}"):
+                continue
+            rows = to_rgba_array(found)
+            if any(to_hex(row) in swap and row[3] > 0.0 for row in rows):
+                new = [swap.get(to_hex(row), to_hex(row)) if row[3] > 0.0 else "none" for row in rows]
+                getattr(artist, f"set_{name}")(new[0] if len(new) == 1 else new)
 
 
 def _bytes(figure: Figure, name: str, of: str) -> bytes:

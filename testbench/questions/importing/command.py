@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import StrictOption, refuse
+from testbench.questions.options import StrictOption, refuse, with_figures
 
 _NOT_TO_DESCRIBE = (
     "out", "rate", "throw", "lead", "tail", "record", "imu", "airspeed", "gps", "baro", "ekf", "strict"
@@ -19,6 +19,7 @@ def _sensor(words: str) -> Any:
     return typer.Option(min=0, help=f"Which {words} to read of several, from 0. Default: the best.", show_default=False)
 
 
+@with_figures
 def command(
     context: typer.Context,
     log: Annotated[

@@ -8,9 +8,10 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import OutOption
+from testbench.questions.options import OutOption, with_figures
 
 
+@with_figures
 def command(
     what: Annotated[str, typer.Argument(help="taurus, eolo, b1 or all.")] = "all",
     out: OutOption = Path("results"),

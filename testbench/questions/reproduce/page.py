@@ -13,6 +13,7 @@ from testbench.page.html import Picture, data_uri, render
 from testbench.page.labels import file_stem
 from testbench.page.page import versions
 from testbench.page.plot import Plate
+from testbench.page.publish import asked, publish
 from testbench.page.tables import Table
 from testbench.page.terminal import print_answer
 from testbench.questions.reproduce.section import Chapter, Comparison, check_table, comparison_table
@@ -45,6 +46,7 @@ def write_reproduction(chapters: Sequence[Chapter], folder: Path | str) -> list[
     """
     folder = Path(folder)
     out: list[Path] = []
+    how = asked()
     pictures: dict[str, Picture] = {}
     for chapter in chapters:
         out += [_write_table(table, folder) for table in (printed_table(chapter), checks_table(chapter))]
@@ -54,6 +56,8 @@ def write_reproduction(chapters: Sequence[Chapter], folder: Path | str) -> list[
                 wide = _palette(plate.draw().png)
                 out.append(write_file(folder / "figures" / f"{file_stem(plate.name)}.png", wide))
                 pictures[plate.name] = _picture(plate, wide)
+                if how is not None:  # beside the PNG that README.md shows
+                    out += [path for path in publish(plate, folder / "figures", how) if path not in out]
     out.append(write_file(folder / NOTES, markdown(chapters)))
     page = render(
         "questions/reproduce/page.html.j2",

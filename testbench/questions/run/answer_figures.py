@@ -114,7 +114,7 @@ def _draw_errors(axes: Axes, result: RunResult, outputs: list[str]) -> None:
 
 def _draw_intervals(axes: Axes, result: RunResult, repeats: Repeats, letters: int) -> None:
     """Draw one row per quantity: the mean error of each model over the seeds with its interval."""
-    count, quantities = len(result.cases), repeats.quantities
+    count, quantities, names = len(result.cases), repeats.quantities, case_names(result.cases)
     drawn: list[float] = []
     for k, case in enumerate(result.cases):
         colour, marker = marker_look(k)
@@ -125,14 +125,16 @@ def _draw_intervals(axes: Axes, result: RunResult, repeats: Repeats, letters: in
             y, key = i + 0.6 * ((k + 0.5) / count - 0.5), (case.suite, estimator_name(case.estimator))
             for ends, width in ((repeats.most(key, quantity), 0.7), ((mean.low, mean.high), 2.4)):
                 shown = np.clip(ends, *_RANGE_PERCENT)
-                axes.plot(shown, [y, y], color=colour, linewidth=width, solid_capstyle="butt")
+                axes.plot(
+                    shown, [y, y], color=colour, linewidth=width, solid_capstyle="butt", label=f"interval, {names[k]}"
+                )
                 drawn += shown.tolist()
             x = np.clip(mean.value, *_RANGE_PERCENT)
             axes.plot(x, y, marker, color=colour, markersize=5, markerfacecolor="white", markeredgewidth=1.4)
     axes.set_xlim(10.0 ** np.floor(np.log10(min(drawn))), 1.2 * max(drawn))
     log_axis(axes, "x", powers=False)
-    names = (words_of(q).removeprefix("the ") for q in quantities)
-    _rows(axes, ["\n".join(textwrap.wrap(n, letters, max_lines=2, placeholder=" …")) for n in names])
+    words = (words_of(q).removeprefix("the ") for q in quantities)
+    _rows(axes, ["\n".join(textwrap.wrap(w, letters, max_lines=2, placeholder=" …")) for w in words])
     label(axes, "error, %", "", f"Error over {repeats.count} seeds")
 
 
@@ -142,8 +144,9 @@ def _draw_modes(axes: Axes, modes: list[Any], letters: int) -> None:
     low, high = min(0.0, *best), max(2.0 * EXCITED_DB, *best)
     axes.set_xlim(low - 0.06 * (high - low), high + 0.2 * (high - low))
     for i, (e, value) in enumerate(zip(modes, best, strict=True)):
-        axes.plot([EXCITED_DB, value], [i, i], color=COLOURS[0], linewidth=1.6)
-        axes.plot(value, i, "o", color=COLOURS[0], markersize=6, markerfacecolor=COLOURS[0] if e.excited else "white")
+        axes.plot([EXCITED_DB, value], [i, i], color=COLOURS[0], linewidth=1.6, label=e.mode)
+        inside = COLOURS[0] if e.excited else "white"
+        axes.plot(value, i, "o", color=COLOURS[0], markersize=6, markerfacecolor=inside, label=e.mode)
         side = 1 if value >= EXCITED_DB else -1
         place = (value, i) if side > 0 else (EXCITED_DB, i)
         axes.annotate(symbol(e.best_sensor), place, (7, 0), textcoords="offset points", fontsize=8.0, va="center")

@@ -9,8 +9,10 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
+from testbench.questions.options import with_figures
 
 
+@with_figures
 def benchmark(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the benchmark.")] = Path("results/benchmark"),
     seeds: Annotated[int, typer.Option(min=1, help="Flights of each simulated data set.")] = 5,

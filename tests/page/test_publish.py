@@ -1,0 +1,120 @@
+"""Figures for a paper: formats, width, style, refusals, and data that draws them again."""
+
+from __future__ import annotations
+
+import csv
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+import typer
+from matplotlib import rc_context
+from typer.testing import CliRunner
+
+from testbench.core.errors import MissingPackage, RecordError
+from testbench.page.latex import latex_text, set_by_latex
+from testbench.page.plot import Plate, grid, label, legend, line_handles, line_look, log_axis, new_figure
+from testbench.page.publish import Publication, asked, publish, published
+from testbench.questions.options import with_figures
+
+T_S = np.linspace(0.0, 2.0, 7)
+
+
+def draw(wide: bool):
+    figure = new_figure(wide, 3.0)
+    upper, lower = grid(figure, 0.6, (0.7, 0.7)).ravel()
+    upper.plot(T_S, 1.0 / 3.0 + T_S, **line_look(0))
+    upper.plot(T_S[:4], -T_S[:4], **line_look(1))
+    lower.barh(1.0, 5.0, left=1.0, height=0.5, color="#888888")
+    lower.plot([1.0], [1.0], "s", color="#0072B2")  # the colour of case 0, which it is not
+    log_axis(lower, "x", powers=False)
+    label(upper, "", "Δα, deg", "upper")
+    label(lower, "t, s", "rate, deg/s", "lower")
+    legend(figure, line_handles(["first, 50 %", "second"]))
+    return figure
+
+
+PLATE = Plate("some_lines", "A title", "a caption", draw)
+
+
+def test_a_figure_comes_in_each_format_of_the_column_with_data_that_draw_it_again(tmp_path: Path, monkeypatch) -> None:
+    paths = publish(PLATE, tmp_path, Publication(("pdf", "svg", "png"), double=False))
+    assert {path.suffix for path in paths} == {".pdf", ".svg", ".png", ".csv", ".py"}
+    assert b"/MediaBox [ 0 0 252 216 ]" in (tmp_path / "some_lines.pdf").read_bytes()  # 3.5 in, 72 points each
+    assert 'width="252pt"' in (tmp_path / "some_lines.svg").read_text(encoding="utf-8")
+    heads, *rows = csv.reader((tmp_path / "some_lines.csv").open(encoding="utf-8"))
+    assert heads == [
+        "1.1 t, s", "1.1 Δα, deg | upper | first, 50 %", "1.2 t, s", "1.2 Δα, deg | upper | second",
+        "2.1 t, s", "2.1 rate, deg/s | lower", "2.2 t, s", "2.2 rate, deg/s | lower",
+    ]  # fmt: skip
+    first = np.array([[float(v) for v in row[:2]] for row in rows if row[0]])
+    np.testing.assert_allclose(first, np.column_stack([T_S, 1.0 / 3.0 + T_S]), rtol=1e-9)
+    bar = np.array([[float(v) for v in row[6:8]] for row in rows if row[6]])
+    assert (bar.min(axis=0).tolist(), bar.max(axis=0).tolist()) == ([1.0, 0.75], [6.0, 1.25])
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    with rc_context():
+        drawn = runpy.run_path(str(tmp_path / "some_lines.py"))["panels"]
+    np.testing.assert_allclose(drawn[0].lines[0].get_xydata(), first, rtol=1e-12)
+    assert (drawn[1].get_xscale(), drawn[1].get_xlabel(), len(drawn[1].patches)) == ("log", "t, s", 1)
+    assert (tmp_path / "some_lines_redrawn.png").stat().st_size > 5_000
+
+
+def test_a_style_is_laid_over_the_houses(tmp_path: Path) -> None:
+    style = tmp_path / "mine.mplstyle"
+    style.write_text("figure.figsize: 5, 1\naxes.prop_cycle: cycler('color', ['ff0000', '00ff00'])\n")
+    publish(PLATE, tmp_path, Publication(("svg",), style=style))
+    text = (tmp_path / "some_lines.svg").read_text(encoding="utf-8")
+    assert 'width="360pt"' in text
+    assert "#ff0000" in text
+    assert "#0072b2" not in text.lower()
+    assert "first, 50 %" in (tmp_path / "some_lines.csv").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [(None, "which is no file"), ("fnt.size: 8", "Bad key fnt.size"), ("font.size: eight", "eight"), ("", "has none"),
+     ("figure.figsize: 1, 1", "got 1 in")],
+)  # fmt: skip
+def test_a_bad_style_is_refused_before_anything_is_done(tmp_path: Path, line: str | None, said: str) -> None:
+    style = tmp_path / "bad.mplstyle"
+    if line is not None:
+        style.write_text(line + "\n")
+    with pytest.raises(RecordError, match=said), published(Publication(("pdf",), style=style)):
+        raise AssertionError("the block must not be entered")
+
+
+def test_latex_is_refused_where_there_is_none_and_texts_are_no_commands(monkeypatch) -> None:
+    monkeypatch.setattr("shutil.which", lambda name: None)
+    with (
+        pytest.raises(MissingPackage, match="no latex and no kpsewhich; install"),
+        published(Publication(("pdf",), latex=True)),
+    ):
+        raise AssertionError("the block must not be entered")
+    assert latex_text(r"a_b & 5 % \x{$}") == r"a\_b \& 5 \% \textbackslash{}x\{\$\}"
+    assert latex_text("10⁻², η₁ 3°") == r"10$^{-2}$, $\eta$$_{1}$ 3\textdegree{}"
+    figure = draw(True)
+    with rc_context({"text.parse_math": False}):
+        set_by_latex(figure)
+    assert figure.axes[0].get_ylabel() == r"$\Delta$$\alpha$, deg"
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [r"first, 50 \%", "second"]
+    assert figure.axes[1].xaxis.get_major_formatter().format_ticks([0.1, 10.0]) == ["0.1", "10"]
+
+
+def test_the_options_stand_around_a_command() -> None:
+    app, seen = typer.Typer(), []
+
+    @app.command()
+    @with_figures
+    def ask(name: str) -> None:
+        seen.append((name, asked()))
+
+    run = CliRunner().invoke
+    assert run(app, ["x", "--figures", "PDF,svg", "--column", "single"]).exit_code == 0
+    assert run(app, ["y"]).exit_code == 0
+    assert seen == [("x", Publication(("pdf", "svg"), double=False)), ("y", None)]
+    for refused, said in ((["--figures", "jpg"], "got 'jpg'"), (["--latex"], "--latex has no use without")):
+        done = run(app, ["x", *refused])
+        assert done.exit_code == 2
+        assert said in " ".join(done.output.replace("│", " ").split())
+    assert len(seen) == 2
