@@ -256,4 +256,6 @@ def _measured(name: str, file: str, record: FlightRecord, judge: HeldOutFlight) 
         at = f"{{ V_m_s = {real(start.condition.V_m_s, 5)}, h_m = {real(start.condition.h_m, 5)} }}"
         told = f'"recorded"  # {start.condition.V_m_s:.4g} m/s, {start.condition.h_m:.4g} m' if "V" in record else at
         lines.append(f"condition = {told}")
+        if start.load_kg:
+            lines += [f"load_kg = {real(start.load_kg)}", f"load_aft_m = {real(start.load_aft_m)}"]
     return [*lines, ""]
