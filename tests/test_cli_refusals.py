@@ -88,7 +88,7 @@ def test_records_and_models_that_are_none_are_refused(refused, to):
         ("idetify x", "Did you mean 'identify'?; see `testbench --help`"),
         ("campaign rnu", "Did you mean 'run'?"),
         ("--foo", "No such option: --foo; see `testbench --help`"),
-        ("gap", "must be given with its records"),
+        ("gap --windows 4", "must be given with its records"),
         ("gap eolo", "measured records of eolo must be given"),
         ("gap eolo none.nc", "got 'none.nc'"),
         ("gap eolo empty.nc", "'empty.nc'"),

@@ -248,11 +248,7 @@ def _measured(name: str, file: str, record: FlightRecord, judge: HeldOutFlight) 
     held = name == judge.name
     lines = []
     if held:
-        lines += [
-            f"# Held out, as it differs most: {100.0 * judge.difference:.0f} % from '{one_line(judge.nearest)}', the "
-            "record that is most like it",
-            "# (control, amplitude and spectrum of the command, dynamic pressure). YOURS: hold out what you will.",
-        ]
+        lines += _comment(f"YOURS to choose: of the records that can judge, this one differs most: {judge.sentence}")
     use = "held_out" if held else "naming"
     lines += ["[[measured]]", f"name = {quoted(name)}", f"file = {quoted(file)}", f'use = "{use}"']
     start = start_of(record)
@@ -260,4 +256,6 @@ def _measured(name: str, file: str, record: FlightRecord, judge: HeldOutFlight) 
         at = f"{{ V_m_s = {real(start.condition.V_m_s, 5)}, h_m = {real(start.condition.h_m, 5)} }}"
         told = f'"recorded"  # {start.condition.V_m_s:.4g} m/s, {start.condition.h_m:.4g} m' if "V" in record else at
         lines.append(f"condition = {told}")
+        if start.load_kg:
+            lines += [f"load_kg = {real(start.load_kg)}", f"load_aft_m = {real(start.load_aft_m)}"]
     return [*lines, ""]
