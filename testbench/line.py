@@ -242,8 +242,7 @@ def identify_and_judge(
         progress: called with a few words as each stage begins.
         truth: what estimates are compared with; None for recorded flights.
         noise: suite -> channel -> standard deviation, from which the error by noise alone follows.
-        causes: look for what the residuals of each model come from, which takes 0.2 to 1 s of a processor, up to 3 s
-            with four outputs and many parameters.
+        causes: look for what the residuals of each model come from, which takes time for each of them.
         failed: takes each suite and estimator without a model; the others go on. The first is an error if not given.
 
     Raises:

@@ -96,11 +96,12 @@ def read_text(
     while cells and not any(cells[-1]):  # spreadsheets leave lines of delimiters at the end
         cells.pop()
         numbers.pop()
-    data = (i for i, row in enumerate(cells[:_PART]) if _is_data(row, decimal))
+    torn = {i for i, line in enumerate(lines.rows[:_PART]) if _is_broken(line, delimiter, decimal)}
+    data = (i for i, row in enumerate(cells[:_PART]) if _is_data(row, decimal) and i not in torn)
     first = 0 if header == "none" else next(data, len(cells))
     if first >= len(cells):
         raise RecordError(_no_numbers(path, cells, lines))
-    broken = [i for i in range(first) if _is_broken(lines.rows[i], delimiter, decimal)]
+    broken = sorted(i for i in torn if i < first)
     heads: list[str] = []
     if header != "none":
         remarks = [r for r in lines.remarks if not _is_data(_cells(path, 0, r, delimiter), decimal)]

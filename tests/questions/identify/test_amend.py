@@ -13,11 +13,13 @@ from typer.testing import CliRunner
 import testbench as tb
 from testbench.cli import app
 from testbench.core.errors import EstimationError, RecordError, ScenarioError
+from testbench.estimators.structured import Servo
 from testbench.evaluation.parameters import true_parameters
 from testbench.questions.aircraft.contract import aircraft_laws
+from testbench.questions.gap.effects import SERVOS
 from testbench.questions.identify.amend.answer import amended_answer
 from testbench.questions.identify.amend.ask import amend
-from testbench.questions.identify.amend.choose import aims_of, chosen_case
+from testbench.questions.identify.amend.choose import aims_of, chosen_case, servo_aims
 from testbench.questions.identify.amend.figures import amended_plates
 from testbench.questions.identify.amend.reach import derivatives_of
 from testbench.questions.identify.ask import identify
@@ -367,6 +369,25 @@ def test_a_servo_that_was_estimated_is_written(tmp_path):
     assert abs(servo_aim.lag_s - 1.0 / 14.0) < 4.0 * servo_aim.std_s
     misses = {m.channel: m for m in done.misses("validation")}
     assert misses["q"].after < 0.6 * misses["q"].before
+
+
+def test_a_delay_is_not_written_but_said_and_what_is_said_delays_the_amended_aircraft_once(found, made):
+    case = found.cases[0]
+    late = case.estimator.model_copy(update={"servo": {"de_cmd": Servo(lag_s=1.0 / 33.0, delay_s=0.1)}})
+    _, notes = servo_aims(replace(found, cases=(replace(case, estimator=late),)), 0)
+    (note,) = (text for text in notes if text.startswith("the delay of de, 100 ms, is not written"))
+    assert "SERVOS['delay', 'de'] of testbench.questions.gap.effects" in note
+    suite = tb.load_suite("taurus_8hz")
+    delayed, _ = SERVOS["delay", "de"].amend(made.new, suite, {"delay_s": 0.1})
+    t = np.arange(round(3.0 * made.new.rate_hz)) / made.new.rate_hz
+    signal = tb.InputSignal(t, steps(1.0, 0.24, 0.5)(t)[:, None], ("de",))
+    at_once, after = (
+        tb.fly_and_measure(a, tb.trim(a, CONDITION), "step", signal, log_rate_hz=made.new.rate_hz).flown["de"]
+        for a in (made.new, delayed)
+    )
+    later = round(0.1 * made.new.rate_hz)
+    assert np.ptp(at_once) > 0.01
+    np.testing.assert_allclose(after[later:], at_once[:-later], atol=1e-3 * np.ptp(at_once))
 
 
 @pytest.mark.slow

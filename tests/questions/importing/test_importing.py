@@ -95,9 +95,10 @@ def test_damaged_lines_of_a_table_are_left_out_and_said(tmp_path):
     assert 0 < np.count_nonzero(~taken) < 10
 
 
-def test_a_first_row_with_an_open_quote_is_counted_as_damaged_and_is_no_heading(tmp_path):
+@pytest.mark.parametrize("at", [0, 2])
+def test_a_first_row_with_an_open_quote_is_counted_as_damaged_and_is_no_heading(tmp_path, at):
     def damage(rows):
-        return ['"' + rows[0], *rows[1:]]
+        return [rows[0][:at] + '"' + rows[0][at:], *rows[1:]]
 
     found = import_log(table(tmp_path / "flight.csv", lines=damage))
     (said,) = found.log.warnings

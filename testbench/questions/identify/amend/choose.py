@@ -228,7 +228,9 @@ def servo_aims(found: Identified, index: int) -> tuple[tuple[ServoAim, ...], tup
         late = delay.value if delay is not None else servo.delay_s
         if isinstance(late, float) and late > 0.0:
             notes.append(
-                f"the delay of {control}, {1e3 * late:.3g} ms, is not part of an aircraft and is not written; the "
-                "flights below are given their commands that much later"
+                f"the delay of {control}, {1e3 * late:.3g} ms, is not written, since aircraft.toml has no key for one: "
+                "the flights of the records are given their commands that much later, and in Python "
+                f"SERVOS['delay', '{control}'] of testbench.questions.gap.effects adds it to the loaded aircraft, "
+                "to be flown at its own rate"
             )
     return tuple(out), tuple(notes)
