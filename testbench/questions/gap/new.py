@@ -87,10 +87,12 @@ def new_case(
     suite, left, made = _suite(case, meant, records, sensors)
     flights = flights_of(load_aircraft(meant, wings), records, {}, suite, V_m_s, h_m, left)
     judge = most_different(flights)
+    shared = shared_with(judge.name, flights.naming)
     paths = dict(zip(records, (_relative(f, case) for f in files), strict=True))
     own = meant if meant in aircraft_names() or meant.startswith(STOCK) else _relative(Path(meant), case)
     lines = _head(own, wings, _named_suite(case, sensors, suite, made), made, flights)
     for name, record in flights.naming.items():
+        lines += _comment(shared) if shared and name == judge.name else []
         lines += _measured(name, paths[name], record, judge)
     return NewCase("\n".join(lines).rstrip() + "\n", suite_toml(suite) if made else None, judge)
 
@@ -162,6 +164,22 @@ def most_different(flights: Flights) -> HeldOutFlight:
         for n in fit or records
     ]
     return max(found, key=lambda f: f.difference)
+
+
+def shared_with(name: str, records: Mapping[str, FlightRecord]) -> str:
+    """Return in words how much of one log a record shares with the others, cut from it as well; "" if nothing."""
+    told = {n: (r.provenance.get("sha256"), r.provenance.get("cut_from_record_s")) for n, r in records.items()}
+    log, own = told[name]
+    out = []
+    for other, (of, span) in told.items():
+        if other == name or log is None or of != log or not own or not span:
+            continue
+        both_s = min(own[1], span[1]) - max(own[0], span[0])
+        if both_s > 0.0:
+            out.append(f"{both_s:.2g} s of its log with '{other}'")
+    if not out:
+        return ""
+    return f"YOURS: it shares {', '.join(out)}, where it judges nothing new; import with a shorter --lead or --tail"
 
 
 def _moved(record: FlightRecord) -> set[str]:

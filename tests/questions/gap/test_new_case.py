@@ -15,6 +15,7 @@ from gap_flights import ELEVATOR, THROTTLE, believe, measure
 from testbench.core.scenario.inputs import Doublet
 from testbench.questions.brought import laws_of
 from testbench.questions.files import check_file
+from testbench.questions.gap.new import shared_with
 from testbench.questions.gap.scenario import GapScenario
 from testbench.questions.importing.ask import import_log, write_import
 from testbench.sensors import load_suite
@@ -101,6 +102,16 @@ def test_what_no_case_can_be_made_of_is_said_in_one_sentence(folder, flown, monk
     replace(flown["one"].decimate(2), provenance=unnamed).save("slow.nc")
     assert "must have one rate, got 50 Hz in 'slow'" in said(monkeypatch, capsys, *new, "slow.nc", "two", "fast")
     assert not list(folder.glob("mine*"))
+
+
+def test_a_judge_that_shares_flight_with_the_others_says_so(flown):
+    def part(cut_s, log="x"):
+        return replace(flown["one"], provenance={"sha256": log, "cut_from_record_s": cut_s})
+
+    records = {"a": part([0.0, 7.0]), "b": part([5.0, 10.0]), "c": part([12.0, 20.0]), "d": part([0.0, 20.0], "y")}
+    assert "shares 2 s of its log with 'a', where" in shared_with("b", records)
+    assert not shared_with("c", records)
+    assert not shared_with("one", {"one": flown["one"], "two": flown["two"]})
 
 
 def test_noise_that_a_filter_took_is_a_guess_and_says_so(flown, monkeypatch, capsys, tmp_path):
