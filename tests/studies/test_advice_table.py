@@ -9,7 +9,7 @@ from tests.studies import advice_study
 from tests.studies.advice_cases import CASES
 
 README = advice_study.TABLE.with_name("README.md")
-BIASED = {"transfer_function", "equation_error"}  # noise biases them, and they say so
+BIASED = {"transfer_function"}  # noise biases it, and it says so
 
 
 def table():
@@ -26,11 +26,11 @@ def test_every_method_is_in_the_table():
 
 
 def test_wrong_estimates_are_flagged_and_their_cause_is_named():
-    # Named in nine of ten; the loop, whose damper hides in the noise of its sensors, in four of five.
+    # Named in nine of ten; the loop, whose damper hides in the noise of its sensors, in seven of eight.
     for case in CASES:
         rows = [r for r in table() if r["case"] == case]
         assert total(rows, "wrong_flagged") >= 0.9 * total(rows, "wrong")
-        assert total(rows, "wrong_named") >= (0.75 if case == "loop" else 0.9) * total(rows, "wrong")
+        assert total(rows, "wrong_named") >= (0.875 if case == "loop" else 0.9) * total(rows, "wrong")
 
 
 def test_clean_fits_are_good():
