@@ -321,4 +321,6 @@ def test_the_studio_is_written_and_bad_names_are_refused(tmp_path):
     assert done.returncode == 0, done.stderr
     assert "What will this input tell?" in (tmp_path / "page" / "studio.html").read_text("utf-8")
     assert_fails(command("studio", "taurs", cwd=tmp_path), 2, "did you mean 'taurus'?")
-    assert_fails(command("studio", "taurus", "--write", "page", cwd=tmp_path), 3, "page: Is a directory")
+    assert_fails(
+        command("studio", "taurus", "--write", "page", cwd=tmp_path), 2, "got the folder 'page'; name a file in it"
+    )

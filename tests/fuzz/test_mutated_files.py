@@ -17,6 +17,7 @@ from fuzz import inputs
 from fuzz.mutations import damaged, mistyped, of_text
 from fuzz.survive import broken
 
+from testbench.core.errors import TestbenchError
 from testbench.questions.export.ask import export_model, export_record
 from testbench.questions.export.matrices import load_matrices
 from testbench.questions.importing.ask import import_log, write_import
@@ -108,8 +109,13 @@ def checked(name: str, seed: int, folder: Path) -> None:
 
 
 def test_each_scenario_is_read_by_the_reader_of_its_kind(tmp_path):
+    faults = {}
     for name, text in texts().items():
-        inputs.read_scenario(name, text, tmp_path)
+        try:
+            inputs.read_scenario(name, text, tmp_path)
+        except TestbenchError as error:
+            faults[name] = error.message
+    assert faults == {}
 
 
 def test_mistyped_scenarios_of_every_kind():

@@ -24,11 +24,14 @@ def command(
 
     The page is served on 127.0.0.1 only, until Ctrl-C. Example: `testbench studio eolo`.
     """
+    from testbench.core.errors import RecordError
     from testbench.core.files import write_file
     from testbench.questions.studio.ask import studio_models
     from testbench.questions.studio.page import studio_page
     from testbench.questions.studio.serve import HOST, serving
 
+    if write is not None and write.is_dir():
+        raise RecordError(f"the page must be written to a file, got the folder '{write}'; name a file in it")
     with stages() as say:
         page = studio_page(studio_models(aircraft or (), say))
     if write is not None:
