@@ -88,7 +88,7 @@ def fly_with_surface(case: str, seed: int) -> tuple[FlightRecord, FloatArray]:
         taken = np.maximum.accumulate(np.where(valid[:, 1], np.arange(N), 0))
         data[:, 1] = data[taken, 1]
     every = slice(None, None, SLOW if case == "slow" else 1)
-    t = np.arange(N) * DT
+    t: FloatArray = np.arange(N, dtype=np.float64) * DT
     return FlightRecord(t[every], (*INPUTS, *OUTPUTS), data[every], "measured", valid=valid[every]), given
 
 
