@@ -130,7 +130,7 @@ def test_the_numbers_of_the_readme_are_those_of_the_scenarios(results):
 @pytest.mark.slow
 def test_the_intervals_of_the_readme_are_those_over_seeds():
     text = (SCENARIOS.parent / "README.md").read_text(encoding="utf-8").split("`b1_alpha` repeats")[0]
-    quoted = set(re.findall(r"\d+\.\d ± \d+\.\d", text))
+    quoted = set(re.findall(r"\d+\.\d+ ± \d+\.\d+", text))
     found = " ".join(tb.run(tb.load_scenario(SCENARIOS / "eolo_alpha.toml"), causes=False).findings)
     assert len(quoted) >= 4
     assert all(span in found for span in quoted), found
