@@ -197,6 +197,7 @@ def test_without_turbulence_it_is_output_error():
     assert chosen.status == "good"
 
 
+@pytest.mark.slow
 def test_the_likelihood_ratio_has_the_false_alarms_that_it_states_and_finds_weak_turbulence():
     seen = {"calm": [], "turbulent": []}
     for seed in range(40):

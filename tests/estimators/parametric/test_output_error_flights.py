@@ -99,6 +99,7 @@ def hfb() -> FlightRecord:
     return FlightRecord(0.1 * np.arange(len(k)), channels, k[:, [4, 5, 6, 7, 8, 9, 10, 1, 3]], "measured")
 
 
+@pytest.mark.slow
 def test_hfb_320_in_turbulence_is_biased_as_printed_for_output_error():
     model = output_error.estimate([hfb()], aerodynamic_longitudinal(HFB))
     # printed to three figures ("about"): 1 %

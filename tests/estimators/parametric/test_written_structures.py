@@ -213,6 +213,7 @@ def test_the_packaged_nonlinear_structure_as_text_is_the_same():
         np.testing.assert_allclose(own.derivative(x, mine, params), expected, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_filter_error_and_equation_error_know_an_unstable_aircraft_in_gusts():
     """Output error does not: its simulation from the first sample departs. Within 5 errors, false alarm 3e-6 in all."""
     record = flown("unstable", std=1e-3, gust=0.05, n=700)

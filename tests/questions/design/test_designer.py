@@ -162,6 +162,7 @@ def identified(result, specs, suite_name):
     return model.diagnostics["converged"], np.array(errors)
 
 
+@pytest.mark.slow
 def test_identification_finds_the_modes_from_the_design_and_not_from_the_papers_3211(shown_modes):
     """In nonlinear flight: wn within 0.4 to 1.3 % by the design; the 3-2-1-1 leaves the estimator without a minimum."""
     result = shown_modes
