@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from testbench.core.errors import ChannelError, EstimationError, nearest
 from testbench.core.record import FloatArray
@@ -32,6 +33,7 @@ _VARIABLES = {
 }
 _ACCELERATIONS = {"ax": "u", "ay": "v", "az": "w", "pdot": "p", "qdot": "q", "rdot": "r"}
 _CONTROLS = ("de", "da", "dr", "thr")
+_MOVED = 1e-9  # of an output's unit per unit of a state or input: less is rounding
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -55,6 +57,11 @@ class AircraftStructure(LinearStructure):
     directions: FloatArray
     modal: tuple[tuple[int, int, int, int], ...]
     true: FloatArray
+
+    @property
+    def moved(self) -> NDArray[np.bool_]:
+        """(p,) whether a state or an input moves an output: those of the other motion are rounding."""
+        return np.asarray(np.abs(np.hstack([self.C0, self.D0])).max(axis=1) > _MOVED)
 
     @property
     def followers(self) -> tuple[str, ...]:

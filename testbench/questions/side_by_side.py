@@ -196,15 +196,11 @@ CALIBRATION = (
 )
 
 
-def calibration_plates(of: Mapping[str, FloatArray]) -> list[Plate]:
-    """Return the figure of errors over stated errors, one panel per name; none if nothing is stated.
+def panel_each(names: Sequence[str], draw: Callable[[Axes, str, bool], None]) -> Callable[[bool], Figure]:
+    """Return what makes a figure of one panel per name, three to a row of a wide one.
 
-    Args:
-        of: name -> (n, 2) errors and stated standard errors.
+    ``draw`` takes the panel, the name, and whether the panel is the first of its row, which names the axis.
     """
-    if not of:
-        return []
-    names = list(of)
 
     def make(wide: bool) -> Figure:
         """Draw one panel per name."""
@@ -215,11 +211,28 @@ def calibration_plates(of: Mapping[str, FloatArray]) -> list[Plate]:
         for i, axes in enumerate(panels.ravel()):
             if i >= len(names):
                 axes.set_visible(False)
-                continue
-            draw_calibration(axes, *of[names[i]].T)
-            label(axes, "normal", "error / stated" if i % columns == 0 else "", names[i])
+            else:
+                draw(axes, names[i], i % columns == 0)
         return figure
 
+    return make
+
+
+def calibration_plates(of: Mapping[str, FloatArray]) -> list[Plate]:
+    """Return the figure of errors over stated errors, one panel per name; none if nothing is stated.
+
+    Args:
+        of: name -> (n, 2) errors and stated standard errors.
+    """
+    if not of:
+        return []
+    names = list(of)
+
+    def draw(axes: Axes, name: str, first: bool) -> None:
+        draw_calibration(axes, *of[name].T)
+        label(axes, "normal", "error / stated" if first else "", name)
+
+    make = panel_each(names, draw)
     return [Plate("calibration", "Errors over stated errors", CALIBRATION, make)]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from testbench.page.plot import COLOURS, INK, MEASURED, QUIET, Plate, grid, label, new_figure
 from testbench.questions.campaign.answer import most_biased
 from testbench.questions.campaign.result import errors
-from testbench.questions.side_by_side import CALIBRATION, draw_calibration
+from testbench.questions.side_by_side import CALIBRATION, draw_calibration, panel_each
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from testbench.questions.campaign.summary import Summary
 
 _MOST, _POINTS = 6, 2000
-_TALL_IN, _GAP_IN = 1.75, 0.78
 
 
 def campaign_plates(summary: Summary) -> list[Plate]:
@@ -120,22 +119,12 @@ def _chosen(summary: Summary) -> list[str]:
 
 
 def _panels(names: list[str], draw: Callable[[Axes, str], None], x: str, y: str) -> Callable[[bool], Figure]:
-    def make(wide: bool) -> Figure:
-        """Draw one panel per name."""
-        columns = min(3, len(names)) if wide else 1
-        rows = -(-len(names) // columns)
-        figure = new_figure(wide, 0.32 + rows * _TALL_IN + (rows - 1) * _GAP_IN + 0.48)
-        panels = grid(figure, 0.32, [_TALL_IN] * rows, (1.0,) * columns, gap_in=_GAP_IN, between_in=0.72)
-        for i, axes in enumerate(panels.ravel()):
-            if i >= len(names):
-                axes.set_visible(False)
-                continue
-            draw(axes, names[i])
-            _few_ticks(axes, whole=y == "runs")
-            label(axes, x, y if i % columns == 0 else "", _short(names[i], names))
-        return figure
+    def drawn(axes: Axes, name: str, first: bool) -> None:
+        draw(axes, name)
+        _few_ticks(axes, whole=y == "runs")
+        label(axes, x, y if first else "", _short(name, names))
 
-    return make
+    return panel_each(names, drawn)
 
 
 def _few_ticks(axes: Any, whole: bool) -> None:

@@ -31,7 +31,6 @@ from testbench.sensors import Sensor, SensorSuite
 from testbench.sensors.sensor import ACCELEROMETERS
 
 _LOWEST_RATE_HZ = 40.0  # of the inputs
-_FELT = 1e-9  # of an output's unit per unit of a state or input: less is rounding
 
 
 def outputs_of(suite: SensorSuite, aircraft: Aircraft) -> tuple[Sensor, ...]:
@@ -120,7 +119,7 @@ def problem_of(
         return aircraft_structure(model, V, alpha, plane, list(elastic), driven, outputs, free, held)
 
     structure = structure_by(inputs)
-    felt = np.abs(np.hstack([structure.C0, structure.D0])).max(axis=1) > _FELT
+    felt = structure.moved
     if starts and not felt.all():  # the other plane's sensors would cost the estimator time and tell it nothing
         sensors = tuple(s for s, moves in zip(sensors, felt, strict=True) if moves)
         structure = structure_by(inputs)

@@ -42,7 +42,7 @@ from testbench.questions.importing.supported import moving, too_few, why_not
 
 WHOLE = "whole"
 """Name of the record of a whole log, and of its description."""
-_COMMANDED = (*CONTROLS, *(f"{name}_cmd" for name in CONTROLS))
+_COMMANDS = tuple(f"{name}_cmd" for name in CONTROLS)
 UNUSABLE = "no_recipe"
 """Key of the provenance of a whole record: why there is no recipe for it or for its cuts."""
 
@@ -73,7 +73,7 @@ class Imported:
     def unusable(self) -> tuple[str, ...]:
         """Why nothing is identified from a cut, or from the whole record, in sentences."""
         if not controls_of(self.record):
-            known = [f"{s.channel}: {s.reason}" for s in self.balance.left_out if s.channel in _COMMANDED]
+            known = [f"{s.channel}: {s.reason}" for s in self.balance.left_out if s.channel in (*CONTROLS, *_COMMANDS)]
             return (_no_recipe([WHOLE], "no control was found" + (f" ({'; '.join(known)})" if known else "")),)
         every = {name: record for own in self._groups.values() for name, (_, record) in own.items()}
         alone = [
@@ -222,8 +222,7 @@ def import_log(
         "log": dict(log.facts),
         "warnings": list(log.warnings),
     }
-    commands = [name for name in _COMMANDED if name not in CONTROLS]
-    record = resample(channels, rate, provenance, CONTROLS, commands)
+    record = resample(channels, rate, provenance, CONTROLS, _COMMANDS)
     balance = balance_of(log, found, record)
     channels = tuple(c for c in channels if c.name in record)
     said = {

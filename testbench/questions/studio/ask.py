@@ -272,15 +272,12 @@ def _problem(
     return problem_of(scenario, aircraft, trimmed, linear, modes, suite, limits)
 
 
-_FEELS = 1e-9  # of a sensor's unit per unit of a state or input: less is rounding
-
-
 def _suite(problem: Problem, suite: SensorSuite, control: str) -> Json:
     """Return the sensors of a suite that the motion moves."""
     experiment = problem.experiment
     structure = experiment.structure
     base_hz = 1.0 / (experiment.dt_s * experiment.stride)
-    moves = np.flatnonzero(np.abs(np.hstack([structure.C0, structure.D0])).max(axis=1) > _FEELS)
+    moves = np.flatnonzero(structure.moved)
     sensors = [
         {
             "channel": s.channel,

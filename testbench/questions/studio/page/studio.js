@@ -263,7 +263,7 @@
     const key = JSON.stringify([state.aircraft, state.V, state.control, state.suite, state.edits, sensors(), state.mode, state.duration]);
     if (key !== preparedFor) { prepared = core.prepare(p, s, sensors(), parameters, state.duration); preparedFor = key; }
     const u = core.input(chosen(), state.duration, s.rate_hz, data.phases);
-    return { u, dt: prepared.dt, scale: scale(), unit: unit(), views: null, parameters, plane: p.plane, trim: point().trim, ...core.analyse(prepared, u) };
+    return { u, dt: prepared.dt, scale: scale(), unit: unit(), parameters, plane: p.plane, trim: point().trim, ...core.analyse(prepared, u) };
   }
 
   // Standard errors relative to the values of the model, of parameters and of the modes that follow from them.
