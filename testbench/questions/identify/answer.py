@@ -25,8 +25,9 @@ def identify_answer(found: Identified) -> list[Line]:
         own = [d for d in found.derivatives if d.case == i]
         good, bad = [d for d in own if d.determined], [d for d in own if not d.determined]
         of = f"{names[i]}: " if len({d.case for d in found.derivatives}) > 1 else ""
-        said = some([_said(d) for d in good], _LEADING, ", ") or "none"
-        text = f"{of}{len(good)} of {counted(len(own), 'derivative')} determined: {said}"
+        text = f"{of}{len(good) or 'none'} of {counted(len(own), 'derivative')} determined"
+        if good:
+            text += f": {some([_said(d) for d in good], _LEADING, ', ')}"
         lines.append(Line("finding" if lines else "lead", sentence(text)))
         if good[_LEADING:]:
             also = some([_said(d) for d in good[_LEADING:]], _MOST, ", ")
