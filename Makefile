@@ -12,7 +12,7 @@ QUICK = tests/core tests/inputs tests/sensors tests/logs tests/flight/test_trim.
   tests/questions/campaign/test_draws.py tests/questions/run/test_scenario.py tests/test_house_rules.py \
   tests/test_packaging.py
 
-.PHONY: demo quick lint test pages-held fuzz mutants surroundings reliability test-slow benchmarks stock blind-test docs campaign-cost dataset-study design-study promise-study sequential-study estimator-study advice-study reproduction autopilot-log-study clean
+.PHONY: demo quick lint test pages-held fuzz mutants surroundings reliability test-slow benchmarks stock blind-test docs campaign-cost dataset-study design-study promise-study sequential-study estimator-study advice-study reproduction autopilot-log-study coloured-errors-study clean
 
 demo: $(VENV)/installed
 	$(BIN)/testbench run eolo_alpha
@@ -104,6 +104,10 @@ advice-study: $(VENV)/installed-dev
 # From simulated PX4 and ArduPilot logs to derivatives, 100 seeds: hours on one core; it goes on where it stopped.
 autopilot-log-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/autopilot_logs.py
+
+# Writes results/estimators/coloured_errors.csv: a quarter of a minute of processor time.
+coloured-errors-study: $(VENV)/installed-dev
+	$(BIN)/python tests/studies/coloured_errors.py
 
 # Writes results/dataset/*.csv: methods scored on the packaged data sets; half an hour of processor time.
 dataset-study: $(VENV)/installed-dev
