@@ -23,7 +23,13 @@ def close_answer(campaign: Campaign) -> list[tuple[str, str]]:
     wanted = sum(c.repeats for c in plan.cards)
     good = sum(not r.faults for r in closed.runs)
     logs, found = counted(len(closed.logs), "log"), counted(len(closed.runs), "run")
-    out = [("lead", f"{found} of {wanted} found in {logs}, {good} as their cards say")]
+    out = [("lead", _lead(campaign, good, wanted))]
+    out.append(
+        (
+            "finding",
+            f"{found} of {wanted} found in {logs}, {good} as {'its card says' if wanted == 1 else 'their cards say'}",
+        )
+    )
     out += _verdicts(campaign)
     never = [str(c.number) for c in plan.cards if c.repeats and not closed.of(c)]
     if never:
@@ -34,6 +40,17 @@ def close_answer(campaign: Campaign) -> list[tuple[str, str]]:
     out += _more_runs(campaign)
     out += _next(campaign)
     return out
+
+
+def _lead(campaign: Campaign, good: int, wanted: int) -> str:
+    """Return how many targets are as well known as promised, or what was found where nothing was promised."""
+    judged = [t for c in campaign.cards for t in c.targets]
+    promised = [t for t in judged if t.verdict != "found"]
+    known, runs = len(judged) - len(promised), f"{good} good of {counted(wanted, 'planned run')}"
+    if promised:
+        reached = sum(t.verdict == "reached" for t in promised)
+        return f"{reached or 'none'} of {counted(len(promised), 'target')} known as well as promised, from {runs}"
+    return f"{counted(known, 'derivative')} found, from {runs}" if known else f"nothing found, from {runs}"
 
 
 def _all(campaign: Campaign, *verdicts: str) -> list[tuple[JudgedCard, Target]]:
