@@ -18,6 +18,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError
 from testbench.core.escape import one_line
 from testbench.core.files import write_file
+from testbench.core.paths import not_found
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Preparation
 from testbench.logs.ardupilot import ardupilot_rules
@@ -121,7 +122,7 @@ def read_log(path: Path | str, part: str | None = None) -> tuple[Log, tuple[Rule
     """
     path = Path(path)
     if not path.is_file():
-        raise RecordError(f"a log must be a file that exists, got '{path}'")
+        raise RecordError(f"a log must be a file that exists, got {not_found(path)}")
     with path.open("rb") as file:
         head = file.read(8000)
     suffix = path.suffix.lower()
