@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.relative import percent_in_words
 from testbench.evaluation.bode import BodeError, bode_error
 from testbench.evaluation.metrics import fit_percent, mrse_percent
 
@@ -212,7 +213,7 @@ def _prediction_verdict(name: str, outputs: Sequence[str], scores: Scores) -> st
     overflow = [o for o, e in errors.items() if not np.isfinite(e)]
     if overflow:
         return f"{name}: the prediction of {', '.join(overflow)} grows beyond all bounds; the model does not predict"
-    listed = ", ".join(f"{o} {e:.3g} %" for o, e in errors.items())
+    listed = ", ".join(f"{o} {percent_in_words(e)}" for o, e in errors.items())
     good = [o for o, e in errors.items() if e <= GOOD_MRSE_PERCENT]
     useless = [o for o, e in errors.items() if e >= USELESS_MRSE_PERCENT]
     if useless:
@@ -221,7 +222,7 @@ def _prediction_verdict(name: str, outputs: Sequence[str], scores: Scores) -> st
         word = "all outputs predicted well"
     else:
         word = f"{', '.join(o for o in errors if o not in good)} predicted in part only"
-    return f"{name}: MRSE {scores.mrse_mean:.3g} % ({listed}): {word}"
+    return f"{name}: MRSE {percent_in_words(scores.mrse_mean)} ({listed}): {word}"
 
 
 def _pole_verdict(match: PoleMatch) -> str:
