@@ -131,7 +131,7 @@ class Flown(Asked):
     wings: Literal["flexible", "rigid"] = "flexible"
     seed: Annotated[int, Field(ge=0)] = 0
 
-    def flown_by(self, aircraft: str) -> Self:
+    def with_aircraft(self, aircraft: str) -> Self:
         """Return the scenario with another aircraft, checked against that.
 
         Args:

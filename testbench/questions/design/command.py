@@ -52,7 +52,7 @@ def command(
 
     loaded = DesignScenario.load(find(scenario, "design"))
     if aircraft is not None:
-        loaded = loaded.flown_by(aircraft)
+        loaded = loaded.with_aircraft(aircraft)
     folder = out / f"design_{loaded.name}{f'_after_{len(after)}' if after else ''}"  # plans refer to the design before
     flown = known_after(after, loaded.condition.V_m_s) if after else None
     with stages() as say:

@@ -36,7 +36,7 @@ def command(
 
     loaded = Scenario.load(find(scenario, "run"))
     if aircraft is not None:
-        loaded = loaded.flown_by(aircraft)
+        loaded = loaded.with_aircraft(aircraft)
     if seeds is not None:
         loaded = loaded.model_copy(update={"seeds": seeds}).at(loaded.file)
     folder = out / loaded.name

@@ -25,7 +25,7 @@ def mine(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("given", ["mine", "aircraft/mine", "aircraft/mine/aircraft.toml"])
 def test_a_design_scenario_takes_an_aircraft_that_is_not_packaged(mine, given):
-    loaded = DesignScenario.load("design/taurus_short_period").flown_by(given)
+    loaded = DesignScenario.load("design/taurus_short_period").with_aircraft(given)
     assert Path(loaded.aircraft) == mine
     assert loaded.name == "taurus_short_period"
 
@@ -50,8 +50,8 @@ def test_what_it_cannot_fly_is_refused_before_anything_is_flown(mine, monkeypatc
     text = (mine / "aircraft.toml").read_text()
     (mine / "aircraft.toml").write_text(text.replace("[controls.de]", "[controls.df]"))
     with pytest.raises(ScenarioError):
-        DesignScenario.load("design/taurus_short_period").flown_by("mine")
+        DesignScenario.load("design/taurus_short_period").with_aircraft("mine")
 
 
 def test_a_run_takes_it_by_the_same_option(mine):
-    assert Path(Scenario.load("taurus_doublet").flown_by("mine").aircraft) == mine
+    assert Path(Scenario.load("taurus_doublet").with_aircraft("mine").aircraft) == mine
