@@ -87,7 +87,7 @@ class Evaluation:
 
     @property
     def untested(self) -> tuple[str, ...]:
-        """Outputs that hardly move in the validation records: the error there is what the fit left, and most of them.
+        """Outputs that move too little in the validation records to test a model: the error there is what the fit left.
 
         Their relative error says nothing of the model.
         """
@@ -250,8 +250,8 @@ def _prediction_verdict(name: str, outputs: Sequence[str], scores: Scores, untes
         word = f"{', '.join(o for o in judged if o not in good)} predicted in part only"
     if untested:
         few = (
-            f"{', '.join(untested)} hardly {'moves' if len(untested) == 1 else 'move'} there, and the error is no "
-            "larger than that of the fit, so that it tests nothing"
+            f"{', '.join(untested)} {'errs' if len(untested) == 1 else 'err'} there no more than in the fit, and "
+            f"{'moves' if len(untested) == 1 else 'move'} too little to test it"
         )
         word = f"{word}; {few}" if word else few
     return f"{name}: MRSE {percent_in_words(scores.mrse_mean)} ({listed}): {word}"

@@ -25,7 +25,7 @@ from testbench.logs.ardupilot import ardupilot_rules
 from testbench.logs.dataflash import HEAD, read_dataflash
 from testbench.logs.foreign import looks_like_text, refuse_foreign
 from testbench.logs.instances import number_of
-from testbench.logs.layout import SUFFIXES, find_data_folder
+from testbench.logs.layout import SUFFIXES, ChannelColumn, find_data_folder
 from testbench.logs.manoeuvres import QUIET_S, Manoeuvre, Search, find_manoeuvres
 from testbench.logs.paparazzi import is_paparazzi, read_paparazzi
 from testbench.logs.plausible import implausible, refusal, to_set
@@ -102,7 +102,7 @@ class Imported:
         whys = [why_not(r, controls_of(r)) for own in other._groups.values() for _, r in own.values()]
         whys += [_proposal(other, own)[2] for own in other.members.values()]
         why = next(filter(None, whys), "no control moves")
-        return f"; --rate {rate:g} takes all of it, but does not help: {why}"
+        return f"; --rate {rate:g} takes all of {'it' if len(slow) == 1 else 'them'}, but does not help: {why}"
 
     def _at(self, rate_hz: float) -> Imported:
         """Return what the same log gives at another rate."""
@@ -194,11 +194,20 @@ def read_described(path: Path, part: str | None = None) -> tuple[Log, tuple[Rule
     record = records[name]
     columns = {n: np.where(record.valid[:, i], record.data[:, i], np.nan) for i, n in enumerate(record.channels)}
     rules = tuple(
-        Rule(c.name, "", (c.name,), scaled(1.0), f"column {c.column}, {c.unit}", in_si=True)
-        for c in description.channel
+        Rule(c.name, "", (c.name,), scaled(1.0), _column_in_words(c), in_si=True) for c in description.channel
     )
     file = find_data_folder(description) / next(spec.file for spec in description.record if name in spec.parts)
     return Log(file, "a table, as described", {"": Topic("", record.t_s, columns)}), rules
+
+
+def _column_in_words(c: ChannelColumn) -> str:
+    """Return how a channel is made of the columns of a table: "0.5 (column 29 - column 28), deg"."""
+    text = f"column {c.column}"
+    if c.minus_column is not None:
+        text += f" - column {c.minus_column}"
+        text = f"({text})" if c.scale != 1.0 else text
+    text = f"{'' if c.scale == 1.0 else f'{c.scale:g} '}{text}"
+    return f"{text}{f' {c.offset:+g}' if c.offset else ''}, {c.unit}"
 
 
 def import_log(

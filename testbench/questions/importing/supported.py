@@ -44,8 +44,9 @@ def why_not(record: FlightRecord, controls: Sequence[str]) -> str:
     slow = too_slow(record, controls)
     if slow:
         longest = min(_longest(record, name) for name in slow)
+        have = "has" if len(slow) == 1 else "have"
         return (
-            f"{', '.join(slow)} has at most {counted(longest, 'sample')} in a row at {1.0 / record.dt_s:.3g} Hz: "
+            f"{', '.join(slow)} {have} at most {counted(longest, 'sample')} in a row at {1.0 / record.dt_s:.3g} Hz: "
             "logged more slowly than the record"
         )
     speed = _taken(record, "V") if "V" in record else np.zeros(0)

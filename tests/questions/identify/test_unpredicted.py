@@ -120,9 +120,6 @@ def test_a_record_in_which_nothing_moves_tests_nothing(tmp_path):
     assert case.evaluation.untested == ("alpha", "q")
     assert found.missed == ()
     verdict = case.evaluation.verdicts[1]
-    assert (
-        "alpha, q hardly move there, and the error is no larger than that of the fit, so that it tests nothing"
-        in verdict
-    )
+    assert "alpha, q err there no more than in the fit, and move too little to test it" in verdict
     assert "no better than" not in verdict
     assert any("no control moves in the records kept back" in note for note in found.notes)
