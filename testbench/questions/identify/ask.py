@@ -77,6 +77,7 @@ def identify(
     flown = flown_condition(description, cases[0].identification, aircraft, getattr(cases[0].estimator, "V_m_s", None))
     known = None if aircraft is None else before(aircraft, flown)
     say("weigh the derivatives")
+    derivatives = found_derivatives(cases, known, scaling_of(flown, known))
     return Identified(
         description.name,
         description.title,
@@ -86,7 +87,7 @@ def identify(
         tuple(flights),
         cases,
         reference=description.reference_values,
-        derivatives=found_derivatives(cases, known, scaling_of(flown, known)),
+        derivatives=derivatives,
         before=known,
         flown=flown,
         notes=(*_notes(description, cases, servos), *(known.notes if known else ()), *flown.notes),
@@ -99,7 +100,7 @@ def identify(
             *(doubt("rate_limit_met", text) for text in met),
         ),
         questions=questions,
-        missed=missed(cases, inputs),
+        missed=missed(cases, inputs, {d.case for d in derivatives if d.determined}),
     )
 
 

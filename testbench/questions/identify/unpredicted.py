@@ -7,7 +7,7 @@ for each output would explain, and the same estimator on the records kept back a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -52,17 +52,18 @@ class Missed:
         return f"the model does not predict its validation records: MRSE of {listed}"
 
 
-def missed(cases: Sequence[Case], inputs: Sequence[str]) -> tuple[Missed, ...]:
+def missed(cases: Sequence[Case], inputs: Sequence[str], decided: Collection[int]) -> tuple[Missed, ...]:
     """Return the models with derivatives that do not predict the records kept back, each with the cause.
 
     Args:
         cases: of one description.
         inputs: of its models.
+        decided: indices of the cases of which the data decide some derivative; of others that is said first.
     """
     out = []
     for i, case in enumerate(cases):
         scores = case.evaluation.validation
-        if not isinstance(case.model, ParametricModel) or not scores.predictions:
+        if i not in decided or not isinstance(case.model, ParametricModel) or not scores.predictions:
             continue
         errors = dict(zip(case.model.outputs, scores.mrse_percent.tolist(), strict=True))
         bad = {o: e for o, e in errors.items() if e > MISSED_PERCENT and o not in case.evaluation.untested}

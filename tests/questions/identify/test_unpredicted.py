@@ -8,6 +8,7 @@ import pytest
 from testbench.questions.identify.answer import identify_answer
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.scenario import RecordDescription
+from testbench.questions.identify.unpredicted import missed
 
 RATE = 50.0
 DESCRIPTION = """title = "Two records"
@@ -91,12 +92,12 @@ def test_a_model_that_does_not_predict_says_so_first_with_the_cause(tmp_path, ca
     kept, said = CAUSES[cause]
     found = identified(tmp_path, **kept)
     assert all(d.determined for d in found.derivatives), "or there would be nothing to warn of"
-    (missed,) = found.missed
+    (failed,) = found.missed
     lines = identify_answer(found)
     assert lines[0].kind == "lead"
     assert lines[0].text.startswith("The model does not predict its validation records: MRSE of ")
     assert lines[1].kind == "wrong"
-    assert said in missed.why
+    assert said in failed.why
     assert lines[2].text.startswith("6 of 6 derivatives determined")
     assert lines[2].kind == "finding"
 
@@ -123,3 +124,9 @@ def test_a_record_in_which_nothing_moves_tests_nothing(tmp_path):
     assert "alpha, q err there no more than in the fit, and move too little to test it" in verdict
     assert "no better than" not in verdict
     assert any("no control moves in the records kept back" in note for note in found.notes)
+
+
+def test_a_model_of_which_nothing_is_decided_says_that_first(tmp_path):
+    found = identified(tmp_path, stiffness=-30.0)
+    assert [m.case for m in found.missed] == [0]
+    assert missed(found.cases, ["de"], decided=()) == ()
