@@ -35,4 +35,4 @@ def test_at_its_own_rate_nothing_is_said():
         tb.trim(late(aircraft), CONDITION)
         tb.trim(aircraft, CONDITION, 2.0 * aircraft.rate_hz)
         fast = replace(aircraft, rate_hz=2.0 * aircraft.rate_hz)
-        tb.trim(late(fast), CONDITION, fast.rate_hz)
+        assert tb.trim(late(fast), CONDITION, fast.rate_hz).rate_hz == 2.0 * aircraft.rate_hz
