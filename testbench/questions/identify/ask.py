@@ -10,6 +10,7 @@ import numpy as np
 from testbench.core.advice import doubt
 from testbench.core.constants import DEG_RAD
 from testbench.core.errors import located
+from testbench.core.escape import one_line
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.structured import Servo, Structured
@@ -121,7 +122,7 @@ def _limits_met(servos: Mapping[str, Servo], estimated: Sequence[str], records: 
 
 def _notes(description: RecordDescription, cases: Sequence[Case], servos: Mapping[str, Servo]) -> list[str]:
     """Return what was recognised, taken from the aircraft and left out, in sentences."""
-    out = []
+    out = [one_line(description.note)] if description.note.strip() else []
     if not any(case.validation for case in cases):
         out.append("no record is kept back: only those that a model was identified from judge it")
     for case in cases:

@@ -83,7 +83,8 @@ class RecordDescription(Recorded):
     the preparation is taken. ``aircraft`` is a model of what flew: it gives the derivatives that were believed before,
     mass and geometry for coefficients, and servos. Where there is none, ``geometry`` and ``condition`` give those for
     coefficients. ``servo`` says what lies between a command and its surface, for
-    every estimator of a structure that does not say so itself.
+    every estimator of a structure that does not say so itself. ``note`` is told with the result: what its reader must
+    know besides.
     """
 
     checked_by: ClassVar[str] = "testbench.questions.identify.check:check"
@@ -95,6 +96,7 @@ class RecordDescription(Recorded):
     geometry: ReferenceLengths | None = None
     pool: Pooling = Pooling()
     reference: Reference | None = None
+    note: str = ""
 
     @property
     def outputs(self) -> tuple[str, ...]:
