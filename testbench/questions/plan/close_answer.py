@@ -84,14 +84,14 @@ def _beyond_stated(campaign: Campaign) -> Sentences:
         _, found, t = max(above, key=lambda row: row[0])
         parts = [f"the runs differ by {number(found.scatter, 2)} times that"] if found.scatter > 1.0 else []
         of = "simulated flights of the design" if _simulated(c) else "the expected response of the card"
-        if t.beyond > 1.0:
-            parts.append(f"estimates in {of} scatter by {number(t.beyond, 2)} times what is stated")
-        if t.lasting > 0.0:
-            parts.append(f"estimates in {of} are off by {number(t.lasting, 2)} in the mean")
+        added = [f"scatter by {number(t.beyond, 2)} times what is stated"] if t.beyond > 1.0 else []
+        added += [f"are off by {number(t.lasting, 2)} in the mean"] if t.lasting > 0.0 else []
+        if added:
+            parts.append(f"estimates in {of} {listed(added)}")
         yield (
             "finding",
-            f"of {t.name} (card {c.card.number}) the estimator states ± {number(found.stated, 2)}, which testbench "
-            f"identify prints; ± {number(t.error, 2)} holds besides that {listed(parts)}",
+            f"of {t.name} (card {c.card.number}) the estimator alone states ± {number(found.stated, 2)}; "
+            f"± {number(t.error, 2)} holds besides that {listed(parts)}",
         )
 
 

@@ -31,8 +31,6 @@ from testbench.flight import FlightCondition, LinearModel, TrimmedFlight, linear
 from testbench.information.modes import modes_of
 from testbench.information.targets import Targets, needed_parameters
 from testbench.line import Case
-from testbench.page.labels import number
-from testbench.page.words import listed
 from testbench.questions.design.promised import Promise, read_promise
 from testbench.questions.identify.ask import identify
 from testbench.questions.identify.derivatives import CRITERIA, FoundDerivative
@@ -164,7 +162,7 @@ def _flown(closed: Closed, card: Card, folder: Path) -> FlownCard:
         recipe = recipe_of(plan, card, records)
         file = folder / DESCRIPTIONS / f"{card_stem(card)}.toml"
         names = [run_stem(card, k) for k, run in enumerate(closed.of(card), 1) if not run.faults]
-        write_file(file, description_text(plan, card, runs, names, recipe, beyond_stated(promise)))
+        write_file(file, description_text(plan, card, runs, names, recipe))
         found = identify(RecordDescription.load(file), data_folder=folder / RECORDS)
     except TestbenchError as error:
         notes = (*notes, *(recipe.notes if recipe else ()))
@@ -179,26 +177,8 @@ def _flown(closed: Closed, card: Card, folder: Path) -> FlownCard:
     return FlownCard(card, runs, promise, by_design, "", estimates, bends, here, V, offset, recipe, found, file, notes)
 
 
-def beyond_stated(promise: Promise | None) -> str:
-    """Return what errors of a design hold beside those that its estimator states, in a sentence; "" if nothing."""
-    if promise is None or promise.realised is None:
-        return ""
-    found, told = promise.realised.found, []
-    for k, name in enumerate(promise.names):
-        parts = [f"scattered by {number(found.excess(k), 2)} times what was stated"] if found.excess(k) > 1.0 else []
-        parts += [f"were off by {number(found.lasting(k), 2)} in the mean"] if found.lasting(k) > 0.0 else []
-        if parts:
-            told.append(f"those of {name} {listed(parts)}")
-    if not told:
-        return ""
-    return (
-        "errors are those that the estimator states of itself; testbench plan close adds what estimates in simulated "
-        f"flights of the design had beyond that: {listed(told)}"
-    )
-
-
 def description_text(
-    plan: Plan, card: Card, runs: Sequence[FlownRun], names: Sequence[str], recipe: FlownRecipe, note: str = ""
+    plan: Plan, card: Card, runs: Sequence[FlownRun], names: Sequence[str], recipe: FlownRecipe
 ) -> str:
     """Return the description of the runs of a card as `testbench identify` reads it.
 
@@ -208,7 +188,6 @@ def description_text(
         runs: of the card, which are identified together.
         names: of their records, without ending.
         recipe: how they are identified.
-        note: that is told with the result.
     """
     settled = min(r.start_s - float(r.record.t_s[0]) for r in runs)
     logs = ", ".join(dict.fromkeys(r.log for r in runs))
@@ -220,7 +199,6 @@ def description_text(
         "folder": f"../{RECORDS}",
         "trim_s": math.floor(100.0 * settled) / 100.0 if by_trim else 0.0,
         "aircraft": plan.scenario.aircraft,
-        **({"note": note} if note else {}),
         "time": {"column": "t"},
         "preparation": {"bias": "trim" if by_trim else "mean"},
         "record": [{"name": n, "file": f"{n}.nc", "use": "identification"} for n in names],
