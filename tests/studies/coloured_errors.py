@@ -44,7 +44,7 @@ def row(tau: float, length: float, rng: np.random.Generator) -> dict[str, float]
     """Return the ratios and the coverages of the 95 % interval for one correlation time and record length."""
     n = round(length / STEP_S)
     X = regressors(n)
-    plain = np.linalg.inv(X.T @ X)
+    plain = np.asarray(np.linalg.inv(X.T @ X), dtype=np.float64)
     H = plain @ X.T
     errors = []
     variances: dict[str, list[Floats]] = {"white": [], "corrected": [], "leverage": [], "bootstrap": []}
