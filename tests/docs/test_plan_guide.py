@@ -66,7 +66,7 @@ def test_the_whole_way_from_geometry_to_derivatives_in_small(tmp_path, monkeypat
     """The commands of the guide, with a design that no flight realises."""
     monkeypatch.chdir(tmp_path)
     said = fly_the_whole_way("draws = 0\nrealise = 0\n")
-    assert "1 run of 1 found in 1 log, 1 as their cards say" in said[4]
+    assert "1 run of 1 found in 1 log, 1 as its card says" in said[4]
     rows = targets_found()
     assert set(rows) == {"M_alpha", "M_q", "M_de"}
     assert identified_errors() == {name: pytest.approx(float(row["error"])) for name, row in rows.items()}

@@ -25,6 +25,7 @@ from testbench.questions.identify.flown import flown_condition
 from testbench.questions.identify.result import Identified
 from testbench.questions.identify.scenario import STATED_STD, RecordDescription
 from testbench.questions.identify.servo_cost import cost_in_words
+from testbench.questions.identify.unpredicted import at_rest, missed
 
 
 def identify(
@@ -105,6 +106,7 @@ def identify(
             *(doubt("rate_limit_met", text) for text in met),
         ),
         questions=questions,
+        missed=missed(cases, inputs, {d.case for d in derivatives if d.determined}),
     )
 
 
@@ -157,6 +159,11 @@ def _notes(description: RecordDescription, cases: Sequence[Case], servos: Mappin
     out = []
     if not any(case.validation for case in cases):
         out.append("no record is kept back: only those that a model was identified from judge it")
+    elif at_rest(cases):
+        out.append(
+            "no control moves in the records kept back, which test the models little: fly the manoeuvre again and keep "
+            "that one back (use = 'validation')"
+        )
     for case in cases:
         names = str(case.model.settings.get("held", "")).partition(" (recognised")
         if names[1]:
