@@ -63,6 +63,7 @@ LATERAL_PRIORS: Mapping[str, float] = {
     "Cn_da": 0.30,
     "Cn_dr": 0.10,
 }
+LATERAL_OUTPUTS = ("beta", "p", "r", "phi", "psi", "ay")  # that tell of the lateral motion alone
 STEPS, NEAR = 3, 0.3  # that starts are brought to rest by; prior standard deviations below which one step is enough
 NOTHING = 1e-9  # a coefficient of a foreign model that is smaller is what differences leave of zero
 
@@ -176,9 +177,13 @@ class Believed:
     def priors_of(self, records: Sequence[FlightRecord]) -> Mapping[str, float]:
         """Return the nuisances of hypotheses about these records, see :func:`priors_of`: those that the aircraft has.
 
-        An aircraft without a rudder has no Cn_dr, and what is zero stays zero however it is scaled.
+        An aircraft without a rudder has no Cn_dr, and what is zero stays zero however it is scaled. Where nothing but
+        lateral motion is read, longitudinal coefficients would show in turns alone: only a lateral misfit could move
+        them, far from anything that is believed.
         """
-        return {n: d for n, d in priors_of(records, self.aircraft).items() if self._has(n)}
+        read = tuple(n for n in self.outputs if n not in LATERAL_OUTPUTS)
+        known = {n: d for n, d in priors_of(records, self.aircraft).items() if read or n not in PRIORS}
+        return {n: d for n, d in known.items() if self._has(n)}
 
     def _has(self, coefficient: str) -> bool:
         if self.aircraft.adapter is None:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from testbench.aircraft import Aircraft
 from testbench.core.errors import RecordError, located
 from testbench.core.escape import one_line
 from testbench.core.paths import AIRCRAFT, STOCK, aircraft_names, not_found, resolve, suite_names
@@ -232,7 +233,7 @@ def _head(aircraft: str, wings: str, suite: str, made: bool, flights: Flights) -
         f"title = {quoted(f'{believed.aircraft.name}: does the simulation fly as the aircraft does?')}",
         'question = "What does the simulation lack that the aircraft has?"',
         f"aircraft = {quoted(aircraft)}  # as believed",
-        f'wings = "{wings}"  # or "{"rigid" if wings == "flexible" else "flexible"}": whether its elastic modes move',
+        *_wings(believed.aircraft, wings),
         f"suite = {quoted(suite)}{said}",
         'windows = "auto"  # records without quiet trim flight are cut; "off": none; 4.0: all, into windows of 4 s',
         'drive = "both"  # the path from command to recorded surface is judged first; "command": surfaces are ignored',
@@ -256,6 +257,14 @@ def _head(aircraft: str, wings: str, suite: str, made: bool, flights: Flights) -
         "#     load_aft_m = 0.1        # place of the load behind the believed centre of gravity",
         "",
     ]
+
+
+def _wings(aircraft: Aircraft, wings: str) -> list[str]:
+    """Return the line that says whether elastic modes move; none for an aircraft without any."""
+    if wings == "flexible" and aircraft.elastic is None:
+        return []
+    other = "rigid" if wings == "flexible" else "flexible"
+    return [f'wings = "{wings}"  # or "{other}": whether its elastic modes move']
 
 
 def _comment(text: str) -> list[str]:

@@ -41,6 +41,10 @@ _QUIET_S = 2.0  # before a manoeuvre that is added to records without quiet flig
 NEEDED = float((np.sqrt(2.0 * np.log(1.0 / CRITERIA.false_alarm)) + 1.2816) ** 2)
 ALIKE = 0.9  # from this share on, two effects are told apart by the details of their form alone
 _MOST_STARTS = 4
+# Airspeeds of manoeuvres that may be added, as shares of the planned one; how far from those flown they must be; and
+# how far within the limits of the aircraft, as manoeuvres change the airspeed.
+_SPEEDS, _NEW_SPEED, _CLEAR = (1.25, 0.85), 0.1, 1.1
+_AT_OTHER_SPEEDS = ("elevator 3211", "rudder 3211", "aileron doublet")
 _UNSEEN = 1e-6
 
 
@@ -177,10 +181,10 @@ def plan_gap(scenario: Scenario, progress: Callable[[str], None] | None = None) 
         parts.append(Grams.of(believed, record, effects, priors=priors))
     total = sum_of(parts)
     additions, skipped = [], {}
-    for spec, words in family(believed, scenario.manoeuvre):
+    for there, spec, words in candidates(believed, scenario.manoeuvre):
         say(f"what {spec.name} would add")
         try:
-            grams = Grams.of(believed, as_record(believed, spec), effects, priors=priors)
+            grams = Grams.of(there, as_record(there, spec), effects, priors=priors)
         except (FlightAborted, LimitError, TrimError) as error:
             skipped[words] = str(error)
             continue
@@ -301,10 +305,10 @@ def separate(believed: Believed, records: Sequence[FlightRecord], fits: Sequence
     flown = sum_of([Grams.of(plain, r, effects, sizes, priors) for r in records])
     quiet = max((quiet_samples(r) * r.dt_s for r in records if not starts_freely(r)), default=_QUIET_S)
     best, words = 0.0, ""
-    for spec, text in family(plain, (), records):
+    for there, spec, text in candidates(plain, (), records):
         try:
-            added = as_record(plain, spec.model_copy(update={"settle_s": quiet}))
-            grams = Grams.of(plain, added, effects, sizes, priors)
+            added = as_record(there, spec.model_copy(update={"settle_s": quiet}))
+            grams = Grams.of(there, added, effects, sizes, priors)
         except (FlightAborted, LimitError, TrimError):
             continue
         apart = (flown + grams).isolability(effects).closest
@@ -325,6 +329,32 @@ def separate(believed: Believed, records: Sequence[FlightRecord], fits: Sequence
 def sum_of(grams: Sequence[Grams]) -> Grams:
     """Return the inner products over several manoeuvres."""
     return reduce(add, grams)
+
+
+def candidates(
+    believed: Believed, planned: Sequence[Manoeuvre], flown: Sequence[FlightRecord] = ()
+) -> list[tuple[Believed, Manoeuvre, str]]:
+    """Return what may be added: the belief where it is flown, a manoeuvre of the :func:`family`, and words for it.
+
+    Some of the family are also flown at another airspeed: the moment of a damper grows with its square and that of
+    Cm_q with the airspeed itself, so that no manoeuvre at one airspeed separates them. Airspeeds that were flown, and
+    those near or beyond the limits of the aircraft, are left out.
+    """
+    here = family(believed, planned, flown)
+    out = [(believed, spec, words) for spec, words in here]
+    known = [believed.condition.V_m_s, *(b.condition.V_m_s for b in believed.at_each(flown))]
+    low, high = believed.aircraft.limits.get("V", (0.0, np.inf))
+    for share in _SPEEDS:
+        V = float(f"{share * believed.condition.V_m_s:.3g}")
+        if any(abs(V / v - 1.0) < _NEW_SPEED for v in known) or not _CLEAR * low <= V <= high / _CLEAR:
+            continue
+        there = replace(believed, condition=replace(believed.condition, V_m_s=V))
+        out += [
+            (there, spec.model_copy(update={"name": f"{spec.name} at {V:g} m per s"}), f"{words}, at {V:g} m/s")
+            for spec, words in here
+            if spec.name in _AT_OTHER_SPEEDS
+        ]
+    return out
 
 
 def family(

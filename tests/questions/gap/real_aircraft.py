@@ -30,6 +30,10 @@ _FORCE = ("aero/qbar-psf", "metrics/Sw-sqft")
 _MOMENT = (*_FORCE, "metrics/cbarw-ft")
 _ALPHA, _Q, _DE = "aero/alpha-rad", "velocities/q-aero-rad_sec", "fcs/elevator-pos-rad"
 _SPEED = "velocities/vt-fps"
+_LATERAL = {
+    "beta": "aero/beta-rad", "p": "velocities/p-aero-rad_sec", "r": "velocities/r-aero-rad_sec",
+    "da": "fcs/left-aileron-pos-rad", "dr": "fcs/rudder-pos-rad",
+}  # fmt: skip
 
 # HFB-320, filter error; speeds in units of V0, rates as q cbar / (2 V0).
 HFB = {
@@ -48,6 +52,23 @@ ATTAS = {"Za": -0.4834, "Zq": 0.1042, "Zde": 0.6763, "Ma": -4.9265, "Mq": -2.005
 # VFW-614 (from memory), the drag that the recorded thrust balances, 18.5 kN.
 ATTAS_MASS, ATTAS_S, ATTAS_CBAR, ATTAS_IYY = 17000.0, 64.0, 3.16, 300e3
 ATTAS_V, ATTAS_H, ATTAS_THRUST_N, ATTAS_FULL_N = 129.0, 4870.0, 18.5e3, 60e3
+# ATTAS, output error, both records of aileron and rudder: pdot = Lp p + Lr r + Lda da + Ldr dr + Lb beta, rdot as well.
+# Positive ailerons of the source roll to the left; here Lda and Nda have the house's sign. Beta was an input of that
+# fit as it was read, and it was read late: kinematics of the same records say by 0.09 to 0.10 s (a test). As betadot is
+# nearly -r, late by T makes of Nr what is printed, Nr - Nb T, and of Lr likewise. So Nb T and Lb T come on top.
+ATTAS_LATE_S = 0.1
+_PRINTED = {
+    "Lp": -2.0675, "Lr": 1.0293, "Lda": 6.3059, "Ldr": 1.1452, "Lb": -3.8444,
+    "Np": -0.1839, "Nr": -0.4856, "Nda": 0.3912, "Ndr": -1.7609, "Nb": 3.0314,
+}  # fmt: skip
+ATTAS_LATERAL = {
+    **_PRINTED,
+    "Lr": _PRINTED["Lr"] + ATTAS_LATE_S * _PRINTED["Lb"],
+    "Nr": _PRINTED["Nr"] + ATTAS_LATE_S * _PRINTED["Nb"],
+}
+# Side force is not among what is printed: least squares of the lateral acceleration of fAttasRud1 on beta, r and dr,
+# m/s2 (side_force, held by a test).
+ATTAS_SIDE = {"Yb": -27.02, "Yr": 3.72, "Ydr": 5.88}
 
 
 def hfb320(folder: Path, factors: Mapping[str, float] | None = None) -> Aircraft:
@@ -79,11 +100,11 @@ def hfb320(folder: Path, factors: Mapping[str, float] | None = None) -> Aircraft
 
 
 def attas(folder: Path, factors: Mapping[str, float] | None = None) -> Aircraft:
-    """Write an aircraft to ``folder`` whose motion in alpha and q about trim is the printed one, and return it.
+    """Write an aircraft to ``folder`` whose motion in alpha, q, beta, p and r about trim is the printed one; return it.
 
     Args:
         folder: where to write it.
-        factors: derivative, as in ATTAS -> what to falsify it by.
+        factors: derivative, as in ATTAS, ATTAS_LATERAL or ATTAS_SIDE -> what to falsify it by.
     """
     given = {n: v * (factors or {}).get(n, 1.0) for n, v in ATTAS.items()}
     qbar = FlightCondition(ATTAS_V, ATTAS_H).qbar_Pa
@@ -104,8 +125,26 @@ def attas(folder: Path, factors: Mapping[str, float] | None = None) -> Aircraft:
         + _one("Cm_q", (*_MOMENT, _Q), given["Mq"] * moment)
         + _one("Cm_de", (*_MOMENT, _DE), given["Mde"] * moment),
     }
+    axes |= _attas_lateral({n: v * (factors or {}).get(n, 1.0) for n, v in (ATTAS_LATERAL | ATTAS_SIDE).items()}, qbar)
     sizes = (ATTAS_S, ATTAS_CBAR, ATTAS_MASS, ATTAS_IYY)
     return _written(folder, "attas", axes, sizes, ATTAS_FULL_N, 0.0, (ATTAS_V, ATTAS_H))
+
+
+def _attas_lateral(given: Mapping[str, float], qbar: float) -> dict[str, str]:
+    """Return the lateral axes of an aircraft of these dimensional derivatives."""
+    span = 8.0 * ATTAS_CBAR  # that of _written, which has Ixx = Iyy and Izz = 2 Iyy, too
+    unit = {"Y": ATTAS_MASS / (qbar * ATTAS_S)}
+    unit |= {n: k * ATTAS_IYY / (qbar * ATTAS_S * span) for n, k in (("L", 1.0), ("N", 2.0))}
+    felt = {"b": "beta", "p": "p", "r": "r", "da": "da", "dr": "dr"}
+    axes = {}
+    for axis, letter, name in (("SIDE", "Y", "CY"), ("ROLL", "L", "Cl"), ("YAW", "N", "Cn")):
+        factors = _FORCE if letter == "Y" else (*_FORCE, "metrics/bw-ft")
+        axes[axis] = "".join(
+            _one(f"{name}_{of}", (*factors, _LATERAL[of]), given[letter + short] * unit[letter])
+            for short, of in felt.items()
+            if letter + short in given
+        )
+    return axes
 
 
 def hfb320_record(data: Path) -> FlightRecord:
@@ -125,9 +164,43 @@ def attas_record(data: Path, name: str) -> FlightRecord:
     return _record(a[:, 0], columns, {"de_cmd": a[:, 21] * DEG_RAD})
 
 
-def believe(aircraft: Aircraft, record: FlightRecord, noise: Mapping[str, float], V_m_s: float, h_m: float) -> Believed:
-    """Return the belief in an aircraft and sensors with white noise of these standard deviations, SI."""
-    sensors = tuple(Sensor(channel=n, noise_std=noise.get(n, 0.0)) for n in record.channels)
+def attas_lateral_record(data: Path, name: str, everything: bool = False) -> FlightRecord:
+    """Return an ATTAS record of aileron or rudder: beta, p, r, phi, ay and, as commands, the surfaces.
+
+    Args:
+        data: the folder of recorded flights.
+        name: "1 aileron", "1 rudder", "2 aileron" or "2 rudder": a segment of fAttasAilRud1 or fAttasAilRud2, of which
+            fAttasAil1 and fAttasRud1 are the two of the first. The first 0.4 s are left out, as of the others.
+        everything: with the channels of the longitudinal motion, which kinematics of all axes need.
+    """
+    run, control = name.split()
+    a = loadmat(data / "attas" / f"fAttasAilRud{run}.mat")[f"fAttasAilRud{run}"]
+    joint = int(np.flatnonzero(np.diff(a[:, 0]) > 0.1)[0]) + 1
+    a = a[10:joint] if control == "aileron" else a[joint + 10 :]
+    angles = {"beta": 13, "p": 6, "r": 8, "phi": 9} | ({"alpha": 12, "q": 7, "theta": 10} if everything else {})
+    others = {"ay": 2} | ({"ax": 1, "az": 3, "V": 14} if everything else {})
+    columns = {n: a[:, i] * DEG_RAD for n, i in angles.items()} | {n: a[:, i] for n, i in others.items()}
+    moved = {"de_cmd": a[:, 21], "da_cmd": 0.5 * (a[:, 27] - a[:, 28]), "dr_cmd": a[:, 29]}
+    return _record(a[:, 0] - a[0, 0], columns, {n: u * DEG_RAD for n, u in moved.items()})
+
+
+def side_force(record: FlightRecord) -> dict[str, float]:
+    """Return what ATTAS_SIDE is, from one record."""
+    X = np.column_stack([record.columns(["beta", "r", "dr_cmd"]), np.ones(len(record))])
+    return dict(zip(("Yb", "Yr", "Ydr"), np.linalg.lstsq(X, record["ay"], rcond=None)[0].tolist(), strict=False))
+
+
+def believe(
+    aircraft: Aircraft,
+    record: FlightRecord,
+    noise: Mapping[str, float],
+    V_m_s: float,
+    h_m: float,
+    late_s: Mapping[str, float] | None = None,
+) -> Believed:
+    """Return the belief in an aircraft and sensors with white noise of these deviations, SI, some of them late."""
+    late = late_s or {}
+    sensors = tuple(Sensor(channel=n, noise_std=noise.get(n, 0.0), delay_s=late.get(n, 0.0)) for n in record.channels)
     suite = SensorSuite("recorded", "the instruments of a real record", 1.0 / record.dt_s, sensors)
     return Believed(aircraft, suite, FlightCondition(V_m_s, h_m), RATE_HZ)
 

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import csv
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
+from commands import ends
 
+from testbench.core.constants import DEG_RAD
 from testbench.core.errors import ModelError
+from testbench.core.paths import stock_root
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
 from testbench.flight import FlightCondition, Manoeuvre, fly, load_aircraft, trim
@@ -101,3 +108,40 @@ def test_servo_effects_of_other_controls_are_searched_when_they_are_asked_for():
     assert set(OTHER_SERVOS).isdisjoint(plain.effects)
     assert set(more.effects) - set(plain.effects) == {"aileron_free_play", "throttle_transport_delay"}
     assert all(e.lateral == (n.split("_")[0] in ("aileron", "rudder")) for n, e in OTHER_SERVOS.items())
+
+
+def as_table(record: FlightRecord, name: str) -> None:
+    """Write a record as a logger might: in degrees, with names that are not the house's."""
+    names = {"alpha": "alpha_deg", "q": "q_deg_s", "theta": "theta_deg", "de_cmd": "de_cmd_deg", "V": "V_m_s"}
+    columns = [record[n] / DEG_RAD if "deg" in names.get(n, "") else record[n] for n in record.channels]
+    head = ",".join(["t_s", *(names.get(n, n) for n in record.channels)])
+    np.savetxt(f"{name}.csv", np.column_stack([record.t_s, *columns]), "%.6g", ",", header=head, comments="")
+
+
+@pytest.mark.slow
+def test_a_stock_model_and_tables_become_a_case_that_names_what_is_missing(believed, monkeypatch, capsys, tmp_path):
+    """By commands alone: c172p is adopted, tables are imported, a case is made, checked and asked."""
+    monkeypatch.chdir(tmp_path)
+    truth = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 6.0})
+    small = DOUBLET.model_copy(update={"amplitude_deg": 1.5, "period_s": 1.0})
+    flown = {"multistep": MULTISTEP, "throttle": THROTTLE, "doublet": DOUBLET, "small": small}
+    model = stock_root() / "aircraft" / "c172p" / "c172p.xml"
+    assert ends(monkeypatch, capsys, "aircraft", "adopt", str(model), "--speed", "50", "-o", "cessna")[0] == 0
+    for seed, (name, spec) in enumerate(flown.items(), 1):
+        as_table(measured(truth, spec, seed), name)
+        assert ends(monkeypatch, capsys, "import", f"{name}.csv", "-o", name)[0] == 0
+    assert ends(monkeypatch, capsys, "gap", "new", "mine.toml", "--aircraft", "cessna", *flown)[0] == 0
+    text = (tmp_path / "mine.toml").read_text(encoding="utf-8")
+    assert "wings" not in text  # it has no elastic modes
+    assert [m in text for m in ('suite = "mine_sensors.toml"', "h_m = 1000.0  # YOURS", 'use = "held_out"')] == [
+        True
+    ] * 3
+    few = text.replace('# effects = ["actuator_lag"]', 'effects = ["actuator_lag", "transport_delay", "q_delay"]')
+    (tmp_path / "mine.toml").write_text(few, encoding="utf-8")
+    assert ends(monkeypatch, capsys, "check", "mine.toml")[0] == 0
+    status, lines = ends(monkeypatch, capsys, "gap", "mine.toml", "--workers", "1")
+    assert status == 0, lines
+    (first, *_) = csv.DictReader(Path("results/gap_mine/tables/ranking.csv").read_text(encoding="utf-8").splitlines())
+    assert (first["effect"], first["verdict"]) == ("lag of the elevator servo", "named")
+    value, error = map(float, re.findall(r"[\d.]+", first["size"])[:2])
+    assert abs(value - 6.0) < 4.0 * error

@@ -223,6 +223,14 @@ def test_longitudinal_records_are_re_tuned_as_ever_and_not_asked_for_lateral_eff
     assert still.outputs != b.outputs
 
 
+def test_where_lateral_motion_alone_is_read_longitudinal_coefficients_are_believed():
+    """They would show in turns alone: real records of aileron and rudder took CD to 180 times its value."""
+    suite = load_suite("eolo_alpha_beta")
+    lateral = tuple(s for s in suite.sensors if s.channel in ("beta", "p", "r", "phi", "da", "dr"))
+    believed = Believed(load_aircraft("eolo", "rigid"), replace(suite, sensors=lateral), CONDITIONS["eolo"], RATE_HZ)
+    assert set(believed.priors_of([as_record(believed, RUDDER["eolo"])])) == set(LATERAL_PRIORS)
+
+
 def test_lateral_tangents_are_those_of_flights(base):
     """Against differences of flights: a sign or a swapped column would be off by more than the whole of it.
 

@@ -53,6 +53,7 @@ def test_a_new_case_is_complete_and_its_sensors_are_those_of_the_records(folder,
     words = ("gap", "new", "cases/mine.toml", "--aircraft", "eolo", "--wings", "rigid")
     status, _ = ends(monkeypatch, capsys, *words, "one", "two", "fast", "throttle")
     assert status == 0
+    assert 'wings = "rigid"' in (folder / "cases" / "mine.toml").read_text(encoding="utf-8")
     case = folder / "cases" / "mine.toml"
     assert check_file(case) == "gap scenario"
     loaded = GapScenario.load(case)

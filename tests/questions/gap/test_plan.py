@@ -12,7 +12,7 @@ import testbench.questions.gap.plan as plan_module
 from testbench.core.scenario.base import Manoeuvre
 from testbench.core.scenario.inputs import Doublet, StandardMultistep
 from testbench.questions.gap.effects import EFFECTS
-from testbench.questions.gap.plan import NEEDED, Grams, as_record, family, plan_gap, separate, sum_of
+from testbench.questions.gap.plan import NEEDED, Grams, as_record, candidates, family, plan_gap, separate, sum_of
 from testbench.questions.gap.search.fit import EffectFit
 from testbench.questions.gap.search.hypothesis import Hypothesis, Signature
 from testbench.questions.run.scenario import Scenario
@@ -116,3 +116,24 @@ def test_a_slow_sensor_shows_as_little_as_its_samples_do(believed):
     only = (EFFECTS["alpha_lag"],)
     found = [Grams.of(b, as_record(b, ELEVATOR), only).isolability(only).noncentrality[0] for b in (believed, slow)]
     assert found[1] == pytest.approx(0.1 * found[0], rel=0.15)
+
+
+def test_what_one_airspeed_cannot_separate_gets_another(believed):
+    """A pitch damper and the wake of the wing are moments that follow q alike, but not as the airspeed changes."""
+    records = measure(believed, 5, duration_s=6.0)[:1]
+    fits = [
+        EffectFit(EFFECTS[n], {EFFECTS[n].parameters[0].name: x}, {}, 0.0, 1.0, 1.0, 1.0, {})
+        for n, x in (("pitch_damper", 0.02), ("alpha_dot", -5.0))
+    ]
+    words = separate(believed, records, fits)
+    assert ", at 20 m/s; it raises the noncentrality between the two most alike from 4.7 to 250 " in words
+
+
+def test_airspeeds_that_were_flown_or_lie_beyond_the_limits_are_not_asked_for(believed):
+    speeds = {there.condition.V_m_s for there, _, _ in candidates(believed, [ELEVATOR])}
+    assert speeds == {16.0, 20.0, 13.6}
+    names = [spec.name for _, spec, _ in candidates(believed, [ELEVATOR])]
+    assert len(set(names)) == len(names)
+    aircraft = replace(believed.aircraft, limits={**believed.aircraft.limits, "V": (13.0, 30.0)})
+    limited = replace(believed, aircraft=aircraft)
+    assert {there.condition.V_m_s for there, _, _ in candidates(limited, [ELEVATOR])} == {16.0, 20.0}

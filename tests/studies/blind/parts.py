@@ -48,8 +48,8 @@ def called(cases: Iterable[Case], rows: Mapping[str, Mapping[str, Any]]) -> dict
         if case.stratum in NO_PART or row["outcome"] in ("failed", "no gap") or row["best"] is None:
             continue
         call = call_of(row["names"])
-        said = _parts(row["names"] or [row["best"]])
-        true = {p for kind, right in zip(case.kinds, case.right, strict=True) for p in _true_parts(kind, right)}
+        said = parts_said(row["names"] or [row["best"]])
+        true = parts_true(case)
         count = found[call]
         count["all"] += 1
         count["part"] += bool(said & true) if call == "set" else said <= true
@@ -67,11 +67,17 @@ def called_text(found: Mapping[str, tuple[int, int, int]]) -> str:
     )
 
 
+def parts_true(case: Case) -> set[str]:
+    """Return the parts in which what a case hides acts."""
+    return {p for kind, right in zip(case.kinds, case.right, strict=True) for p in _true_parts(kind, right)}
+
+
 def _true_parts(kind: str, right: Iterable[str]) -> set[str]:
-    return _parts(right) or {UNSEEN[kind]}
+    return parts_said(right) or {UNSEEN[kind]}
 
 
-def _parts(names: Iterable[str]) -> set[str]:
+def parts_said(names: Iterable[str]) -> set[str]:
+    """Return the parts in which named effects act."""
     return {part for name in names for single in name.split(" + ") for part in _part(single)}
 
 

@@ -1,0 +1,131 @@
+"""The gap workflow on real flights of aileron and rudder: 30 s each, with a sideslip that was read late.
+
+Values as in real_aircraft.py. As a real record is no draw from a known distribution, what these tests assert was
+measured once.
+"""
+
+from __future__ import annotations
+
+import pytest
+from real_aircraft import (
+    ATTAS_H,
+    ATTAS_LATE_S,
+    ATTAS_LATERAL,
+    ATTAS_SIDE,
+    ATTAS_V,
+    attas,
+    attas_lateral_record,
+    believe,
+    quiet_noise,
+    side_force,
+)
+from recorded import flight_data
+
+from testbench.flight import FlightCondition, linearise, trim
+from testbench.questions.gap.evidence.check import check_data
+from testbench.questions.gap.parameters import off_parameters
+from testbench.questions.gap.workflow import find_gap
+
+RECORDS = ("1 aileron", "1 rudder", "2 aileron", "2 rudder")
+COEFFICIENTS = {"Lp": "Cl_p", "Lda": "Cl_da", "Lb": "Cl_beta", "Nb": "Cn_beta", "Ndr": "Cn_dr", "Nr": "Cn_r"}
+# What the first two records ask for, as multiples of what is believed.
+MEASURED = {"Lp": 1.014, "Lda": 0.975, "Lb": 0.973, "Nb": 0.977, "Ndr": 0.941, "Nr": 0.729}
+
+
+def fly(folder, factors=None, names=RECORDS, effects=None, late_s=ATTAS_LATE_S):
+    """Return what the workflow finds in the first two of ``names``, the others held out."""
+    data = flight_data()
+    records = {n: attas_lateral_record(data, n) for n in names}
+    used = {n: records.pop(n) for n in names[:2]}
+    aircraft, (first, *_) = attas(folder / "attas", factors), used.values()
+    believed = believe(aircraft, first, quiet_noise(list(used.values())), ATTAS_V, ATTAS_H, {"beta": late_s})
+    return find_gap(believed, used, records, effects=effects)
+
+
+def test_the_aircraft_has_the_derivatives_that_are_believed(tmp_path):
+    aircraft = attas(tmp_path / "attas")
+    model = linearise(aircraft, trim(aircraft, FlightCondition(ATTAS_V, ATTAS_H)))
+    for letter, rate in (("L", "p"), ("N", "r")):
+        row = model.states.index(rate)
+        for short, state in (("b", "v"), ("p", "p"), ("r", "r")):
+            per = ATTAS_V if state == "v" else 1.0
+            flown = model.A[row, model.states.index(state)] * per
+            assert flown == pytest.approx(ATTAS_LATERAL[letter + short], rel=0.003), letter + short
+        for control in ("da", "dr"):
+            flown = model.B[row, model.inputs.index(control)]
+            assert flown == pytest.approx(ATTAS_LATERAL[letter + control], rel=0.003), letter + control
+
+
+def test_side_force_is_what_one_record_says():
+    assert side_force(attas_lateral_record(flight_data(), "1 rudder")) == pytest.approx(ATTAS_SIDE, rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", RECORDS)
+def test_kinematics_say_that_sideslip_was_read_late(tmp_path, name):
+    """Without any aerodynamics, in each record by itself."""
+    record = attas_lateral_record(flight_data(), name, everything=True)
+    believed = believe(attas(tmp_path / "attas"), record, quiet_noise([record]), ATTAS_V, ATTAS_H)
+    news = {found.name: found for found, _ in check_data(believed, [record]).news}
+    (late,) = (f for n, f in news.items() if n in ("beta_lag", "beta_delay"))
+    assert late.estimate == pytest.approx(ATTAS_LATE_S, abs=0.01)
+    assert late.estimate > 10.0 * late.standard_error
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effects", [{}, None], ids=["no effect", "whole library"])
+def test_no_derivative_is_accused_where_the_late_sideslip_is_known(tmp_path, effects):
+    found = fly(tmp_path, effects=effects)
+    assert found.naming.names == ()
+    assert found.parameters == ()
+    assert off_parameters(found.naming) == ()
+    for printed, factor in MEASURED.items():
+        assert found.naming.measured[COEFFICIENTS[printed]][0] == pytest.approx(factor, abs=0.01), printed
+
+
+@pytest.mark.slow
+def test_yaw_damping_is_accused_where_the_late_sideslip_is_not_known(tmp_path):
+    """As printed Nr is what late sideslip makes of it: 2.7 times what flies, and the record says so."""
+    printed = {"Nr": -0.4856 / ATTAS_LATERAL["Nr"], "Lr": 1.0293 / ATTAS_LATERAL["Lr"]}
+    found = fly(tmp_path, printed, effects={}, late_s=0.0)
+    (wrong,) = found.parameters
+    assert wrong.name == "Cn_r"
+    assert (wrong.factor, wrong.error) == pytest.approx((0.28, 0.04), abs=0.006)
+    assert abs(wrong.factor * printed["Nr"] - MEASURED["Nr"]) < 2.0 * wrong.error * printed["Nr"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("printed", "factor"),
+    [
+        *((n, f) for n in ("Lp", "Lda", "Nb", "Ndr") for f in (0.7, 1.4)),
+        ("Lb", 0.6),
+        ("Nr", 2.0),
+    ],
+)
+def test_a_falsified_lateral_derivative_is_found_alone_and_none_is_accused_with_it(tmp_path, printed, factor):
+    found = fly(tmp_path, {printed: factor}, effects={})
+    assert found.naming.names == ()
+    (wrong,) = found.parameters
+    assert wrong.name == COEFFICIENTS[printed]
+    assert wrong.factor * factor == pytest.approx(MEASURED[printed], rel=0.01)
+    assert off_parameters(found.naming) in ((), (wrong,))
+    assert any(s.startswith(f"the believed {wrong.name} is wrong: ") for s in found.sentences)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("printed", "factor"), [("Lp", 0.7), ("Nb", 1.4)])
+def test_a_falsified_lateral_derivative_is_found_beside_all_that_is_known(tmp_path, printed, factor):
+    found = fly(tmp_path, {printed: factor})
+    assert found.naming.names == ()
+    assert [p.name for p in found.parameters] == [COEFFICIENTS[printed]]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("printed", "factor"), [("Lb", 1.5), ("Nr", 0.4)])
+def test_what_priors_allow_is_no_accusation(tmp_path, printed, factor):
+    """2.3 and 3 times the believed deviation off, or less than four of its own errors."""
+    found = fly(tmp_path, {printed: factor}, effects={})
+    assert found.parameters == ()
+    value, error = found.naming.measured[COEFFICIENTS[printed]]
+    assert abs(value * factor - MEASURED[printed]) < 2.0 * error * factor

@@ -1,0 +1,119 @@
+"""Blind test of pieces without quiet start: ``python -m studies.blind.pieces``. Resumes, as the blind test does.
+
+Truths are drawn, sealed and flown by the code of the blind test, from a seed of its own. Of each flight the quiet
+beginning is cut away: it begins 0.3 s after the first command, so that the workflow must cut it into windows.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import os
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import numpy as np
+from studies.blind.__main__ import _kept, _read, _seal_line
+from studies.blind.parts import parts_said, parts_true
+from studies.blind.run import believe
+from studies.blind.score import judge
+
+from testbench.core.errors import TestbenchError
+from testbench.core.record import FlightRecord
+from testbench.evaluation.proportion import proportion_interval
+from testbench.questions.gap.evidence.commanded import MOVED, commands
+from testbench.questions.gap.sealed.cases import Case, draw, opened, seal
+from testbench.questions.gap.workflow import find_gap
+
+SEED = 20270126
+STRATA: Mapping[str, int] = {"library form": 36, "other form": 36, "nothing": 36}
+_AFTER_S = 0.3
+
+
+def piece(record: FlightRecord) -> FlightRecord:
+    """Return a record from 0.3 s after its first command on."""
+    _, u = commands(record)
+    moved = int(np.flatnonzero(np.any(np.abs(u - u[0]) > MOVED, axis=1))[0])
+    return record.between(record.t_s[moved] + _AFTER_S, record.t_s[-1])
+
+
+def run_case(case: Case) -> dict[str, Any]:
+    """Return what the workflow says of the pieces of one case, as JSON values."""
+    began = time.process_time()
+    records, held_out = ({n: piece(r) for n, r in case.fly(which).items()} for which in ("rich", "held_out"))
+    try:
+        found = find_gap(believe(case.aircraft), records, held_out, check=False)
+    except TestbenchError as error:
+        return {"case": case.name, "outcome": "failed", "names": [], "accused": [], "why": str(error)}
+    first = found.naming.best or next(iter(found.naming.ranking), None)
+    return {
+        "case": case.name,
+        "outcome": found.naming.outcome,
+        "names": list(found.naming.names),
+        "best": first.effect.name if first else "",
+        "values": {k: float(v) for k, v in first.values.items()} if first else {},
+        "gain": float(first.gain) if first else 0.0,
+        "accused": [[p.name, float(p.factor), float(p.error)] for p in found.parameters],
+        "seconds": time.process_time() - began,
+    }
+
+
+def rates(cases: Sequence[Case], rows: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str, int, int]]:
+    """Return (stratum, rate, count, of) of the rows."""
+    out = []
+    for stratum in STRATA:
+        of = [(c, rows[c.name]) for c in cases if c.stratum == stratum and c.name in rows]
+        said = [(c, r) for c, r in of if r["names"]]
+        if stratum == "nothing":
+            out.append((stratum, "false gap", sum(r["outcome"] not in ("no gap", "failed") for _, r in of), len(of)))
+        else:
+            verdicts = [judge(c, r).verdict for c, r in of]
+            out.append((stratum, "right effect", verdicts.count("right"), len(of)))
+            right = [parts_said(r["names"]) <= parts_true(c) for c, r in said]
+            out.append((stratum, "right part", sum(right), len(of)))
+            out.append((stratum, "wrong part", len(right) - sum(right), len(of)))
+            for outcome in ("no gap", "unexplained"):
+                out.append((stratum, outcome, sum(r["outcome"] == outcome for _, r in of), len(of)))
+        out.append((stratum, "failed", sum(r["outcome"] == "failed" for _, r in of), len(of)))
+        wrong = sum(any(abs(f - c.factors.get(n, 1.0)) > 4.0 * e for n, f, e in r["accused"]) for c, r in of)
+        out.append((stratum, "a coefficient accused by a wrong size", wrong, len(of)))
+    return out
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Seal the answers, run the cases that have no row yet, and write the rates."""
+    parser = argparse.ArgumentParser(prog="python -m studies.blind.pieces", description=__doc__)
+    parser.add_argument("--out", type=Path, default=Path("results/gap/pieces"), help="folder of rows and rates")
+    parser.add_argument("--minutes", type=float, default=None, help="start no case after so many minutes")
+    asked = parser.parse_args(arguments)
+    asked.out.mkdir(parents=True, exist_ok=True)
+    answers, sealed = asked.out / "answers.json", asked.out / "sealed.sha256"
+    if not answers.exists():
+        text, digest = seal(draw(SEED, STRATA))
+        sealed.write_text(_seal_line(digest, SEED), encoding="utf-8")
+        answers.write_text(text + "\n", encoding="utf-8")
+    cases = opened(answers.read_text(encoding="utf-8").removesuffix("\n"))
+    if sealed.read_text(encoding="utf-8") != _seal_line(seal(cases)[1], SEED):
+        raise SystemExit(f"the answers must be those that were sealed, {sealed} holds another hash")
+    rows_file = asked.out / "rows.jsonl"
+    rows = _read(rows_file)
+    stop = None if asked.minutes is None else time.monotonic() + 60.0 * asked.minutes
+    due = (run_case(c) for c in cases if c.name not in rows and (stop is None or time.monotonic() < stop))
+    for row in _kept(rows_file, due):
+        rows[row["case"]] = row
+        print(f"{len(rows)} {row['case']}: {row['outcome']} {' | '.join(row['names'])}", flush=True)
+    with (asked.out / "rates.csv").open("w", newline="", encoding="utf-8") as out:
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(["stratum", "rate", "count", "of", "low", "high"])
+        for stratum, rate, count, of in rates(cases, rows):
+            if of:
+                writer.writerow([stratum, rate, count, of, *(f"{x:.3f}" for x in proportion_interval(count, of))])
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
