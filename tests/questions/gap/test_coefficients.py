@@ -113,13 +113,19 @@ def searched(truth) -> tuple[Naming, tuple]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "size"), [("roll_damper", {"gain_s": 0.06}), ("interconnect", {"ratio": 0.3}), ("actuator_lag", None)]
-)
+@pytest.mark.parametrize(("name", "size"), [("roll_damper", {"gain_s": 0.06}), ("actuator_lag", {"lag_rad_s": 12.0})])
 def test_a_hidden_effect_is_named_and_no_coefficient_accused_in_its_place(name, size):
-    naming, accused = searched(lambda b: b.with_effect(EFFECTS[name], size or {"lag_rad_s": 12.0}))
-    assert name in naming.names
-    assert not any(p for p in accused if not p.rivals)
+    naming, accused = searched(lambda b: b.with_effect(EFFECTS[name], size))
+    assert (naming.names, accused) == ((name,), ())
+
+
+@pytest.mark.slow
+def test_a_hidden_interconnect_is_not_blamed_on_the_yaw_due_to_aileron_alone():
+    """At one airspeed the two are nearly the same: 0.3 of the aileron on the rudder is twice Cn_da."""
+    naming, (accused,) = searched(lambda b: b.with_effect(EFFECTS["interconnect"], {"ratio": 0.3}))
+    assert naming.names == ()
+    assert accused.name == "Cn_da"
+    assert any(r.startswith(EFFECTS["interconnect"].title) for r in accused.rivals)
 
 
 @pytest.mark.slow
