@@ -97,9 +97,11 @@ estimator-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/f16_prediction.py
 	$(BIN)/python tests/studies/estimator_study.py
 
-# Writes results/estimators/advice.csv; half an hour of processor time for 50 seeds. Interrupted: the same again.
+# Writes advice.csv and advice_loop.csv in results/estimators; 45 min of processor time. Interrupted: the same again.
 advice-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/advice_study.py
+	$(BIN)/python tests/studies/advice_study.py --cases loop --first-seed 260 --seeds 100 --slow-seeds 100 \
+		--kept build/advice_loop.jsonl --table results/estimators/advice_loop.csv
 
 # From simulated PX4 and ArduPilot logs to derivatives, 100 seeds: hours on one core; it goes on where it stopped.
 autopilot-log-study: $(VENV)/installed-dev

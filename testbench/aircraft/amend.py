@@ -300,6 +300,7 @@ class Amendment:
 
     ``memories`` are the states that the edits bring with them. ``upstream`` is how far up the path from the pilot's
     command to the forces it acts: edits are made from the forces up to the command, in whatever order amendments came.
+    ``rate_hz`` is the frame rate that the edits count frames of; None if they are the same at any.
     """
 
     name: str
@@ -308,6 +309,7 @@ class Amendment:
     modes: tuple[ElasticMode, ...] = ()
     memories: tuple[Memory, ...] = ()
     upstream: int = 0
+    rate_hz: float | None = None
 
     def apply(self, tree: ET.Element, aircraft: Aircraft) -> None:
         """Apply the edits of the XML to ``tree`` in place."""

@@ -62,7 +62,7 @@ def stated_deviations(aircraft: Aircraft) -> Mapping[str, float]:
                 f"[uncertainty] of {aircraft.name} must name coefficients of the model, got '{name}'"
                 f"{nearest(name, names)}"
             )
-        if _is_zero(aircraft, name):
+        if f"{_PREFIX}{name}" in _zeros(aircraft.xml):
             raise ModelError(
                 f"[uncertainty] of {aircraft.name} must be relative to values that are not zero, got '{name}', "
                 "which is zero in the model; give it a value, or leave it out"
@@ -85,7 +85,11 @@ def drawn(aircraft: Aircraft, seed: int, index: int) -> Aircraft:
     return aircraft.amended(Amendment(f"draw {index}", "coefficients within their stated uncertainty", changes))
 
 
-def _is_zero(aircraft: Aircraft, name: str) -> bool:
-    """Return whether the function of a coefficient has the factor zero."""
-    functions = (f for f in ET.fromstring(aircraft.xml).iter("function") if f.get("name") == f"{_PREFIX}{name}")
-    return any(float(value.text or "nan") == 0.0 for f in functions for value in f.findall("product/value"))
+@lru_cache(maxsize=16)
+def _zeros(xml: str) -> frozenset[str]:
+    """Return the functions of a JSBSim model whose factor is zero; kept, as a study draws thousands of aircraft."""
+    return frozenset(
+        f.get("name", "")
+        for f in ET.fromstring(xml).iter("function")
+        if any(float(value.text or "nan") == 0.0 for value in f.findall("product/value"))
+    )

@@ -61,14 +61,47 @@ def find_scenario(name: str | Path) -> Path:
     """Return the file meant by ``name``: a path that exists, else a packaged scenario of that name.
 
     ``scenarios/eolo_alpha.toml``, ``eolo_alpha.toml`` and ``eolo_alpha`` all find the packaged scenario when no such
-    file lies in the working directory. A name that is not found is returned unchanged; opening it says so.
+    file lies in the working directory; a folder of that name, such as one of results, does not hide it. A name that is
+    not found is returned unchanged; opening it says so.
     """
     path = Path(name)
-    if path.exists():
+    if path.exists() and not path.is_dir():
         return path
     parts = path.parts[1:] if path.parts[:1] == ("scenarios",) else path.parts
     packaged = SCENARIOS.joinpath(*parts).with_suffix(".toml")
     return packaged if parts and packaged.is_file() else path
+
+
+def not_found(path: Path, packaged: Sequence[str] = (), files: Callable[[Path], bool] | None = None) -> str:
+    """Return what is got where a file is wanted and none is, to end a message: the path, and why it means none.
+
+    Args:
+        path: as the user gave it.
+        packaged: names that would have meant a packaged file.
+        files: whether a file or folder that lies near could be meant; any if not given.
+    """
+    if path.is_dir():
+        inside = [str(found) for found in sorted(path.glob("*.toml"))] if packaged else []
+        hint = f"; did you mean '{inside[0]}'?" if inside else nearest(path.name, packaged)
+        return f"'{path}', which is a folder{hint if hint.startswith('; did') else ''}"
+    if path.exists():
+        return f"'{path}', which is neither a file nor a folder"
+    missing = path
+    while not missing.parent.exists():
+        missing = missing.parent
+    home = missing.parent
+    if not home.is_dir():
+        return f"'{path}', but '{home}' is a file"
+    what, fits = ("file or folder", files) if missing == path else ("folder", Path.is_dir)
+    try:
+        beside = [str(found) for found in home.iterdir() if fits is None or fits(found)]
+    except OSError:
+        beside = []
+    name = "of that name" if missing == path else f"'{missing}'"
+    hint = nearest(str(missing), beside) if beside else ""
+    if not hint.startswith("; did"):  # what else lies there helps nobody
+        hint = nearest(path.stem, packaged).replace("; valid:", "; packaged:")
+    return f"'{path}', but there is no {what} {name}{hint}"
 
 
 @dataclass(frozen=True)

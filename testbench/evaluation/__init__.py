@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.relative import percent_in_words
 from testbench.evaluation.bode import BodeError, bode_error
 from testbench.evaluation.metrics import fit_percent, mrse_percent
 
@@ -26,6 +27,8 @@ ComplexArray = NDArray[np.complex128]
 # Judgement, not statistics: where a model stops being useful for simulation and control design.
 GOOD_MRSE_PERCENT = 20.0
 USELESS_MRSE_PERCENT = 100.0
+AS_SMALL = 1.5
+"""Error on validation over error on identification up to which a model predicts as well as it was fitted."""
 CLOSE_WN_PERCENT = 5.0
 CLOSE_ZETA = 0.05
 CLOSE_DB = 1.0
@@ -40,6 +43,7 @@ class Scores:
         fit_percent: (p,) 100 (1 - ||y - yhat|| / ||y - mean(y)||) per output.
         predictions: one (n, p) array per record, from the record's inputs alone.
         noise_percent: (p,) MRSE that a perfect model would get because of the measurement noise; None if unknown.
+        rms_error: (p,) root mean square of y - yhat, SI; None if unknown.
         mrse_mean: mean of ``mrse_percent`` (the paper's MRSE of all outputs).
 
     Without records the figures are NaN and :attr:`Evaluation.verdicts` says so.
@@ -49,6 +53,7 @@ class Scores:
     fit_percent: FloatArray
     predictions: tuple[FloatArray, ...]
     noise_percent: FloatArray | None = None
+    rms_error: FloatArray | None = None
 
     @property
     def mrse_mean(self) -> float:
@@ -81,11 +86,27 @@ class Evaluation:
     parameters: tuple[ParameterEstimate, ...] = ()
 
     @property
+    def untested(self) -> tuple[str, ...]:
+        """Outputs that move too little in the validation records to test a model: the error there is what the fit left.
+
+        Their relative error says nothing of the model.
+        """
+        left, here = self.identification, self.validation
+        if left.rms_error is None or here.rms_error is None:
+            return ()
+        quiet = (
+            (here.mrse_percent > GOOD_MRSE_PERCENT)
+            & (left.mrse_percent <= GOOD_MRSE_PERCENT)
+            & (here.rms_error <= AS_SMALL * left.rms_error)
+        )
+        return tuple(name for name, own in zip(self.outputs, quiet, strict=True) if own)
+
+    @property
     def verdicts(self) -> tuple[str, ...]:
         """The figures in sentences, made from them each time."""
         out = [
             _prediction_verdict("identification", self.outputs, self.identification),
-            _prediction_verdict("validation", self.outputs, self.validation),
+            _prediction_verdict("validation", self.outputs, self.validation, self.untested),
         ]
         out += [_pole_verdict(match) for match in self.poles]
         if self.bode is not None and self.omega_rad_s is not None:
@@ -184,7 +205,10 @@ def _score(model: IdentifiedModel, records: Sequence[FlightRecord], noise_std: M
         std = np.array([noise_std[o] for o in model.outputs])
         size = np.sqrt(np.sum(np.where(valid, y, 0.0) ** 2, axis=0))
         noise = 100.0 * std * np.sqrt(valid.sum(axis=0)) / np.maximum(size, 1e-300)
-    return Scores(mrse_percent(y, yhat, valid), fit_percent(y, yhat, valid), predictions, noise)
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares = np.sum(np.where(valid, y - yhat, 0.0) ** 2, axis=0)
+    rms = np.sqrt(squares / np.maximum(valid.sum(axis=0), 1))
+    return Scores(mrse_percent(y, yhat, valid), fit_percent(y, yhat, valid), predictions, noise, rms)
 
 
 def _compare_responses(
@@ -205,23 +229,32 @@ def _compare_responses(
     return bode_error(model.frequency_response(omega[below]), true[below]), omega[below]
 
 
-def _prediction_verdict(name: str, outputs: Sequence[str], scores: Scores) -> str:
+def _prediction_verdict(name: str, outputs: Sequence[str], scores: Scores, untested: Sequence[str] = ()) -> str:
     if not scores.predictions:
         return f"{name}: no records, so nothing is known of how the model predicts them"
     errors = dict(zip(outputs, scores.mrse_percent.tolist(), strict=True))
     overflow = [o for o, e in errors.items() if not np.isfinite(e)]
     if overflow:
         return f"{name}: the prediction of {', '.join(overflow)} grows beyond all bounds; the model does not predict"
-    listed = ", ".join(f"{o} {e:.3g} %" for o, e in errors.items())
-    good = [o for o, e in errors.items() if e <= GOOD_MRSE_PERCENT]
-    useless = [o for o, e in errors.items() if e >= USELESS_MRSE_PERCENT]
-    if useless:
+    listed = ", ".join(f"{o} {percent_in_words(e)}" for o, e in errors.items())
+    judged = {o: e for o, e in errors.items() if o not in untested}
+    good = [o for o, e in judged.items() if e <= GOOD_MRSE_PERCENT]
+    useless = [o for o, e in judged.items() if e >= USELESS_MRSE_PERCENT]
+    if not judged:
+        word = ""
+    elif useless:
         word = f"{', '.join(useless)} no better than predicting no motion at all"
-    elif len(good) == len(errors):
-        word = "all outputs predicted well"
+    elif len(good) == len(judged):
+        word = f"{'all outputs' if not untested else ', '.join(good)} predicted well"
     else:
-        word = f"{', '.join(o for o in errors if o not in good)} predicted in part only"
-    return f"{name}: MRSE {scores.mrse_mean:.3g} % ({listed}): {word}"
+        word = f"{', '.join(o for o in judged if o not in good)} predicted in part only"
+    if untested:
+        few = (
+            f"{', '.join(untested)} {'errs' if len(untested) == 1 else 'err'} there no more than in the fit, and "
+            f"{'moves' if len(untested) == 1 else 'move'} too little to test it"
+        )
+        word = f"{word}; {few}" if word else few
+    return f"{name}: MRSE {percent_in_words(scores.mrse_mean)} ({listed}): {word}"
 
 
 def _pole_verdict(match: PoleMatch) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -66,6 +67,8 @@ def trim(
     Where Newton's method fails on a foreign model, damped steps within the limits of alpha and the controls follow,
     from several starts; what stands against a balance is read off from where they end.
 
+    A warning (:class:`FrameRateWarning`) says so if an amendment counts frames of another rate.
+
     ``near`` is a trim of the same aircraft to start from. Not ``thorough``, damped steps are few and serve the reason.
 
     Raises:
@@ -78,6 +81,7 @@ def trim(
         True
     """
     rate = rate_hz or aircraft.rate_hz
+    _warn_of_frames(aircraft, rate)
     fdm = Executive(aircraft, rate, condition)
     if air is not None:
         fdm.set_wind(air.wind_m_s)
@@ -103,6 +107,21 @@ def trim(
         )
     residual = problem.accelerations(x, to_rest=True)
     return checked_trim(aircraft, condition, rate, problem.values(x), residual, fdm.read(), problem.most)
+
+
+class FrameRateWarning(UserWarning):
+    """An amendment that counts frames, such as a delay, is flown at another frame rate than it was made for."""
+
+
+def _warn_of_frames(aircraft: Aircraft, rate_hz: float) -> None:
+    for a in aircraft.amendments:
+        if a.rate_hz is not None and abs(a.rate_hz / rate_hz - 1.0) > 1e-6:
+            text = (
+                f"{a.name} ({a.description}) counts frames of {a.rate_hz:g} Hz and is flown at {rate_hz:g} Hz, where "
+                f"its times are {a.rate_hz / rate_hz:.3g} times as long; amend dataclasses.replace(aircraft, "
+                f"rate_hz={rate_hz:g}) instead"
+            )
+            warnings.warn(FrameRateWarning(text), stacklevel=3)
 
 
 def checked_trim(

@@ -86,12 +86,15 @@ def find_manoeuvres(record: FlightRecord, controls: Sequence[str], lead_s: float
         if sum(b - a for a, b in found) > BUSIEST * x.size:
             said.append(f"{name}: moves for more than {100 * BUSIEST:g} % of the record, not used to find manoeuvres")
             continue
-        said.append(
-            f"{name}: moves where its range within {WINDOW_S:g} s exceeds {_sized(name, threshold)}, {len(found)} times"
-        )
+        often = _times(len(found))
+        said.append(f"{name}: moves where its range within {WINDOW_S:g} s exceeds {_sized(name, threshold)}, {often}")
         spans += [(a, b, name) for a, b in _large(x, found, round(tail_s / dt))]
     groups = _joined(sorted(spans), round(JOIN_S / dt))
     return Search(tuple(_cut(record, groups, i, known, lead_s, tail_s) for i in range(len(groups))), tuple(said))
+
+
+def _times(n: int) -> str:
+    return {0: "never", 1: "once", 2: "twice"}.get(n, f"{n} times")
 
 
 def _sized(name: str, value: float) -> str:

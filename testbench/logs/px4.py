@@ -59,9 +59,9 @@ def _rules() -> tuple[Rule, ...]:
     rules += [
         Rule("V", "airspeed_validated", ("true_airspeed_m_s",), one, "true airspeed, m/s"),
         Rule("V", "airspeed", ("true_airspeed_m_s",), one, "true airspeed, m/s"),
-        Rule("qbar", "differential_pressure", ("differential_pressure_pa",), one, "Pa", "incompressible: qbar is it"),
+        Rule("qbar", "differential_pressure", ("differential_pressure_pa",), one, "Pa", _AS_MEASURED),
         Rule("qbar", "differential_pressure", ("differential_pressure_filtered_pa",), one, "Pa, filtered by PX4",
-             "incompressible: qbar is it"),
+             _AS_MEASURED),
         Rule("h", "vehicle_air_data", ("baro_alt_meter",), one, "m, barometric"),
         Rule("h", "vehicle_global_position", ("alt",), one, "m above sea level"),
         Rule("hdot", "vehicle_local_position", ("vz",), minus, "m/s, minus the velocity downwards"),
@@ -75,6 +75,7 @@ def _rules() -> tuple[Rule, ...]:
     return tuple(rules)
 
 
+_AS_MEASURED = "incompressible: qbar is the measured pressure"
 RULES = _rules()
 """What needs no setting of the autopilot, by preference."""
 SERVOS = 8
@@ -82,6 +83,7 @@ _IMUS = 4  # one position is set for all
 _CHOICE = {"airspeed_validated": ("selected_airspeed_index", "airspeed_source")}
 """What says which of several sensors was flown by."""
 _TORQUE, _THRUST, _OLD = "vehicle_torque_setpoint", "vehicle_thrust_setpoint", "actuator_controls_0"
+_ROTARY = {2: "quadrotor", 3: "coaxial helicopter", 4: "helicopter", 13: "hexarotor", 14: "octorotor", 15: "tricopter"}
 _OLD_VTOL = "actuator_controls_1"  # of VTOL aircraft before control allocation: the fixed wing's commands
 
 COLUMNS: Mapping[str, tuple[str, ...]] = {
@@ -151,7 +153,7 @@ def px4_rules(log: Log) -> tuple[Log, tuple[Rule, ...]]:
         )
     if _selected(log, "airspeed_validated", "true_airspeed_m_s") and "airspeed" in log.topics:
         notes.append("V is airspeed_validated, which PX4 flew by; airspeed, the sensor alone, is not read")
-    notes += _changes(log)
+    notes += [*_rotary(log), *_changes(log)]
     rules = (*RULES, *servos, *torques, *_thrust_rules(log), *_old_rules(log))
     notes += too_slow(log, rules, _BETTER)
     place = placed(log.parameters, "EKF2_IMU_POS_")
@@ -185,6 +187,16 @@ def _changes(log: Log) -> Iterator[str]:
                 f"{int(u)} for {100.0 * n / counts.sum():.3g} %" for u, n in zip(used, counts, strict=True)
             )
             yield f"{what} that PX4 flew by: instance {parts} of the time"
+
+
+def _rotary(log: Log) -> Iterator[str]:
+    """Say of a multicopter or helicopter that its demands move no control surface."""
+    kind = _ROTARY.get(int(log.parameters.get("MAV_TYPE", 0)))
+    if kind is not None:
+        yield (
+            f"the log is of a {kind} (MAV_TYPE {log.parameters['MAV_TYPE']:g}): no fixed-wing control surface was "
+            "found; da_cmd, de_cmd and dr_cmd are what its rotors are asked for"
+        )
 
 
 def _servo_rules(log: Log) -> Iterator[Rule]:

@@ -25,6 +25,8 @@ from testbench.logs.tables import Table, read_table
 from testbench.logs.times import clock_unit, find_clock, read_times
 
 COLUMNS = 90
+_TITLES = 3  # that are quoted
+_TITLE = 60  # letters of one
 _CG = "columns 11 to 13 are reduced to the centre of gravity, as SIDPAC has it"
 _RIGHT_DOWN = "SIDPAC counts aileron positive right trailing edge down, which rolls left (from memory)"
 
@@ -144,9 +146,20 @@ def _plain(path: Path, table: Table, warnings: list[str]) -> tuple[Log, tuple[Ru
             unread=unread,
             reasons=own.reasons,
             assumed=(assumed,) if assumed else (),
+            notes=_notes(table),
         ),
         (*rules, *own.rules),
     )
+
+
+def _notes(table: Table) -> tuple[str, ...]:
+    """Say which lines above the heading are no samples."""
+    if not table.above:
+        return ()
+    count = len(table.above)
+    shown = ", ".join(f"'{line[:_TITLE]}'" for line in table.above[:_TITLES]) + (", ..." if count > _TITLES else "")
+    lines = "1 line above the heading is a title" if count == 1 else f"{count} lines above the heading are titles"
+    return (f"{lines} and no samples: {shown}",)
 
 
 class _Own(NamedTuple):

@@ -43,6 +43,7 @@ class Table:
         decimal: the decimal sign of text.
         said: how the file was read where that is not the usual way (separator, encoding), in words.
         damaged: number of damaged lines that were left out.
+        above: lines of text above the heading that name no column.
         root: path of the structure whose fields the columns are; a column may be called by its whole path.
         others: name -> (k,) numbers of vectors whose length is not that of the columns.
     """
@@ -56,6 +57,7 @@ class Table:
     decimal: str = "."
     said: tuple[str, ...] = ()
     damaged: int = 0
+    above: tuple[str, ...] = ()
     root: str = ""
     others: Mapping[str, FloatArray] = field(default_factory=dict)
 
@@ -160,6 +162,7 @@ def _of_text(path: Path, found: Cells) -> Table:
         decimal=found.decimal,
         said=found.said,
         damaged=found.damaged,
+        above=found.above,
     )
 
 

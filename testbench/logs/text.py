@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
@@ -44,6 +44,7 @@ class Cells(NamedTuple):
         decimal: the decimal sign of the numbers.
         said: what was recognised that a plain CSV does not have, in words.
         damaged: number of lines left out, where ``lenient``.
+        above: lines above the heading that name no column and hold no samples, such as a title.
     """
 
     names: tuple[str, ...]
@@ -53,6 +54,7 @@ class Cells(NamedTuple):
     decimal: str
     said: tuple[str, ...]
     damaged: int
+    above: tuple[str, ...] = ()
 
 
 class _Lines(NamedTuple):
@@ -97,33 +99,34 @@ def read_text(
         cells.pop()
         numbers.pop()
     torn = {i for i, line in enumerate(lines.rows[:_PART]) if _is_broken(line, delimiter, decimal)}
-    data = (i for i, row in enumerate(cells[:_PART]) if _is_data(row, decimal) and i not in torn)
-    first = 0 if header == "none" else next(data, len(cells))
+    first = 0 if header == "none" else _first_row(path, lines.rows, cells, torn, delimiter, decimal)
     if first >= len(cells):
         raise RecordError(_no_numbers(path, cells, lines))
     broken = sorted(i for i in torn if i < first)
+    remarks: list[str] = []
     heads: list[str] = []
     if header != "none":
         remarks = [r for r in lines.remarks if not _is_data(_cells(path, 0, r, delimiter), decimal)]
         heads = remarks + [line for i, line in enumerate(lines.rows[:first]) if i not in broken]
     rows = cells[first:]
-    width, names, units = _header([_Head(path, line, delimiter) for line in heads], rows[0])
+    usual = _usual(rows)
+    width, names, units, top = _header([_Head(path, line, delimiter) for line in heads], usual)
+    above = tuple(line.strip() for line in heads[len(remarks) : top]) if header != "none" else ()
     if broken and not lenient:
         raise RecordError(
             f"every row must have {width} cells, got {len(cells[broken[0]])} in line {numbers[broken[0]]} of '{path}', "
             "where a quote is not closed"
         )
     numbers = numbers[first:]
-    lost = "" if any(names) or not heads else _lost_heading(path, heads, delimiter, decimal, rows[0])
+    lost = "" if any(names) or not heads else _lost_heading(path, heads, delimiter, decimal, usual)
     whole = len(rows)
     if lenient:
         keep = _undamaged(rows, width)
         rows, numbers = [rows[i] for i in keep], [numbers[i] for i in keep]
     for row, line in zip(rows, numbers, strict=True):
         if len(row) < width or any(row[width:]):
-            raise RecordError(
-                f"every row must have {width} cells, got {len(row)} in line {line} of '{path}'; is the file cut short?"
-            )
+            short = "; is the file cut short?" if line == numbers[-1] else ""
+            raise RecordError(f"every row must have {width} cells, got {len(row)} in line {line} of '{path}'{short}")
     said = [encoding] if encoding else []
     if delimiter != (None if blanks else ",") and width > 1:
         said.append(f"cells separated by {_NAMES.get(delimiter, repr(delimiter))}")
@@ -131,7 +134,7 @@ def read_text(
         said.append("decimal comma")
     said += [lost] if lost else []
     columns = tuple(zip(*(row[:width] for row in rows), strict=True))
-    return Cells(names, units, columns, numbers, decimal, tuple(said), whole - len(rows) + len(broken))
+    return Cells(names, units, columns, numbers, decimal, tuple(said), whole - len(rows) + len(broken), above)
 
 
 def numbers(cells: Sequence[str], decimal: str, where: str) -> FloatArray:
@@ -226,6 +229,53 @@ def _cells(path: Path, n: int, line: str, delimiter: str | None) -> list[str]:
         return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
     except csv.Error as error:
         raise RecordError(f"line {n} of '{path}' must be CSV, got: {error}") from error
+
+
+def _first_row(
+    path: Path,
+    lines: Sequence[str],
+    cells: Sequence[Sequence[str]],
+    torn: Collection[int],
+    delimiter: str | None,
+    decimal: str,
+) -> int:
+    """Return the index of the first row of numbers, their count if there is none.
+
+    A title such as ``Flight 12, 2024`` is half a row of numbers, too. It is none if names of channels follow it, or
+    rows of another width.
+    """
+    data = [i for i, row in enumerate(cells[:_PART]) if _is_data(row, decimal) and i not in torn]
+    if not data:
+        return len(cells)
+    heads = {i: _Head(path, line, delimiter) for i, line in enumerate(lines[: data[-1]]) if i not in data}
+
+    def named(i: int, row: Sequence[str]) -> bool:
+        """Say whether a line names columns of the row."""
+        names = heads[i].cut(len(_stripped(row)), len(row)) if i in heads else None
+        return names is not None and _as_names(names) > 0
+
+    def titles(end: int) -> bool:
+        """Say whether no row above ``end`` is one of the table of which that is the first."""
+        above = (_stripped(cells[i]) for i in data if i < end)
+        whole = (row for row in above if all(_is_taken(cell, decimal) for cell in row if cell))
+        return all(len(row) != len(_stripped(cells[end])) for row in whole)
+
+    if any(named(i, cells[data[0]]) for i in range(data[0])):
+        return data[0]
+    for first, before in zip(data[1:], data, strict=False):
+        if any(named(i, cells[first]) for i in range(before + 1, first)) and titles(first):
+            return first
+    usual = Counter(len(cells[i]) for i in data).most_common(1)[0][0]
+    first = next(i for i in data if len(cells[i]) == usual)
+    texts = (any(cell and not _is_taken(cell, decimal) for cell in cells[i]) for i in data if i < first)
+    return first if all(texts) else data[0]
+
+
+def _usual(rows: Sequence[Sequence[str]]) -> Sequence[str]:
+    """Return a row with as many cells as most of the first ones have: the first, unless it is damaged."""
+    width = Counter(len(row) for row in rows[:_SAMPLE]).most_common(1)[0][0]
+    usual = next(row for row in rows if len(row) == width)
+    return rows[0] if len(_stripped(rows[0])) == len(_stripped(usual)) else usual
 
 
 def _separators(
@@ -359,29 +409,30 @@ class _Head:
         return next((list(way) for way in self.ways if least <= len(way) <= most), None)
 
 
-def _header(heads: Sequence[_Head], data: Sequence[str]) -> tuple[int, tuple[str, ...], tuple[str, ...]]:
-    """Return the number of columns, their names and their units, from the lines before the first row of numbers."""
+def _header(heads: Sequence[_Head], data: Sequence[str]) -> tuple[int, tuple[str, ...], tuple[str, ...], int]:
+    """Return the number of columns, their names and units, and which of the lines before the numbers says so first."""
     fitting = _fitting(heads, len(_stripped(data)), len(data))
     if not fitting and len(data) > 1 and is_stamp(f"{data[0]} {data[1]}") and not is_stamp(data[0]):
-        fitting = [["date", *row] for row in _fitting(heads, len(data) - 1, len(data) - 1)]  # one name for both
+        parted = _fitting(heads, len(data) - 1, len(data) - 1)
+        fitting = [(i, ["date", *row]) for i, row in parted]  # one name for both
     if not fitting:
-        return len(data), ("",) * len(data), ("",) * len(data)
-    if len(fitting) > 1 and (_as_names(fitting[0]) > _as_units(fitting[0])):
+        return len(data), ("",) * len(data), ("",) * len(data), len(heads)
+    if len(fitting) > 1 and (_as_names(fitting[0][1]) > _as_units(fitting[0][1])):
         fitting = fitting[:1]  # a row of words above the names
-    names = fitting[min(1, len(fitting) - 1)]
-    units = fitting[0] if len(fitting) > 1 else []
-    return _named(names, (units + [""] * len(names))[: len(names)])
+    top, names = fitting[min(1, len(fitting) - 1)]
+    units = fitting[0][1] if len(fitting) > 1 else []
+    return *_named(names, (units + [""] * len(names))[: len(names)]), top
 
 
-def _fitting(heads: Sequence[_Head], least: int, most: int) -> list[list[str]]:
-    """Return the rows next above the numbers that have as many cells as these, the nearest first."""
-    fitting: list[list[str]] = []
-    for head in reversed(heads):
+def _fitting(heads: Sequence[_Head], least: int, most: int) -> list[tuple[int, list[str]]]:
+    """Return index and cells of the rows next above the numbers that have as many cells as these, nearest first."""
+    fitting: list[tuple[int, list[str]]] = []
+    for i, head in reversed(list(enumerate(heads))):
         if all(set(cell) <= set("-=_*") for cell in head.plain):
             continue  # a line drawn under the names
         row = head.cut(least, most)
         if row is not None:
-            fitting.append(row)
+            fitting.append((i, row))
         elif fitting:
             break
     return fitting

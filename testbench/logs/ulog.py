@@ -54,7 +54,8 @@ def read_ulog(path: Path | str) -> Log:
         damage[-1] += f"; saved: {len(topics)} topics up to t = {end:.3f} s of the log's clock"
     if walk.dropouts_ms:
         longest = max(walk.dropouts_ms)
-        lost.append(f"the logger itself reports {len(walk.dropouts_ms)} dropouts, the longest {longest} ms")
+        lengths = f"{len(walk.dropouts_ms)} dropouts, the longest" if len(walk.dropouts_ms) > 1 else "a dropout of"
+        lost.append(f"the logger itself reports {lengths} {longest} ms")
     values = {key: _value(kind, body) for kind, key, body in walk.parameters}
     parameters = {key: float(value) for key, value in values.items() if isinstance(value, int | float)}
     facts = {key: str(_value(kind, body)) for kind, key, body in walk.info if key in _FACTS}

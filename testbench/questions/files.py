@@ -6,8 +6,8 @@ from collections.abc import Collection
 from difflib import get_close_matches
 from pathlib import Path
 
-from testbench.core.errors import RecordError, ScenarioError, nearest
-from testbench.core.paths import SCENARIOS, find_scenario
+from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.paths import SCENARIOS, find_scenario, not_found
 from testbench.core.scenario.base import Asked
 from testbench.core.schema import read_toml
 from testbench.questions import BY_COMMAND, QUESTIONS, Question
@@ -19,11 +19,13 @@ PROMISES = "promises"
 _NEAR = 0.8  # likeness of a misspelt key, as difflib counts it
 
 
-def find(path: Path, command: str) -> Path:
+def find(path: Path, command: str, law: str = "") -> Path:
     """Return the file that ``path`` means for ``command``: a file, or a packaged one with or without its folder.
 
+    ``law`` is what the path must be, of a command that takes other things beside such files.
+
     Raises:
-        RecordError: there is no such file; the message has the nearest packaged name.
+        RecordError: there is no such file; the message has the nearest name of a file here or a packaged one.
         ScenarioError: it is a file for another command.
     """
     question = BY_COMMAND[command]
@@ -31,7 +33,9 @@ def find(path: Path, command: str) -> Path:
     if not file.is_file():
         file = find_scenario(path)
     if not file.is_file():
-        raise RecordError(_none(path, [p.stem for p in (SCENARIOS / question.folder).glob("*.toml")]))
+        packaged = [p.stem for p in (SCENARIOS / question.folder).glob("*.toml")]
+        usual = f"a {question.kind} must be a file or a packaged one"
+        raise RecordError(f"{law or usual}, got {not_found(path, packaged, None if law else _may_be_asked)}")
     kinds = kinds_of(file)
     if question not in kinds:
         raise ScenarioError([f"{file} is a {kinds[0].kind}: use testbench {kinds[0].command}"])
@@ -44,10 +48,8 @@ def promise_beside(scenario: Path) -> Path | None:
     return file if file.is_file() else None
 
 
-def _none(path: Path, packaged: list[str]) -> str:
-    """Return what is wrong with a path that is no file, and the nearest name of a packaged scenario."""
-    got = f"'{path}'" + (", which is a folder" if path.is_dir() else "")
-    return f"a scenario must be a file or a packaged one, got {got}{nearest(path.stem, packaged)}"
+def _may_be_asked(path: Path) -> bool:
+    return path.is_dir() or path.suffix.lower() == ".toml"
 
 
 def kinds_of(file: Path) -> list[Question]:
@@ -119,6 +121,7 @@ def _checked(path: Path) -> tuple[Question, Asked]:
     file = find_scenario(path)
     if not file.is_file():
         packaged = [p.relative_to(SCENARIOS).with_suffix("").as_posix() for p in SCENARIOS.rglob("*.toml")]
-        raise RecordError(_none(path, packaged))
+        got = not_found(path, packaged, _may_be_asked)
+        raise RecordError(f"a scenario must be a file or a packaged one, got {got}")
     question = kinds_of(file)[0]
     return question, question.file_class.load(file)

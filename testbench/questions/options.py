@@ -19,6 +19,7 @@ OutOption = Annotated[Path, typer.Option("--out", "-o", help="Folder for results
 DataOption = Annotated[
     Path | None, typer.Option(help="Folder with the data files, instead of the one in the description.")
 ]
+AircraftOption = Annotated[str | None, typer.Option(help="What flies, instead of the scenario's aircraft.")]
 StrictOption = Annotated[bool, typer.Option("--strict", help="Refuse values that no flight has.")]
 SeedOption = Annotated[int | None, typer.Option("--seed", min=0, help="Seed, instead of the one in the scenario.")]
 

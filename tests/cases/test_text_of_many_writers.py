@@ -220,3 +220,57 @@ def test_the_inputs_that_failed(name, channels):
     assert set(found.record.channels) == channels
     assert found.record["de"].max() == pytest.approx(3.0 * DEG_RAD, rel=1e-4)
     assert found.search.manoeuvres[0].start_s == pytest.approx(5.0, abs=0.05)
+
+
+TITLED = {
+    "comma_and_number.csv": ("Flight 12, 2024", ",", "."),
+    "date_and_clock.csv": ("2024-05-01, 12:30", ",", "."),
+    "quoted.csv": ('"Short period, 3-2-1-1",3', ",", "."),
+    "as_wide_as_the_table.csv": ("elevator,1,2", ",", "."),
+    "keys_and_values.csv": ("mass,5.2\nspan,3\n\nrate,50", ",", "."),
+    "decimal_comma.csv": ("Flug 12; 2024", ";", ","),
+    "blanks.txt": ("Flight 12 2024", " ", "."),
+    "sixty.csv": ("\n".join(f"key{i},{i}" for i in range(60)), ",", "."),
+}
+
+
+@pytest.mark.parametrize("name", TITLED)
+def test_titles_with_numbers_above_the_heading_are_found_and_said(tmp_path, name):
+    title, delimiter, decimal = TITLED[name]
+    path = tmp_path / name
+    head = HEAD.replace(",", delimiter) if delimiter != " " else "time[s] de[deg] q[deg/s]"
+    path.write_text(f"{title}\n{text(head, delimiter, decimal)}", encoding="utf-8")
+    found = is_the_flight(path)
+    lines = [line for line in title.splitlines() if line]
+    said = "1 line above the heading is a title" if len(lines) == 1 else f"{len(lines)} lines above the heading are tit"
+    assert len(found.log.notes) == 1
+    assert found.log.notes[0].startswith(said)
+    assert f"'{lines[0]}'" in found.log.notes[0]
+    assert not found.log.warnings
+
+
+def test_rows_of_numbers_above_names_are_no_titles(tmp_path):
+    whole = text("").strip().splitlines()
+    path = tmp_path / "names_in_the_middle.csv"
+    path.write_text("\n".join([*whole[:50], HEAD, *whole[50:]]), encoding="utf-8")
+    with pytest.raises(RecordError, match="got columns without names"):
+        import_log(path)
+
+
+def test_a_title_over_numbers_without_names_is_not_blamed_for_their_cells(tmp_path):
+    path = tmp_path / "no_names.csv"
+    path.write_text(text("Flight 12, 2024"), encoding="utf-8")
+    with pytest.raises(RecordError, match="must be called t or time, or hold dates, got columns without names"):
+        import_log(path)
+    assert read_table(path, "csv").above == ("Flight 12, 2024",)
+
+
+def test_a_damaged_first_row_is_the_one_that_is_left_out(tmp_path):
+    lines = text(HEAD).splitlines()
+    lines[1] = "0.0,1"
+    path = tmp_path / "damaged_first.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    (said,) = import_log(path).log.warnings
+    assert "1 line is damaged" in said
+    assert "every row must have 3 cells, got 2 in line 2 of" in said
+    assert "cut short" not in said

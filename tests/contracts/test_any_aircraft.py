@@ -48,7 +48,7 @@ def test_the_laws_of_aircraft(visitors, name):
     ("question", "name"),
     [
         ("run", "c172p"),
-        ("design", "f16"),
+        pytest.param("design", "f16", marks=pytest.mark.slow),
         ("plan", "SGS"),
         ("compare", "B747"),
         ("campaign", "SGS"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from testbench.questions.compare.benchmark.ask import KEPT
 from testbench.questions.compare.benchmark.bound import bound, mode_slopes
 from testbench.questions.compare.benchmark.flights import TRUE, fly_with_surface
 from testbench.questions.compare.benchmark.sets import SETS
+from testbench.questions.files import find
 
 TEXT = (Path(__file__).parents[2] / "docs" / "guides" / "benchmark_a_method.md").read_text("utf-8")
 SMALL = {"seeds": 2, "sets": ("clean", "missing"), "methods": ("moesp", "output_error"), "workers": 1}
@@ -54,7 +56,12 @@ def test_it_is_named_by_what_decides_it_and_goes_on(tmp_path):
 
 
 def test_a_method_that_fails_is_a_row_and_absent_flights_are_said(tmp_path, monkeypatch):
-    monkeypatch.setenv("TESTBENCH_FLIGHT_DATA", str(tmp_path / "nowhere"))
+    # Wherever the flights may lie: the description beside the packaged one names a folder without any.
+    monkeypatch.delenv("TESTBENCH_FLIGHT_DATA", raising=False)
+    described = find(Path(SETS["attas"].records), "identify").read_text("utf-8")
+    away = re.sub(r"(?m)^folder = .*$", 'folder = "nowhere"', described)
+    (tmp_path / "attas.toml").write_text(away, encoding="utf-8")
+    monkeypatch.setitem(SETS, "attas", replace(SETS["attas"], records=str(tmp_path / "attas.toml")))
     own = tmp_path / "bad.py"
     own.write_text("def estimate(records, inputs, outputs):\n    raise ValueError('not today')\n", encoding="utf-8")
     found = tb.benchmark(

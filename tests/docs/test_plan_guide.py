@@ -55,13 +55,21 @@ def targets_found() -> dict[str, dict[str, str]]:
         return {row["target"]: row for row in csv.DictReader(file)}
 
 
+def identified_errors() -> dict[str, float]:
+    """Return the errors of the targets that `testbench identify` gives for what `plan close` wrote."""
+    (path,) = Path("results").glob("*/tables/derivatives.csv")
+    with path.open(encoding="utf-8") as file:
+        return {row["derivative"]: float(row["std"]) for row in csv.DictReader(file) if row["derivative"][0] == "M"}
+
+
 def test_the_whole_way_from_geometry_to_derivatives_in_small(tmp_path, monkeypatch):
     """The commands of the guide, with a design that no flight realises."""
     monkeypatch.chdir(tmp_path)
     said = fly_the_whole_way("draws = 0\nrealise = 0\n")
-    assert "1 run of 1 found in 1 log, 1 as their cards say" in said[4]
+    assert "1 run of 1 found in 1 log, 1 as its card says" in said[4]
     rows = targets_found()
     assert set(rows) == {"M_alpha", "M_q", "M_de"}
+    assert identified_errors() == {name: pytest.approx(float(row["error"])) for name, row in rows.items()}
     for row in rows.values():
         assert float(row["flown"]) == pytest.approx(float(row["here"]), rel=0.4)
         assert row["realised"] == ""
@@ -89,6 +97,7 @@ def test_the_whole_way_as_the_guide_has_it_keeps_its_promise_in_five_minutes(tmp
     took_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     assert 1.0 < took_s < MOST_S
     rows = targets_found()
+    assert identified_errors() == {name: pytest.approx(float(row["error"])) for name, row in rows.items()}
     assert [row["verdict"] for row in rows.values()] == ["reached"] * 3
     for row in rows.values():
         assert float(row["realised"]) > float(row["promised"])

@@ -80,7 +80,7 @@ zeros = [4, 4, 4, 4]
 """
 
 
-@pytest.fixture(scope="module", params=AIRCRAFT)
+@pytest.fixture(scope="module", params=["taurus", *(pytest.param(n, marks=pytest.mark.slow) for n in ("eolo", "b1"))])
 def identified(request, tmp_path_factory):
     """Two records of one aircraft, flown in the simulator; then its models, by the command line and by the library."""
     name = request.param

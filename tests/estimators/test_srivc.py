@@ -197,6 +197,7 @@ def scatter(seeds, noise, n=200):
     return np.array(found), np.array(stated), np.array([*A[1:], *B, 2.5, 0.5]), np.array(factors)
 
 
+@pytest.mark.slow
 def test_standard_errors_are_the_scatter_and_intervals_cover():
     seeds = 200
     found, stated, true, _ = scatter(seeds, lambda rng, n: 0.2 * rng.standard_normal(n))

@@ -82,6 +82,7 @@ def test_misses_are_compared_by_an_exact_sign_test_of_the_pairs_that_differ() ->
     assert (back.low, back.high) == pytest.approx((-found.difference.high, -found.difference.low))
 
 
+@pytest.mark.slow
 def test_interval_of_misses_covers() -> None:
     rng, runs, hits = np.random.default_rng(3), 1000, 0
     for _ in range(runs):

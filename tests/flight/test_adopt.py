@@ -24,6 +24,7 @@ pytestmark = pytest.mark.skipif(ROOT is None, reason="the jsbsim package brings 
 
 # Name: speed, m/s. c182 has a propeller of constant speed, pc7 one behind a turboprop.
 SPEEDS = {"c172p": 45.0, "f16": 150.0, "SGS": 29.0, "B747": 140.0, "c182": 55.0, "pc7": 80.0}
+PC7 = pytest.param("pc7", marks=pytest.mark.slow)  # its propeller takes a quarter of a minute to settle
 
 
 @cache
@@ -41,7 +42,7 @@ def held(name: str) -> Executive:
     return fdm
 
 
-@pytest.mark.parametrize("name", SPEEDS)
+@pytest.mark.parametrize("name", [n for n in SPEEDS if n != "pc7"] + [PC7])
 def test_forces_and_moments_balance(name):
     trimmed = adopted(name).trimmed
     assert np.max(np.abs(trimmed.residual)) < 1e-7
@@ -49,7 +50,7 @@ def test_forces_and_moments_balance(name):
     assert abs(trimmed.alpha) < 12.0 * DEG_RAD
 
 
-@pytest.mark.parametrize("name", ["c172p", "c182", "pc7"])
+@pytest.mark.parametrize("name", ["c172p", "c182", PC7])
 def test_a_flight_without_input_stays_at_trim(name):
     """Propellers, governors, manifolds and gas generators go on where the trim left them: three seconds change nothing.
 
@@ -64,7 +65,7 @@ def test_a_flight_without_input_stays_at_trim(name):
     assert record["theta"] == pytest.approx(record["theta"][0], abs=2e-5)
 
 
-@pytest.mark.parametrize("name", ["c182", "pc7"])
+@pytest.mark.parametrize("name", ["c182", PC7])
 def test_frames_of_a_flight_change_no_propeller(name):
     """JSBSim's own frames, governor at work, rigid body held: an independent search for the same equilibrium."""
     fdm = held(name)
@@ -76,7 +77,7 @@ def test_frames_of_a_flight_change_no_propeller(name):
     assert fdm.get("propulsion/engine[0]/blade-angle") == pytest.approx(blade, abs=1e-5)
 
 
-@pytest.mark.parametrize("name", ["c182", "pc7"])
+@pytest.mark.parametrize("name", ["c182", PC7])
 def test_the_governor_gets_the_speed_it_asks_for(name):
     found = adopted(name)
     texts = " ".join(t for t in found.aircraft.engine_files.values() if "<propeller" in t)

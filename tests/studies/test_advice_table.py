@@ -8,12 +8,13 @@ import pytest
 from tests.studies import advice_study
 from tests.studies.advice_cases import CASES
 
+LOOP = advice_study.TABLE.with_name("advice_loop.csv")
 README = advice_study.TABLE.with_name("README.md")
 BIASED = {"transfer_function"}  # noise biases it, and it says so
 
 
-def table():
-    with advice_study.TABLE.open(encoding="utf-8", newline="") as stream:
+def table(path=advice_study.TABLE):
+    with path.open(encoding="utf-8", newline="") as stream:
         return [{k: v if k in ("case", "method") else int(v) for k, v in r.items()} for r in csv.DictReader(stream)]
 
 
@@ -31,6 +32,15 @@ def test_wrong_estimates_are_flagged_and_their_cause_is_named():
         rows = [r for r in table() if r["case"] == case]
         assert total(rows, "wrong_flagged") >= 0.9 * total(rows, "wrong")
         assert total(rows, "wrong_named") >= (0.875 if case == "loop" else 0.9) * total(rows, "wrong")
+
+
+def test_the_loop_is_named_on_flights_that_chose_nothing():
+    rows = table(LOOP)
+    wrong, named = (total(rows, name) for name in ("wrong", "wrong_named"))
+    assert {r["method"] for r in rows} == set(advice_study.methods("loop"))
+    assert all(r["seeds"] == 100 for r in rows)
+    assert named / wrong == pytest.approx(0.9, abs=0.005)
+    assert f"{named} of {wrong} wrong\nestimates are named" in README.read_text("utf-8")
 
 
 def test_clean_fits_are_good():

@@ -131,6 +131,21 @@ class Flown(Asked):
     wings: Literal["flexible", "rigid"] = "flexible"
     seed: Annotated[int, Field(ge=0)] = 0
 
+    def with_aircraft(self, aircraft: str) -> Self:
+        """Return the scenario with another aircraft, checked against that.
+
+        Args:
+            aircraft: a name or path, which is looked for from the working directory.
+
+        Raises:
+            ScenarioError: there is no such aircraft, or it cannot fly the scenario; lists every fault.
+        """
+        changed = self.changed(aircraft=resolve(aircraft, AIRCRAFT))
+        faults = changed.faults()
+        if faults:
+            raise ScenarioError([f"{fault}, flown by {aircraft}" for fault in faults])
+        return changed
+
 
 class FlownAt(Flown):
     """What flies from one trimmed condition, at the rates of the simulation."""

@@ -84,7 +84,7 @@ def _without_comfort(advice: Advice) -> Advice:
     """Return advice on coloured residuals without the word that errors are corrected: no correction holds a bias."""
     if advice.code != "coloured_residuals" or "corrected" not in advice:
         return advice
-    said = f"{advice.rpartition(': ')[0]}: no correction of standard errors holds what the cause above has done"
+    said = f"{advice.rpartition(': ')[0]}: standard errors do not hold what the cause above has done"
     return Advice(said, advice.severity, advice.code)
 
 

@@ -28,7 +28,7 @@ class Found(NamedTuple):
         amount: seconds of delay or lag, else 0.
         share: of the squared residuals, or for feedback of what is new in the input, that it explains.
         errors: largest shift of a parameter over its standard error; NaN without standard errors.
-        moved: name of that parameter.
+        moved: name of that parameter; without standard errors the pole that moves most and its shift, in words.
         relative: its shift over its value; without standard errors that of the pole that moves most.
         statistic: likelihood ratio 2 ln L.
         degrees: of freedom.
@@ -84,8 +84,12 @@ def in_words(model: IdentifiedModel, c: Found) -> Advice:
 
 def _shifted(c: Found) -> str:
     if np.isfinite(c.errors) and c.moved:
-        return f", and it shifts {c.moved} by some {c.errors:.2g} of its standard errors ({100.0 * c.relative:.0f} %)"
-    return f", and it shifts a pole by some {100.0 * c.relative:.0f} %" if np.isfinite(c.relative) else ""
+        share = f"{100.0 * c.relative:.0f} %" if c.relative <= 1.0 else "more than its value"
+        return f", and it shifts {c.moved} by some {c.errors:.2g} of its standard errors ({share})"
+    if not np.isfinite(c.relative):
+        return ""
+    # percent of a pole near the origin say nothing
+    return f", and it shifts {f'a pole by some {100.0 * c.relative:.0f} %' if c.relative <= 1.0 else c.moved}"
 
 
 def _severity(c: Found) -> Severity:

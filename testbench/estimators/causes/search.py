@@ -340,7 +340,9 @@ def _far_from_best(model: IdentifiedModel, best: _Best, start: Regression) -> Fo
 
 
 def _shift(model: IdentifiedModel, best: _Best, fit: Regression) -> tuple[float, str, float]:
-    """Return the largest shift over its standard error, whose it is, and relative to the value; the pole's without.
+    """Return the largest shift over its standard error, whose it is, and relative to the value.
+
+    Without standard errors it is the shift of the pole that moves most, relative to its size; in words in rad/s.
 
     What is left of trim values takes up every drift, which need not touch the others: it counts where nothing else is.
     """
@@ -349,7 +351,8 @@ def _shift(model: IdentifiedModel, best: _Best, fit: Regression) -> tuple[float,
     first = directions(model)
     error = np.array([d.error for d in first])
     if len(first) != len(found) or not np.all(np.isfinite(error)):
-        return np.nan, "", moved_poles(model, best.model, found, b)
+        relative, pole = moved_poles(model, best.model, found, b)
+        return np.nan, f"a pole of {pole:.2g} rad/s by some {relative * pole:.2g} rad/s", relative
     b = b + np.array([d.value for d in found]) - np.array([d.value for d in first])
     size = np.where(np.abs(b) > _SURE * std, np.abs(b), 0.0) / error
     constants = model.structure.trim_constants if isinstance(model, ParametricModel) else ()

@@ -72,23 +72,32 @@ def moved(model: IdentifiedModel, found: Sequence[Direction], change: FloatArray
     return replace(model, **arrays)
 
 
-def moved_poles(first: IdentifiedModel, model: IdentifiedModel, found: Sequence[Direction], b: FloatArray) -> float:
+def moved_poles(
+    first: IdentifiedModel, model: IdentifiedModel, found: Sequence[Direction], b: FloatArray
+) -> tuple[float, float]:
     """Return by how much, relative to its size, the pole moves most from ``first`` to ``model`` and on by a change.
 
     The change b (k,) along the directions found at ``model`` counts to first order. Poles that it takes from complex to
     real ones, or back, are paired by the nearest. Infinite where a pole without continuous counterpart gets one.
+
+    Returns:
+        The shift over the size of the pole, and that size in rad/s (NaN where the shift is not finite).
     """
     start, here = all_poles(first), all_poles(model)
     if start.size != here.size:
-        return np.inf
+        return np.inf, np.nan
     here = _nearest(start, here)
     total = here - start
     for d, c in zip(found, b, strict=True):
         other = all_poles(d.model)
         if other.size != start.size:
-            return np.nan
+            return np.nan, np.nan
         total += (_nearest(here, other) - here) * (c / d.step)
-    return float(np.max(np.abs(total) / np.maximum(np.abs(start), 1e-9), initial=0.0))
+    if not start.size:
+        return 0.0, np.nan
+    size = np.maximum(np.abs(start), 1e-9)
+    i = int(np.argmax(np.abs(total) / size))
+    return float(np.abs(total[i]) / size[i]), float(size[i])
 
 
 def _nearest(poles: ComplexArray, other: ComplexArray) -> ComplexArray:

@@ -326,7 +326,8 @@ def _bias_in_words(model: ParametricModel, bias: FloatArray) -> tuple[Advice, ..
     error, names = np.sqrt(np.diag(model.covariance)), model.structure.parameter_names
 
     def said(i: int) -> str:
-        share = f"{100.0 * abs(bias[i] / model.params[i]):.2g} % of it, " if model.params[i] else ""
+        large = abs(bias[i]) > abs(model.params[i])  # percent of a value near zero say nothing
+        share = "" if large else f"{100.0 * abs(bias[i] / model.params[i]):.2g} % of it, "
         return f"{names[i]} by {bias[i]:.2g} ({share}{abs(bias[i]) / error[i]:.2g} of its errors)"
 
     worth = [int(i) for i in np.flatnonzero(error > 0.0) if abs(bias[i]) > _LITTLE * error[i]]

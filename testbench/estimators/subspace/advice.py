@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from testbench.core.advice import Advice, doubt, wrong
+from testbench.core.relative import percent_in_words, share_in_words
 
 if TYPE_CHECKING:
     from testbench.estimators.subspace.outcome import Settings
@@ -67,7 +68,7 @@ def doubts(found: Mapping[str, Any], outputs: Sequence[str], J: int, L: int) -> 
         out.append(
             doubt(
                 "past_horizon",
-                f"with past_horizon = {J // 2} a pole moves by {100 * found['pole_shift_past']:.0f} %: "
+                f"with past_horizon = {J // 2} a pole moves by {share_in_words(found['pole_shift_past'])}: "
                 f"past_horizon = {J} is too short, or the data do not hold that pole; lengthen it or give more data",
             )
         )
@@ -75,7 +76,7 @@ def doubts(found: Mapping[str, Any], outputs: Sequence[str], J: int, L: int) -> 
         out.append(
             doubt(
                 "future_horizon",
-                f"with future_horizon = {other} a pole moves by {100 * found['pole_shift_future']:.0f} %: "
+                f"with future_horizon = {other} a pole moves by {share_in_words(found['pole_shift_future'])}: "
                 f"future_horizon = {L} is too short to tell the states apart, or the data do not hold that pole; "
                 "lengthen it or decimate",
             )
@@ -104,7 +105,7 @@ def doubts(found: Mapping[str, Any], outputs: Sequence[str], J: int, L: int) -> 
             )
         )
     poor = [
-        f"{name} {error:.0f} %"
+        f"{name} {percent_in_words(error)}"
         for name, error in zip(outputs, found["output_error_percent"], strict=True)
         if error > _POOR
     ]

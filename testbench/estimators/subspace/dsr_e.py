@@ -43,6 +43,7 @@ from scipy.linalg.lapack import dtrcon
 from testbench.core.advice import Advice, doubt
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.core.relative import share_in_words
 from testbench.estimators.call import with_settings
 from testbench.estimators.hankel import BlockHankel, block_factor, predict, runs, thin_svd, trend, window_starts
 from testbench.estimators.model import check_records, continuous_poles
@@ -207,7 +208,7 @@ def estimate(
 def _advice_on_variant(variant: Variant, parted: float | None) -> tuple[Advice, ...]:
     if variant != "eolo" or (parted is not None and parted <= 0.1):
         return ()
-    apart = "of another order" if parted is None else f"{100 * parted:.0f} % away"
+    apart = "of another order" if parted is None else f"{share_in_words(parted)} away"
     said = (
         f"the original DSR_e finds poles {apart}: the unweighted projection divides by what the inputs do not "
         'excite; use variant = "original", excite a wider band or decimate'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -36,6 +37,7 @@ _DOT_IN = 0.13  # so that a count stands in the line of its own interval, clear 
 _NOTE_ROOM = 0.55  # share of an axis' end beyond which a note stands above its interval
 _ROOM = 0.6  # share of the smallest value that an axis begins at
 _KINDS = ("prediction", "mode", "parameter")
+_LETTERS, _FEW_LETTERS = 28, 20  # of a row's name in one line, in the wide and in the narrow form
 _HUNDREDTHS = 100.0  # damping ratios are drawn in hundredths, beside percent
 
 
@@ -148,7 +150,7 @@ def _panels(panels: dict[str, list[Dot]], suites: Sequence[str], wide: bool) -> 
     for r, row in enumerate(rows):
         for c in range(across):
             if c < len(row):
-                _dots(axes[r, c], panels[row[c]], names[row[c]], len(suites))
+                _dots(axes[r, c], panels[row[c]], names[row[c]], len(suites), _LETTERS if wide else _FEW_LETTERS)
                 label(axes[r, c], "error, % (ζ: hundredths)" if r == len(rows) - 1 else "", "", row[c])
             else:
                 axes[r, c].set_visible(False)
@@ -164,7 +166,7 @@ def _handles(suites: Sequence[str]) -> list[Any]:
     ]
 
 
-def _dots(axes: Axes, dots: Sequence[Dot], names: Sequence[str], suites: int) -> None:
+def _dots(axes: Axes, dots: Sequence[Dot], names: Sequence[str], suites: int, letters: int) -> None:
     drawn = [d for d in dots if np.isfinite(d.value)]
     floor = _ROOM * min(d.value for d in drawn)
     step = 0.7 / max(suites, 1)
@@ -183,7 +185,7 @@ def _dots(axes: Axes, dots: Sequence[Dot], names: Sequence[str], suites: int) ->
             notes.append((max(d.high, x), y, d.note, colour))
         axes.plot([x], [y], marker=marker, markersize=4.5, markerfacecolor=face, color=colour, linestyle="", zorder=3)
     axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_yticks(range(len(names)), [_short(n) for n in names])
+    axes.set_yticks(range(len(names)), [_short(n, letters) for n in names])
     axes.grid(visible=False, axis="y")
     end = min(1.4 * max(d.high for d in drawn), 3.0 * max(d.value for d in drawn))
     axes.set_xlim(floor, end)
@@ -202,9 +204,10 @@ def _dots(axes: Axes, dots: Sequence[Dot], names: Sequence[str], suites: int) ->
     log_axis(axes, "x", powers=False)
 
 
-def _short(name: str, most: int = 30) -> str:
+def _short(name: str, letters: int) -> str:
+    """Return the name of a row in two lines at most."""
     text = name.replace("wn of ", "ωn ").replace("zeta of ", "ζ ").replace("symmetric", "symm.")
-    return text if len(text) <= most else text[: most - 1] + "…"
+    return "\n".join(textwrap.wrap(text, letters, max_lines=2, placeholder=" …"))
 
 
 def _stations(placed: Placed) -> Explorable:

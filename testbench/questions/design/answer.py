@@ -52,7 +52,14 @@ def error_words(result: DesignResult, errors: FloatArray, k: int) -> str:
     t = result.problem.targets
     if not np.isfinite(errors[k]):
         return "unbounded"
-    return f"{number(100.0 * errors[k] / abs(t.values[k]), 2)} %" if is_ratio(t.names[k]) else number(errors[k], 2)
+    return _error(t.names[k], float(errors[k]), float(t.values[k]))
+
+
+def _error(name: str, error: float, value: float) -> str:
+    """Return an error in percent of the value; as it is for damping ratios, and where it exceeds a value near zero."""
+    if not is_ratio(name) or error > abs(value):
+        return number(error, 2) + (f" (value {number(value, 2)})" if is_ratio(name) else "")
+    return f"{number(100.0 * error / abs(value), 2)} %"
 
 
 def wanted_words(result: DesignResult, k: int) -> str:
@@ -222,7 +229,7 @@ def _elsewhere(result: DesignResult) -> list[str]:
         else:
             k = int(np.argmax(e.found.rms / t.wanted))
             rms, name = float(e.found.rms[k]), t.names[k]
-            error = f"{number(100.0 * rms / abs(e.values[k]), 2)} %" if is_ratio(name) else number(rms, 2)
+            error = _error(name, rms, float(e.values[k]))
             out.append(f"{text}, the realised error of {name} is {error}")
         if e.breach:
             out[-1] += f"; in still air {e.breach}"

@@ -8,7 +8,15 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import FlownBy, OutOption, ScenarioArgument, SeedOption, SimulatorOption, with_figures
+from testbench.questions.options import (
+    AircraftOption,
+    FlownBy,
+    OutOption,
+    ScenarioArgument,
+    SeedOption,
+    SimulatorOption,
+    with_figures,
+)
 
 AfterOption = Annotated[
     list[Path] | None,
@@ -26,6 +34,7 @@ def command(
     after: AfterOption = None,
     out: OutOption = Path("results"),
     seed: SeedOption = None,
+    aircraft: AircraftOption = None,
     simulator: SimulatorOption = FlownBy.auto,
 ) -> None:
     """Design the input that tells wanted parameters or modes through given sensors, inside given limits.
@@ -33,7 +42,7 @@ def command(
     The command screens every signal family, refines the best ones by information, flies them, ranks them and says what
     to fly. It writes the signals, and scenarios ready for `testbench run`. Example: `testbench design eolo_modes`. With
     --after the next input is designed for what earlier flights left uncertain: `testbench design mine.toml --after
-    results/close_mine`.
+    results/close_mine`. Another aircraft than the scenario's: `testbench design eolo_short_period --aircraft mine`.
     """
     from testbench.questions.design.ask import run_design
     from testbench.questions.design.known import AllKnown, known_after
@@ -42,6 +51,8 @@ def command(
     from testbench.questions.files import find
 
     loaded = DesignScenario.load(find(scenario, "design"))
+    if aircraft is not None:
+        loaded = loaded.with_aircraft(aircraft)
     folder = out / f"design_{loaded.name}{f'_after_{len(after)}' if after else ''}"  # plans refer to the design before
     flown = known_after(after, loaded.condition.V_m_s) if after else None
     with stages() as say:

@@ -59,7 +59,7 @@ def scenario_toml(result: DesignResult, design: Design) -> str:
         f"# Designed input: {family_label(design.family)}, {design.words}. {_told(result, design)}:",
         *(f"#   {text}" for text in _error_lines(result, design)),
         f"title = {quoted(f'{s.title}: {family_label(design.family)}')}",
-        f'aircraft = "{s.aircraft}"',
+        f"aircraft = {quoted(s.aircraft)}",
         *wings,
         f"seed = {s.seed}",
         f"suites = [{', '.join(quoted(name) for name in s.suites[:1])}]",

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from testbench.core.errors import RecordError, ScenarioError, nearest
+from testbench.core.escape import one_line
 from testbench.core.files import write_file
 from testbench.core.schema import read_toml
 from testbench.questions.exercise.exercise import Choice, Exercise, Question
@@ -69,9 +70,10 @@ def read_answers(file: Path, questions: Sequence[Question]) -> dict[str, Any]:
     except RecordError as error:
         raise RecordError(f"{error}; `testbench exercise start` writes a template for it") from error
     keys = [q.key for q in questions]
-    faults = [f"{file}, {key}: no question has this key{nearest(key, keys)}" for key in content if key not in keys]
-    if faults:
-        raise ScenarioError(faults)
+    unknown = [one_line(key) for key in content if key not in keys]
+    if unknown:
+        raise ScenarioError([f"{file}, {key}: no question has this key{nearest(key, keys)}" for key in unknown])
+    content = {k: one_line(v) if isinstance(v, str) else v for k, v in content.items()}  # it is printed, and in a table
     given = {k: v for k, v in content.items() if not (isinstance(v, str) and v.strip() in ("", UNANSWERED))}
     numbers = {q.key for q in questions if not isinstance(q, Choice)}
     return {k: _number(v) if k in numbers else v for k, v in given.items()}

@@ -21,6 +21,7 @@ from testbench.core.advice import Advised, from_json
 from testbench.core.channels import channel
 from testbench.core.errors import RecordError, located
 from testbench.core.files import parsed
+from testbench.core.paths import not_found
 from testbench.core.record import FloatArray
 
 PADE = 4  # order of a dead time in continuous time: right to 1 deg up to w tau = 4.5
@@ -60,7 +61,7 @@ def load_matrices(path: Path | str) -> Matrices:
     """
     path = Path(path)
     if not path.is_file():
-        raise RecordError(f"a model must be a file that exists, got '{path}'")
+        raise RecordError(f"a model must be a file that exists, got {not_found(path)}")
     with parsed(path, "a model's JSON file"):
         content = json.loads(path.read_text(encoding="utf-8"))
     kinds = {"A": _of_state_space, "denominators": _of_transfer_functions}

@@ -13,7 +13,7 @@ import numpy as np
 
 from testbench.core.errors import RecordError, located
 from testbench.core.escape import one_line
-from testbench.core.paths import AIRCRAFT, STOCK, aircraft_names, resolve, suite_names
+from testbench.core.paths import AIRCRAFT, STOCK, aircraft_names, not_found, resolve, suite_names
 from testbench.core.record import FlightRecord
 from testbench.core.toml_text import quoted, real
 from testbench.flight import load_aircraft
@@ -115,7 +115,7 @@ def record_files(given: Sequence[Path]) -> list[Path]:
                 )
             out += [p for p in found if p.name != WHOLE] or found
         elif not path.is_file():
-            raise RecordError(f"a record must be a file that exists, got '{path}'")
+            raise RecordError(f"a record must be a file that exists, got {not_found(path)}")
         elif path.suffix.lower() == ".toml":
             raise RecordError(f"a case lists records, not descriptions, got '{path}': give its records (.nc)")
         elif path.suffix.lower() != ".nc":

@@ -12,7 +12,7 @@ import numpy as np
 from testbench.aircraft import Aircraft
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import RecordError, located
-from testbench.core.paths import find_scenario, suite_names
+from testbench.core.paths import find_scenario, not_found, suite_names
 from testbench.core.record import FlightRecord, load_record
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.logs.read import read_records
@@ -145,7 +145,7 @@ def read_flights(given: Path | str, data_folder: Path | str | None = None) -> It
     path = Path(given)
     if path.suffix == ".nc":
         if not path.is_file():
-            raise RecordError(f"a record must be a file that exists, got '{path}'")
+            raise RecordError(f"a record must be a file that exists, got {not_found(path)}")
         record = load_record(path)
         with located(path, "kind"):
             if record.kind != "measured":
@@ -157,7 +157,7 @@ def read_flights(given: Path | str, data_folder: Path | str | None = None) -> It
         return [(str(manoeuvre) if isinstance(manoeuvre, str) else path.stem, "", record)]
     found = path if path.is_file() else find_scenario(Path("records") / path)
     if not found.is_file():
-        raise RecordError(f"a record must be a file that exists, got '{path}'")
+        raise RecordError(f"a record must be a file that exists, got {not_found(path)}")
     if found.suffix != ".toml":
         raise RecordError(
             f"records must be NetCDF of the testbench (.nc) or a description of recorded flights (.toml), got "

@@ -21,6 +21,10 @@ def identify_answer(found: Identified) -> list[Line]:
     """Return the derivatives of each model with errors, those that are not to be believed, doubts, notes, the fit."""
     lines: list[Line] = []
     names = case_names(found.cases)
+    for m in found.missed:
+        of = f"{names[m.case]}: " if len(found.cases) > 1 else ""
+        lines.append(Line("finding" if lines else "lead", sentence(f"{of}{m.in_words()}")))
+        lines.append(Line("wrong", sentence(f"do not use: {of}{m.why}")))
     for i in dict.fromkeys(d.case for d in found.derivatives):
         own = [d for d in found.derivatives if d.case == i]
         good, bad = [d for d in own if d.determined], [d for d in own if not d.determined]

@@ -9,7 +9,7 @@ import numpy as np
 
 from testbench.core.advice import doubt
 from testbench.core.constants import DEG_RAD
-from testbench.core.errors import located
+from testbench.core.errors import ScenarioError, located, nearest
 from testbench.core.record import FlightRecord
 from testbench.estimators.parametric.model import ParametricModel
 from testbench.estimators.structured import Servo, Structured
@@ -17,13 +17,15 @@ from testbench.flight import load_aircraft
 from testbench.line import RECORDED, Case, Flight, Keep, Report, identify_and_judge
 from testbench.logs.plausible import questions_of
 from testbench.logs.read import read_records
+from testbench.page.words import listed
 from testbench.questions.identify.before import before, servos_of
 from testbench.questions.identify.coefficients import scaling_of
-from testbench.questions.identify.derivatives import found_derivatives
+from testbench.questions.identify.derivatives import FoundDerivative, found_derivatives
 from testbench.questions.identify.flown import flown_condition
 from testbench.questions.identify.result import Identified
 from testbench.questions.identify.scenario import STATED_STD, RecordDescription
 from testbench.questions.identify.servo_cost import cost_in_words
+from testbench.questions.identify.unpredicted import at_rest, missed
 
 
 def identify(
@@ -76,6 +78,7 @@ def identify(
     flown = flown_condition(description, cases[0].identification, aircraft, getattr(cases[0].estimator, "V_m_s", None))
     known = None if aircraft is None else before(aircraft, flown)
     say("weigh the derivatives")
+    derivatives = found_derivatives(cases, known, scaling_of(flown, known), description.known_errors)
     return Identified(
         description.name,
         description.title,
@@ -85,10 +88,15 @@ def identify(
         tuple(flights),
         cases,
         reference=description.reference_values,
-        derivatives=found_derivatives(cases, known, scaling_of(flown, known)),
+        derivatives=derivatives,
         before=known,
         flown=flown,
-        notes=(*_notes(description, cases, servos), *(known.notes if known else ()), *flown.notes),
+        notes=(
+            *_simulated(description, derivatives),
+            *_notes(description, cases, servos),
+            *(known.notes if known else ()),
+            *flown.notes,
+        ),
         doubts=(
             *(
                 doubt("servo_ignored", text)
@@ -98,6 +106,7 @@ def identify(
             *(doubt("rate_limit_met", text) for text in met),
         ),
         questions=questions,
+        missed=missed(cases, inputs, {d.case for d in derivatives if d.determined}),
     )
 
 
@@ -119,11 +128,42 @@ def _limits_met(servos: Mapping[str, Servo], estimated: Sequence[str], records: 
     return out
 
 
+def _simulated(description: RecordDescription, derivatives: Sequence[FoundDerivative]) -> list[str]:
+    """Return a sentence on the errors that are those of simulated flights, and what the estimators state instead.
+
+    Raises:
+        ScenarioError: the description gives an error of a derivative that no model has.
+    """
+    names = [d.name for d in derivatives]
+    wrong = [name for name in description.known_errors if name not in names]
+    if wrong:
+        raise ScenarioError(
+            [
+                f"{description.file}, simulated_errors.errors.{name}: must be a derivative of a model that is "
+                f"identified, got '{name}'{nearest(name, names)}"
+                for name in wrong
+            ]
+        )
+    found = [d for d in derivatives if d.std > d.stated]
+    if not found or description.simulated_errors is None:
+        return []
+    larger, stated = listed([d.name for d in found]), listed([f"{d.stated:.2g}" for d in found])
+    return [
+        f"errors of {larger} are those of {description.simulated_errors.source}, by [simulated_errors]: what lasts in "
+        f"every flight is in them; the estimator alone states {stated}"
+    ]
+
+
 def _notes(description: RecordDescription, cases: Sequence[Case], servos: Mapping[str, Servo]) -> list[str]:
     """Return what was recognised, taken from the aircraft and left out, in sentences."""
     out = []
     if not any(case.validation for case in cases):
         out.append("no record is kept back: only those that a model was identified from judge it")
+    elif at_rest(cases):
+        out.append(
+            "no control moves in the records kept back, which test the models little: fly the manoeuvre again and keep "
+            "that one back (use = 'validation')"
+        )
     for case in cases:
         names = str(case.model.settings.get("held", "")).partition(" (recognised")
         if names[1]:

@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from testbench.questions.identify.scenario import RecordDescription
 
 
+_LAW = "what is identified must be a log, a folder that testbench import wrote, or a description (.toml, or packaged)"
+
+
 class Trends(str, Enum):
     """Variables of a trend."""
 
@@ -91,7 +94,7 @@ def command(
             files = _in_folder(path)
         else:
             files = _of_log(path, out) if path.is_file() and path.suffix.lower() != ".toml" else []
-        for file in files or [find(path, "identify")]:
+        for file in files or [find(path, "identify", _LAW)]:
             loaded = RecordDescription.load(file)
             asked.append(loaded if aircraft is None else loaded.changed(aircraft=aircraft))
     given = {"each": each, "prior": prior, "trend": trend and trend.value, "method": method}
@@ -124,6 +127,7 @@ def _in_folder(folder: Path) -> list[Path]:
     from testbench.questions.files import kinds_of
 
     found = [p for p in sorted(folder.glob("*.toml")) if BY_COMMAND["identify"] in kinds_of(p)]
+    from testbench.core.paths import find_scenario
     from testbench.core.record import load_record
     from testbench.questions.importing.ask import UNUSABLE, WHOLE
 
@@ -131,6 +135,9 @@ def _in_folder(folder: Path) -> list[Path]:
     unusable = load_record(whole).provenance.get(UNUSABLE, ()) if not found and whole.is_file() else ()
     if unusable:
         raise RecordError(_nothing(folder, unusable))
+    packaged = find_scenario(Path("records", folder))
+    if not found and packaged.is_file():  # a folder of results may have its name
+        return [packaged]
     if not found:
         raise RecordError(
             f"a folder to identify must hold a description of records (.toml), got '{folder}' without one; `testbench "

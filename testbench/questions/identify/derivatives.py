@@ -48,6 +48,7 @@ class FoundDerivative:
         case: index of the model's case.
         name: symbol.
         value, std: estimate and standard error.
+        stated: standard error that the estimator states; smaller than ``std`` where simulated flights show more.
         unit: SI; "" if there is none or it is not known.
         before: what it was before the flight; None if nobody said.
         source: who said so: the aircraft's name, "start" or "".
@@ -60,6 +61,7 @@ class FoundDerivative:
     name: str
     value: float
     std: float
+    stated: float
     unit: str
     before: float | None
     source: str
@@ -80,7 +82,7 @@ class FoundDerivative:
 
 
 def found_derivatives(
-    cases: Sequence[Case], known: Before | None, scaling: Scaling | None
+    cases: Sequence[Case], known: Before | None, scaling: Scaling | None, simulated: Mapping[str, float]
 ) -> tuple[FoundDerivative, ...]:
     """Return every free parameter of every model with a structure, but for constants.
 
@@ -88,6 +90,7 @@ def found_derivatives(
         cases: of one description.
         known: the aircraft before; None without one.
         scaling: what coefficients are made with; None if that is not known.
+        simulated: standard errors that simulated flights show, by derivative; they count where they are larger.
     """
     out = []
     for i, case in enumerate(cases):
@@ -103,18 +106,22 @@ def found_derivatives(
             if name.endswith("_0"):
                 continue
             before = told.get(name, start.get(name))
+            value, stated = model.values[name], model.standard_errors[name]
+            std = max(stated, simulated.get(name, 0.0))
+            scaled = coefficient(model, name, scaling) if scaling else None
             source = known.aircraft.name if known and name in told else "start" if name in start else ""
             out.append(
                 FoundDerivative(
                     i,
                     name,
-                    model.values[name],
-                    model.standard_errors[name],
+                    value,
+                    std,
+                    stated,
                     _unit(name, model.structure.name) or units.get(name, ""),
                     before,
                     source,
-                    coefficient(model, name, scaling) if scaling else None,
-                    beliefs[name],
+                    scaled and (scaled[0], scaled[1], scaled[2] * std / stated if stated > 0.0 else scaled[2]),
+                    "weak" if beliefs[name] == "determined" and std > CRITERIA.weak * abs(value) else beliefs[name],
                 )
             )
     return tuple(out)

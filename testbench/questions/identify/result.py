@@ -8,6 +8,7 @@ from testbench.core.advice import Advice
 from testbench.questions.identify.before import Before
 from testbench.questions.identify.derivatives import FoundDerivative
 from testbench.questions.identify.flown import FlownCondition
+from testbench.questions.identify.unpredicted import Missed
 from testbench.questions.run.result import RunResult
 
 
@@ -21,6 +22,7 @@ class Identified(RunResult):
         flown: the condition of the records, and what coefficients refer to.
         notes: what was assumed, left out or recognised, in sentences.
         doubts: what may make the derivatives wrong, in sentences.
+        missed: models with derivatives that do not predict their validation records, and why.
     """
 
     derivatives: tuple[FoundDerivative, ...] = ()
@@ -28,3 +30,4 @@ class Identified(RunResult):
     flown: FlownCondition | None = None
     notes: tuple[str, ...] = ()
     doubts: tuple[Advice, ...] = ()
+    missed: tuple[Missed, ...] = ()

@@ -38,6 +38,17 @@ class ReferenceLengths(Strict):
     cbar_m: Positive
 
 
+class SimulatedErrors(Strict):
+    """Standard errors that flights simulated like the recorded ones show, biases included.
+
+    ``errors`` are those of all records together, by derivative, in SI units. ``source`` says which flights they are.
+    `testbench plan close` writes them. They take the place of those that an estimator states where they are larger.
+    """
+
+    source: Text
+    errors: Annotated[dict[str, Positive], Field(min_length=1)]
+
+
 TrendVariable = Literal["auto", "none", "V", "qbar", "alpha"]
 """Variable that pooled coefficients may be linear in."""
 
@@ -83,7 +94,8 @@ class RecordDescription(Recorded):
     the preparation is taken. ``aircraft`` is a model of what flew: it gives the derivatives that were believed before,
     mass and geometry for coefficients, and servos. Where there is none, ``geometry`` and ``condition`` give those for
     coefficients. ``servo`` says what lies between a command and its surface, for
-    every estimator of a structure that does not say so itself.
+    every estimator of a structure that does not say so itself. ``simulated_errors`` are what simulated flights say of
+    the errors.
     """
 
     checked_by: ClassVar[str] = "testbench.questions.identify.check:check"
@@ -95,6 +107,7 @@ class RecordDescription(Recorded):
     geometry: ReferenceLengths | None = None
     pool: Pooling = Pooling()
     reference: Reference | None = None
+    simulated_errors: SimulatedErrors | None = None
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -128,6 +141,11 @@ class RecordDescription(Recorded):
     def reference_values(self) -> dict[str, float | str]:
         """The printed results by name, and under "source" where they are printed; empty if there are none."""
         return {} if self.reference is None else {"source": self.reference.source, **self.reference.values}
+
+    @property
+    def known_errors(self) -> Mapping[str, float]:
+        """The errors that simulated flights show, by derivative; empty if nobody said."""
+        return {} if self.simulated_errors is None else self.simulated_errors.errors
 
     @classmethod
     def load(cls, path: Path | str) -> Self:

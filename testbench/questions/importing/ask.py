@@ -18,13 +18,14 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError
 from testbench.core.escape import one_line
 from testbench.core.files import write_file
+from testbench.core.paths import not_found
 from testbench.core.record import FlightRecord
 from testbench.core.scenario.base import Preparation
 from testbench.logs.ardupilot import ardupilot_rules
 from testbench.logs.dataflash import HEAD, read_dataflash
 from testbench.logs.foreign import looks_like_text, refuse_foreign
 from testbench.logs.instances import number_of
-from testbench.logs.layout import SUFFIXES, find_data_folder
+from testbench.logs.layout import SUFFIXES, ChannelColumn, find_data_folder
 from testbench.logs.manoeuvres import QUIET_S, Manoeuvre, Search, find_manoeuvres
 from testbench.logs.paparazzi import is_paparazzi, read_paparazzi
 from testbench.logs.plausible import implausible, refusal, to_set
@@ -38,8 +39,10 @@ from testbench.logs.ulog import MAGIC, read_ulog
 from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.importing.balance import Balance, balance_of, balance_rows
 from testbench.questions.importing.recipe import AXES, Recipe, lines, measured_in, propose
-from testbench.questions.importing.supported import moving, too_few, why_not
+from testbench.questions.importing.supported import moving, too_few, too_slow, why_not
 
+LEAD_S, TAIL_S = 2.0, 5.0
+"""Quiet flight before each manoeuvre and response after it that are cut out with it."""
 WHOLE = "whole"
 """Name of the record of a whole log, and of its description."""
 _COMMANDS = tuple(f"{name}_cmd" for name in CONTROLS)
@@ -52,7 +55,8 @@ class Imported:
     """A log that was read: its channels as logged, one record of them on one clock, and the manoeuvres in it.
 
     ``channels`` are those of ``record``, in its order; ``balance`` says what became of every other signal;
-    ``questions`` are values that are hardly meant.
+    ``questions`` are values that are hardly meant. ``lead_s`` and ``tail_s`` are quiet flight before and response after
+    each manoeuvre.
     """
 
     log: Log
@@ -63,6 +67,8 @@ class Imported:
     balance: Balance
     questions: tuple[Question, ...]
     description: Path | None = None
+    lead_s: float = LEAD_S
+    tail_s: float = TAIL_S
 
     @cached_property
     def members(self) -> dict[str, dict[str, tuple[Manoeuvre | None, FlightRecord]]]:
@@ -77,10 +83,33 @@ class Imported:
             return (_no_recipe([WHOLE], "no control was found" + (f" ({'; '.join(known)})" if known else "")),)
         every = {name: record for own in self._groups.values() for name, (_, record) in own.items()}
         alone = [
-            _no_recipe([name], why) for name, record in every.items() if (why := why_not(record, controls_of(record)))
+            _no_recipe([name], why + self._if_slower(record))
+            for name, record in every.items()
+            if (why := why_not(record, controls_of(record)))
         ]
         together = [_no_recipe(list(own), why) for own in self.members.values() if (why := _proposal(self, own)[2])]
         return (*alone, *together)
+
+    def _if_slower(self, record: FlightRecord) -> str:
+        """Say at which rate a control of a record would have all its samples, and whether that helps; "" if it has."""
+        slow = too_slow(record, controls_of(record))
+        if not slow:
+            return ""
+        rate = float(f"{min(c.rate_hz for c in self.channels if c.name in slow):.2g}")
+        other = self._at(rate)
+        if any(_proposal(other, own)[1] is not None for own in other.members.values()):
+            return f"; at its own rate it can be identified: testbench import LOG --rate {rate:g} -o FOLDER"
+        whys = [why_not(r, controls_of(r)) for own in other._groups.values() for _, r in own.values()]
+        whys += [_proposal(other, own)[2] for own in other.members.values()]
+        why = next(filter(None, whys), "no control moves")
+        return f"; --rate {rate:g} takes all of {'it' if len(slow) == 1 else 'them'}, but does not help: {why}"
+
+    def _at(self, rate_hz: float) -> Imported:
+        """Return what the same log gives at another rate."""
+        record = resample(self.channels, rate_hz, self.record.provenance, CONTROLS, _COMMANDS)
+        controls = controls_of(record)
+        search = find_manoeuvres(record, controls, self.lead_s, self.tail_s) if controls else Search((), ())
+        return replace(self, record=record, rate_hz=rate_hz, search=search)
 
     @property
     def _groups(self) -> dict[str, dict[str, tuple[Manoeuvre | None, FlightRecord]]]:
@@ -121,7 +150,7 @@ def read_log(path: Path | str, part: str | None = None) -> tuple[Log, tuple[Rule
     """
     path = Path(path)
     if not path.is_file():
-        raise RecordError(f"a log must be a file that exists, got '{path}'")
+        raise RecordError(f"a log must be a file that exists, got {not_found(path)}")
     with path.open("rb") as file:
         head = file.read(8000)
     suffix = path.suffix.lower()
@@ -165,19 +194,28 @@ def read_described(path: Path, part: str | None = None) -> tuple[Log, tuple[Rule
     record = records[name]
     columns = {n: np.where(record.valid[:, i], record.data[:, i], np.nan) for i, n in enumerate(record.channels)}
     rules = tuple(
-        Rule(c.name, "", (c.name,), scaled(1.0), f"column {c.column}, {c.unit}", in_si=True)
-        for c in description.channel
+        Rule(c.name, "", (c.name,), scaled(1.0), _column_in_words(c), in_si=True) for c in description.channel
     )
     file = find_data_folder(description) / next(spec.file for spec in description.record if name in spec.parts)
     return Log(file, "a table, as described", {"": Topic("", record.t_s, columns)}), rules
+
+
+def _column_in_words(c: ChannelColumn) -> str:
+    """Return how a channel is made of the columns of a table: "0.5 (column 29 - column 28), deg"."""
+    text = f"column {c.column}"
+    if c.minus_column is not None:
+        text += f" - column {c.minus_column}"
+        text = f"({text})" if c.scale != 1.0 else text
+    text = f"{'' if c.scale == 1.0 else f'{c.scale:g} '}{text}"
+    return f"{text}{f' {c.offset:+g}' if c.offset else ''}, {c.unit}"
 
 
 def import_log(
     path: Path | str,
     rate_hz: float | None = None,
     throw_rad: Mapping[str, float] | None = None,
-    lead_s: float = 2.0,
-    tail_s: float = 5.0,
+    lead_s: float = LEAD_S,
+    tail_s: float = TAIL_S,
     part: str | None = None,
     sensors: Mapping[str, int] | None = None,
     strict: bool = False,
@@ -235,7 +273,7 @@ def import_log(
     search = find_manoeuvres(record, controls, lead_s, tail_s) if controls else Search((), ())
     questions = implausible({c.name: (c.t_s, c.values) for c in channels})
     described = Path(path) if Path(path).suffix.lower() == ".toml" else None
-    imported = Imported(log, channels, record, rate, search, balance, questions, described)
+    imported = Imported(log, channels, record, rate, search, balance, questions, described, lead_s, tail_s)
     if strict and imported.asked:
         raise RecordError(refusal(path, imported.asked))
     return imported

@@ -98,7 +98,8 @@ def balance_of(log: Log, found: Found, record: FlightRecord) -> Balance:
         out.append(Signal(c.source, c.t_s.size, c.rate_hz, name, True, rate, valid, lost, bool(lost)))
     for c in found.channels:
         if c.name not in record:
-            why = f"no stretch between its gaps is long enough to be filtered for {rate:g} Hz; a higher --rate keeps it"
+            short = f"no stretch between its gaps is long enough to be filtered for {rate:g} Hz"
+            why = f"{short}; --rate {c.rate_hz:.3g} keeps it"
             out.append(Signal(c.source, c.t_s.size, c.rate_hz, c.name, reason=why, lost=True))
     for p in found.passed:
         lost_here = p.name not in record and not p.reason.startswith(ZERO)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,12 +22,13 @@ if TYPE_CHECKING:
     from testbench.questions.importing.ask import Imported
 
 _MOST_UNREAD = 12
+_HASH, _SHORT = re.compile(r"\b([0-9a-f]{10})[0-9a-f]{30}\b"), r"\1"
 
 
 def import_answer(imported: Imported) -> list[tuple[str, str]]:
     """Return what the log is and what was found in it, in sentences."""
     log, record = imported.log, imported.record
-    facts = ", ".join(f"{key} {value}" for key, value in log.facts.items())
+    facts = ", ".join(f"{key} {_HASH.sub(_SHORT, value)}" for key, value in log.facts.items())
     usable = sum(m.cut_s is not None for m in imported.search.manoeuvres)
     channels = f"{counted(len(imported.balance.kept), 'channel')} of the log"
     count = len(imported.balance.left_out)
@@ -62,7 +64,8 @@ def _channel_row(c: Mapped, valid: float) -> tuple[str, ...]:
     low, high = float(c.values.min()) * factor, float(c.values.max()) * factor
     gaps = c.gaps
     lost = f"{len(gaps)}, longest {number(max(b - a for a, b in gaps), 2)} s" if gaps else "none"
-    extent = f"{number(low)} to {number(high)}{'' if shown == '1' else ' ' + shown}"
+    digits = next((n for n in (3, 4, 5, 6) if low == high or number(low, n) != number(high, n)), 6)
+    extent = f"{number(low, digits)} to {number(high, digits)}{'' if shown == '1' else ' ' + shown}"
     return c.name, extent, f"{number(c.rate_hz)} Hz", lost, f"{number(100.0 * valid)} %", c.source, c.said, c.assumed
 
 

@@ -41,12 +41,13 @@ def why_not(record: FlightRecord, controls: Sequence[str]) -> str:
         return f"no control moves ({said})"
     if len(record) < FEWEST:
         return f"it holds {len(record)} samples, and a model needs {FEWEST} at least"
-    moved = moving([record], controls)
-    longest = min(_longest(record, name) for name in moved)
-    if longest < UNBROKEN:
+    slow = too_slow(record, controls)
+    if slow:
+        longest = min(_longest(record, name) for name in slow)
+        have = "has" if len(slow) == 1 else "have"
         return (
-            f"{', '.join(moved)} has at most {counted(longest, 'sample')} in a row at {1.0 / record.dt_s:.3g} Hz: "
-            "logged more slowly than the record; a lower --rate of testbench import takes all of it"
+            f"{', '.join(slow)} {have} at most {counted(longest, 'sample')} in a row at {1.0 / record.dt_s:.3g} Hz: "
+            "logged more slowly than the record"
         )
     speed = _taken(record, "V") if "V" in record else np.zeros(0)
     if speed.size and float(np.median(speed)) < SLOWEST_M_S:
@@ -55,6 +56,11 @@ def why_not(record: FlightRecord, controls: Sequence[str]) -> str:
             "ground, in a hover, or the airspeed is wrong"
         )
     return ""
+
+
+def too_slow(record: FlightRecord, controls: Sequence[str]) -> list[str]:
+    """Return the controls that move and were logged too slowly for the record's rate."""
+    return [name for name in moving([record], controls) if _longest(record, name) < UNBROKEN]
 
 
 def too_few(records: Sequence[FlightRecord], recipe: Recipe, inputs: Sequence[str]) -> str:

@@ -18,6 +18,7 @@ from testbench.core.channels import CHANNELS, UNITS, channel
 from testbench.core.errors import RecordError
 from testbench.core.escape import one_line
 from testbench.core.files import write_file
+from testbench.core.paths import not_found
 from testbench.core.record import FloatArray
 from testbench.logs.foreign import HEAD, refuse_foreign
 from testbench.logs.layout import SUFFIXES
@@ -65,7 +66,7 @@ def description_template(path: Path | str, folder: str = ".") -> str:
     """
     path = Path(path)
     if not path.is_file():
-        raise RecordError(f"a table must be a file that exists, got '{path}'")
+        raise RecordError(f"a table must be a file that exists, got {not_found(path)}")
     kind = SUFFIXES.get(path.suffix.lower())
     with path.open("rb") as file:
         refuse_foreign(path, file.read(HEAD), kind or "")

@@ -9,7 +9,7 @@ import numpy as np
 from testbench.core.words import with_error
 from testbench.estimators.operational.advice import ASSUMPTION
 from testbench.page.labels import number
-from testbench.page.words import Line, advice_lines, counted
+from testbench.page.words import Line, advice_lines, counted, some
 
 if TYPE_CHECKING:
     from testbench.estimators.operational import OperationalMode
@@ -17,14 +17,22 @@ if TYPE_CHECKING:
     from testbench.questions.modes.result import ModesResult
 
 
+_LEADING = 4  # modes that the first sentence names, so that it can be read at once
+
+
 def modes_answer(result: ModesResult) -> list[Line]:
     """Return what was found, how it compares with the aircraft, and on which data it rests, in sentences."""
     found = result.found
     q = found.quantile
-    pieces = [f"{_frequency(m, q)} with damping {_damping(m, q)}" for m in found.modes]
     many, outputs = counted(len(found.modes), "mode"), len(found.channels)
-    lead = f"{many} found in {found.duration_s:.0f} s of {outputs} outputs, with 95 % intervals: {'; '.join(pieces)}"
-    out = [_judged(match, q) for match in result.matches if match.true is not None and match.found is not None]
+    lead = f"{many} found in {found.duration_s:.0f} s of {outputs} outputs"
+    if found.modes:
+        lead += (
+            f": {some([with_error(m.frequency_hz, q * m.frequency_std_hz) for m in found.modes], _LEADING, ', ')} Hz"
+        )
+    pieces = [f"{_frequency(m, q)} with damping {_damping(m, q)}" for m in found.modes]
+    out = [f"with 95 % intervals: {'; '.join(pieces)}"] if pieces else []
+    out += [_judged(match, q) for match in result.matches if match.true is not None and match.found is not None]
     band = found.settings["band_hz"]
     lost = [m.true for m in result.matches if m.found is None and m.true is not None]
     inside = [t.name for t in lost if band[0] <= abs(t.pole) / (2.0 * np.pi) <= band[1]]

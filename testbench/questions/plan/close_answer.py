@@ -14,6 +14,7 @@ from testbench.questions.plan.verdicts import Campaign, JudgedCard, Target
 
 _CHANGED = 3.0  # standard errors from the believed value, from which it is told
 _MOST = 4
+_ABOVE = 1.1  # times what an estimator states, from which it is told what else an error holds
 Sentences = Iterator[tuple[str, str]]
 
 
@@ -23,8 +24,15 @@ def close_answer(campaign: Campaign) -> list[tuple[str, str]]:
     wanted = sum(c.repeats for c in plan.cards)
     good = sum(not r.faults for r in closed.runs)
     logs, found = counted(len(closed.logs), "log"), counted(len(closed.runs), "run")
-    out = [("lead", f"{found} of {wanted} found in {logs}, {good} as their cards say")]
+    out = [("lead", _lead(campaign, good, wanted))]
+    out.append(
+        (
+            "finding",
+            f"{found} of {wanted} found in {logs}, {good} as {'its card says' if wanted == 1 else 'their cards say'}",
+        )
+    )
     out += _verdicts(campaign)
+    out += _beyond_stated(campaign)
     never = [str(c.number) for c in plan.cards if c.repeats and not closed.of(c)]
     if never:
         out.append(("finding", f"not flown: {'cards' if never[1:] else 'card'} {listed(never)}"))
@@ -34,6 +42,17 @@ def close_answer(campaign: Campaign) -> list[tuple[str, str]]:
     out += _more_runs(campaign)
     out += _next(campaign)
     return out
+
+
+def _lead(campaign: Campaign, good: int, wanted: int) -> str:
+    """Return how many targets are as well known as promised, or what was found where nothing was promised."""
+    judged = [t for c in campaign.cards for t in c.targets]
+    promised = [t for t in judged if t.verdict != "found"]
+    known, runs = len(judged) - len(promised), f"{good} good of {counted(wanted, 'planned run')}"
+    if promised:
+        reached = sum(t.verdict == "reached" for t in promised)
+        return f"{reached or 'none'} of {counted(len(promised), 'target')} known as well as promised, from {runs}"
+    return f"{counted(known, 'derivative')} found, from {runs}" if known else f"nothing found, from {runs}"
 
 
 def _all(campaign: Campaign, *verdicts: str) -> list[tuple[JudgedCard, Target]]:
@@ -67,6 +86,30 @@ def _verdicts(campaign: Campaign) -> Sentences:
     if changed:
         texts = [f"{_value(c, t)}, believed {number(t.here, 3)}" for c, t in changed]
         yield "finding", f"not as believed: {some(texts, _MOST)}"
+
+
+def _beyond_stated(campaign: Campaign) -> Sentences:
+    """Yield for each card the target whose error is most above what its estimator states, and what is added to that."""
+    for c in campaign.cards:
+        above = [
+            (t.error / t.estimate.stated, t.estimate, t)
+            for t in c.targets
+            if t.estimate is not None and t.verdict != "not identifiable" and t.error > _ABOVE * t.estimate.stated > 0.0
+        ]
+        if not above:
+            continue
+        _, found, t = max(above, key=lambda row: row[0])
+        parts = [f"the runs differ by {number(found.scatter, 2)} times that"] if found.scatter > 1.0 else []
+        of = "simulated flights of the design" if _simulated(c) else "the expected response of the card"
+        added = [f"scatter by {number(t.beyond, 2)} times what is stated"] if t.beyond > 1.0 else []
+        added += [f"are off by {number(t.lasting, 2)} in the mean"] if t.lasting > 0.0 else []
+        if added:
+            parts.append(f"estimates in {of} {listed(added)}")
+        yield (
+            "finding",
+            f"of {t.name} (card {c.card.number}) the estimator alone states ± {number(found.stated, 2)}; "
+            f"± {number(t.error, 2)} holds besides that {listed(parts)}",
+        )
 
 
 def _simulated(c: JudgedCard) -> bool:

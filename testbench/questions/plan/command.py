@@ -204,6 +204,7 @@ def close(
     from testbench.questions.importing.ask import import_log, parse_throws
     from testbench.questions.plan.ask import make_plan
     from testbench.questions.plan.close import close_plan
+    from testbench.questions.plan.close_errors import keep_errors
     from testbench.questions.plan.close_page import close_page
     from testbench.questions.plan.flown_card import identify_cards
     from testbench.questions.plan.scenario import PlanScenario
@@ -218,6 +219,8 @@ def close(
         say("read the logs and find the runs")
         records = [(log.name, import_log(log, throw_rad={**full, **parse_throws(throw or [])}).record) for log in logs]
         closed = close_plan(plan, records)
-        page = close_page(judge(closed, identify_cards(closed, folder, say)))
+        campaign = judge(closed, identify_cards(closed, folder, say))
+        keep_errors(campaign)
+        page = close_page(campaign)
         page.write(folder)
     page.show(console(), folder)

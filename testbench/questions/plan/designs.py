@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from testbench.core.errors import RecordError, ScenarioError
+from testbench.core.paths import not_found
 from testbench.core.scenario.base import Manoeuvre
 from testbench.questions.design.scenario import DesignScenario
 from testbench.questions.plan.scenario import PlanLimits, PlannedManoeuvre
@@ -58,7 +59,7 @@ def _taken(path: Path) -> Taken:
             )
         file = ranked[0]
     if not file.is_file():
-        raise RecordError(f"a design must be a file or a folder that `testbench design` wrote, got '{path}'")
+        raise RecordError(f"a design must be a file or a folder that `testbench design` wrote, got {not_found(file)}")
     scenario = Scenario.load(file)
     flown = [m for m in scenario.manoeuvre if m.use != "validation"]
     if not flown:

@@ -80,6 +80,8 @@ class Target:
     verdict: Verdict
     causes: tuple[str, ...]
     more: int | None
+    beyond: float = 1.0
+    lasting: float = 0.0
 
     @property
     def goal(self) -> float:
@@ -219,7 +221,7 @@ def _target(f: FlownCard, k: int, name: str, found: Estimate | None, causes: tup
     spread = math.hypot(error, _speed_doubt(f, here))
     differs = (found.value - here) / spread if spread > 0.0 else math.nan
     if not f.asked:
-        return Target(*base, found, error, math.nan, differs, "found", tuple(_distrust(f)), 0)
+        return Target(*base, found, error, math.nan, differs, "found", tuple(_distrust(f)), 0, factor, lasting)
     unsure = f.distrusted and promise.realised is None  # simulated errors would hold what the model lacks
     reached = error <= np.nanmax([allowed, wanted]) and not unsure
     told = causes if not reached else ()
@@ -230,7 +232,8 @@ def _target(f: FlownCard, k: int, name: str, found: Estimate | None, causes: tup
         )
     goal = wanted if math.isfinite(wanted) else allowed
     more = 0 if reached and not math.isfinite(wanted) else more_runs(error, goal, runs, lasting)
-    return Target(*base, found, error, allowed, differs, "reached" if reached else "not reached", told, more)
+    verdict: Verdict = "reached" if reached else "not reached"
+    return Target(*base, found, error, allowed, differs, verdict, told, more, factor, lasting)
 
 
 def _distrust(f: FlownCard) -> Iterator[str]:

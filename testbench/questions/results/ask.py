@@ -11,6 +11,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 from testbench.core.errors import RecordError
+from testbench.core.paths import not_found
 from testbench.page.write import PAGE
 
 _HEAD_BYTES = 100_000  # of a page; title and answer stand before the first figure
@@ -74,7 +75,9 @@ def list_results(folder: Path | str) -> list[ResultSummary]:
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise RecordError(f"a folder of results must be a folder that exists, got '{folder}'")
+        raise RecordError(
+            f"a folder of results must be a folder that exists, got {not_found(folder, files=Path.is_dir)}"
+        )
     found = [summary for path in _pages(folder, 0) if (summary := _summary(path)) is not None]
     if not found:
         raise RecordError(

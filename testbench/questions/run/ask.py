@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from testbench.aircraft import Aircraft
-from testbench.core.errors import ScenarioError, located
+from testbench.core.errors import located
 from testbench.core.record import FlightRecord
 from testbench.estimators.cells import FailedCell
 from testbench.estimators.identification import Identification
@@ -122,19 +122,6 @@ def load_scenario(path: Path | str) -> Scenario:
         ('eolo_no_alpha', 'eolo_alpha')
     """
     return Scenario.load(path)
-
-
-def flown_by(scenario: Scenario, aircraft: str) -> Scenario:
-    """Return the scenario with another aircraft, checked against that.
-
-    Raises:
-        ScenarioError: there is no such aircraft, or it cannot fly the scenario; lists every fault.
-    """
-    changed = scenario.changed(aircraft=aircraft)
-    faults = changed.faults()
-    if faults:
-        raise ScenarioError([f"{fault}, flown by {aircraft}" for fault in faults])
-    return changed
 
 
 def _ready(scenario: Scenario, seed: int, say: Report) -> Prepared:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from testbench.page.terminal import console, stages
-from testbench.questions.options import OutOption, ScenarioArgument, SeedOption, with_figures
+from testbench.questions.options import AircraftOption, OutOption, ScenarioArgument, SeedOption, with_figures
 
 SeedsOption = Annotated[
     int | None, typer.Option("--seeds", min=1, max=1000, help="Repetitions, instead of those in the scenario.")
@@ -20,7 +20,7 @@ def command(
     scenario: ScenarioArgument,
     out: OutOption = Path("results"),
     seed: SeedOption = None,
-    aircraft: Annotated[str | None, typer.Option(help="What flies, instead of the scenario's aircraft.")] = None,
+    aircraft: AircraftOption = None,
     seeds: SeedsOption = None,
 ) -> None:
     """Fly a scenario, measure it, identify models and judge them; write records, tables, models and report.html.
@@ -30,13 +30,13 @@ def command(
     """
     from testbench.page.write import record_keeper
     from testbench.questions.files import find
-    from testbench.questions.run.ask import flown_by, run
+    from testbench.questions.run.ask import run
     from testbench.questions.run.page import run_page
     from testbench.questions.run.scenario import Scenario
 
     loaded = Scenario.load(find(scenario, "run"))
     if aircraft is not None:
-        loaded = flown_by(loaded, aircraft)
+        loaded = loaded.with_aircraft(aircraft)
     if seeds is not None:
         loaded = loaded.model_copy(update={"seeds": seeds}).at(loaded.file)
     folder = out / loaded.name

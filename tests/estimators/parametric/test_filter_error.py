@@ -156,6 +156,7 @@ def test_parameters_and_process_noise_reach_the_truth_within_their_errors(missin
         assert np.all(model.diagnostics["whiteness_p"] > 1e-3)  # white: 1e-3 false alarms per output
 
 
+@pytest.mark.slow
 def test_in_turbulence_filter_error_scatters_less_than_output_error():
     strong = 4.0 * F
     errors = {"filter": [], "output": []}
@@ -169,6 +170,7 @@ def test_in_turbulence_filter_error_scatters_less_than_output_error():
     assert np.all(spread["filter"] < 0.9 * spread["output"])
 
 
+@pytest.mark.slow
 def test_standard_errors_are_those_of_the_scatter():
     estimates, claimed = [], []
     for seed in range(16):
@@ -222,7 +224,7 @@ def test_chi_bar_square_of_one_variance_is_half_a_chi_square():
     assert chi_bar_square(-0.1, 2) == 1.0
 
 
-@pytest.mark.parametrize("sensor", ["inertial", "vane"])
+@pytest.mark.parametrize("sensor", ["inertial", pytest.param("vane", marks=pytest.mark.slow)])
 def test_a_gust_in_both_equations_is_chosen_and_its_intervals_hold_the_truth(sensor):
     held, taken, values = [], [], []
     for seed in range(10):

@@ -73,6 +73,7 @@ def coverage(normalised: np.ndarray) -> np.ndarray:
     return np.mean(np.abs(normalised) < 1.96, axis=0)
 
 
+@pytest.mark.slow
 def test_errors_reach_the_bound_over_a_few_seeds(taurus, taurus_trim):
     s = study(taurus, taurus_trim, 0.025, 30)
     # chi-squared with 30 x 14 degrees of freedom: its root scatters by 1 / sqrt(2 x 420) = 3.5 %; five of them

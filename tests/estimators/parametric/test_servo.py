@@ -96,6 +96,7 @@ def test_filter_error_estimates_the_lag_and_shakes_no_servo():
     assert set(model.settings["process_noise"]) <= {"alpha", "q"}
 
 
+@pytest.mark.slow
 def test_intervals_of_an_estimated_lag_cover_over_seeds():
     # 5 x 30 correlated intervals of 95 %: were they 40 independent ones, 4 standard deviations would be 14 %
     held = [list(errors(fitted("output_error", flight(0.1, seed=s), lag_s="estimate"), tau_de=0.1).values())

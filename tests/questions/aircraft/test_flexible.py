@@ -194,6 +194,7 @@ def test_in_air_that_is_almost_none_the_modes_ring_as_on_the_ground(soft):
     assert -s.real / np.abs(s) == pytest.approx([0.02, 0.02], rel=2e-2)
 
 
+@pytest.mark.slow
 def test_a_sailplane_that_comes_with_jsbsim_gets_a_wing_that_bends(tmp_path):
     done = command(
         "aircraft", "flexible", "jsbsim:SGS", EXAMPLES / "sailplane.toml", "-o", "aircraft/soft", cwd=tmp_path

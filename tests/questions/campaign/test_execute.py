@@ -264,6 +264,7 @@ def test_time_histories_are_kept_as_netcdf(short, tmp_path):
     assert record.duration_s == pytest.approx(6.0, abs=0.2)
 
 
+@pytest.mark.slow
 def test_a_cluster_of_separate_processes_gives_the_same_table_whatever_is_killed(
     short, tmp_path, cluster, reference_store
 ):

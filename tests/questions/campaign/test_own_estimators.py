@@ -60,6 +60,7 @@ def test_every_failure_is_a_row_and_the_others_go_on(tmp_path) -> None:
     assert [row[1] for row in table.rows] == [4, 4, 4, 4]
 
 
+@pytest.mark.slow
 def test_work_that_never_comes_back_ends_its_process_and_is_named(tmp_path) -> None:
     loaded = campaign(tmp_path, own("sleeps", "works"), runs=1, limit_s=0.5)
     ending = fly_campaign(loaded, tmp_path / "s", workers=1)

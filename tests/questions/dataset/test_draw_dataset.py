@@ -114,6 +114,7 @@ ask.draw_dataset(sys.argv[1], sys.argv[2], workers=2)
 """
 
 
+@pytest.mark.slow
 def test_a_killed_process_loses_a_part_at_most_and_the_bytes_stay(small):
     """Killed again and again, as soon as the journal has grown, the set becomes the same."""
     folder, kills = small / "killed", 0

@@ -99,6 +99,7 @@ def test_the_exchange_for_all_draws_comes_near_the_best_of_all_signs(judged):
     assert best * (1.0 - 1e-6) <= min(value for _, value in found) < 1.02 * best
 
 
+@pytest.mark.slow
 def test_inputs_for_all_draws_do_as_well_in_the_worst_as_any_other(robust):
     family = "switching for all draws"
     made, others = ([r for r in robust.ranking if (r.design.family == family) is same] for same in (True, False))
@@ -117,6 +118,7 @@ def test_an_aircraft_that_is_known_well_has_the_errors_of_the_believed_one_in_ev
     np.testing.assert_allclose(ratios, np.tile(believed, (8, 1)), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_derivatives_scatter_as_the_band_of_a_plan_takes_them(folder):
     """60 draws: the standard deviation of one scatters by 1 / sqrt(120) = 9 %; three of it, and 5 % for alphadot."""
     aircraft = replace(load_aircraft(folder), uncertainty={"Cm_alpha": 0.10, "Cm_de": 0.05})

@@ -115,6 +115,7 @@ def test_a_pilot_flies_no_step_below_the_shortest_and_no_sines(designed):
             assert np.diff(edges).min() >= 2.0 - 1e-6
 
 
+@pytest.mark.slow
 def test_the_modes_of_eolo_are_shown_by_the_design_and_not_by_the_papers_3211(shown_modes):
     """At 16 m/s through five accelerometers, against the 3-2-1-1 by hand through the paper's own sensors."""
     result = shown_modes

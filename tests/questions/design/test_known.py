@@ -145,7 +145,7 @@ def test_folders_and_structures_without_meaning_are_refused(tmp_path):
         of_problem(tb.Prior(("N_r",), np.array([-1.0]), np.array([[0.1]]), "another"), posed(short()).problem)
 
 
-@pytest.mark.parametrize("name", ["taurus_short_period", "eolo_short_period"])
+@pytest.mark.parametrize("name", ["taurus_short_period", pytest.param("eolo_short_period", marks=pytest.mark.slow)])
 def test_the_believed_aircraft_has_the_derivatives_that_were_flown(name):
     """Rigid and elastic aircraft alike: exact where the flights are, the model where they tell nothing."""
     asked = scenario(name)

@@ -66,6 +66,7 @@ def test_what_believed_sensors_do_beyond_bias_and_lag_is_no_news(uncalibrated):
     assert check.news == ()
 
 
+@pytest.mark.slow
 def test_what_goes_far_beyond_it_is_news(uncalibrated):
     loud = [replace(s, scale=1.5 * s.scale) if s.channel == "V" else s for s in uncalibrated.suite.sensors]
     truth = replace(uncalibrated, suite=replace(uncalibrated.suite, sensors=tuple(loud)))

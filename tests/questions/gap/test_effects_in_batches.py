@@ -50,7 +50,7 @@ def every_control(aircraft, trimmed) -> Manoeuvre:
     return Manoeuvre("every control", InputSignal(t, u, names), 0.0)
 
 
-@pytest.mark.parametrize("name", CONDITIONS)
+@pytest.mark.parametrize("name", ["taurus", *(pytest.param(n, marks=pytest.mark.slow) for n in ("eolo", "b1"))])
 def test_every_effect_flies_in_a_batch_as_in_jsbsim(name):
     aircraft, condition, suite = load_aircraft(name, "rigid"), CONDITIONS[name], load_suite("eolo_gap")
     worst, tried = {}, set()

@@ -185,3 +185,25 @@ def test_the_colour_of_one_output_alone_is_held_against_what_it_touches(whitenes
         diagnostics={"correlation": np.eye(2), "error_inflation": np.array([2.4, 1.2]), "whiteness_p": whiteness},
     )
     assert _beliefs(model, names) == {"Z_alpha": "in doubt", "M_q": believed}
+
+
+def test_errors_of_simulated_flights_count_where_they_are_larger(tmp_path):
+    plain = identify(described(tmp_path, 0.08))
+    stated = {d.name: d.std for d in plain.derivatives}
+    asked = {"M_q": 5.0 * stated["M_q"], "M_de": 0.5 * stated["M_de"], "Z_alpha": 1000.0}
+    more = "\n".join(f"{name} = {value!r}" for name, value in asked.items())
+    file = next(iter((tmp_path / "records").glob("*.toml")))
+    text = file.read_text("utf-8")
+    given = f'\n[simulated_errors]\nsource = "20 simulated flights"\n[simulated_errors.errors]\n{more}\n'
+    file.write_text(text + given, "utf-8")
+    found = identify(RecordDescription.load(file))
+    by_name = {d.name: d for d in found.derivatives}
+    assert by_name["M_q"].std == pytest.approx(asked["M_q"])
+    assert by_name["M_q"].stated == pytest.approx(stated["M_q"])
+    assert by_name["M_de"].std == pytest.approx(stated["M_de"])
+    assert by_name["Z_alpha"].believed == "weak"
+    (said,) = (note for note in found.notes if "20 simulated flights" in note)
+    assert "M_de" not in said
+    file.write_text(text + given.replace("M_q", "M_qq"), "utf-8")
+    with pytest.raises(ScenarioError, match=r"errors\.M_qq: .* did you mean 'M_q'"):
+        identify(RecordDescription.load(file))

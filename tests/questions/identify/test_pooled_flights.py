@@ -16,6 +16,7 @@ from testbench.aircraft.model import Geometry
 from testbench.core.atmosphere import air_density
 from testbench.core.errors import EstimationError, RecordError, ScenarioError
 from testbench.evaluation.derivatives import dimensional_derivatives
+from testbench.questions.identify.ask import identify
 from testbench.questions.identify.coefficients import Scaling, weights
 from testbench.questions.identify.flown import PartialMass
 from testbench.questions.identify.pool.answer import pool_answer
@@ -56,6 +57,18 @@ def test_noisy_logs_cover_the_truth_and_agree(pooled):
         assert abs(c.value - value) < 4.0 * c.std, name
         own = [float(log.covariance[i, i]) ** 0.5 for log in pooled.pooled.logs for i in [log.names.index(name)]]
         assert c.std < min(own)
+
+
+def test_errors_of_simulated_flights_weigh_a_log_less(tmp_path):
+    (day,) = days(tmp_path, CONDITIONS[:1])
+    plain = identify_and_pool([day], settings=Pooling(prior=None)).pooled.logs[0]
+    stated = {d.name: d.std for d in identify(day).derivatives}
+    given = f'\n[simulated_errors]\nsource = "20 flights"\nerrors = {{ M_q = {3.0 * stated["M_q"]!r} }}\n'
+    day.file.write_text(day.file.read_text("utf-8") + given, "utf-8")
+    known = identify_and_pool([RecordDescription.load(day.file)], settings=Pooling(prior=None)).pooled.logs[0]
+    ratio = np.sqrt(np.diag(known.covariance) / np.diag(plain.covariance))
+    expected = {**dict.fromkeys(plain.names, 1.0), "Cm_q": 3.0}
+    assert dict(zip(known.names, ratio, strict=True)) == {n: pytest.approx(v, rel=1e-6) for n, v in expected.items()}
 
 
 def test_the_page_shows_every_log_the_pooled_set_and_the_conditions(pooled, tmp_path):

@@ -175,6 +175,10 @@ def test_a_broken_promise_says_why_and_how_many_more_runs(flown):
     assert all(t.error > 0.19 * abs(t.believed) for t in card.targets)
     campaign = judge(closed, [lasting, *cards[1:]])
     assert any("design another input" in text for _, text in close_answer(campaign))
+    alone = "(card 1) the estimator alone states"
+    (told,) = [text for _, text in close_answer(campaign) if alone in text]
+    assert "estimates in simulated flights of the design" in told
+    assert "off by" in told
     assert plan.cards[0] is card.card
 
 

@@ -31,7 +31,9 @@ def amend(control: str, aircraft: Aircraft, suite: SensorSuite, values: Values) 
     crept_at = f"crept through at {creep_1_s:.3g} 1/s, power {power:.3g}"
     text = f"{path.word} linkage with a play of {width_rad:.3g} rad, {crept_at}"
     edit = within_play(path, crept, width_rad)
-    return aircraft.amended(Amendment(named(control, "creeping_free_play"), text, (edit,))), suite
+    return aircraft.amended(
+        Amendment(named(control, "creeping_free_play"), text, (edit,), rate_hz=aircraft.rate_hz)
+    ), suite
 
 
 def shape(

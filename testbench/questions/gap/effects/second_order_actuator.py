@@ -59,7 +59,9 @@ def amend(control: str, aircraft: Aircraft, suite: SensorSuite, values: Values) 
     body = f"<sum> {p} {product(value(1.0 / corner_of(aircraft, control)), v)} </sum>"
     text = f"{path.word} servo of second order, {values['omega_rad_s']:.3g} rad/s, damping {values['zeta']:.2g}"
     edit = reroute(path.command, label, body, before)
-    return aircraft.amended(Amendment(named(control, "second_order_actuator"), text, (edit,))), suite
+    return aircraft.amended(
+        Amendment(named(control, "second_order_actuator"), text, (edit,), rate_hz=aircraft.rate_hz)
+    ), suite
 
 
 def shape(

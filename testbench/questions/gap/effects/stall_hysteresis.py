@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from testbench.aircraft import Aircraft, Amendment
+from testbench.aircraft.amend import Change
 from testbench.aircraft.reroute import prop
 from testbench.questions.gap.effects.aero import followed, force
 from testbench.questions.gap.effects.base import Effect, Parameter, Values
@@ -20,7 +21,8 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
         f"flow separates about alpha = {values['alpha_rad']:.3g} rad, late by {values['time_s']:.2g} s, CD rises by "
         f"{values['CD']:.3g} at most"
     )
-    amendment = Amendment("stall_hysteresis", text, (*edits, lift, drag), memories=(separation,))
+    changes: tuple[Change, ...] = (*edits, lift, drag)
+    amendment = Amendment("stall_hysteresis", text, changes, memories=(separation,), rate_hz=aircraft.rate_hz)
     return aircraft.amended(amendment), suite
 
 

@@ -36,7 +36,9 @@ def amend(control: str, aircraft: Aircraft, suite: SensorSuite, values: Values) 
     ]
     edit = reroute(path.command, label, f"<sum> {' '.join(late)} </sum>", memories)
     text = f"{path.word} command late by {values['delay_s']:.4g} s"
-    return aircraft.amended(Amendment(named(control, "transport_delay"), text, (edit,))), suite
+    return aircraft.amended(
+        Amendment(named(control, "transport_delay"), text, (edit,), rate_hz=aircraft.rate_hz)
+    ), suite
 
 
 def shape(

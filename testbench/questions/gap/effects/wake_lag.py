@@ -15,7 +15,8 @@ def amend(aircraft: Aircraft, suite: SensorSuite, values: Values) -> tuple[Aircr
     late = f"<difference> {prop('gap/wake')} {prop(ALPHA)} </difference>"
     edit = pitching_moment("wake-lag", value(values["Cm_wake"]), late)
     text = f"downwash at the tail late by {values['time_s']:.3g} s"
-    return aircraft.amended(Amendment("wake_lag", text, (*edits, edit), memories=(wake,))), suite
+    amendment = Amendment("wake_lag", text, (*edits, edit), memories=(wake,), rate_hz=aircraft.rate_hz)
+    return aircraft.amended(amendment), suite
 
 
 EFFECT = Effect(

@@ -64,10 +64,7 @@ def _agreement(pooled: Pooled) -> list[Line]:
         return [Line("finding", sentence(f"the logs agree within their errors ({judged})"))]
     apart = pooled.disagreement
     assert apart is not None
-    wide = [
-        f"{name} {number(std, 2)} ({100.0 * std / max(abs(pooled.coefficient(name).value), 1e-300):.0f} %)"
-        for name, std in apart.between.items()
-    ]
+    wide = [_between(name, std, abs(pooled.coefficient(name).value)) for name, std in apart.between.items()]
     text = f"doubt: the logs disagree by more than their errors ({judged})"
     if wide:
         text += f"; errors hold a standard deviation from log to log of {some(wide, _MOST, ', ')}"
@@ -161,6 +158,11 @@ def _added(pooled: Pooled) -> str:
     text = f"what the data added to the prior of {pooled.prior.source}, as share of what is known: {', '.join(said)}"
     without = [c.name for c in pooled.coefficients if c.added is None]
     return text + (f"; without a prior: {', '.join(without)}" if without else "")
+
+
+def _between(name: str, std: float, size: float) -> str:
+    """Return a standard deviation from log to log, in percent as well where the value is not near zero."""
+    return f"{name} {number(std, 2)} ({f'{100.0 * std / size:.0f} %' if std <= size else 'more than its value'})"
 
 
 def _chance(p: float) -> str:

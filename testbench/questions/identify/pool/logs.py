@@ -107,7 +107,7 @@ def contribution(found: Identified, log: str, method: str | None = None) -> Cont
             continue
         doubts += [a for a in ranked(case.model.advice) if a.severity == "doubt" and a.code not in _SAID_BY_ERRORS]
         H = np.stack([row for _, row in kept.values()])
-        blocks.append((H @ case.model.params, H @ case.model.covariance @ H.T))
+        blocks.append((H @ case.model.params, H @ _covariance(found, i, case.model) @ H.T))
         moved.append(changes_by_scale(case.model, [name for name, _ in kept.values()], scaling))
         names += kept
         derivative_of |= {symbol: name for symbol, (name, _) in kept.items()}
@@ -139,6 +139,13 @@ def _known(flown: FlownCondition, log: str) -> None:
             f"log '{log}' must have a dynamic pressure for coefficients, but its records hold neither it nor a height; "
             "give h_m or density_kg_m3 under [condition]"
         )
+
+
+def _covariance(found: Identified, index: int, model: ParametricModel) -> FloatArray:
+    """Return the covariance of the parameters, with the errors of simulated flights where those are larger."""
+    larger = {d.name: d.std / d.stated for d in found.derivatives if d.case == index and d.std > d.stated > 0.0}
+    factors = np.array([larger.get(name, 1.0) for name in model.structure.parameter_names])
+    return np.asarray(factors[:, None] * model.covariance * factors)
 
 
 def _refused(case: Case, method: str | None) -> str:
