@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from testbench.aircraft import Aircraft
 from testbench.core.record import FlightRecord
 from testbench.core.words import with_error
 from testbench.questions.gap.believed import Believed, deviations_of
+from testbench.questions.gap.coefficients import SEPARATES, rivals
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, sum_of_squares
 
@@ -22,16 +23,27 @@ class WrongParameter:
         factor: its value over the believed one, as the records alone say it.
         error: standard error of ``factor``.
         prior: relative standard deviation of its prior.
+        rivals: effects, with their sizes in words, that explain as much as this coefficient does.
     """
 
     name: str
     factor: float
     error: float
     prior: float
+    rivals: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
-        """The finding in words."""
+        """The finding in words: the coefficient, or the set of it and the effects that do the same in these flights."""
+        if not self.rivals:
+            return self._alone
+        return (
+            f"one of these, which these data cannot tell apart: {self._alone}; or {'; or '.join(self.rivals)}. "
+            f"What separates them: {SEPARATES}"
+        )
+
+    @property
+    def _alone(self) -> str:
         return (
             f"the believed {self.name} is {'wrong' if self.deviations > CRITERIA.far else 'off'}: "
             f"{with_error(self.factor, self.error)} times the believed value, off by {self.deviations:.1f} standard "
@@ -67,9 +79,14 @@ def wrong_parameters(
 ) -> tuple[WrongParameter, ...]:
     """Return the believed parameters that are so far off that they are wrong.
 
-    None if held-out flights contradict: re-tuning makes the residuals larger there.
+    Each competes with the effects that were fitted: those that explain as much are told with it. None if held-out
+    flights contradict: re-tuning makes the residuals larger there.
     """
-    wrong = tuple(p for p in off_parameters(naming, believed.aircraft) if p.deviations > CRITERIA.far)
+    wrong = tuple(
+        replace(p, rivals=tuple(f"{f.effect.title}, {f.size}" for f in rivals(p.name, naming, believed.aircraft)))
+        for p in off_parameters(naming, believed.aircraft)
+        if p.deviations > CRITERIA.far
+    )
     if not wrong or not held_out:
         return wrong
     re_tuned = sum_of_squares(believed.with_nuisances(naming.nuisances), held_out)
