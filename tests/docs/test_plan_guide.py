@@ -75,7 +75,9 @@ def test_the_whole_way_from_geometry_to_derivatives_in_small(tmp_path, monkeypat
         assert row["realised"] == ""
         assert row["verdict"] in ("reached", "not reached", "not identifiable")
     assert "Not realised in simulation: card 1" in Path("results/close_short_period/report.html").read_text("utf-8")
+    assert "of 3 as well as wanted, from 1 good of 1 planned run" in " ".join(said[4].split())
     assert "M_alpha" in said[5]
+    assert "MRSE on the" not in said[5], "no record is kept back"
     (line,) = lines_of("### Design the next flight", "\n## What")[:1]
     done = command(*shlex.split(line)[1:])
     assert done.returncode == 0, done.stderr

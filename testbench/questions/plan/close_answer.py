@@ -51,7 +51,11 @@ def _lead(campaign: Campaign, good: int, wanted: int) -> str:
     known, runs = len(judged) - len(promised), f"{good} good of {counted(wanted, 'planned run')}"
     if promised:
         reached = sum(t.verdict == "reached" for t in promised)
-        return f"{reached or 'none'} of {counted(len(promised), 'target')} known as well as promised, from {runs}"
+        asked = [t for t in promised if math.isfinite(t.wanted)]
+        text = f"{reached or 'none'} of {counted(len(promised), 'target')} known as well as promised"
+        if asked:
+            text += f", {sum(t.error <= t.wanted for t in asked) or 'none'} of {len(asked)} as well as wanted"
+        return f"{text}, from {runs}"
     return f"{counted(known, 'derivative')} found, from {runs}" if known else f"nothing found, from {runs}"
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from testbench.core.scenario.base import FlownAt
 from testbench.page.labels import file_stem, unique
 from testbench.page.page import COMPUTED, FLOWN, Page, source_of
+from testbench.page.tables import Table
 from testbench.page.write import json_text
 from testbench.questions.files import promise_beside
 from testbench.questions.run.answer import run_answer
@@ -70,10 +71,17 @@ def run_page(result: RunResult, V_m_s: float | None = None) -> Page:
         ],
         source=source_of(result.source),
         terminal=[
-            validation_table(result) if result.repeats is None else seeds_in_short(result.repeats),
+            *_scores_in_short(result),
             *([failed_table(result.failed)] if result.failed else []),
         ],
     )
+
+
+def _scores_in_short(result: RunResult) -> list[Table]:
+    """Return what a terminal shows of the errors; nothing where no record is kept back, because no score is known."""
+    if result.repeats is not None:
+        return [seeds_in_short(result.repeats)]
+    return [validation_table(result)] if any(case.validation for case in result.cases) else []
 
 
 def tidy_run(result: RunResult) -> pd.DataFrame:
