@@ -7,7 +7,7 @@ for each output would explain, and the same estimator on the records kept back a
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -30,6 +30,7 @@ _BEYOND = 1.5  # times the largest deflection of the records of the fit
 _EXPLAINED = 0.5  # of the energy of the error, from which a constant or a line is the cause
 _MOVED = 3.0  # errors between two estimates of one derivative
 _NAMED = 3
+_AS_BAD = 2.0  # times the error in the records of the fit, up to which a prediction is as bad there
 
 
 @dataclass(frozen=True)
@@ -67,9 +68,19 @@ def missed(cases: Sequence[Case], inputs: Sequence[str], decided: Collection[int
             continue
         errors = dict(zip(case.model.outputs, scores.mrse_percent.tolist(), strict=True))
         bad = {o: e for o, e in errors.items() if e > MISSED_PERCENT and o not in case.evaluation.untested}
-        if bad:
+        if bad and not _disturbed(case, bad):
             out.append(Missed(i, bad, _why(case, list(bad), inputs)))
     return tuple(out)
+
+
+def _disturbed(case: Case, bad: Mapping[str, float]) -> bool:
+    """Return whether a filter counted on what moves the outputs: predicted without it, the fit is as bad.
+
+    A prediction from the inputs alone leaves the process noise out, so its error says nothing against the derivatives.
+    """
+    fit = dict(zip(case.model.outputs, case.evaluation.identification.mrse_percent.tolist(), strict=True))
+    noisy = bool(case.model.settings.get("process_noise"))
+    return noisy and all(error < _AS_BAD * fit[o] for o, error in bad.items())
 
 
 def at_rest(cases: Sequence[Case]) -> bool:

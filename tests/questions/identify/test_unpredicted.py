@@ -130,3 +130,16 @@ def test_a_model_of_which_nothing_is_decided_says_that_first(tmp_path):
     found = identified(tmp_path, stiffness=-30.0)
     assert [m.case for m in found.missed] == [0]
     assert missed(found.cases, ["de"], decided=()) == ()
+
+
+def test_gusts_that_the_filter_counts_on_are_not_held_against_its_derivatives(tmp_path):
+    found = identified(tmp_path, gust=0.01, size=0.004)
+    assert [m.case for m in found.missed] == [0], "output error leaves gusts out"
+    flown(tmp_path / "fit.csv", 1, gust=0.01, size=0.004)
+    file = tmp_path / "records.toml"
+    file.write_text(file.read_text("utf-8").replace("output_error", "filter_error"), "utf-8")
+    found = identify(RecordDescription.load(file))
+    (case,) = found.cases
+    assert case.model.settings["process_noise"]
+    assert max(case.evaluation.validation.mrse_percent) > 50.0
+    assert found.missed == ()
