@@ -50,9 +50,9 @@ def test_the_laws_of_aircraft(visitors, name):
         ("run", "c172p"),
         pytest.param("design", "f16", marks=pytest.mark.slow),
         ("plan", "SGS"),
-        ("compare", "B747"),
-        ("campaign", "SGS"),
-        ("run", "trainer"),
+        pytest.param("compare", "B747", marks=pytest.mark.slow),
+        pytest.param("campaign", "SGS", marks=pytest.mark.slow),
+        pytest.param("run", "trainer", marks=pytest.mark.slow),
     ],
 )
 def test_one_question_each(visitors, tmp_path, question, name):

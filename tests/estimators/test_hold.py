@@ -142,7 +142,9 @@ def test_srivc_finds_the_poles_of_a_held_input_by_default():
     assert model.settings["hold"] == {"de": "zoh"}
 
 
-@pytest.mark.parametrize("method", ["output_error", "filter_error", "equation_error", "ekf"])
+@pytest.mark.parametrize(
+    "method", ["output_error", pytest.param("filter_error", marks=pytest.mark.slow), "equation_error", "ekf"]
+)
 def test_structures_take_a_held_input_as_held(method):
     flight, _ = held_flight()
     model = estimate(method, [flight], ["de"], ["alpha", "q"], structure="short_period")

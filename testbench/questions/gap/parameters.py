@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from testbench.aircraft import Aircraft
 from testbench.core.record import FlightRecord
 from testbench.core.words import with_error
@@ -12,6 +14,7 @@ from testbench.questions.gap.believed import Believed, deviations_of
 from testbench.questions.gap.coefficients import SEPARATES, rivals
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, sum_of_squares
+from testbench.questions.gap.search.fit import EffectFit
 
 
 @dataclass(frozen=True)
@@ -79,15 +82,25 @@ def wrong_parameters(
 ) -> tuple[WrongParameter, ...]:
     """Return the believed parameters that are so far off that they are wrong.
 
-    Each competes with the effects that were fitted: those that explain as much are told with it. None if held-out
-    flights contradict: re-tuning makes the residuals larger there.
+    Each is told with the effects that explain as much, unless held-out flights refute them, as they refute a name. None
+    is wrong if held-out flights contradict: re-tuning makes the residuals larger there.
     """
-    wrong = tuple(
-        replace(p, rivals=tuple(f"{f.effect.title}, {f.size}" for f in rivals(p.name, naming, believed.aircraft)))
-        for p in off_parameters(naming, believed.aircraft)
-        if p.deviations > CRITERIA.far
+    far = [p for p in off_parameters(naming, believed.aircraft) if p.deviations > CRITERIA.far]
+    re_tuned = np.inf
+    if far and held_out:
+        re_tuned = sum_of_squares(believed.with_nuisances(naming.nuisances), held_out)
+        if not re_tuned < sum_of_squares(believed, held_out):
+            return ()
+
+    def refuted(fit: EffectFit) -> bool:
+        return bool(held_out) and sum_of_squares(fit.added_to(believed), held_out) - re_tuned > fit.threshold
+
+    return tuple(
+        replace(
+            p,
+            rivals=tuple(
+                f"{f.effect.title}, {f.size}" for f in rivals(p.name, naming, believed.aircraft) if not refuted(f)
+            ),
+        )
+        for p in far
     )
-    if not wrong or not held_out:
-        return wrong
-    re_tuned = sum_of_squares(believed.with_nuisances(naming.nuisances), held_out)
-    return wrong if re_tuned < sum_of_squares(believed, held_out) else ()

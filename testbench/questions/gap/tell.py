@@ -83,14 +83,6 @@ def one_of(fits: Sequence[EffectFit]) -> str:
     )
 
 
-def coefficient_leads(alone: EffectFit, best: EffectFit) -> str:
-    """One wrong coefficient explains more than the best effect."""
-    return (
-        f"{alone.effect.title} alone explains more ({alone.size}, gain {alone.gain:.4g}) than {best.effect.title} "
-        f"(gain {best.gain:.4g}), so no effect is named"
-    )
-
-
 def named(best: EffectFit, leaves_noise: bool) -> str:
     """One effect is named."""
     explained = "what is left is noise"

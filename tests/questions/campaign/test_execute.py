@@ -81,6 +81,7 @@ def reference(reference_store):
     return table(reference_store)
 
 
+@pytest.mark.slow
 def test_eight_workers_give_the_same_table(short, tmp_path, reference):
     seen = []
     fly_campaign(short("runs = 24"), tmp_path / "s", workers=8, progress=seen.append)

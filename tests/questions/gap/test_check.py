@@ -58,6 +58,7 @@ def uncalibrated():
     return Believed(aircraft, load_suite("eolo_full"), CONDITION, aircraft.rate_hz)
 
 
+@pytest.mark.slow
 def test_what_believed_sensors_do_beyond_bias_and_lag_is_no_news(uncalibrated):
     """Kinematics alone call the vane on the boom a quarter too small, and the wind 2 m/s upwards."""
     check = check_data(uncalibrated, measure(uncalibrated, 3, inputs=(ELEVATOR,)))

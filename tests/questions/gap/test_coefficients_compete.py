@@ -1,4 +1,4 @@
-"""A wrong coefficient is a hypothesis among the effects: it leads, it is led, or both are the answer."""
+"""A wrong coefficient is a hypothesis among the effects: accused alone, or told with what does the same."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from axes import believe as believe_axes
 from axes import commands
 from gap_flights import ELEVATOR, believe, measure
 
-from testbench.questions.gap.coefficients import compete, far_off, fit_alone, gain_of, rivals
+from testbench.questions.gap.coefficients import gain_of, rivals
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.effects import EFFECTS
 from testbench.questions.gap.effects.contract import recorded
@@ -53,33 +53,11 @@ def naming_of(tuned, *fits: EffectFit, names: tuple[str, ...] = ()) -> Naming:
     )
 
 
-def test_what_a_coefficient_gains_by_formula_is_what_it_gains_flown(tuned):
-    naming, alone = naming_of(tuned), fit_alone("Cm_alpha", tuned)
-    assert far_off(naming) == ("Cm_alpha",)
-    assert alone.gain == pytest.approx(gain_of("Cm_alpha", naming), rel=0.1)
-    assert alone.gain == pytest.approx(0.35**2 / 0.1**2, rel=0.2)
-    assert alone.values["factor"] == pytest.approx(1.35, abs=4.0 * alone.errors["factor"])
-    assert alone.nuisances["Cm_alpha"] == 1.0, "it is told by its own parameter, not twice"
-
-
-@pytest.mark.parametrize(("more", "names"), [(10.0, 2), (-10.0, 2), (16.0, 1), (-16.0, 0)])
-def test_coefficient_and_effect_are_a_set_unless_one_leads_by_what_tells_effects_apart(tuned, more, names):
-    best = effect_that_gains(tuned, fit_alone("Cm_alpha", tuned).gain + more)
-    out = compete(naming_of(tuned, best, names=("pitch_damper",)), tuned, 2.0 * tuned.samples)
-    assert len(out.names) == names
-    if names == 2:
-        assert out.outcome == "set"
-        assert set(out.names) == {"pitch_damper", "wrong Cm_alpha"}
-        assert out.names[0] == ("pitch_damper" if more > 0.0 else "wrong Cm_alpha")
-        assert out.best is not None
-        assert "another airspeed" in out.sentence or more > 0.0
-    elif names == 0:
-        assert out.outcome == "no gap"
-        assert "a wrong Cm_alpha alone explains more" in out.sentence
-        (accused,) = wrong_parameters(out, tuned.believed)
-        assert (accused.name, accused.rivals) == ("Cm_alpha", ())
-    else:
-        assert out.outcome == "named"
+def test_what_a_coefficient_gains_by_formula_is_what_it_gains_with_its_prior_dropped(tuned):
+    free = retune(replace(tuned, priors={**tuned.priors, "Cm_alpha": 10.0}, slopes=tuned.tangents))
+    gain = gain_of("Cm_alpha", naming_of(tuned))
+    assert tuned.chi2 - free.chi2 == pytest.approx(gain, rel=0.1)
+    assert gain == pytest.approx(0.35**2 / 0.1**2, rel=0.2)
 
 
 def test_an_accused_coefficient_is_told_with_the_effect_that_does_the_same_and_not_with_one_that_does_less(tuned):
@@ -93,6 +71,13 @@ def test_an_accused_coefficient_is_told_with_the_effect_that_does_the_same_and_n
     assert accused.sentence.startswith("one of these, which these data cannot tell apart: the believed Cm_alpha is")
     assert EFFECTS["pitch_damper"].title in accused.sentence
     assert "What separates them: flights at another airspeed" in accused.sentence
+
+
+def test_an_effect_that_held_out_flights_refute_is_not_told_beside_a_coefficient(tuned):
+    alike = effect_that_gains(tuned, gain_of("Cm_alpha", naming_of(tuned)) - 5.0)
+    (kept,) = measure(tuned.believed.with_nuisances({"Cm_alpha": 1.35}), 12, inputs=(ELEVATOR,))
+    (accused,) = wrong_parameters(naming_of(tuned, alike), tuned.believed, [kept])
+    assert (accused.name, accused.rivals) == ("Cm_alpha", ())
 
 
 FEW = ("roll_damper", "yaw_damper", "interconnect", "bank_hold", "actuator_lag", "surface_scale")

@@ -170,6 +170,7 @@ def test_a_rival_that_promises_less_than_half_is_given_up_before_its_first_fligh
     assert fit(vane, base.chi2, gain, 1, patience=1).flown
 
 
+@pytest.mark.slow
 def test_of_a_pair_each_part_is_tried_in_its_special_case():
     """A lag of second order, overdamped, may be the one that finds its way beside the thrust line."""
     plan = TRUTHS["high thrust"]({"z_m": -0.04}, "taurus").with_(SLOW)

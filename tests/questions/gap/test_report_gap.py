@@ -113,7 +113,7 @@ def test_models_are_told_apart_without_colour_and_the_legend_says_so(result):
 
 def test_the_page_of_a_plan(monkeypatch, tmp_path):
     monkeypatch.setattr(plan_module, "library", lambda suite, aircraft: FEW | {"q_bias": EFFECTS["q_bias"]})
-    monkeypatch.setattr(plan_module, "family", lambda believed, planned: [])
+    monkeypatch.setattr(plan_module, "family", lambda believed, planned, flown=(): [])
     plan = plan_module.plan_gap(Scenario.load("eolo_alpha"))
     paths = gap_plan_page(plan).write(tmp_path)
     page = paths[-1].read_text(encoding="utf-8")

@@ -60,7 +60,7 @@ def test_attas_is_imported_once_its_columns_are_named(tmp_path):
     assert found.rate_hz == pytest.approx(25.0)
     for name, column in (("de", 22), ("alpha", 13), ("q", 8)):
         np.testing.assert_allclose(found.record[name], DEG_RAD * raw.numbers(column), rtol=1e-9, atol=1e-12)
-    assert found.log.file == file
+    assert found.log.file.resolve() == file.resolve()
     assert found.search.manoeuvres
     written = write_import(found, tmp_path / "out")
     assert any(p.suffix == ".toml" for p in written)

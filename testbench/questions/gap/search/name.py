@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 from testbench.core.record import FlightRecord
 from testbench.questions.gap.believed import Believed, deviations_of
-from testbench.questions.gap.coefficients import compete
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import (
     Naming,
@@ -101,7 +100,7 @@ def name_effect(
     chi2_believed = float(start.exact @ start.exact)
     nuisances, measured = tuned.by_name, tuned.measured()
     said = Naming(outcome, names, ranking, chi2_believed, tuned.chi2, nuisances, samples, sentence, rejected, measured)
-    return doubted(compete(said, tuned, noise_limit(believed, samples)), believed, records)
+    return doubted(said, believed, records)
 
 
 def _fit_promising(
