@@ -58,7 +58,7 @@ _LATERAL = {"beta", "v", "p", "r", "phi", "ay"}  # channels
 _OF_LATERAL = ("beta", "p", "r", "phi", "da", "dr")  # start parameters
 _FITTED_S, _FEWEST = 0.2, 5  # straight lines through so much of a reading, and so many samples, say where it begins
 _TURNS_DEG_S, _BANK_DEG, _ACCELERATES_1_S = 5.0, 15.0, 0.05  # beyond which quiet commands are not taken for trim
-_MISFIT, _UNTRIMMED = 2.0, 7.0  # of the noise; chi-square from trim over that from another start
+_MISFIT, _UNTRIMMED = 2.0, 10.0  # of the noise; chi-square from trim over that from another start
 _STEP = 0.05  # of differences, in prior standard deviations
 _HORIZONS_S = (1.5, 3.0, math.inf)
 _ROUNDS, _FEW_ROUNDS = 8, 3
@@ -144,7 +144,7 @@ def restless(record: FlightRecord) -> str:
 def untrimmed(believed: Believed, record: FlightRecord) -> str:
     """Return why a record with quiet commands is not to be flown from trim, in words; "" if it may be.
 
-    The start alone, commands as they are, is fitted to the whole record. If that leaves less than a seventh of what a
+    The start alone, commands as they are, is fitted to the whole record. If that leaves less than a tenth of what a
     start at trim does, the aircraft was not trimmed. Turbulence and gaps in the model go on through the record: a free
     start leaves more of them. An unstable aircraft may leave its limits however well it was trimmed.
     """
