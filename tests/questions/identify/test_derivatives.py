@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -204,6 +205,8 @@ def test_errors_of_simulated_flights_count_where_they_are_larger(tmp_path):
     assert by_name["Z_alpha"].believed == "weak"
     (said,) = (note for note in found.notes if "20 simulated flights" in note)
     assert "M_de" not in said
+    (model,) = [json.loads(text) for name, text in identify_page(found).files.items() if name.startswith("models/")]
+    assert model["flown_errors"] == {n: pytest.approx(asked[n]) for n in ("Z_alpha", "M_q")}
     file.write_text(text + given.replace("M_q", "M_qq"), "utf-8")
     with pytest.raises(ScenarioError, match=r"errors\.M_qq: .* did you mean 'M_q'"):
         identify(RecordDescription.load(file))
