@@ -197,6 +197,11 @@ def grid(
     return out
 
 
+def in_lines(text: str, letters: int, lines: int = 2) -> str:
+    """Return a text in ``lines`` lines of so many letters at most; what does not fit is left out and marked."""
+    return "\n".join(textwrap.wrap(text, letters, max_lines=lines, placeholder=" …"))
+
+
 def label(axes: Axes, x: str = "", y: str = "", title: str = "", colour: str = INK, lines: int = 1) -> None:
     """Write axis labels and title at fixed distances from the panel, so that those of neighbours line up.
 
@@ -210,7 +215,7 @@ def label(axes: Axes, x: str = "", y: str = "", title: str = "", colour: str = I
     axes.yaxis.set_label_coords(-0.46 / width, 0.5)
     most = max(8, int(width * 72.0 / _POINTS_PER_LETTER))
     if len(title) > most and lines > 1:
-        title = "\n".join(textwrap.wrap(title, most, max_lines=lines, placeholder=" …"))
+        title = in_lines(title, most, lines)
     elif len(title) > most:
         title = title[: most - 1] + "…"
     axes.set_title(title, y=1.0, pad=4.0, color=colour)

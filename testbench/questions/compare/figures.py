@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -17,6 +16,7 @@ from testbench.page.plot import (
     QUIET,
     Plate,
     grid,
+    in_lines,
     label,
     legend,
     legend_in,
@@ -207,7 +207,7 @@ def _dots(axes: Axes, dots: Sequence[Dot], names: Sequence[str], suites: int, le
 def _short(name: str, letters: int) -> str:
     """Return the name of a row in two lines at most."""
     text = name.replace("wn of ", "ωn ").replace("zeta of ", "ζ ").replace("symmetric", "symm.")
-    return "\n".join(textwrap.wrap(text, letters, max_lines=2, placeholder=" …"))
+    return in_lines(text, letters)
 
 
 def _stations(placed: Placed) -> Explorable:

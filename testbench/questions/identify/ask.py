@@ -144,7 +144,7 @@ def _simulated(description: RecordDescription, derivatives: Sequence[FoundDeriva
                 for name in wrong
             ]
         )
-    found = [d for d in derivatives if d.std > d.stated]
+    found = [d for d in derivatives if d.simulated]
     if not found or description.simulated_errors is None:
         return []
     larger, stated = listed([d.name for d in found]), listed([f"{d.stated:.2g}" for d in found])

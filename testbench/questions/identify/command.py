@@ -123,27 +123,26 @@ def _in_folder(folder: Path) -> list[Path]:
     Raises:
         RecordError: there is none.
     """
-    from testbench.questions import BY_COMMAND
-    from testbench.questions.files import kinds_of
-
-    found = [p for p in sorted(folder.glob("*.toml")) if BY_COMMAND["identify"] in kinds_of(p)]
     from testbench.core.paths import find_scenario
     from testbench.core.record import load_record
+    from testbench.questions import BY_COMMAND
+    from testbench.questions.files import kinds_of
     from testbench.questions.importing.ask import UNUSABLE, WHOLE
 
+    found = [p for p in sorted(folder.glob("*.toml")) if BY_COMMAND["identify"] in kinds_of(p)]
+    if found:
+        return found
     whole = folder / f"{WHOLE}.nc"
-    unusable = load_record(whole).provenance.get(UNUSABLE, ()) if not found and whole.is_file() else ()
+    unusable = load_record(whole).provenance.get(UNUSABLE, ()) if whole.is_file() else ()
     if unusable:
         raise RecordError(_nothing(folder, unusable))
     packaged = find_scenario(Path("records", folder))
-    if not found and packaged.is_file():  # a folder of results may have its name
+    if packaged.is_file():  # a folder of results may have its name
         return [packaged]
-    if not found:
-        raise RecordError(
-            f"a folder to identify must hold a description of records (.toml), got '{folder}' without one; `testbench "
-            "import LOG --out FOLDER` writes one"
-        )
-    return found
+    raise RecordError(
+        f"a folder to identify must hold a description of records (.toml), got '{folder}' without one; `testbench "
+        "import LOG --out FOLDER` writes one"
+    )
 
 
 def _nothing(path: Path, unusable: Sequence[str]) -> str:

@@ -74,6 +74,11 @@ class FoundDerivative:
         return self.believed == "determined"
 
     @property
+    def simulated(self) -> bool:
+        """Whether ``std`` is what simulated flights show, which exceeds what the estimator states."""
+        return self.std > self.stated
+
+    @property
     def changed(self) -> bool:
         """Whether it differs from what it was before by more than its error explains."""
         if self.before is None or not self.determined:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from testbench.page.page import FLOWN, Content, Page
+from testbench.page.page import FLOWN, Page
 from testbench.page.words import answer_lines
-from testbench.page.write import json_text
 from testbench.questions.identify.answer import identify_answer
 from testbench.questions.identify.tables import derivative_table
 from testbench.questions.run.page import run_page
@@ -25,9 +23,10 @@ def identify_page(found: Identified, amended: Amended | None = None) -> Page:
         found: what was identified.
         amended: the aircraft that it was written into, which gets a section of its own.
     """
-    page = run_page(found, found.flown.V_m_s if found.flown is not None else None)
+    V_m_s = found.flown.V_m_s if found.flown is not None else None
+    page = run_page(found, V_m_s, [_errors(found, i) for i in range(len(found.cases))])
     table = derivative_table(found)
-    page = replace(page, answer=identify_answer(found), files={**page.files, **_with_errors(found, page)})
+    page = replace(page, answer=identify_answer(found))
     if table is None:
         return page
     page = replace(
@@ -40,17 +39,10 @@ def identify_page(found: Identified, amended: Amended | None = None) -> Page:
     return page if amended is None else _with_amendment(page, amended)
 
 
-def _with_errors(found: Identified, page: Page) -> dict[str, Content]:
-    """Return the files of models with the errors that simulated flights show, which `testbench design --after` counts.
-
-    Files of models stand in the order of the cases.
-    """
-    out: dict[str, Content] = {}
-    for i, name in enumerate(name for name in page.files if name.startswith("models/")):
-        errors = {d.name: d.std for d in found.derivatives if d.case == i and d.std > d.stated}
-        if errors:
-            out[name] = json_text({**json.loads(str(page.files[name])), "flown_errors": errors})
-    return out
+def _errors(found: Identified, index: int) -> dict[str, dict[str, float]]:
+    """Return the errors of a model that simulated flights show, which `testbench design --after` counts."""
+    errors = {d.name: d.std for d in found.derivatives if d.case == index and d.simulated}
+    return {"flown_errors": errors} if errors else {}
 
 
 def _with_amendment(page: Page, amended: Amended) -> Page:

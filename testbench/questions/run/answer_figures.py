@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,6 +16,7 @@ from testbench.page.plot import (
     QUIET,
     Plate,
     grid,
+    in_lines,
     label,
     legend,
     legend_in,
@@ -134,7 +134,7 @@ def _draw_intervals(axes: Axes, result: RunResult, repeats: Repeats, letters: in
     axes.set_xlim(10.0 ** np.floor(np.log10(min(drawn))), 1.2 * max(drawn))
     log_axis(axes, "x", powers=False)
     words = (words_of(q).removeprefix("the ") for q in quantities)
-    _rows(axes, ["\n".join(textwrap.wrap(w, letters, max_lines=2, placeholder=" …")) for w in words])
+    _rows(axes, [in_lines(w, letters) for w in words])
     label(axes, "error, %", "", f"Error over {repeats.count} seeds")
 
 
@@ -151,7 +151,7 @@ def _draw_modes(axes: Axes, modes: list[Any], letters: int) -> None:
         place = (value, i) if side > 0 else (EXCITED_DB, i)
         axes.annotate(symbol(e.best_sensor), place, (7, 0), textcoords="offset points", fontsize=8.0, va="center")
     axes.axvline(EXCITED_DB, color=QUIET, linewidth=1.0)
-    _rows(axes, ["\n".join(textwrap.wrap(e.mode, letters, max_lines=2, placeholder=" …")) for e in modes])
+    _rows(axes, [in_lines(e.mode, letters) for e in modes])
     label(axes, "response over noise, dB", "", "Is the mode excited?")
 
 

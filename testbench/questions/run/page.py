@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,12 +28,13 @@ if TYPE_CHECKING:
     from testbench.questions.run.result import RunResult
 
 
-def run_page(result: RunResult, V_m_s: float | None = None) -> Page:
+def run_page(result: RunResult, V_m_s: float | None = None, beside: Sequence[Mapping[str, Any]] | None = None) -> Page:
     """Return the page of a run: what was flown and found, the models, and beside it the models with all digits.
 
     Args:
         result: of the run.
         V_m_s: airspeed of recorded flights; None if nobody knows.
+        beside: for each case what its file in models/ holds beside the model.
     """
     simulated = result.truth is not None
     if isinstance(result.source, FlownAt):
@@ -43,7 +45,7 @@ def run_page(result: RunResult, V_m_s: float | None = None) -> Page:
         at["promise"] = promise.as_posix()  # what simulated flights of the design had: `testbench design --after`
     flown = flown_tables(result)
     stems = unique([file_stem(case.label) for case in result.cases])
-    models = zip(map(file_stem, stems), result.cases, strict=True)
+    models = zip(map(file_stem, stems), result.cases, beside or [{}] * len(result.cases), strict=True)
     return Page(
         kicker=f"{'Simulated identification experiment' if simulated else 'Identification from recorded flights'}: "
         f"{result.name}",
@@ -54,7 +56,7 @@ def run_page(result: RunResult, V_m_s: float | None = None) -> Page:
         more_tables=flown,
         plates=plates(result),
         files={
-            **{f"models/{stem}.json": json_text({**case.model.written(), **at}) for stem, case in models},
+            **{f"models/{stem}.json": json_text({**case.model.written(), **at, **more}) for stem, case, more in models},
             **files_of(tidy_run(result)),
         },
         template="questions/run/page.html.j2",
