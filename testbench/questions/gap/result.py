@@ -143,7 +143,7 @@ class GapFinding:
         """The answer in words."""
         re_tuned = "; ".join(p.sentence for p in self.parameters)
         out = [f"{re_tuned}; beside that, {self.naming.sentence}" if re_tuned else self.naming.sentence]
-        out += [p.sentence for p in self.paths if p.outcome in ("differs", "unexplained")]
+        out += [p.sentence for p in self.paths if p.outcome in ("differs", "unexplained", "not seen")]
         verdict = self.verdict
         out += [] if verdict is None else verdict.sentences
         out += [*self._evidence(), *([self.next_flight] if self.next_flight else [])]

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.controls import fly_controls, without_false_alarms
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, judged, noise_limit
+from testbench.questions.gap.drive import Drive, driven
 from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.evidence.air import (
     AirFound,
@@ -51,8 +51,6 @@ from testbench.questions.gap.search.parallel import Ahead
 from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.windows import begin_freely, cut
 
-Drive = Literal["command", "both"]
-"""What tells how the controls moved: commands, or recorded surfaces beside them."""
 STARTS_IN_TURN = 6  # rounds in which starts of windows and coefficients are fitted at most
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
@@ -88,7 +86,9 @@ def find_gap(
         control_file: keeps each of them, so that none is flown twice.
         windows: "auto" cuts records that do not begin with quiet trim flight into windows that start freely, a number
             all of them, into windows of so many seconds; "off" refuses them.
-        drive: "both" judges paths whose surfaces are recorded by themselves; "command" does not.
+        drive: "both" judges paths whose surfaces are recorded beside their commands by themselves, and lets surfaces
+            drive where no command is recorded; "surface" lets them drive wherever they are recorded; "command" does not
+            look at them.
 
     Raises:
         RecordError: a record is not measured, or lacks a channel of the believed suite; or ``control_file`` cannot be
@@ -104,6 +104,8 @@ def find_gap(
     for name, record in {**records, **held_out}.items():
         if record.kind != "measured":
             raise RecordError(f"the gap workflow takes measured records only, got '{name}' of kind '{record.kind}'")
+    by = driven(believed, records, held_out, drive)
+    believed, records, held_out = by.believed, by.records, by.held_out
     given, others = cut(believed, records, windows), cut(believed, held_out, windows)
     records, held_out = given.records, others.records
     if given.notes or others.notes:
@@ -127,6 +129,7 @@ def find_gap(
         air = listen(believed, naming_records)
         known = library(believed.suite, believed.aircraft) if effects is None else effects
         paths = judge_paths(believed, naming_records) if drive == "both" and not given.notes else ()
+        known = restricted(known, [replace(p, outcome="not seen") for p in by.paths])[1]
         believed, naming, air, known = _search_beside(paths, known, believed, naming_records, air, say)
         near = next((f for f in naming.ranking if f.significant and f.flown), None)
         if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
@@ -190,7 +193,7 @@ def find_gap(
         first=first,
         controls=beside,
         windows=(*given.notes, *others.notes),
-        paths=paths,
+        paths=(*by.paths, *paths),
         held_out=differences(believed, records, held_out),
         tally=_tally(
             [believed, amended] if amended is not believed else [believed], [*records.values(), *held_out.values()]
@@ -317,7 +320,7 @@ def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: Ai
     Turbulence works on the flights of the real aircraft, so coefficients are re-tuned first.
     """
     if not air.moves:
-        return believed, air
+        return in_air(believed, air), air
     tuned = _retuned(believed, in_air(believed, air), records)
     air = listen_in_flight(tuned, records, air)
     return in_air(believed, air, tuned), air
