@@ -22,6 +22,7 @@ from testbench.flight.simulate import commands as absolute_commands
 from testbench.flight.start import Beginning
 from testbench.inputs.signal import InputSignal
 from testbench.line import flown_already
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.effects.base import MetGust
 from testbench.questions.gap.evidence.commanded import (
@@ -72,7 +73,6 @@ LATERAL_PRIORS: Mapping[str, float] = {
 }
 LATERAL_OUTPUTS = ("beta", "p", "r", "phi", "psi", "ay")  # that tell of the lateral motion alone
 STEPS, NEAR = 3, 0.3  # that starts are brought to rest by; prior standard deviations below which one step is enough
-MOST_NOISE = 5.0  # standard deviations of a surface's noise by which a reading may leave the range of its travel
 NO_SERVO_RAD_S = 1e3  # corner frequency of a servo that a recorded surface passes: none at the rates of records
 NOTHING = 1e-9  # a coefficient of a foreign model that is smaller is what differences leave of zero
 
@@ -335,7 +335,7 @@ class Believed:
             if noise > 0.0:  # which may lie beyond the end of a travel that the surface reached
                 control, trim = there.aircraft.controls[name], there.trimmed.controls[name]
                 within = np.clip(u[:, i], control.low - trim, control.full - trim)
-                u[:, i] = np.where(np.abs(u[:, i] - within) <= MOST_NOISE * noise, within, u[:, i])
+                u[:, i] = np.where(np.abs(u[:, i] - within) <= CRITERIA.stirs * noise, within, u[:, i])
         signal = InputSignal(np.arange(len(u), dtype=np.float64) * record.dt_s, u, names)
         absolute_commands(there.aircraft, there.trimmed, Manoeuvre("measured commands", signal, 0.0))
 

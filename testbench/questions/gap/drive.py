@@ -22,15 +22,10 @@ from testbench.core.errors import RecordError, located
 from testbench.core.record import FlightRecord
 from testbench.page.words import listed
 from testbench.questions.gap.believed import NO_SERVO_RAD_S, Believed
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects.servo import WORDS
-from testbench.questions.gap.evidence.commanded import begins_quietly, stirs, surface_noise, with_surfaces
-from testbench.questions.gap.evidence.control_path import (
-    FAINTEST_RAD,
-    SURFACES,
-    JudgedPath,
-    judge_paths,
-    turned_by_motion,
-)
+from testbench.questions.gap.evidence.commanded import begins_quietly, driven_by_surfaces, stirs, surface_noise
+from testbench.questions.gap.evidence.control_path import SURFACES, JudgedPath, judge_paths, turned_by_motion
 from testbench.sensors import SensorSuite
 
 Drive = Literal["command", "surface", "both"]
@@ -179,16 +174,16 @@ def _driven(suite: SensorSuite, record: FlightRecord, control: str) -> FlightRec
     if not valid.any():
         raise RecordError(f"{control} must be recorded where it is to drive the model, every sample of it is missing")
     surface = np.interp(record.t_s, record.t_s[valid], record[control][valid])
-    noise = FAINTEST_RAD
+    noise = CRITERIA.faintest_rad
     if sensor is not None:
-        noise = max(suite.noise_std[control] / abs(sensor.scale), FAINTEST_RAD)
+        noise = max(suite.noise_std[control] / abs(sensor.scale), CRITERIA.faintest_rad)
         surface = (surface - sensor.bias) / sensor.scale
         late = sensor.lag_s + sensor.delay_s  # a lag is a delay to what is much slower than it
         surface = np.interp(record.t_s + late, record.t_s, surface)
     if not stirs(surface, noise, record.dt_s).any():
         surface = np.full_like(surface, surface.mean())
     known = {**surface_noise(record), control: noise}
-    return with_surfaces(record.with_columns({f"{control}_cmd": surface}), known)
+    return driven_by_surfaces(record.with_columns({f"{control}_cmd": surface}), known)
 
 
 def _bypassed(aircraft: Aircraft, control: str) -> Aircraft:

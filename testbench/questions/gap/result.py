@@ -205,6 +205,7 @@ class GapFinding:
         out = [
             f"evidence: it lowers chi-square by {best.gain:.0f}; noise alone reaches {best.threshold:.3g} once "
             f"in {1.0 / CRITERIA.false_alarm:.0f} cases"
+            + (f"; {best.told:.0f} of that is in the recorded surface" if best.told else "")
         ]
         others = [f for f in self.naming.ranking if f.effect.name not in self.naming.names]
         if others:

@@ -48,6 +48,7 @@ from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.parallel import Ahead
+from testbench.questions.gap.surface_evidence import with_surfaces
 from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.windows import begin_freely, cut
 
@@ -215,10 +216,10 @@ def _search_beside(
     """
     shown, left_open = restricted(known, paths)
     if shown is not left_open:
-        found = search(believed, records, air, say, shown)
+        found = search(believed, records, air, say, shown, paths)
         if found[1].names:
             return (*found, left_open)
-    return (*search(believed, records, air, say, left_open), left_open)
+    return (*search(believed, records, air, say, left_open, paths), left_open)
 
 
 def _begun(believed: Believed, records: Mapping[str, FlightRecord], held_out: Mapping[str, FlightRecord]) -> Believed:
@@ -247,10 +248,11 @@ def search(
     air: AirFound,
     say: Callable[[str], None],
     effects: Mapping[str, Effect] | None = None,
+    paths: Sequence[JudgedPath] = (),
 ) -> tuple[Believed, Naming, AirFound]:
     """Return the believed model in the air that was found, the naming, and the air.
 
-    ``effects`` is the library, that of the suite if not given.
+    ``effects`` is the library, that of the suite if not given; ``paths`` are those that recorded surfaces tell of.
 
     A gap raises the rms of turbulence that is measured beside it, and it changes the flights that the turbulence works
     on. So the effect that comes nearest is taken out, and the rms is measured again. If the rms changes, or more than
@@ -262,14 +264,14 @@ def search(
     if air.moves:
         say("measure the air")
     flown_in, air = in_measured_air(believed, records, air)
-    naming = name_effect(flown_in, records, say, effects)
+    naming = with_surfaces(name_effect(flown_in, records, say, effects), paths, flown_in, records)
     if naming.noise_left and not air.moves:
         return flown_in, naming, air
     say("listen to the air again")
     tuned = believed.with_nuisances(naming.nuisances)
     near = next((f for f in naming.ranking if f.significant and f.flown and f.gain > CRITERIA.weak), None)
     if air.moves and near is not None and near.share < CRITERIA.enough_alone:
-        hidden = _hidden_by_air(believed, tuned, near.added_to(believed), records, air, say, effects)
+        hidden = _hidden_by_air(believed, tuned, near.added_to(believed), records, air, say, effects, paths)
         if hidden is not None:
             return hidden
         near = None  # it explains too little to be what is missing: what it would take out may be turbulence
@@ -283,7 +285,7 @@ def search(
         beside = _retuned(believed, in_air(believed, again, beside), records)
         again = measure(beside, records, again)
     flown_in = in_air(believed, again, beside)
-    return flown_in, name_effect(flown_in, records, say, effects), again
+    return flown_in, with_surfaces(name_effect(flown_in, records, say, effects), paths, flown_in, records), again
 
 
 def _hidden_by_air(
@@ -294,6 +296,7 @@ def _hidden_by_air(
     air: AirFound,
     say: Callable[[str], None],
     effects: Mapping[str, Effect] | None,
+    paths: Sequence[JudgedPath],
 ) -> tuple[Believed, Naming, AirFound] | None:
     """Return what :func:`search` does if an effect is named once the air is measured beside another; else None.
 
@@ -305,12 +308,13 @@ def _hidden_by_air(
         air: what was heard.
         say: called with a few words as each stage begins.
         effects: the library.
+        paths: those that recorded surfaces tell of.
     """
     again = measure(beside, records, air)
     if misfit(tuned, records, measure(tuned, records, air)) - misfit(beside, records, again) <= CRITERIA.weak:
         return None
     flown_in = in_air(believed, again, beside)
-    naming = name_effect(flown_in, records, say, effects)
+    naming = with_surfaces(name_effect(flown_in, records, say, effects), paths, flown_in, records)
     return (flown_in, naming, again) if naming.names else None
 
 

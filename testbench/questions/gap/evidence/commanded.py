@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.questions.gap.criteria import CRITERIA
 
 LATERAL_COMMANDS = ("da_cmd", "dr_cmd")
 FREE = "free_start"  # in the provenance of a record that does not begin at trim
 DRIVEN = "driven_by_surface"  # in that of a record whose recorded surfaces stand in place of commands
 LEAST_QUIET_S = 0.5
 MOVED = 1e-3  # rad, or share of the throttle, by which a command must change to count as moved
-_JUMP = 4.0  # times what it moves in the two samples beside that a surface moves in one, if no servo moved it
-_NOISE = 5.0  # standard deviations of its noise by which a recorded surface must move besides: 6e-7 for each sample
 
 
 def moves_laterally(records: Sequence[FlightRecord]) -> bool:
@@ -56,7 +55,7 @@ def held(record: FlightRecord, names: Sequence[str], u: FloatArray) -> FloatArra
     return np.where(moving, means, u)
 
 
-def with_surfaces(record: FlightRecord, noise: Mapping[str, float]) -> FlightRecord:
+def driven_by_surfaces(record: FlightRecord, noise: Mapping[str, float]) -> FlightRecord:
     """Return the record, said to hold surfaces in place of commands: control -> standard deviation of its noise."""
     return replace(record, provenance={**record.provenance, DRIVEN: dict(noise)})
 
@@ -128,7 +127,7 @@ def _moved(record: FlightRecord, channels: Sequence[str]) -> NDArray[np.bool_]:
 def stirs(surface: FloatArray, noise_std: float, dt_s: float) -> NDArray[np.bool_]:
     """Return at which samples (n,) a recorded surface is not where it began, beyond its noise."""
     began = float(np.mean(surface[: max(1, round(LEAST_QUIET_S / dt_s))]))
-    return np.asarray(np.abs(surface - began) > MOVED + _NOISE * noise_std)
+    return np.asarray(np.abs(surface - began) > MOVED + CRITERIA.stirs * noise_std)
 
 
 def jumps(record: FlightRecord, control: str) -> FloatArray:
@@ -138,5 +137,5 @@ def jumps(record: FlightRecord, control: str) -> FloatArray:
     """
     steps = np.abs(np.diff(record[f"{control}_cmd"], append=record[f"{control}_cmd"][-1]))
     beside = np.append(steps[1:], 0.0) + np.insert(steps[:-1], 0, 0.0)
-    least = MOVED + _NOISE * surface_noise(record)[control]
-    return np.where(steps > np.maximum(least, _JUMP * beside), steps, 0.0)
+    least = MOVED + CRITERIA.stirs * surface_noise(record)[control]
+    return np.where(steps > np.maximum(least, CRITERIA.jumps * beside), steps, 0.0)
