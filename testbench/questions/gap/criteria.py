@@ -71,6 +71,8 @@ class Criteria:
         false_terms: share of false terms among those that forces and moments are said to follow. Judged.
         path_form: share of what one kind of error gains in a path by which it must lead another, as no form of a servo
             is quite right. Judged.
+        seconded: gain in the motion that an effect which a recorded surface shows needs to be named where the motion
+            shows no gap: two standard errors. Judged.
         turned_rad: a surface that moves by more with other coefficients is turned by what the believed model measures.
             Derived: a thousand times what rounding leaves.
         faintest_rad: noise of a surface that is said to have none. Derived: no servo is simulated better between
@@ -117,6 +119,7 @@ class Criteria:
     scatter_form: float = 0.01
     false_terms: float = 0.01
     path_form: float = 0.02
+    seconded: float = 4.0
     turned_rad: float = 1e-6
     faintest_rad: float = 2e-5
     offset_rad: float = 1e-3

@@ -91,7 +91,9 @@ def leaves_noise(fit: EffectFit, noise: float) -> bool:
 
 def leaves_far_more(fit: EffectFit, floor: float) -> bool:
     """Return whether a fit leaves so much more than the ``floor`` of the noise that it cannot be the whole."""
-    return fit.chi2 - floor > max(CRITERIA.remainder * float(np.sqrt(2.0 * floor)), CRITERIA.remaining_share * fit.gain)
+    return fit.chi2 - floor > max(
+        CRITERIA.remainder * float(np.sqrt(2.0 * floor)), CRITERIA.remaining_share * fit.in_motion
+    )
 
 
 def is_special_case(fit: EffectFit, general: EffectFit) -> bool:
@@ -358,7 +360,7 @@ def rest(
     others = [e for n, e in effects.items() if n not in forms and parts.isdisjoint(e.contains) and e.met is None]
     seen = [s for s in screen_all([(point, e) for e in others], SMALL) if s.seen]
     first = max(seen, key=lambda s: s.promise, default=None)
-    least = max(CRITERIA.least, CRITERIA.form * best.gain)
+    least = max(CRITERIA.least, CRITERIA.form * best.in_motion)
     return None if first is None or first.promise <= least else Rest(first.effect, first.promise, least)
 
 
@@ -381,7 +383,7 @@ def judged(
     naming = confirmed(naming, believed, held_out)
     best = naming.best
     left = None if best is None else rest(best, believed, records, effects)
-    if best is None or left is None or len(naming.names) > 1 or not more_than_form(left.gain, best.gain):
+    if best is None or left is None or len(naming.names) > 1 or not more_than_form(left.gain, best.in_motion):
         return naming, left
     sentence = tell.remainder(best, left.effect.title, left.gain)
     return replace(naming, outcome="unexplained", names=(), sentence=sentence), None

@@ -24,8 +24,8 @@ def with_surfaces(
 ) -> Naming:
     """Return ``naming`` decided anew, with what recorded surfaces say added to the likelihood of every effect.
 
-    As it is, if no path differs; or if no effect of such a path moves the aircraft by what can be named: then the
-    surfaces tell of the path alone, and compete with nothing.
+    An effect that the surfaces show, but not the motion, explains nothing of the motion: it does not take the place of
+    one that does. It is named only if the motion shows no gap and agrees with it.
 
     Args:
         naming: what was decided by the motion.
@@ -35,20 +35,28 @@ def with_surfaces(
     """
     telling = [p for p in paths if p.outcome == "differs"]
     told = {f.effect.name: sum(p.told(f.effect) for p in telling) for f in naming.ranking}
-    if not any(told[f.effect.name] > 0.0 and f.flown and f.gain > CRITERIA.least for f in naming.ranking):
+    shown = [f for f in naming.ranking if told[f.effect.name] > 0.0 and f.flown]
+    if not shown:
         return naming
-    all_told = sum(p.gain for p in telling)
-    chi2_tuned = naming.chi2_tuned + all_told
-    fits = [_weighed(f, told[f.effect.name], all_told, chi2_tuned, naming.samples) for f in naming.ranking]
+    most = max(told[f.effect.name] for f in shown)
+    chi2_tuned = naming.chi2_tuned + most
+    fits = [_weighed(f, told[f.effect.name], most, chi2_tuned, naming.samples) for f in naming.ranking]
     ranking = tuple(sorted(fits, key=lambda f: -score(f, naming.samples)))
     floor = noise_floor(believed, naming.samples)
     outcome, names, sentence = decide(ranking, chi2_tuned, naming.samples, floor, deviations_of(believed.aircraft))
-    changed = {"outcome": outcome, "names": names, "ranking": ranking, "chi2_tuned": chi2_tuned, "sentence": sentence}
-    return doubted(replace(naming, **changed), believed, records)
+    weighed = replace(naming, outcome=outcome, names=names, ranking=ranking, chi2_tuned=chi2_tuned, sentence=sentence)
+    moves = [f for f in shown if f.gain > CRITERIA.least]
+    best = weighed.best
+    if best is None:
+        counts = bool(moves)
+    else:
+        agrees = naming.outcome == "no gap" and best.in_motion > CRITERIA.seconded
+        counts = agrees or best.in_motion > CRITERIA.least
+    return doubted(weighed, believed, records) if counts else naming
 
 
-def _weighed(fit: EffectFit, told: float, all_told: float, chi2_tuned: float, samples: int) -> EffectFit:
-    """Return a fit of which the surfaces have ``told`` so much, of ``all_told`` that the best would explain of them."""
-    left = fit.chi2 + all_told - told
+def _weighed(fit: EffectFit, told: float, most: float, chi2_tuned: float, samples: int) -> EffectFit:
+    """Return a fit of which the surfaces have ``told`` so much, of the ``most`` that any effect explains of them."""
+    left = fit.chi2 + most - told
     share = share_of_excess(chi2_tuned, left, samples)
     return replace(fit, chi2=left, gain=fit.gain + told, share=share, told=told)

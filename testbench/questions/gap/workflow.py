@@ -212,12 +212,14 @@ def _search_beside(
 ) -> tuple[Believed, Naming, AirFound, Mapping[str, Effect]]:
     """Return what :func:`search` does among the effects that the paths leave open, and those effects.
 
-    Those that a path shows come first; if they name nothing, all that is left open is searched.
+    Those that a path shows come first; if they name nothing that the motion shows, too, all that is left open is
+    searched.
     """
     shown, left_open = restricted(known, paths)
     if shown is not left_open:
         found = search(believed, records, air, say, shown, paths)
-        if found[1].names:
+        best = found[1].best
+        if best is not None and best.in_motion > CRITERIA.least:
             return (*found, left_open)
     return (*search(believed, records, air, say, left_open, paths), left_open)
 

@@ -84,6 +84,11 @@ class EffectFit:
         return self.gain > self.threshold
 
     @property
+    def in_motion(self) -> float:
+        """Part of its gain that the motion tells."""
+        return self.gain - self.told
+
+    @property
     def beyond(self) -> tuple[str, ...]:
         """Sizes that came to rest at the end of what is physically possible: the data ask for more.
 
