@@ -5,11 +5,13 @@ False names: an effect gains what names it by noise with a probability below 1e-
 
 from __future__ import annotations
 
+import csv
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from commands import ends
 
 from testbench.aircraft.seams import control_path
 from testbench.core.constants import DEG_RAD
@@ -270,3 +272,34 @@ def test_the_whole_library_names_what_a_stock_model_lacks_by_its_surface_alone(e
 def test_throttle_and_elevator_may_be_driven_by_what_was_recorded_of_both():
     found = drive_records(suite_of(q=0.1, de=1e-3), {"one": record(q=REST, de=RAMP, thr=0.5 + 10.0 * RAMP)})["one"]
     assert commands(found)[0] == ("de", "thr")
+
+
+@pytest.mark.slow
+def test_records_that_hold_surfaces_alone_become_a_case_that_names_what_is_missing(tmp_path, monkeypatch, capsys):
+    """By the command line: a case is made of the records, checked, and asked; commands alone would not do."""
+    monkeypatch.chdir(tmp_path)
+    b = believe()
+    records = measure(b, Roughness(kind="roughness", CD0=0.05))
+    for i, given in enumerate(records.values()):
+        given.select([n for n in given.channels if not n.endswith("_cmd")]).save(f"flight_{i}.nc")
+    flown = [f"flight_{i}.nc" for i in range(len(records))]
+    assert (
+        ends(monkeypatch, capsys, "gap", "new", "mine.toml", "--aircraft", "eolo", "--wings", "rigid", *flown)[0] == 0
+    )
+    text = (tmp_path / "mine.toml").read_text(encoding="utf-8")
+    few = text.replace('# effects = ["actuator_lag"]', 'effects = ["actuator_lag", "drag_increment", "q_lag"]')
+    (tmp_path / "mine.toml").write_text(few, encoding="utf-8")
+    assert ends(monkeypatch, capsys, "check", "mine.toml")[0] == 0
+    status, lines = ends(monkeypatch, capsys, "gap", "mine.toml", "--workers", "1")
+    assert status == 0, lines
+    results = tmp_path / "results" / "gap_mine"
+    (first, *_) = csv.DictReader((results / "tables" / "ranking.csv").read_text(encoding="utf-8").splitlines())
+    assert (first["effect"], first["verdict"]) == (EFFECTS["drag_increment"].title, "named")
+    page = (results / "report.html").read_text(encoding="utf-8")
+    assert "path of the elevator could not be seen" in page
+    assert "What was recorded of elevator drives the believed model" in page
+    with_commands = few.replace('drive = "both"', 'drive = "command"')
+    (tmp_path / "mine.toml").write_text(with_commands, encoding="utf-8")
+    status, lines = ends(monkeypatch, capsys, "gap", "mine.toml", "--workers", "1")
+    assert status == 1
+    assert 'de could drive it: set drive = "both"' in " ".join(" ".join(lines).split())
