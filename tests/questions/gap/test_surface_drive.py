@@ -301,5 +301,5 @@ def test_records_that_hold_surfaces_alone_become_a_case_that_names_what_is_missi
     with_commands = few.replace('drive = "both"', 'drive = "command"')
     (tmp_path / "mine.toml").write_text(with_commands, encoding="utf-8")
     status, lines = ends(monkeypatch, capsys, "gap", "mine.toml", "--workers", "1")
-    assert status == 1
+    assert status != 0
     assert 'de could drive it: set drive = "both"' in " ".join(" ".join(lines).split())
