@@ -33,6 +33,14 @@ class Wings(str, Enum):
     rigid = "rigid"
 
 
+class DrivenBy(str, Enum):
+    """What tells how the controls moved."""
+
+    command = "command"
+    surface = "surface"
+    both = "both"
+
+
 class FlownBy(str, Enum):
     """What flies the flights of a question."""
 

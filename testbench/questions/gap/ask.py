@@ -201,6 +201,7 @@ def run_flights(
         controls=controls,
         control_file=control_file,
         windows=windows,
+        drive=flights.drive,
     )
     return GapResult(
         name=aircraft,

@@ -12,6 +12,7 @@ from testbench.page.terminal import console, stages
 from testbench.questions.gap.window_length import windows_of
 from testbench.questions.options import (
     ByDefault,
+    DrivenBy,
     FlownBy,
     OutOption,
     SeedOption,
@@ -22,7 +23,7 @@ from testbench.questions.options import (
 )
 
 CONTROLS = "controls.jsonl"  # in a folder of results: control flights, which are not flown again
-FLIGHTS = ("sensors", "hold_out", "wings", "airspeed", "altitude", "data")  # what is said of measured records
+FLIGHTS = ("sensors", "hold_out", "wings", "airspeed", "altitude", "data", "drive")  # what is said of measured records
 
 
 command = typer.Typer(
@@ -53,6 +54,13 @@ def show(
     airspeed: Annotated[float | None, typer.Option("--V", help="Airspeed at the start, m/s.")] = None,
     altitude: Annotated[float | None, typer.Option("--h", help="Altitude at the start, m.")] = None,
     data: Annotated[Path | None, typer.Option(help="Folder of the files that descriptions name.")] = None,
+    drive: Annotated[
+        DrivenBy,
+        typer.Option(
+            help="What drives the believed model: commands, recorded surfaces, or both: surfaces where no command is "
+            "recorded."
+        ),
+    ] = DrivenBy.both,
     plan: Annotated[
         Path | None, typer.Option(help="Scenario: which effects could its manoeuvres tell apart, and which to add?")
     ] = None,
@@ -116,7 +124,9 @@ def show(
             refuse(context, "with measured records, in which the noise is", "seed")
             say("read records")
             held = hold_out or ()
-            flights = load_flights(case, records or (), held, sensors, wings.value, airspeed, altitude, data)
+            flights = load_flights(
+                case, records or (), held, sensors, wings.value, airspeed, altitude, data, drive.value
+            )
             name = Path(case).name  # of the folder, where a path is given
             folder = out / f"gap_{name}"
             check_folder(folder)

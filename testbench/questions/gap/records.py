@@ -16,7 +16,7 @@ from testbench.core.record import FlightRecord, load_record
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.logs.read import read_records
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.drive import drive_records
+from testbench.questions.gap.drive import Drive, drive_records
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.evidence.compared import not_compared
 from testbench.questions.gap.evidence.gusts import record_key
@@ -40,12 +40,14 @@ class Flights:
         believed: aircraft, sensors and condition.
         naming, held_out: name -> measured record.
         notes: what was assumed or chosen for the user, in sentences.
+        drive: what tells how the controls moved: commands, recorded surfaces, or surfaces where no command is recorded.
     """
 
     believed: Believed
     naming: Mapping[str, FlightRecord]
     held_out: Mapping[str, FlightRecord]
     notes: tuple[str, ...]
+    drive: Drive = "both"
 
 
 def load_flights(
@@ -57,6 +59,7 @@ def load_flights(
     V_m_s: float | None = None,
     h_m: float | None = None,
     data_folder: Path | str | None = None,
+    drive: Drive = "both",
 ) -> Flights:
     """Read measured flights and set up what is believed of them.
 
@@ -72,6 +75,8 @@ def load_flights(
             Flights whose airspeeds or altitudes differ are then each flown from their own.
         h_m: altitude, likewise; the aircraft's design altitude where h is not recorded.
         data_folder: folder of the files that descriptions name.
+        drive: "both" are commands, and recorded surfaces where no command is recorded; "surface" takes surfaces
+            wherever they are recorded, "command" none.
 
     Raises:
         ModelError: no such aircraft.
@@ -108,7 +113,7 @@ def load_flights(
         )
     if not held:
         notes.append("nothing is held out, so it is not known whether the gap shrinks elsewhere; give --hold-out")
-    return flights_of(believed_aircraft, naming, held, sensors, V_m_s, h_m, notes)
+    return flights_of(believed_aircraft, naming, held, sensors, V_m_s, h_m, notes, drive)
 
 
 def flights_of(
@@ -119,6 +124,7 @@ def flights_of(
     V_m_s: float | None = None,
     h_m: float | None = None,
     notes: Sequence[str] = (),
+    drive: Drive = "both",
 ) -> Flights:
     """Set up what is believed of records that were read; see :func:`load_flights`.
 
@@ -128,12 +134,13 @@ def flights_of(
     """
     said = list(notes)
     suite = _suite(sensors, {**naming, **held}, said)
-    records = check_records(suite, {**naming, **held}, said)
+    records = check_records(suite, {**naming, **held}, said, drive != "command")
     condition, records = _conditions(aircraft, suite, records, V_m_s, h_m, said)
     with located(None, f"sensors '{suite.name}'"):
         believed = Believed(aircraft, suite, condition, _frame_rate(aircraft, suite, said))
     said += not_compared(suite)
-    return Flights(believed, {n: records[n] for n in naming}, {n: records[n] for n in held}, tuple(said))
+    named, judged = ({n: records[n] for n in part} for part in (naming, held))
+    return Flights(believed, named, judged, tuple(said), drive)
 
 
 def read_flights(given: Path | str, data_folder: Path | str | None = None) -> Iterable[tuple[str, str, FlightRecord]]:

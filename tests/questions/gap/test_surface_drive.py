@@ -303,3 +303,7 @@ def test_records_that_hold_surfaces_alone_become_a_case_that_names_what_is_missi
     status, lines = ends(monkeypatch, capsys, "gap", "mine.toml", "--workers", "1")
     assert status != 0
     assert 'de could drive it: set drive = "both"' in " ".join(" ".join(lines).split())
+    plain = ["gap", "eolo", *flown, "--wings", "rigid", "--sensors", "mine_sensors.toml"]
+    status, lines = ends(monkeypatch, capsys, *plain, "--drive", "command")
+    assert status != 0
+    assert "could drive it" in " ".join(" ".join(lines).split())
