@@ -63,6 +63,11 @@ def test_a_pause_between_doublets_stays_a_pause():
     np.testing.assert_allclose(build([spec], 12.0, RATE).u, build([exact], 12.0, RATE).u, atol=1e-15)
 
 
+def test_a_step_may_last_as_long_as_the_shortest_and_as_its_rise():
+    u = flown(Pilot(shortest_s=1.0, rise_s=1.0))
+    np.testing.assert_allclose(u[[100, 200, 400, 500, 700, 800, 900]], [0.0, 1.0, 1.0, -1.0, 1.0, -1.0, 0.0], atol=1e-6)
+
+
 def test_steps_too_short_to_hold_are_refused():
     with pytest.raises(ScenarioError, match=r"at least 2 s .*shortest_s.*got 1 s from t = 6 s"):
         flown(Pilot(shortest_s=2.0))
