@@ -21,7 +21,7 @@ from typing import Any
 
 import pytest
 
-LONGEST_TEST_S = 30  # of one test; a test that takes longer takes no part
+LONGEST_TEST_S = 60  # of one test; a test that takes longer takes no part
 _REPORTER = """
 import os
 _seen = set()
@@ -118,12 +118,13 @@ class _TooLong(BaseException):
 
 
 class _Watch:
-    """Say which test or fixture is under way, and keep how each test ends, after how long."""
+    """Say which test or fixture is under way, and keep how each test ends, after how long with all that it needs."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self.failed: set[str] = set()
         self.fixtures: dict[str, list[str]] = {}
+        self.made_in: dict[str, float] = {}
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
@@ -145,15 +146,17 @@ class _Watch:
     def pytest_fixture_setup(self, fixturedef: Any, request: Any) -> Iterator[None]:
         if fixturedef.scope == "function":
             return (yield)
-        before = os.environ["TESTBENCH_REACHING"]
-        os.environ["TESTBENCH_REACHING"] = f"{fixturedef.argname}@{fixturedef.baseid}"
+        before, begun = os.environ["TESTBENCH_REACHING"], time.monotonic()
+        os.environ["TESTBENCH_REACHING"] = name = f"{fixturedef.argname}@{fixturedef.baseid}"
         try:
             return (yield)
         finally:
             os.environ["TESTBENCH_REACHING"] = before
+            self.made_in[name] = time.monotonic() - begun
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
+        if report.when == "call":
+            self.seconds[report.nodeid] = report.duration
         if report.outcome != "passed":  # one that is skipped can tell nothing either
             self.failed.add(report.nodeid)
 
@@ -168,11 +171,12 @@ def watch(files: list[str], out: Path) -> None:
     for row in Path(os.environ["TESTBENCH_REACHED"]).read_text(encoding="utf-8").splitlines():
         place, _, by = row.partition("\t")
         places[by].add(place)
-    rows = {
-        test: [round(s, 3), sorted(places[test].union(*(places[f] for f in seen.fixtures.get(test, []))))]
-        for test, s in seen.seconds.items()
-        if test not in seen.failed
-    }
+    rows = {}
+    for test, own_s in seen.seconds.items():
+        if test not in seen.failed:
+            needs = seen.fixtures.get(test, [])
+            reached = places[test].union(*(places[f] for f in needs))
+            rows[test] = [round(own_s + sum(seen.made_in.get(f, 0.0) for f in needs), 3), sorted(reached)]
     out.write_text(json.dumps(rows), encoding="utf-8")
 
 
