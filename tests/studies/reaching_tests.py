@@ -3,6 +3,7 @@
 Each expression asked about is replaced by one that first writes down the test under way, in child processes too.
 What a fixture of a module or session reaches counts for every test that uses the fixture. A constant of a module has
 been read before any test starts: every function that names it, and every function of its file, reports in its place.
+So does every function of a folder for what stands in a compiled one, which cannot report.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import ast
 import contextlib
 import json
 import os
+import re
 import signal
 import sys
 import time
@@ -62,6 +64,8 @@ class _Reporting(ast.NodeTransformer):
         return node
 
     def _function(self, node: ast.FunctionDef | ast.AsyncFunctionDef) -> ast.AST:
+        if _is_compiled(node):
+            return node
         used = {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
         used |= {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute)}
         told = self.whole_file + [place for name in used for place in self.constants.get(name, [])]
@@ -72,6 +76,13 @@ class _Reporting(ast.NodeTransformer):
 
     visit_FunctionDef = _function
     visit_AsyncFunctionDef = _function
+
+
+def _is_compiled(node: ast.AST) -> bool:
+    """Say whether a function is compiled by numba, or by the testbench's own decorator for it."""
+    return isinstance(node, ast.FunctionDef) and any(
+        re.match(r"compiled|intrinsic|numba\.", ast.unparse(decorator)) for decorator in node.decorator_list
+    )
 
 
 def constant_of(module: ast.Module, at: Span) -> list[str] | None:
@@ -98,10 +109,15 @@ def let_report(tree: Path, package: str, asked: dict[str, dict[Span, str]]) -> N
     constants: dict[str, list[str]] = defaultdict(list)
     within: dict[str, dict[Span, str]] = defaultdict(dict)
     of_file: dict[str, list[str]] = defaultdict(list)
+    has_kernels = {path for path, module in modules.items() if any(_is_compiled(node) for node in module.body)}
     for path, places in asked.items():
         for at, place in places.items():
             names = constant_of(modules[path], at)
-            if names is None:
+            if path in has_kernels:
+                for other in modules:
+                    if Path(other).parent == Path(path).parent:
+                        of_file[other].append(place)
+            elif names is None:
                 within[path][at] = place
             else:
                 of_file[path].append(place)
