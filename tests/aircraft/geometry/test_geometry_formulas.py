@@ -154,4 +154,4 @@ def test_what_is_remarked_of_an_aircraft_that_flies_badly():
     assert not any("of elevator" in r for r in remarks(Cm_de=-0.2))
     assert "no elevator: it cannot be trimmed" in remarks(Cm_de=None)
     assert any("tail lies ahead of the centre of gravity" in r for r in remarks(tail_m=0.05))
-    assert not any("ahead of the centre" in r for r in remarks(tail_m=0.15))
+    assert not any("ahead of the centre" in r for r in remarks(tail_m=0.1))
