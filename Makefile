@@ -106,7 +106,7 @@ advice-study: $(VENV)/installed-dev
 autopilot-log-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/autopilot_logs.py
 
-# Writes results/estimators/coloured_errors.csv: a quarter of a minute of processor time.
+# Writes results/estimators/coloured_errors.csv: a minute of processor time.
 coloured-errors-study: $(VENV)/installed-dev
 	$(BIN)/python tests/studies/coloured_errors.py
 

@@ -26,12 +26,11 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.call import with_settings
 from testbench.estimators.coverage import approximate
 from testbench.estimators.model import check_records, continuous_poles
-from testbench.estimators.parametric.accuracy import coloured_score, whiteness
+from testbench.estimators.parametric.accuracy import coloured_covariance, whiteness
 from testbench.estimators.parametric.gauss_newton import Minimum, Problem, minimise
 from testbench.estimators.parametric.kalman.gain import steady_covariance
 from testbench.estimators.parametric.sensitivities import Sensitivities, in_blocks, square_root
 from testbench.estimators.predictor import Layout, Matrices, errors, orbit
-from testbench.estimators.residuals import corrected_covariance
 from testbench.estimators.settings import PredictionError
 from testbench.estimators.state_accuracy import pole_accuracy
 from testbench.estimators.state_space import Series, StateSpaceModel, check_sample_time
@@ -363,8 +362,7 @@ def _finish(
     kept = sigma > _LOST * sigma[0]
     root = Vt[kept].T / sigma[kept] / size[:, None]
     plain = root @ root.T
-    score = coloured_score(e, felt, S, unknowns)
-    corrected = corrected_covariance(plain, score)[:c, :c]
+    corrected = coloured_covariance(e, lambda: felt, S, plain, np.zeros(unknowns))[:c, :c]
     unit = layout.units(data.size_u, data.size_y)
     covariance = (found.basis @ corrected @ found.basis.T) * np.outer(unit, unit)
     end = layout.size_abcd

@@ -35,6 +35,27 @@ class Autoregression(NamedTuple):
     A: FloatArray
     S: FloatArray
 
+    def slowest(self) -> float:
+        """Return the size of the root of 1 - sum A z^-j that dies away last; 0 for white residuals."""
+        order, p = self.A.shape[:2]
+        if not order:
+            return 0.0
+        companion = np.eye(order * p, k=-p)
+        companion[:p] = self.A.transpose(1, 0, 2).reshape(p, -1)
+        return float(np.abs(np.linalg.eigvals(companion)).max())
+
+    def whitener(self, size: int) -> NDArray[np.complex128]:
+        """Return 1 - sum A z^-j (f, p, p) at the frequencies of a real transform over ``size`` samples."""
+        shift = np.exp(-2j * np.pi * np.arange(size // 2 + 1)[:, None] * np.arange(1, len(self.A) + 1) / size)
+        return np.asarray(np.eye(len(self.S)) - np.einsum("fj,jab->fab", shift, self.A))
+
+    def shaped(self, F: NDArray[np.complex128], size: int) -> NDArray[np.complex128]:
+        """Return a spectrum F (f, p, k) over ``size`` samples through the conjugate transpose of 1 / whitener.
+
+        The spectrum of the residuals is the inverse of the whitener, times S, times its conjugate transpose.
+        """
+        return np.asarray(np.linalg.solve(np.conj(self.whitener(size)).transpose(0, 2, 1), F))
+
 
 def autoregression(residuals: Sequence[FloatArray], largest: int = LARGEST_ORDER) -> Autoregression:
     """Return the autoregression of residuals, each (N, p), by least squares; zero of order for white ones.
@@ -97,7 +118,7 @@ class Colour(NamedTuple):
             seen = W[max(start, 0) : start + _BLOCK + lead]
             block[max(-start, 0) :][: len(seen)] = seen
             size = next_fast_len(_BLOCK + 2 * lead, real=True)
-            g = irfft(_shaped(block, self.model, size), size, axis=0)[: min(_BLOCK, len(W) - start)]
+            g = irfft(self.model.shaped(rfft(block, size, axis=0), size), size, axis=0)[: min(_BLOCK, len(W) - start)]
             out += np.einsum("iak,ab,ibl->kl", g, self.model.S, g, optimize=True)
         return out
 
@@ -122,36 +143,27 @@ def coloured_information(weighted: Sequence[FloatArray], residuals: Sequence[Flo
 
 def _settles(model: Autoregression) -> int:
     """Return the samples after which an impulse through 1 / (1 - sum A z^-j) is forgotten; very many if it is not."""
-    order, p = model.A.shape[:2]
-    if not order:
-        return 1
-    companion = np.eye(order * p, k=-p)
-    companion[:p] = model.A.transpose(1, 0, 2).reshape(p, -1)
-    slowest = float(np.abs(np.linalg.eigvals(companion)).max())
+    order, slowest = len(model.A), model.slowest()
     if slowest >= 1.0:
         return _ENDLESS
     return min(_ENDLESS, order + int(np.ceil(np.log(_FORGOTTEN) / np.log(max(slowest, 1e-3)))))
 
 
-def _shaped(W: FloatArray, model: Autoregression, size: int) -> NDArray[np.complex128]:
-    """Return the spectrum (f, p, k) of W (N, p, k) through the conjugate transpose of 1 / (1 - sum A z^-j)."""
-    F = rfft(W, size, axis=0)
-    shift = np.exp(-2j * np.pi * np.arange(len(F))[:, None] * np.arange(1, len(model.A) + 1) / size)
-    whiten = np.eye(len(model.S)) - np.einsum("fj,jab->fab", shift, model.A)
-    # spectrum of the residuals: inverse of whiten, times S, times its conjugate transpose
-    return np.asarray(np.linalg.solve(np.conj(whiten).transpose(0, 2, 1), F))
-
-
 def _score(W: FloatArray, model: Autoregression) -> FloatArray:
     """Return the covariance of the score over a record that is short enough to be taken as one."""
     size = next_fast_len(2 * len(W), real=True)
-    G = _shaped(W, model, size)
-    twice = np.full(len(G), 2.0)  # of the two-sided spectrum only one half is here
-    twice[0] = 1.0
-    if size % 2 == 0:
-        twice[-1] = 1.0
-    part = np.einsum("fak,ab,fbl->kl", np.conj(G) * twice[:, None, None], model.S, G, optimize=True)
+    G = model.shaped(rfft(W, size, axis=0), size)
+    part = np.einsum("fak,ab,fbl->kl", np.conj(G) * sides(size)[:, None, None], model.S, G, optimize=True)
     return np.asarray(part.real / size)
+
+
+def sides(size: int) -> FloatArray:
+    """Return (f,) how often each frequency of a real transform over ``size`` samples counts in the two-sided one."""
+    out = np.full(size // 2 + 1, 2.0)
+    out[0] = 1.0
+    if size % 2 == 0:
+        out[-1] = 1.0
+    return out
 
 
 def _over_gaps(residuals: Sequence[FloatArray]) -> FloatArray:

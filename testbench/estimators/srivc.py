@@ -22,7 +22,9 @@ from testbench.estimators.continuous import ContinuousTransferModel, fit_free, f
 from testbench.estimators.coverage import approximate
 from testbench.estimators.hold import said_of_hold
 from testbench.estimators.model import check_records
-from testbench.estimators.residuals import coloured_information, corrected_covariance, ljung_box
+from testbench.estimators.parametric.accuracy import coloured_covariance
+from testbench.estimators.parametric.sensitivities import Sensitivities
+from testbench.estimators.residuals import ljung_box
 from testbench.estimators.settings import Srivc
 from testbench.estimators.state_variable import Hold, StateVariableFilter, delayed, holds
 from testbench.estimators.transfer_advice import excited_band, question_poles
@@ -555,8 +557,10 @@ def errors_of(
     plain = np.linalg.pinv(sum(z.T @ z for z in Z), hermitian=True, rcond=1e-15) * variance
     covariance = plain
     if out["white_probability"] < WHITE and variance > 0.0:
-        score = coloured_information([z[:, None, :] / variance for z in Z], [v[:, None] for v in e])
-        covariance = corrected_covariance(plain, score) * (taken / free)
+        felt = [Sensitivities.of_all(z[:, None, :]) for z in Z]
+        residuals = [v[:, None] for v in e]
+        coloured = coloured_covariance(residuals, lambda: felt, np.array([[variance]]), plain, np.zeros(q))
+        covariance = coloured * (taken / free)
         known = np.diag(plain) > 0.0
         out["error_factor"] = float(np.median(np.sqrt(np.diag(covariance)[known] / np.diag(plain)[known])))
     return covariance / np.outer(size, size), out

@@ -24,6 +24,7 @@ _PLAIN = {
 }  # fmt: skip
 """What stands for a sign where the terminal has no other way to show it."""
 _WORD = 26  # letters of a word that stand side by side at least; longer ones, such as paths, are broken
+_HEAD = 10  # letters of a word above numbers that stand side by side at least
 _LEAST = 8  # letters of a text that stand side by side at least
 _STYLES = {"lead": "bold", "wrong": "bold red", "doubt": "yellow"}
 
@@ -113,14 +114,24 @@ def print_rows(
     from rich.table import Table as Grid
     from rich.text import Text
 
-    if console.width < sum(_least(k, heads, rows, right) + 2 for k in range(len(heads))) - 2:
+    least = [_least(k, heads, rows, right) for k in range(len(heads))]
+    if console.width < sum(least) + 2 * (len(least) - 1):
         print_cells(console, heads, rows, title)
         return
+    whole = sum(max(map(len, (head, *(row[k] for row in rows)))) for k, head in enumerate(heads))
+    tight = console.width < whole + 2 * (len(least) - 1)
     grid = Grid(title=Text(title) if title else None, title_justify="left", title_style="", box=None, pad_edge=False)
     for k, head in enumerate(heads):
-        justify: Any = "right" if right and right[k] else "left"
-        least = _least(k, heads, rows, right)
-        grid.add_column(Text(head), justify=justify, overflow="fold", min_width=least)
+        number = bool(right) and right[k]
+        justify: Any = "right" if number else "left"
+        # A column of numbers that may grow takes the room that others need: it then has just what its numbers take.
+        grid.add_column(
+            Text(head),
+            justify=justify,
+            overflow="fold",
+            min_width=least[k],
+            width=least[k] if tight and number else None,
+        )
     for row in rows:
         grid.add_row(*(Text(cell) if isinstance(cell, str) else cell for cell in row))
     console.print(grid)
@@ -129,7 +140,8 @@ def print_rows(
 def _least(k: int, heads: Sequence[str], rows: Sequence[Sequence[str | Text]], right: Sequence[bool]) -> int:
     """Return the width below which a column cannot be read: of its longest number, or of its longest word."""
     if right and right[k]:
-        return max((len(row[k]) for row in rows), default=1)
+        head = max((len(word) for word in heads[k].split()), default=1)
+        return max(min(head, _HEAD), max((len(row[k]) for row in rows), default=1))
     words = [word for row in (heads, *rows) for word in str(row[k]).split()]
     longest = max((len(row[k]) for row in rows), default=1)
     return max(min(longest, _LEAST), min(max(map(len, words), default=1), _WORD))

@@ -51,13 +51,34 @@ def directions(model: IdentifiedModel) -> list[Direction]:
 
 
 def slopes(model: IdentifiedModel, found: Sequence[Direction], record: FlightRecord, at: FloatArray) -> FloatArray:
-    """Return the derivatives (N, p, k) of the simulated outputs ``at`` (N, p), initial states fitted anew.
+    """Return the derivatives (N, p, k) of ``at`` (N, p), what ``model`` simulates, initial states fitted anew.
 
     Raises:
         EstimationError, ChannelError: what ``simulate`` of the model raises.
     """
-    columns = [(d.model.simulate(record) - at) / d.step for d in found]
+    columns = [(_neighbour(model, d.model, record, at) - at) / d.step for d in found]
     return np.stack(columns, axis=2) if columns else np.zeros((*at.shape, 0))
+
+
+def _neighbour(model: IdentifiedModel, other: IdentifiedModel, record: FlightRecord, at: FloatArray) -> FloatArray:
+    """Return what a neighbour simulates; outputs whose own transfer function did not move stay as they are."""
+    if not (isinstance(model, TransferFunctionModel) and isinstance(other, TransferFunctionModel)):
+        return other.simulate(record)
+    apart = np.any(other.numerators != model.numerators, axis=1)
+    apart |= np.any(other.denominators != model.denominators, axis=1)
+    rows = np.flatnonzero(apart)
+    if rows.size == 0:
+        return at
+    part = replace(
+        other,
+        outputs=tuple(other.outputs[i] for i in rows),
+        numerators=other.numerators[rows],
+        denominators=other.denominators[rows],
+        delays=tuple(other.delays[i] for i in rows),
+    )
+    out = at.copy()
+    out[:, rows] = part.simulate(record)
+    return out
 
 
 def moved(model: IdentifiedModel, found: Sequence[Direction], change: FloatArray) -> IdentifiedModel:

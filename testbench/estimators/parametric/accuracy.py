@@ -13,6 +13,7 @@ from testbench.core.record import FloatArray
 from testbench.estimators.parametric.advice import null_directions
 from testbench.estimators.parametric.sensitivities import Sensitivities, in_blocks, square_root
 from testbench.estimators.residuals import Colour, corrected_covariance, ljung_box
+from testbench.estimators.shortfall import shortfall
 
 WHITENESS_LAGS = 20
 _ROUNDING = 1e-9  # residuals below this share of an output's size say nothing about noise
@@ -71,25 +72,32 @@ def accuracy(
     inverse = np.linalg.inv(scaled) / size[:, None]
     plain = np.zeros((k, k))
     plain[np.ix_(moving, moving)] = inverse @ inverse.T
-    score = np.diag(prior_weight**2) + coloured_score(residuals, sensitivities(), R, k)
-    return Accuracy(plain, corrected_covariance(plain, score), float(np.linalg.cond(scaled)))
+    corrected = coloured_covariance(residuals, sensitivities, R, plain, prior_weight)
+    return Accuracy(plain, corrected, float(np.linalg.cond(scaled)))
 
 
-def coloured_score(
-    residuals: Sequence[FloatArray], sensitivities: Iterable[Sensitivities], R: FloatArray, k: int
+def coloured_covariance(
+    residuals: Sequence[FloatArray],
+    sensitivities: Callable[[], Iterable[Sensitivities]],
+    R: FloatArray,
+    plain: FloatArray,
+    prior_weight: FloatArray,
 ) -> FloatArray:
-    """Return the covariance (k, k) of the score of residuals as coloured as they are, weighed by their covariance R.
+    """Return the covariance (k, k) of unknowns whose residuals are as coloured as these, weighed by their covariance R.
 
     Args:
         residuals: per record (N, p); zero where not valid.
-        sensitivities: of each record, zero where not valid; consumed one by one.
+        sensitivities: gives those of each record, zero where not valid.
         R: (p, p) covariance of the residuals.
-        k: number of unknowns.
+        plain: (k, k) covariance of the unknowns if the residuals were white.
+        prior_weight: (k,) one over the standard deviation of the prior, 0 without one.
     """
-    colour, inverse, out = Colour.of(residuals), np.linalg.inv(R), np.zeros((k, k))
-    for s in sensitivities:
-        out[np.ix_(s.columns, s.columns)] += colour.score(inverse @ s.values)
-    return np.asarray(0.5 * (out + out.T))
+    colour, inverse, score = Colour.of(residuals), np.linalg.inv(R), np.zeros_like(plain)
+    for s in sensitivities():
+        score[np.ix_(s.columns, s.columns)] += colour.score(inverse @ s.values)
+    wider = np.sqrt(shortfall(residuals, sensitivities, R, plain, colour))
+    noise = corrected_covariance(plain, 0.5 * (score + score.T)) * np.outer(wider, wider)
+    return np.asarray(noise + plain @ np.diag(prior_weight**2) @ plain)
 
 
 def correlations(covariance: FloatArray) -> FloatArray:

@@ -9,7 +9,7 @@ from testbench.page.words import counted
 from testbench.questions.design.answer import air_words, design_sentences, limit_rows
 from testbench.questions.design.figures import design_plates
 from testbench.questions.design.ready import ready_to_fly
-from testbench.questions.design.tables import design_tables, known_table, realised_table, short_ranking
+from testbench.questions.design.tables import design_tables, known_table, short_ranking, short_realised
 
 if TYPE_CHECKING:
     from testbench.questions.design.known import AllKnown
@@ -52,7 +52,7 @@ def design_page(result: DesignResult) -> Page:
         terminal=[
             *([known.without("model", "value")] if known is not None else []),
             short_ranking(result),
-            *([realised_table(result).without("wanted", "low", "high")] if result.best.realised else []),
+            *([short_realised(result)] if result.best.realised else []),
         ],
         closing=[("Ready to fly", "testbench run {}/designs/1_*.toml")],
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -226,6 +227,19 @@ def realised_table(result: DesignResult) -> Table:
         f"{TRUST} flights."
     )
     return Table("realised", "Promised and realised", caption, columns, tuple(rows), wide=True)
+
+
+def short_realised(result: DesignResult) -> Table:
+    """Return what a terminal shows of what was realised: units beside the targets, failures where there are any."""
+    whole = realised_table(result)
+    keys = [c.key for c in whole.columns]
+    target, unit, failed = map(keys.index, ("target", "unit", "failed"))
+    rows = []
+    for row in whole.rows:
+        named = f"{row[target]}, {row[unit]}" if row[unit] else row[target]
+        rows.append((*row[:target], named, *row[target + 1 :]))
+    none = () if any(row[failed] for row in whole.rows) else ("failed",)
+    return replace(whole, rows=tuple(rows)).without("wanted", "low", "high", "unit", "counts", *none)
 
 
 def elsewhere_table(result: DesignResult) -> Table:

@@ -46,6 +46,8 @@ def seeds_in_short(repeats: Repeats) -> Table:
     return Table("seeds", f"Mean errors over {repeats.count} seeds, %", "", columns, tuple(rows))
 
 
+_FOUND_TO = 100.0  # %; a mean error beyond the value itself is of a value that was not found
+
 # --- in words ---------------------------------------------------------------------------------------------------------
 
 
@@ -67,7 +69,8 @@ def seeds_findings(repeats: Repeats, channels: Mapping[str, Sequence[str]]) -> l
     gains = repeats.gains()
     if not gains:
         return [_alone(repeats)]
-    sure = sorted((g for g in gains if g.sure), key=lambda g: g.after.value - g.before.value)
+    # Percent of a truth near zero are large whatever a suite does: the largest fall of what is found comes first.
+    sure = sorted((g for g in gains if g.sure and not _near_zero(g)), key=lambda g: g.after.value - g.before.value)
     base = next(iter(dict.fromkeys(suite for suite, _ in repeats.errors)))
     if sure and sure[0].after.value < sure[0].before.value:
         g = sure[0]
@@ -77,6 +80,8 @@ def seeds_findings(repeats: Repeats, channels: Mapping[str, Sequence[str]]) -> l
         )
         over = f"{repeats.count} seeds, {text}"
         out = [over if len(over.split()) <= MOST_WORDS else text]
+    elif any(g.sure and g.after.value < g.before.value for g in gains):
+        out = [f"over {repeats.count} seeds another suite lowers only errors above {_FOUND_TO:g} % of the true value"]
     else:
         out = [f"over {repeats.count} seeds no other suite makes an error smaller by more than chance"]
     for suite, estimator in repeats.errors:
@@ -92,6 +97,7 @@ def seeds_findings(repeats: Repeats, channels: Mapping[str, Sequence[str]]) -> l
 
 def _of_estimator(repeats: Repeats, base: str, suite: str, estimator: str, gains: Sequence[Gain], added: str) -> str:
     parts = []
+    gains, lost = [g for g in gains if not _near_zero(g)], [g for g in gains if _near_zero(g)]
     for word, chosen in (
         ("lowers", [g for g in gains if g.sure and g.after.value < g.before.value]),
         ("raises", [g for g in gains if g.sure and g.after.value >= g.before.value]),
@@ -103,6 +109,9 @@ def _of_estimator(repeats: Repeats, base: str, suite: str, estimator: str, gains
     if same:
         kept = listed([f"{words_of(g.quantity)} ({_span(g.before)} and {_span(g.after)} %)" for g in same])
         parts.append(f"{added} changes the error of {kept} by no more than chance")
+    if lost:
+        names = listed([words_of(g.quantity) for g in lost])
+        parts.append(f"{names}: off by more than {_FOUND_TO:g} % of the true value, without {added} and with it")
     for quantity in repeats.quantities:
         without, with_ = (repeats.found((s, estimator), quantity) for s in (base, suite))
         if max(without, with_) == 0:
@@ -123,6 +132,11 @@ def _alone(repeats: Repeats) -> str:
         if mean is not None:
             parts.append(f"{estimator} errs in {words_of(last)} by {_span(mean)} %")
     return f"over {repeats.count} seeds {listed(parts)}"
+
+
+def _near_zero(gain: Gain) -> bool:
+    """Return whether nothing is found with either suite: the truth is near zero, or the flights do not show it."""
+    return min(gain.before.value, gain.after.value) > _FOUND_TO
 
 
 def _added(base: str, suite: str, channels: Mapping[str, Sequence[str]]) -> str:

@@ -42,6 +42,20 @@ def test_what_is_no_more_than_chance_is_not_called_a_gain():
     assert lead == "over 40 seeds no other suite makes an error smaller by more than chance"
 
 
+def test_percent_of_a_truth_near_zero_do_not_lead():
+    repeats, rng = drawn(30.0, 10.0), np.random.default_rng(4)
+    for key, size in ((("bare", "long"), 4e6), (("vane", "long"), 900.0)):
+        repeats.errors[key]["N_p"] = size * (1.0 + 0.1 * rng.normal(size=40))
+    lead, detail, _ = seeds_findings(repeats, SENSED)
+    assert "fast root of the short period" in lead
+    assert "N_p: off by more than 100 % of the true value, without alpha and with it" in detail
+    assert "e+06" not in detail
+    alone = Repeats(40, {key: {"N_p": series["N_p"]} for key, series in repeats.errors.items()})
+    assert seeds_findings(alone, SENSED)[0] == (
+        "over 40 seeds another suite lowers only errors above 100 % of the true value"
+    )
+
+
 def test_a_mode_that_no_seed_found_has_no_mean_and_is_counted():
     repeats = drawn(30.0, 10.0)
     lost = np.full(40, np.nan)
