@@ -209,7 +209,8 @@ def place_of(mutant: Mutant) -> str:
 
 def tests_of(mutant: Mutant, tracing: dict[str, tuple[float, list[str]]]) -> list[tuple[float, str]]:
     """Return seconds and name of the tests that reach the mutant, quickest first."""
-    chosen, total, place = [], 0.0, place_of(mutant)
+    chosen: list[tuple[float, str]] = []
+    total, place = 0.0, place_of(mutant)
     for s, name in sorted((s, name) for name, (s, places) in tracing.items() if place in places):
         if chosen and total + s > LONGEST_S:
             break
