@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from testbench.core.record import FlightRecord
 from testbench.flight import LinearModel
+from testbench.page.tables import Column, Table
+from testbench.questions.design import tables
 from testbench.questions.design.build import _input_rate, with_positions
 from testbench.questions.design.candidates import _tidy
+from testbench.questions.design.flown import Envelope
 from testbench.questions.design.identified import _product, _sum
 from testbench.questions.design.obstacles import _flights
-from testbench.questions.design.realise import repeats
+from testbench.questions.design.realise import Errors, repeats
 from testbench.questions.design.scenario import DesignLimits
 from testbench.questions.design.tables import limit_symbol
 from testbench.sensors.sensor import ROTATION, Sensor, lever
@@ -85,6 +90,40 @@ def test_repeats_grow_with_the_flights_and_are_never_more_than_they():
     assert all(0 < repeats(n) <= n for n in range(1, 200))
     assert repeats(10_000) / 10_000 == pytest.approx(repeats(1000) / 1000, rel=0.01)
     assert repeats(10_000) < 10_000
+
+
+def test_the_rate_of_a_servo_may_be_its_limit_and_no_more():
+    t = np.arange(5.0)
+    command = np.array([0.0, 0.25, -0.25, 0.125, 0.0])
+    record = FlightRecord(t, ("de_cmd", "de"), np.column_stack([command, 0.0 * t]), "truth")
+    for most, broken in ((1.0, 0), (0.99, 1)):  # 4 / s times 0.25 rad
+        found = Envelope({}, {"de": (4.0, most)}, {}).broken(record)
+        assert len(found) == broken
+        assert all("at t = 1.00 s" in text for text in found)
+
+
+def test_errors_over_no_flight_are_unknown_for_every_target():
+    none = Errors(np.zeros((0, 3)), np.zeros((0, 3)), ("lost",))
+    assert none.n == 0
+    for found in (none.rms, none.bias):
+        assert found.shape == (3,)
+        assert np.isnan(found).all()
+    some = Errors(np.array([[1.0, -2.0], [3.0, 2.0]] * 10), np.ones((20, 2)), ())
+    np.testing.assert_allclose(some.bias, [2.0, 0.0])
+    np.testing.assert_allclose(some.rms, [np.sqrt(5.0), 2.0])
+
+
+def test_on_a_terminal_units_stand_beside_the_targets_and_no_cell_moves(monkeypatch):
+    keys = ("target", "low", "median", "unit", "high", "wanted", "counts", "failed", "last")
+    rows = (("M_q", 1, 2, "1/s", 3, 4, 5, 0, "x"), ("gain", 6, 7, "", 8, 9, 10, 0, "y"))
+    whole = Table("realised", "t", "c", tuple(Column(k, k) for k in keys), rows)
+    monkeypatch.setattr(tables, "realised_table", lambda result: whole)
+    short = tables.short_realised(None)
+    assert [c.key for c in short.columns] == ["target", "median", "last"]
+    assert [tuple(row) for row in short.rows] == [("M_q, 1/s", 2, "x"), ("gain", 7, "y")]
+    failed = replace(whole, rows=(("M_q", 1, 2, "1/s", 3, 4, 5, 2, "x"),))
+    monkeypatch.setattr(tables, "realised_table", lambda result: failed)
+    assert [tuple(row) for row in tables.short_realised(None).rows] == [("M_q, 1/s", 2, 2, "x")]
 
 
 def test_limits_have_the_symbols_of_their_channels():
