@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import warnings
 from collections.abc import Sequence
@@ -31,6 +32,7 @@ simulation lacks.
 Exit status: 0 done, 2 bad input, 3 the computation cannot be carried out (no trim, flight aborted, not identifiable,
 disk full), 130 interrupted.
 """
+_UNKNOWN = re.compile("No such command '([^']*)'")
 _INTERRUPTED = 130
 _PIPE_CLOSED = 141
 """What a shell says of a process that wrote to a pipe that nobody reads: 128 and the number of SIGPIPE."""
@@ -195,10 +197,22 @@ def _say_warning(message: Warning | str, category: type[Warning], *rest: Any, **
         print(f"note: {brief(str(message))}", file=sys.stderr)
 
 
+def _elsewhere(error: Any, message: str) -> str:
+    """Return where a command that is unknown here is one, such as `testbench aircraft adopt` for `testbench adopt`."""
+    found = _UNKNOWN.match(message)
+    if found is None or error.ctx is None:
+        return ""
+    commands, word = error.ctx.find_root().command.commands, found[1]
+    paths = [f"testbench {word}"] if word in commands else []
+    paths += [f"testbench {name} {word}" for name, c in commands.items() if word in getattr(c, "commands", ())]
+    return f"; did you mean {' or '.join(f'`{path}`' for path in paths)}?" if paths else ""
+
+
 def _say_usage(error: Any) -> None:
     """Say in one line what is wrong with a command."""
     if type(error).__name__ == "NoArgsIsHelpError":  # nothing but a group's name: its help has been printed
         return
     command = error.ctx.command_path if error.ctx is not None else "testbench"
     message = " ".join(error.format_message().split()).replace("Value error, ", "").rstrip(".")
+    message += _elsewhere(error, message)
     print(f"error: {brief(message)}; see `{command} --help`", file=sys.stderr)

@@ -56,6 +56,18 @@ def brief(text: str) -> str:
     return _shown(text)
 
 
+def excerpt(text: str) -> str:
+    """Return a user's prose as a message quotes it: one line of :data:`QUOTED` letters at most, in quotation marks.
+
+    What steers a terminal is written as its code.
+
+    Example:
+        >>> excerpt("ask\\nMr. Smith")
+        "'ask Mr. Smith'"
+    """
+    return f"'{_cut(_shown(' '.join(text.split())), QUOTED)}'"
+
+
 def _shown(text: str) -> str:
     return _OF_TERMINALS.sub(lambda found: repr(found[0])[1:-1], text)
 

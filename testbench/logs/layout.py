@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from testbench.core.channels import channel, unit_factor
-from testbench.core.errors import ChannelError, RecordError
+from testbench.core.errors import ChannelError, RecordError, excerpt
 from testbench.core.scenario.base import Asked
 from testbench.core.schema import NonNegative, Positive, Strict
 
@@ -232,7 +232,7 @@ def find_data_folder(description: Recorded, given: Path | str | None = None) -> 
         files = ", ".join(dict.fromkeys(record.file for record in description.record))
         raise RecordError(
             f"the data folder of '{description.name}' must exist, got '{folder}' from {origin}; it must hold {files}; "
-            f"obtain them ({description.rights}) and give --data FOLDER, or set {ENVIRONMENT}, "
+            f"obtain them ({excerpt(description.rights)}) and give --data FOLDER, or set {ENVIRONMENT}, "
             "or correct folder in the description"
         )
     return folder

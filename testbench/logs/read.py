@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from testbench.core.channels import unit_factor
-from testbench.core.errors import RecordError, located
+from testbench.core.errors import RecordError, excerpt, located
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.logs.layout import ChannelColumn, Recorded, RecordFile, TimeColumn, find_data_folder
 from testbench.logs.names import LARGEST, MISSING, clock_called, stated_unit, time_unit
@@ -46,7 +46,7 @@ def read_records(description: Recorded, data_folder: Path | str | None = None) -
     if absent:
         raise RecordError(
             f"the data folder '{folder}' must hold {', '.join(dict.fromkeys(absent))}, but it does not; "
-            f"they are described as: {description.rights}"
+            f"they are described as: {excerpt(description.rights)}"
         )
     out = []
     for i, spec in enumerate(description.record):

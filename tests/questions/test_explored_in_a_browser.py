@@ -232,3 +232,26 @@ def test_nothing_is_wider_than_the_screen(show, width) -> None:
     page = show(html(plate(flight())), viewport={"width": width, "height": 900})
     ready(page)
     assert page.evaluate("document.documentElement.scrollWidth") == width
+
+
+ZOOMED = """
+async () => {
+  const start = performance.now();
+  document.querySelector('figure').explorer.zoom(0.5);
+  await new Promise(r => requestAnimationFrame(() => requestAnimationFrame(r)));
+  const axes = document.querySelector('figure').explorer.plots.flatMap(u => u.axes);
+  return [performance.now() - start, Math.min(...axes.map(a => a._values.filter(v => v).length))];
+}
+"""
+
+
+@pytest.mark.parametrize("low", [0.0049250909, 0.0995665065, 0.3, 7.77e-8])
+def test_logarithmic_axes_zoom_at_once_from_any_beginning_and_keep_numbers(show, low: float) -> None:
+    x = np.geomspace(0.1232, 50.27, 300)
+    curve = Curve(name="model", x=x, y=np.geomspace(1.2752, low, 300))
+    panel = Panel(title="magnitude, deg/deg", x="frequency, rad/s", curves=[curve], log_x=True, log_y=True)
+    page = show(html(plate(Explorable([View(name="only", panels=[panel])]))))
+    ready(page)
+    found = [page.evaluate(ZOOMED) for _ in range(8)]
+    assert max(ms for ms, _ in found) < MOST_MS
+    assert min(numbers for _, numbers in found) >= 1

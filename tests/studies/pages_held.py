@@ -88,7 +88,7 @@ def main() -> int:
     parser.add_argument("axe", type=Path)
     parser.add_argument("--pictures", type=Path)
     given = parser.parse_args()
-    files = sorted([*given.folder.rglob("report.html"), *given.folder.rglob("index.html")])
+    files = sorted(f for name in ("report.html", "index.html", "README.html") for f in given.folder.rglob(name))
     axe, bad = given.axe.read_text(encoding="utf-8"), 0
     with sync_playwright() as p:
         browser = p.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"])

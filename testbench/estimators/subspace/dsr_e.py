@@ -45,7 +45,17 @@ from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.core.relative import share_in_words
 from testbench.estimators.call import with_settings
-from testbench.estimators.hankel import BlockHankel, block_factor, predict, runs, thin_svd, trend, window_starts
+from testbench.estimators.hankel import (
+    SAFE,
+    BlockHankel,
+    block_factor,
+    extreme_singular_values,
+    predict,
+    runs,
+    thin_svd,
+    trend,
+    window_starts,
+)
 from testbench.estimators.model import check_records, continuous_poles
 from testbench.estimators.settings import DsrE
 from testbench.estimators.state_space import Series, StateSpaceModel, fit_inputs
@@ -69,8 +79,6 @@ Variant = Literal["original", "eolo"]
 
 _RANK = 1e-12  # truncation of projections of noise-free data
 _RANK_NOISY = 1e-8  # with noise, weaker directions only let the noise in
-SAFE = 1e-7
-"""Reciprocal condition down to which a triangle projects as well as singular vectors do."""
 
 
 @with_settings(DsrE)
@@ -380,16 +388,7 @@ def innovations(stretches: Sequence[Stretch], windows: BlockHankel, J: int, dire
         )
     R, _ = windows.factor(J + 1)
     past, now = R[:, :q], R[:, J * d + m :]
-    U, sigma, Vt = thin_svd(past)
-    theta, noisy, rest = np.zeros((q, p)), np.ones(p, bool), np.zeros(p)
-    size = np.sqrt(np.sum(now**2, axis=0))
-    for tolerance in (_RANK, _RANK_NOISY):
-        rank = int(np.sum(sigma > tolerance * sigma[0]))
-        theta[:, noisy] = Vt[:rank].T @ ((U[:, :rank].T @ now[:, noisy]) / sigma[:rank, None])
-        rest = np.sqrt(np.sum((now - past @ theta) ** 2, axis=0))
-        noisy = rest > EXACT * size
-        if not noisy.any():
-            break
+    theta, noisy, rest, rank, condition = _projected(past, now)
     deviation = rest / np.sqrt(max(columns - rank, 1))
     deviation = np.maximum(deviation, 1e-4) if noisy.any() else np.ones(p)
     known = []
@@ -397,9 +396,35 @@ def innovations(stretches: Sequence[Stretch], windows: BlockHankel, J: int, dire
         known.append(np.zeros(len(stretch.y), bool))
         known[-1][starts + J] = True
     su = np.linalg.svd(past[:, np.arange(q) % d < m], compute_uv=False)
-    condition = float(sigma[0] / sigma[-1]) if sigma[-1] > 0.0 else np.inf
     excitation = float(su[-1] / su[0])
     return Innovations(stretches, windows, known, deviation, noisy, columns, q, condition, excitation, lead, J, theta)
+
+
+def _projected(past: FloatArray, now: FloatArray) -> tuple[FloatArray, NDArray[np.bool_], FloatArray, int, float]:
+    """Return the regression of ``now`` on ``past``, which outputs are noisy, their residual, rank and condition.
+
+    ``past`` is the first columns of a triangle. Where its condition is far from the truncation, back substitution is
+    the least squares; else singular vectors are.
+    """
+    q, p = past.shape[1], now.shape[1]
+    size = np.sqrt(np.sum(now**2, axis=0))
+    extremes = extreme_singular_values(past[:q])
+    if extremes is not None and extremes[1] > SAFE * extremes[0]:
+        theta = solve_triangular(past[:q], now[:q], check_finite=False)
+        rest = np.sqrt(np.sum(now[q:] ** 2, axis=0))
+        noisy = rest > EXACT * size
+        if noisy.all():
+            return theta, noisy, rest, q, extremes[0] / extremes[1]
+    U, sigma, Vt = thin_svd(past)
+    theta, noisy, rest, rank = np.zeros((q, p)), np.ones(p, bool), np.zeros(p), q
+    for tolerance in (_RANK, _RANK_NOISY):
+        rank = int(np.sum(sigma > tolerance * sigma[0]))
+        theta[:, noisy] = Vt[:rank].T @ ((U[:, :rank].T @ now[:, noisy]) / sigma[:rank, None])
+        rest = np.sqrt(np.sum((now - past @ theta) ** 2, axis=0))
+        noisy = rest > EXACT * size
+        if not noisy.any():
+            break
+    return theta, noisy, rest, rank, float(sigma[0] / sigma[-1]) if sigma[-1] > 0.0 else np.inf
 
 
 def realise(step1: Innovations, L: int, order: int | None) -> Realisation:

@@ -20,6 +20,26 @@
     return (size !== 0 && (size < 1e-3 || size >= 1e5) ? value.toExponential(0) : String(+value.toPrecision(6))).replaceAll("-", "−");
   }
   const decade = v => v != null && Math.abs(Math.log10(v) - Math.round(Math.log10(v))) < 1e-6;
+  // Places of a logarithmic axis: multiples of decades; round numbers where hardly any of these are in sight. uPlot's own
+  // begin at the end of the axis, and a zoomed axis, which begins anywhere, can take it half a minute.
+  function logSplits(u, axis, low, high) {
+    const out = [], first = Math.floor(Math.log10(low)), last = Math.floor(Math.log10(high));
+    const most = last - first > 12 ? 1 : 9;
+    for (let e = first; e <= last; e++) for (let m = 1; m <= most; m++) {
+      const v = m * 10 ** e;
+      if (v >= low && v <= high) out.push(v);
+    }
+    if (out.length > 2) return out;
+    const raw = (high - low) / 4, base = 10 ** Math.floor(Math.log10(raw)), step = base * [1, 2, 5, 10].find(k => k * base >= raw);
+    const round = [];
+    for (let k = Math.ceil(low / step); k * step <= high && round.length < 12; k++) round.push(k * step);
+    return round;
+  }
+  function named(splits) {
+    const decades = splits.filter(decade).length;
+    if (splits.length < 6) return splits;
+    return splits.map(v => decade(v) || decades < 2 && (decade(v / 2) || decade(v / 5)) ? v : null);
+  }
   function element(tag, className, text) {
     const out = document.createElement(tag);
     if (className) out.className = className;
@@ -184,16 +204,16 @@
         if (limits) { a = Math.max(a, limits[0]); b = Math.min(b, limits[1]); if (!(a < b)) [a, b] = limits; }
         return [a, b];
       };
-      const decades = { filter: (u, splits) => splits.map(v => decade(v) ? v : null) };
-      const axis = log => ({ stroke: ink, font, grid: { stroke: line, width: 1, ...(log ? decades : {}) }, ticks: { stroke: line, width: 1, size: 5 } });
+      const filter = (u, splits) => named(splits);
+      const axis = log => ({ stroke: ink, font, grid: { stroke: line, width: 1, ...(log ? { filter } : {}) }, ticks: { stroke: line, width: 1, size: 5 }, ...(log ? { splits: logSplits, filter } : {}) });
       const values = (u, splits) => splits.map(tick);
       const u = new uPlot({
         width: Math.max(200, this.body.clientWidth), height: this.height() + (last ? 34 : 0),
         padding: [8, 14, 0, 0], legend: { show: false },
         scales: { x: { time: false, distr: panel.logX ? 3 : 1, range: (u, a, b) => a == null || plane && !u.own ? full : [a, b] }, y: { distr: panel.logY ? 3 : 1, range: yRange } },
         axes: [
-          { ...axis(panel.logX), ...(panel.logX ? {} : { values }), size: last ? 24 : 6, ...(last ? { label: panel.x, labelSize: 20, labelFont: font, labelGap: 0 } : { values: () => [] }) },
-          { ...axis(panel.logY), values: (u, splits) => splits.map(v => !panel.logY || decade(v) ? tick(v) : ""), size: 62, gap: 3 },
+          { ...axis(panel.logX), values, size: last ? 24 : 6, ...(last ? { label: panel.x, labelSize: 20, labelFont: font, labelGap: 0 } : { values: () => [] }) },
+          { ...axis(panel.logY), values, size: 62, gap: 3 },
         ],
         cursor: {
           y: plane, points: { size: 6 }, drag: { x: true, y: plane, setScale: !plane },

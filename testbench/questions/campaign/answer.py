@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from testbench.page.flown import flown_words
 from testbench.page.labels import number
 from testbench.page.words import counted
+from testbench.questions.campaign.summary import short_name
 from testbench.questions.campaign.tables import tally_of
 
 if TYPE_CHECKING:
@@ -29,11 +30,12 @@ def campaign_answer(result: CampaignResult) -> list[tuple[str, str]]:
         shown = []
     elif judged and counts.done:
         out.insert(1, ("finding", _spread(judged)))
+    names = [a.name for a in summary.accuracies]
     for a in shown:
         out.append(
             (
                 "doubt",
-                f"{a.name}: bias {number(a.bias)} ± {number(a.bias_half, 2)}, {_against(a)}; "
+                f"{short_name(a.name, names)}: bias {number(a.bias)} ± {number(a.bias_half, 2)}, {_against(a)}; "
                 f"scatter from run to run {number(a.scatter)}",
             )
         )
@@ -41,14 +43,20 @@ def campaign_answer(result: CampaignResult) -> list[tuple[str, str]]:
         out.append(
             (
                 "doubt",
-                f"{a.name}: the stated 95 % intervals hold the truth in {number(100 * a.coverage)} % of the runs; "
+                f"{short_name(a.name, names)}: the stated 95 % intervals hold the truth in "
+                f"{number(100 * a.coverage)} % of the runs; "
                 f"stated standard error {number(a.stated, 2)}, scatter {number(a.scatter, 2)}",
             )
         )
     lost = [a for a in summary.accuracies if a.missing > 0.05 * (a.n + a.missing)]
     if lost:
         worst = max(lost, key=lambda a: a.missing)
-        out.append(("doubt", f"{worst.name} was not found in {worst.missing} of {worst.n + worst.missing} runs"))
+        out.append(
+            (
+                "doubt",
+                f"{short_name(worst.name, names)} was not found in {worst.missing} of {worst.n + worst.missing} runs",
+            )
+        )
     for c in summary.cells[:_LINES]:
         out.append(("doubt", f"{c.case} gave no model in {c.cause.count} of {counts.done} runs: {c.cause.example}"))
     if len(summary.cells) > _LINES:

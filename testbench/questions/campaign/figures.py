@@ -9,6 +9,7 @@ import numpy as np
 from testbench.page.plot import COLOURS, INK, MEASURED, QUIET, Plate, grid, label, new_figure
 from testbench.questions.campaign.answer import most_biased
 from testbench.questions.campaign.result import errors
+from testbench.questions.campaign.summary import short_name
 from testbench.questions.side_by_side import CALIBRATION, draw_calibration, panel_each
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ def _panels(names: list[str], draw: Callable[[Axes, str], None], x: str, y: str)
     def drawn(axes: Axes, name: str, first: bool) -> None:
         draw(axes, name)
         _few_ticks(axes, whole=y == "runs")
-        label(axes, x, y if first else "", _short(name, names))
+        label(axes, x, y if first else "", short_name(name, names))
 
     return panel_each(names, drawn)
 
@@ -132,14 +133,6 @@ def _few_ticks(axes: Any, whole: bool) -> None:
 
     axes.xaxis.set_major_locator(MaxNLocator(nbins=4))
     axes.yaxis.set_major_locator(MaxNLocator(nbins=4, integer=whole))
-
-
-def _short(name: str, names: list[str]) -> str:
-    """Return a panel's title: the figure, then suite and estimator as far as the panels differ in them."""
-    case, _, figure = name.partition(": ")
-    cases = [n.partition(": ")[0].split(", ", 1) for n in names]
-    parts = [part for k, part in enumerate(case.split(", ", 1)) if len({c[k] for c in cases}) > 1]
-    return f"{figure}; {', '.join(parts)}" if parts else figure
 
 
 def _scatter(axes: Axes, summary: Summary, name: str) -> None:

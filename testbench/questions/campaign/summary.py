@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -227,6 +227,14 @@ class _Reasons:
         """Return case and cause, the most frequent first."""
         found = [(case, cause) for (case, _), cause in self._found.items()]
         return sorted(found, key=lambda item: (-item[1].count, item[0], item[1].reason))
+
+
+def short_name(name: str, names: Sequence[str]) -> str:
+    """Return the figure of a name, then its suite and estimator as far as the names differ in them."""
+    case, _, figure = name.partition(": ")
+    cases = [n.partition(": ")[0].split(", ", 1) for n in names]
+    parts = [part for k, part in enumerate(case.split(", ", 1)) if len({c[k] for c in cases}) > 1]
+    return f"{figure}; {', '.join(parts)}" if parts else figure
 
 
 def truth_of(name: str, columns: Mapping[str, FloatArray]) -> str:

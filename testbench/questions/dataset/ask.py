@@ -16,6 +16,7 @@ from testbench.core.errors import DatasetError, ScenarioError
 from testbench.core.processes import Ahead, cores, processes
 from testbench.core.sizes import require_room
 from testbench.flight.batch.jobs import Simulator
+from testbench.page.text import text_page
 from testbench.questions.campaign.ask import Progress
 from testbench.questions.campaign.load import versions
 from testbench.questions.campaign.store import Counts
@@ -191,7 +192,8 @@ class _Session:
         with h5py.File(self.store.folder / STORE, "r") as file:
             split, samples = file["split"][:], file["samples"][:]
         labels = self.store.labels()
-        self.store.finish(datasheet(self.scenario, self.layout, split, samples, labels, again), split)
+        sheet = datasheet(self.scenario, self.layout, split, samples, labels, again)
+        self.store.finish(sheet, text_page(f"Data set: {self.scenario.name}", sheet), split)
 
 
 def _again(done: Mapping[int, Any]) -> dict[str, int]:

@@ -29,7 +29,8 @@ from testbench.questions.dataset.flying import Part
 from testbench.questions.dataset.layout import WITHHELD, Layout, Variable
 from testbench.questions.dataset.scenario import SPLITS
 
-STORE, TRUTH, ABOUT, SHEET, SUMS = "flights.h5", "truth_test.h5", "dataset.json", "README.md", "checksums.sha256"
+STORE, TRUTH, ABOUT, SUMS = "flights.h5", "truth_test.h5", "dataset.json", "checksums.sha256"
+SHEET, SHEET_PAGE = "README.md", "README.html"
 _HEAD = 1 << 20  # bytes that names and structure take at most
 _FIX = "free space, or give another folder with --out; what is finished is kept"
 _TEST = SPLITS.index("test")
@@ -165,18 +166,20 @@ class Store:
         raw = np.fromfile(self.folder / _WORK / "labels", _record_type(self.layout, self._labels))
         return {v.name: raw[v.name] for v in self._labels}
 
-    def finish(self, sheet: str, split: Any) -> None:
+    def finish(self, sheet: str, page: str, split: Any) -> None:
         """Write the withheld labels, the datasheet and the checksums; then the data set is complete.
 
         Args:
             sheet: text of the datasheet.
+            page: the same as HTML.
             split: (flights,) codes.
         """
         withheld = np.flatnonzero(split == _TEST)
         known = self.labels()
         write_file(self.folder / TRUTH, netcdf_bytes(lambda f: _write_truth(f, self.layout, withheld, known)), fix=_FIX)
         write_file(self.folder / SHEET, sheet, fix=_FIX)
-        sums = "".join(f"{_sha256(self.folder / n)}  {n}\n" for n in (STORE, TRUTH, ABOUT, SHEET))
+        write_file(self.folder / SHEET_PAGE, page, fix=_FIX)
+        sums = "".join(f"{_sha256(self.folder / n)}  {n}\n" for n in (STORE, TRUTH, ABOUT, SHEET, SHEET_PAGE))
         write_file(self.folder / SUMS, sums, fix=_FIX)
         shutil.rmtree(self.folder / _WORK, ignore_errors=True)
 

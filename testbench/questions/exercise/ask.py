@@ -10,13 +10,14 @@ from testbench.core.errors import RecordError, ScenarioError
 from testbench.core.files import write_file
 from testbench.core.schema import Strict, parse, read_toml
 from testbench.core.toml_text import quoted
+from testbench.page.text import text_page
 from testbench.questions.exercise.answers import ANSWERS, template
 from testbench.questions.exercise.exercise import Case, Exercise, Handout
 from testbench.questions.exercise.names import CATALOGUE, load_exercise
 from testbench.questions.exercise.notebook import NOTEBOOK, notebook
 from testbench.questions.exercise.seal import Seal, seal
 
-CARD, GIVEN, TEXT = "exercise.toml", "given.toml", "README.md"
+CARD, GIVEN, TEXT, TEXT_PAGE = "exercise.toml", "given.toml", "README.md", "README.html"
 _LONGEST = 80
 
 
@@ -117,7 +118,8 @@ def _texts(name: str, student: str, exercise: Exercise, handout: Handout) -> dic
     text = (CATALOGUE / f"{name}.md").read_text(encoding="utf-8")
     for key, value in handout.given.items():
         text = text.replace(f"@{key}@", f"{value:g}")
-    files = {TEXT: text, ANSWERS: template(student, exercise), **handout.files}
+    page = text_page(f"Exercise: {name}, the version of {student}", text)
+    files = {TEXT: text, TEXT_PAGE: page, ANSWERS: template(student, exercise), **handout.files}
     if handout.given:
         files[GIVEN] = "".join(f"{key} = {value!r}\n" for key, value in handout.given.items())
     steps = CATALOGUE / f"{name}.steps.md"

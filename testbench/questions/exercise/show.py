@@ -37,7 +37,7 @@ def print_started(started: Started, console: Console) -> None:
 
     console.print(Text(f"{started.exercise.title}: the version of {started.student}", style="bold"))
     for line in (
-        f"Read:   {started.folder / 'README.md'}",
+        f"Read:   {started.folder / 'README.html'} (or README.md)",
         f"Run:    {started.folder / NOTEBOOK} (Jupyter), if you like",
         f"Fill:   {started.folder / 'answers.toml'}",
         f"Check:  testbench exercise check {started.folder}",

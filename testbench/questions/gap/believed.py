@@ -22,9 +22,17 @@ from testbench.flight.simulate import commands as absolute_commands
 from testbench.flight.start import Beginning
 from testbench.inputs.signal import InputSignal
 from testbench.line import flown_already
+from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import Effect
 from testbench.questions.gap.effects.base import MetGust
-from testbench.questions.gap.evidence.commanded import commands, key_of_start, moves_laterally, starts_freely
+from testbench.questions.gap.evidence.commanded import (
+    commands,
+    held,
+    key_of_start,
+    moves_laterally,
+    starts_freely,
+    surface_noise,
+)
 from testbench.questions.gap.evidence.compared import DRIFT_OVER_S, left_out, not_compared
 from testbench.questions.gap.evidence.gusts import linear_response, record_key
 from testbench.questions.gap.flights import (
@@ -65,6 +73,7 @@ LATERAL_PRIORS: Mapping[str, float] = {
 }
 LATERAL_OUTPUTS = ("beta", "p", "r", "phi", "psi", "ay")  # that tell of the lateral motion alone
 STEPS, NEAR = 3, 0.3  # that starts are brought to rest by; prior standard deviations below which one step is enough
+NO_SERVO_RAD_S = 1e3  # corner frequency of a servo that a recorded surface passes: none at the rates of records
 NOTHING = 1e-9  # a coefficient of a foreign model that is smaller is what differences leave of zero
 
 
@@ -79,7 +88,8 @@ class Believed:
     predicted in still air. ``simulator`` "jsbsim" flies nothing in batches. Records that say so (:mod:`starts`) were
     flown from another condition or with another load: whatever is asked of a record is answered by :meth:`at`, whose
     ``start`` that is. ``free_starts`` are those of the records that do not begin at trim, by their keys
-    (:func:`.windows.begin_freely`).
+    (:func:`.windows.begin_freely`). ``surface_noise`` is that of the recorded surfaces that drive the model in place of
+    commands (:mod:`.drive`): control -> standard deviation.
 
     Raises:
         ScenarioError: the suite has no channel to compare, or one without any noise.
@@ -96,6 +106,7 @@ class Believed:
     simulator: Simulator = "auto"
     free_starts: Mapping[str, FreeStart] = field(default_factory=dict)
     start: Start | None = None
+    surface_noise: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.outputs:
@@ -319,8 +330,13 @@ class Believed:
         if starts_freely(record):
             return
         names, u = commands(record)
-        signal = InputSignal(np.arange(len(u), dtype=np.float64) * record.dt_s, u, names)
         there = self.at(record)
+        for i, (name, noise) in enumerate((n, surface_noise(record).get(n, 0.0)) for n in names):
+            if noise > 0.0:  # which may lie beyond the end of a travel that the surface reached
+                control, trim = there.aircraft.controls[name], there.trimmed.controls[name]
+                within = np.clip(u[:, i], control.low - trim, control.full - trim)
+                u[:, i] = np.where(np.abs(u[:, i] - within) <= CRITERIA.stirs * noise, within, u[:, i])
+        signal = InputSignal(np.arange(len(u), dtype=np.float64) * record.dt_s, u, names)
         absolute_commands(there.aircraft, there.trimmed, Manoeuvre("measured commands", signal, 0.0))
 
     def flown(
@@ -358,13 +374,13 @@ class Believed:
         air = Air(gust=gust) if air is None and gust is not None else air
         free, flyer = self.free_start_of(record), self.at(record).flyer
         if free is None:
-            names, held = _held(record, self.rate_hz)
-            return Wanted(flyer, names, held, 1.0 / record.dt_s, channels, air)
+            names, frames = _held(record, self.rate_hz)
+            return Wanted(flyer, names, frames, 1.0 / record.dt_s, channels, air)
         at = self.begun(record) if at is None else at
         assert at is not None
         names, u = self._deviations(record, at)
-        held = at_frames(u, record, self.rate_hz)
-        return Wanted(flyer, names, held, 1.0 / record.dt_s, channels, air, free.start(at))
+        frames = at_frames(names, u, record, self.rate_hz)
+        return Wanted(flyer, names, frames, 1.0 / record.dt_s, channels, air, free.start(at))
 
     def wanted_to_read(self, record: FlightRecord, at: FloatArray | None = None) -> Wanted:
         """Return what :meth:`predict` flies, likewise."""
@@ -393,6 +409,7 @@ class Believed:
         alike: dict[tuple[tuple[str, ...], float], list[tuple[int, FloatArray]]] = {}
         for i, record in enumerate(records):
             names, u = self._deviations(record)
+            u = held(record, names, u)
             for shape in self.shapes:
                 u = shape(names, u, record.dt_s)
             alike.setdefault((names, record.dt_s), []).append((i, u))
@@ -565,12 +582,21 @@ def _held(record: FlightRecord, rate_hz: float) -> tuple[tuple[str, ...], bytes]
     The last command acts after the record.
     """
     names, u = commands(record)
-    return names, at_frames(u, record, rate_hz)
+    return names, at_frames(names, u, record, rate_hz)
 
 
-def at_frames(u: FloatArray, record: FlightRecord, rate_hz: float) -> bytes:
-    """Return the bytes of commands (n, m) held from sample to sample, at every frame."""
-    return np.repeat(u[:-1], round(rate_hz * record.dt_s), axis=0).tobytes()
+def at_frames(names: Sequence[str], u: FloatArray, record: FlightRecord, rate_hz: float) -> bytes:
+    """Return the bytes of commands (n, m) at every frame: held from sample to sample, surfaces on straight lines.
+
+    A surface that drives the model is early by what is left of the servo's lag.
+    """
+    fine = round(rate_hz * record.dt_s)
+    out = np.repeat(u[:-1], fine, axis=0)
+    at = np.arange(len(out)) / fine + 1.0 / (NO_SERVO_RAD_S * record.dt_s)
+    for i, name in enumerate(names):
+        if name in surface_noise(record):
+            out[:, i] = np.interp(at, np.arange(len(u)), u[:, i])
+    return out.tobytes()
 
 
 def _in_place(aircraft: Aircraft, known: int, effect: Effect) -> Aircraft:

@@ -32,3 +32,10 @@ def rivals(coefficient: str, naming: Naming, aircraft: Aircraft | None = None) -
         for f in naming.ranking
         if f.flown and f.settled and believable(f) and own - score(f, naming.samples) < CRITERIA.told_apart
     )
+
+
+def led_by_surfaces(coefficient: str, naming: Naming, aircraft: Aircraft | None = None) -> bool:
+    """Return whether an effect that a recorded surface shows leads a wrong coefficient by what tells effects apart."""
+    own = gain_of(coefficient, naming, aircraft) - float(np.log(naming.samples))
+    told = (f for f in naming.ranking if f.told > 0.0 and f.flown and believable(f))
+    return any(score(f, naming.samples) - own >= CRITERIA.told_apart for f in told)

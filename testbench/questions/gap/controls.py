@@ -27,6 +27,7 @@ from testbench.flight.air import Air, turbulence_rms
 from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.decide import Naming
 from testbench.questions.gap.evidence.air import AirFound, listen
+from testbench.questions.gap.evidence.commanded import surface_noise
 from testbench.questions.gap.evidence.gusts import record_key
 from testbench.questions.gap.search.parallel import Ahead
 from testbench.questions.gap.starts import start_of
@@ -146,7 +147,12 @@ def _air(found: AirFound, seed: int) -> Air | None:
 def _measured(real: Believed, record: FlightRecord, air: Air | None, seed: int) -> FlightRecord:
     """Return ``record`` with what the sensors of ``real`` read, in place of what was measured."""
     measured = real.at(record).suite.measure(real.flown(record, None, air), seed)
-    return record.with_columns({name: measured[name] for name in real.outputs})
+    surfaces = {f"{n}_cmd": s for n, s in surface_noise(record).items() if np.ptp(record[f"{n}_cmd"]) > 0.0}
+    rng = np.random.default_rng([seed, 1])
+    read = {
+        n: record[n] + std * rng.standard_normal(len(record)) for n, std in surfaces.items()
+    }  # as they are measured
+    return record.with_columns({**{name: measured[name] for name in real.outputs}, **read})
 
 
 def fly_controls(

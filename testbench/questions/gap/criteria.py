@@ -69,6 +69,19 @@ class Criteria:
         scatter_form: share of their common gain that delay and scatter may leave; lateness is linear only within a
             sample. Calibrated, seed 20261206.
         false_terms: share of false terms among those that forces and moments are said to follow. Judged.
+        path_form: share of what one kind of error gains in a path by which it must lead another, as no form of a servo
+            is quite right. Judged.
+        seconded: gain in the motion that an effect which a recorded surface shows needs to be named where the motion
+            shows no gap: two standard errors. Judged.
+        turned_rad: a surface that moves by more with other coefficients is turned by what the believed model measures.
+            Derived: a thousand times what rounding leaves.
+        faintest_rad: noise of a surface that is said to have none. Derived: no servo is simulated better between
+            samples.
+        offset_rad: a surface that stands by less from its command is not said to. Judged.
+        stirs: a recorded surface that drives the model stirs if it moves by so many standard deviations of its noise.
+            Derived: noise does so once in a million samples.
+        jumps: it jumps if it moves so many times as far within a sample as in the two beside it together. Derived: no
+            servo does that settles by less than 80 % within a sample, which is one below 80 rad/s at 50 Hz.
         off: a nuisance is off if it lies more than so many standard deviations of its prior from 1. Judged.
         far: a nuisance is wrong if it lies more than so many standard deviations of its prior from 1. Judged.
         sure: both need a distance from 1 of so many standard errors, which must be smaller than the prior's. Judged.
@@ -105,6 +118,13 @@ class Criteria:
     scatter_most: float = 0.4
     scatter_form: float = 0.01
     false_terms: float = 0.01
+    path_form: float = 0.02
+    seconded: float = 4.0
+    turned_rad: float = 1e-6
+    faintest_rad: float = 2e-5
+    offset_rad: float = 1e-3
+    stirs: float = 5.0
+    jumps: float = 4.0
     off: float = 1.0
     far: float = 2.0
     sure: float = 4.0

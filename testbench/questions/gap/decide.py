@@ -1,13 +1,14 @@
 """The rules that keep or refute a name, in the order in which they are asked; all thresholds stand in criteria.py.
 
-:func:`decide` holds the fits against noise, their priors and each other. A gust that it names must not be what a
-command explains (:func:`doubted`), held-out manoeuvres must not refute a name (:func:`confirmed`), and what the name
-leaves must not ask for another effect (:func:`judged`). Control flights have the last word (controls.py).
+:func:`decide` holds the fits against noise, their priors and each other, by the rules REFUTED_IF and NAMED_AS. A gust
+that it names must not be what a command explains (:func:`doubted`), held-out manoeuvres must not refute a name
+(:func:`confirmed`), and what the name leaves must not ask for another effect (:func:`judged`). Control flights have the
+last word (controls.py).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -91,7 +92,9 @@ def leaves_noise(fit: EffectFit, noise: float) -> bool:
 
 def leaves_far_more(fit: EffectFit, floor: float) -> bool:
     """Return whether a fit leaves so much more than the ``floor`` of the noise that it cannot be the whole."""
-    return fit.chi2 - floor > max(CRITERIA.remainder * float(np.sqrt(2.0 * floor)), CRITERIA.remaining_share * fit.gain)
+    return fit.chi2 - floor > max(
+        CRITERIA.remainder * float(np.sqrt(2.0 * floor)), CRITERIA.remaining_share * fit.in_motion
+    )
 
 
 def is_special_case(fit: EffectFit, general: EffectFit) -> bool:
@@ -107,14 +110,42 @@ def score(fit: EffectFit, samples: int) -> float:
     return fit.gain - len(fit.values) * float(np.log(samples))
 
 
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """What the rules are asked about.
+
+    Attributes:
+        best: the foremost fit, see :func:`_foremost`.
+        close: fits that may be the truth although it leads.
+        ranking: all fits, by score.
+        floor: chi-square that noise alone would leave.
+        noise: chi-square that noise alone hardly exceeds.
+        priors: nuisance -> relative standard deviation, for sentences; the general ones if None.
+    """
+
+    best: EffectFit
+    close: tuple[EffectFit, ...]
+    ranking: tuple[EffectFit, ...]
+    floor: float
+    noise: float
+    priors: Mapping[str, float] | None = None
+
+
+Decision = tuple[str, tuple[str, ...], str]
+"""Outcome, names and sentence."""
+
+
 def decide(
     ranking: Sequence[EffectFit],
     chi2_tuned: float,
     samples: int,
     floor: float,
     priors: Mapping[str, float] | None = None,
-) -> tuple[str, tuple[str, ...], str]:
-    """Return outcome, names and sentence; the rules are asked in this order.
+) -> Decision:
+    """Return outcome, names and sentence.
+
+    If an effect is significant, the foremost is asked each of REFUTED_IF in turn; the first that refutes it ends the
+    search, with its reason. What none refutes is named by the first of NAMED_AS that applies.
 
     Args:
         ranking: fits by score, see :func:`score`.
@@ -123,7 +154,7 @@ def decide(
         floor: what noise alone would leave.
         priors: nuisance -> relative standard deviation, for the sentence; the general ones if not given.
     """
-    noise = chi2.isf(CRITERIA.false_alarm, floor)
+    noise = float(chi2.isf(CRITERIA.false_alarm, floor))
     significant = [f for f in ranking if f.significant and f.flown and f.gain > CRITERIA.least]
     if not significant:
         if chi2_tuned <= noise:
@@ -131,26 +162,72 @@ def decide(
         return "unexplained", (), tell.nothing_explains(chi2_tuned, samples)
     best = _foremost(significant, samples)
     others = [f for f in ranking if f is not best and f.flown and believable(f)]
-    close = [f for f in others if _indistinct(f, best, samples, best.chi2 <= noise)]
-    if best.within < CRITERIA.strained:
-        return "unexplained", (), tell.strained(best, priors)
-    if best.beyond:
-        return "unexplained", (), tell.beyond(best)
-    strangers = [f for f in ranking if not (f is best or _of_one_kind(f.effect, best.effect))]
-    alone_enough = not any(f.gain > CRITERIA.near * best.gain for f in strangers)
-    enough = CRITERIA.enough_alone if alone_enough else CRITERIA.enough
-    if not best.share >= enough and best.chi2 > noise:
-        return "unexplained", (), tell.too_little(best)
-    if leaves_far_more(best, floor):
-        return "unexplained", (), tell.leaves_far_more(best, best.chi2 - floor)
-    if len(close) >= CRITERIA.many:
-        return "unexplained", (), tell.too_many((best, *close))
-    alone = _common(best, close, ranking)
-    if alone is not None:
-        return "named", (alone.effect.name,), tell.in_common(alone)
-    if close:
-        return "set", (best.effect.name, *(f.effect.name for f in close)), tell.one_of((best, *close))
-    return "named", (best.effect.name,), tell.named(best, best.chi2 <= noise)
+    close = tuple(f for f in others if _indistinct(f, best, samples, best.chi2 <= noise))
+    candidates = Candidates(best, close, tuple(ranking), floor, noise, priors)
+    for refuted in REFUTED_IF:
+        reason = refuted(candidates)
+        if reason:
+            return "unexplained", (), reason
+    return next(decision for named in NAMED_AS if (decision := named(candidates)) is not None)
+
+
+def _strains_what_is_believed(c: Candidates) -> str:
+    """The best effect needs coefficients that lie too far from what is believed."""
+    return tell.strained(c.best, c.priors) if c.best.within < CRITERIA.strained else ""
+
+
+def _asks_for_more_than_there_can_be(c: Candidates) -> str:
+    """The best effect has come to rest at the end of what is physically possible."""
+    return tell.beyond(c.best) if c.best.beyond else ""
+
+
+def _explains_too_little(c: Candidates) -> str:
+    """It explains too small a share of the excess; less is enough where no effect of another kind comes near."""
+    strangers = [f for f in c.ranking if not (f is c.best or _of_one_kind(f.effect, c.best.effect))]
+    alone = not any(f.gain > CRITERIA.near * c.best.gain for f in strangers)
+    enough = CRITERIA.enough_alone if alone else CRITERIA.enough
+    return "" if c.best.share >= enough or c.best.chi2 <= c.noise else tell.too_little(c.best)
+
+
+def _leaves_more_than_its_form_may(c: Candidates) -> str:
+    """It leaves so much more than noise that it cannot be the whole."""
+    return tell.leaves_far_more(c.best, c.best.chi2 - c.floor) if leaves_far_more(c.best, c.floor) else ""
+
+
+def _too_many_come_close(c: Candidates) -> str:
+    """So many effects come close to the best that no set of them is an answer."""
+    return tell.too_many((c.best, *c.close)) if len(c.close) >= CRITERIA.many else ""
+
+
+REFUTED_IF: tuple[Callable[[Candidates], str], ...] = (
+    _strains_what_is_believed,
+    _asks_for_more_than_there_can_be,
+    _explains_too_little,
+    _leaves_more_than_its_form_may,
+    _too_many_come_close,
+)
+"""Rules that refute the foremost effect, in the order in which they are asked: each returns why, "" if it does not."""
+
+
+def _what_all_have_in_common(c: Candidates) -> Decision | None:
+    """The one effect that all of several sets have in common."""
+    alone = _common(c.best, c.close, c.ranking)
+    return None if alone is None else ("named", (alone.effect.name,), tell.in_common(alone))
+
+
+def _the_set(c: Candidates) -> Decision | None:
+    """The best effect and those that these data do not tell from it."""
+    fits = (c.best, *c.close)
+    return ("set", tuple(f.effect.name for f in fits), tell.one_of(fits)) if c.close else None
+
+
+def _the_best(c: Candidates) -> Decision | None:
+    """The best effect."""
+    return "named", (c.best.effect.name,), tell.named(c.best, c.best.chi2 <= c.noise)
+
+
+NAMED_AS: tuple[Callable[[Candidates], Decision | None], ...] = (_what_all_have_in_common, _the_set, _the_best)
+"""Rules that say what is named, in the order in which they are asked; the first that applies decides."""
 
 
 def _foremost(significant: Sequence[EffectFit], samples: int) -> EffectFit:
@@ -358,7 +435,7 @@ def rest(
     others = [e for n, e in effects.items() if n not in forms and parts.isdisjoint(e.contains) and e.met is None]
     seen = [s for s in screen_all([(point, e) for e in others], SMALL) if s.seen]
     first = max(seen, key=lambda s: s.promise, default=None)
-    least = max(CRITERIA.least, CRITERIA.form * best.gain)
+    least = max(CRITERIA.least, CRITERIA.form * best.in_motion)
     return None if first is None or first.promise <= least else Rest(first.effect, first.promise, least)
 
 
@@ -381,7 +458,7 @@ def judged(
     naming = confirmed(naming, believed, held_out)
     best = naming.best
     left = None if best is None else rest(best, believed, records, effects)
-    if best is None or left is None or len(naming.names) > 1 or not more_than_form(left.gain, best.gain):
+    if best is None or left is None or len(naming.names) > 1 or not more_than_form(left.gain, best.in_motion):
         return naming, left
     sentence = tell.remainder(best, left.effect.title, left.gain)
     return replace(naming, outcome="unexplained", names=(), sentence=sentence), None

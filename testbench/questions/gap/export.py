@@ -18,6 +18,7 @@ from testbench.core.files import write_file
 from testbench.core.paths import AIRCRAFT_MODELS, STOCK
 from testbench.flight import FlightCondition
 from testbench.page.labels import file_stem
+from testbench.questions.gap.drive import as_it_is
 from testbench.questions.gap.effects.base import MetGust
 from testbench.sensors import suite_toml
 
@@ -56,7 +57,7 @@ def amended_files(result: GapResult) -> dict[str, str]:
         return out
     home = Path(result.aircraft.removeprefix(STOCK))  # of a brought aircraft its whole path
     name = file_stem(home.stem if home.suffix == ".xml" else home.name)
-    models = [aircraft_files(b.aircraft, name, b.rate_hz, b.condition, home) for b in (old, new)]
+    models = [aircraft_files(as_it_is(b.aircraft), name, b.rate_hz, b.condition, home) for b in (old, new)]
     if models[0] == models[1]:
         return out
     out |= {f"{name}/{path}": text for path, text in models[1].items()}

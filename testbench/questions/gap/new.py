@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from testbench.aircraft import Aircraft
+from testbench.core.channels import CONTROLS
 from testbench.core.errors import RecordError, located
 from testbench.core.escape import one_line
 from testbench.core.paths import AIRCRAFT, STOCK, aircraft_names, not_found, resolve, suite_names
@@ -199,9 +200,9 @@ def _suite(
         return load_suite(stated.pop()), [], False
     for file, record in records.items():
         with located(None, f"record '{file}'"):
-            if not any(n.endswith("_cmd") for n in record.channels):
+            if not any(n.removesuffix("_cmd") in CONTROLS for n in record.channels):
                 raise RecordError(
-                    "a record must hold a command such as de_cmd, as servos are part of what is believed, got "
+                    "a record must hold what drives the model, a command such as de_cmd or a surface such as de, got "
                     f"{', '.join(record.channels)}; if a column is the command, name it so and import the log again"
                 )
     suite, left = suite_of_records(sensors_file(case).stem, Path(aircraft).name.removeprefix(STOCK), records)
@@ -236,7 +237,7 @@ def _head(aircraft: str, wings: str, suite: str, made: bool, flights: Flights) -
         *_wings(believed.aircraft, wings),
         f"suite = {quoted(suite)}{said}",
         'windows = "auto"  # records without quiet trim flight are cut; "off": none; 4.0: all, into windows of 4 s',
-        'drive = "both"  # the path from command to recorded surface is judged first; "command": surfaces are ignored',
+        'drive = "both"  # by commands, and surfaces without one; "surface": by all recorded; "command": by none',
         '# effects = ["actuator_lag"]  # searched in place of the whole library (testbench list effects)',
         '# more_effects = ["my_effect.py:EFFECT"]  # searched beside those: your own, or names of the library',
         "",

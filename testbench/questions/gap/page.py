@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from testbench.page.page import Page, source_of
 from testbench.questions.compatibility.tables import compatibility_tables
+from testbench.questions.gap.drive import driven_by
 from testbench.questions.gap.export import amended_files
 from testbench.questions.gap.figures import gap_plates
 from testbench.questions.gap.plan_figures import plan_plates
@@ -34,6 +35,7 @@ def gap_page(result: GapResult) -> Page:
         context={
             "result": result,
             "starts": {n: f", from {s}" if (s := start_of(r)) else "" for n, r in result.records.items()},
+            "driven_by": driven_by(list(result.records.values())),
             "data_check": check.sentences if check else (),
             "check_tables": compatibility_tables(check.result) if check and check.result else [],
             "amended": list(amended),

@@ -11,7 +11,7 @@ from testbench.aircraft import Aircraft
 from testbench.core.record import FlightRecord
 from testbench.core.words import with_error
 from testbench.questions.gap.believed import Believed, deviations_of
-from testbench.questions.gap.coefficients import SEPARATES, rivals
+from testbench.questions.gap.coefficients import SEPARATES, led_by_surfaces, rivals
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, sum_of_squares
 from testbench.questions.gap.search.fit import EffectFit
@@ -83,9 +83,14 @@ def wrong_parameters(
     """Return the believed parameters that are so far off that they are wrong.
 
     Each is told with the effects that explain as much, unless held-out flights refute them, as they refute a name. None
-    is wrong if held-out flights contradict: re-tuning makes the residuals larger there.
+    is wrong if held-out flights contradict: re-tuning makes the residuals larger there. Nor is one that trails an
+    effect which a recorded surface shows: it explains the motion, but not the surface.
     """
-    far = [p for p in off_parameters(naming, believed.aircraft) if p.deviations > CRITERIA.far]
+    far = [
+        p
+        for p in off_parameters(naming, believed.aircraft)
+        if p.deviations > CRITERIA.far and not led_by_surfaces(p.name, naming, believed.aircraft)
+    ]
     re_tuned = np.inf
     if far and held_out:
         re_tuned = sum_of_squares(believed.with_nuisances(naming.nuisances), held_out)

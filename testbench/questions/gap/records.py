@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from testbench.aircraft import Aircraft
-from testbench.core.channels import CONTROLS
 from testbench.core.errors import RecordError, located
 from testbench.core.paths import find_scenario, not_found, suite_names
 from testbench.core.record import FlightRecord, load_record
 from testbench.flight import FlightCondition, load_aircraft
 from testbench.logs.read import read_records
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.drive import drive_records
 from testbench.questions.gap.evidence.commanded import quiet_samples
 from testbench.questions.gap.evidence.compared import not_compared
 from testbench.questions.gap.evidence.gusts import record_key
@@ -185,14 +185,18 @@ def _suite(sensors: str | SensorSuite | None, records: Mapping[str, FlightRecord
 
 
 def check_records(
-    suite: SensorSuite, records: Mapping[str, FlightRecord], notes: list[str] | None = None
+    suite: SensorSuite,
+    records: Mapping[str, FlightRecord],
+    notes: list[str] | None = None,
+    surfaces: bool = True,
 ) -> dict[str, FlightRecord]:
     """Check that every record holds what the believed suite says; return them, their times at the suite's own rate.
 
-    A clock that is off by no more than half a sample at the end of a record is put right, with a note.
+    A clock that is off by no more than half a sample at the end of a record is put right, with a note. With
+    ``surfaces``, those that are recorded stand in place of commands that are not (:func:`.drive.drive_records`).
 
     Raises:
-        RecordError: a record was aborted, lacks a channel or a command, or has another rate.
+        RecordError: a record was aborted, lacks a channel or all that could drive the model, or has another rate.
     """
     out = {}
     for name, record in records.items():
@@ -204,13 +208,6 @@ def check_records(
                 raise RecordError(
                     f"a record must hold every channel of the sensors believed, {suite.name}, but it lacks "
                     f"{', '.join(lacking)} (it holds {', '.join(record.channels)}); give --sensors a suite without them"
-                )
-            if not any(f"{c}_cmd" in record for c in CONTROLS):
-                surfaces = [c for c in CONTROLS if c in record]
-                alone = f"; {', '.join(surfaces)} alone cannot show a servo, a feedback or an interconnect"
-                raise RecordError(
-                    "a record must hold a command such as de_cmd, because servos are part of what is believed, got "
-                    f"{', '.join(record.channels)}{alone if surfaces else ''}"
                 )
             off = abs(record.dt_s * suite.rate_hz - 1.0)
             if off * len(record) > LATEST:
@@ -226,7 +223,7 @@ def check_records(
                     )
                 record = replace(record, t_s=record.t_s[0] + np.arange(len(record)) / suite.rate_hz)
             out[name] = record
-    return out
+    return drive_records(suite, out, "both" if surfaces else "command")
 
 
 def check_speeds(suite: SensorSuite, records: Mapping[str, FlightRecord], V_m_s: float) -> None:

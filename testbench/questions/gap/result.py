@@ -143,7 +143,7 @@ class GapFinding:
         """The answer in words."""
         re_tuned = "; ".join(p.sentence for p in self.parameters)
         out = [f"{re_tuned}; beside that, {self.naming.sentence}" if re_tuned else self.naming.sentence]
-        out += [p.sentence for p in self.paths if p.outcome in ("differs", "unexplained")]
+        out += [p.sentence for p in self.paths if p.outcome in ("differs", "unexplained", "not seen")]
         verdict = self.verdict
         out += [] if verdict is None else verdict.sentences
         out += [*self._evidence(), *([self.next_flight] if self.next_flight else [])]
@@ -205,6 +205,7 @@ class GapFinding:
         out = [
             f"evidence: it lowers chi-square by {best.gain:.0f}; noise alone reaches {best.threshold:.3g} once "
             f"in {1.0 / CRITERIA.false_alarm:.0f} cases"
+            + (f"; {best.told:.0f} of that is in the recorded surface" if best.told else "")
         ]
         others = [f for f in self.naming.ranking if f.effect.name not in self.naming.names]
         if others:

@@ -55,8 +55,10 @@ class GapScenario(FlownAt):
     freely; a number cuts every record into windows of so many seconds; "off" cuts none, and refuses records without
     quiet flight.
 
-    ``drive`` "both": where a surface is recorded beside its command, the path between them is judged by itself first,
-    and restricts the search; "command": recorded surfaces are not looked at.
+    ``drive`` "both": commands drive the believed model, and recorded surfaces where no command is recorded; where both
+    are, the path between them is judged by itself first, and restricts the search. "surface": recorded surfaces drive
+    wherever there are some, and effects between command and surface are not sought. "command": recorded surfaces are
+    not looked at.
     """
 
     unnamed: ClassVar[str] = "gap"
@@ -68,7 +70,7 @@ class GapScenario(FlownAt):
     effects: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] | None = None
     more_effects: Annotated[tuple[str, ...], Field(strict=False)] = ()
     windows: Literal["auto", "off"] | Annotated[float, Field(strict=False, ge=SHORTEST_S)] = "auto"
-    drive: Literal["command", "both"] = "both"
+    drive: Literal["command", "surface", "both"] = "both"
 
     def faults(self) -> list[str]:
         """Return what is wrong with the effects that are searched, as far as texts tell; no code of theirs is run."""

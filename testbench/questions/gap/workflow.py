@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.controls import fly_controls, without_false_alarms
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, judged, noise_limit
+from testbench.questions.gap.drive import Drive, driven
 from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.evidence.air import (
     AirFound,
@@ -48,11 +48,10 @@ from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
 from testbench.questions.gap.search.parallel import Ahead
+from testbench.questions.gap.surface_evidence import with_surfaces
 from testbench.questions.gap.window_length import Windows
 from testbench.questions.gap.windows import begin_freely, cut
 
-Drive = Literal["command", "both"]
-"""What tells how the controls moved: commands, or recorded surfaces beside them."""
 STARTS_IN_TURN = 6  # rounds in which starts of windows and coefficients are fitted at most
 SAME_AIR = 0.15  # share by which the rms of turbulence may change before the search is made again
 
@@ -88,7 +87,9 @@ def find_gap(
         control_file: keeps each of them, so that none is flown twice.
         windows: "auto" cuts records that do not begin with quiet trim flight into windows that start freely, a number
             all of them, into windows of so many seconds; "off" refuses them.
-        drive: "both" judges paths whose surfaces are recorded by themselves; "command" does not.
+        drive: "both" judges paths whose surfaces are recorded beside their commands by themselves, and lets surfaces
+            drive where no command is recorded; "surface" lets them drive wherever they are recorded; "command" does not
+            look at them.
 
     Raises:
         RecordError: a record is not measured, or lacks a channel of the believed suite; or ``control_file`` cannot be
@@ -104,6 +105,8 @@ def find_gap(
     for name, record in {**records, **held_out}.items():
         if record.kind != "measured":
             raise RecordError(f"the gap workflow takes measured records only, got '{name}' of kind '{record.kind}'")
+    by = driven(believed, records, held_out, drive)
+    believed, records, held_out = by.believed, by.records, by.held_out
     given, others = cut(believed, records, windows), cut(believed, held_out, windows)
     records, held_out = given.records, others.records
     if given.notes or others.notes:
@@ -127,6 +130,7 @@ def find_gap(
         air = listen(believed, naming_records)
         known = library(believed.suite, believed.aircraft) if effects is None else effects
         paths = judge_paths(believed, naming_records) if drive == "both" and not given.notes else ()
+        known = restricted(known, [replace(p, outcome="not seen") for p in by.paths])[1]
         believed, naming, air, known = _search_beside(paths, known, believed, naming_records, air, say)
         near = next((f for f in naming.ranking if f.significant and f.flown), None)
         if near is not None and given.notes:  # tangents of a start are those of the model that it was fitted to
@@ -190,7 +194,7 @@ def find_gap(
         first=first,
         controls=beside,
         windows=(*given.notes, *others.notes),
-        paths=paths,
+        paths=(*by.paths, *paths),
         held_out=differences(believed, records, held_out),
         tally=_tally(
             [believed, amended] if amended is not believed else [believed], [*records.values(), *held_out.values()]
@@ -208,14 +212,16 @@ def _search_beside(
 ) -> tuple[Believed, Naming, AirFound, Mapping[str, Effect]]:
     """Return what :func:`search` does among the effects that the paths leave open, and those effects.
 
-    Those that a path shows come first; if they name nothing, all that is left open is searched.
+    Those that a path shows come first; if they name nothing that the motion shows, too, all that is left open is
+    searched.
     """
     shown, left_open = restricted(known, paths)
     if shown is not left_open:
-        found = search(believed, records, air, say, shown)
-        if found[1].names:
+        found = search(believed, records, air, say, shown, paths)
+        best = found[1].best
+        if best is not None and best.in_motion > CRITERIA.least:
             return (*found, left_open)
-    return (*search(believed, records, air, say, left_open), left_open)
+    return (*search(believed, records, air, say, left_open, paths), left_open)
 
 
 def _begun(believed: Believed, records: Mapping[str, FlightRecord], held_out: Mapping[str, FlightRecord]) -> Believed:
@@ -244,10 +250,11 @@ def search(
     air: AirFound,
     say: Callable[[str], None],
     effects: Mapping[str, Effect] | None = None,
+    paths: Sequence[JudgedPath] = (),
 ) -> tuple[Believed, Naming, AirFound]:
     """Return the believed model in the air that was found, the naming, and the air.
 
-    ``effects`` is the library, that of the suite if not given.
+    ``effects`` is the library, that of the suite if not given; ``paths`` are those that recorded surfaces tell of.
 
     A gap raises the rms of turbulence that is measured beside it, and it changes the flights that the turbulence works
     on. So the effect that comes nearest is taken out, and the rms is measured again. If the rms changes, or more than
@@ -259,14 +266,14 @@ def search(
     if air.moves:
         say("measure the air")
     flown_in, air = in_measured_air(believed, records, air)
-    naming = name_effect(flown_in, records, say, effects)
+    naming = with_surfaces(name_effect(flown_in, records, say, effects), paths, flown_in, records)
     if naming.noise_left and not air.moves:
         return flown_in, naming, air
     say("listen to the air again")
     tuned = believed.with_nuisances(naming.nuisances)
     near = next((f for f in naming.ranking if f.significant and f.flown and f.gain > CRITERIA.weak), None)
     if air.moves and near is not None and near.share < CRITERIA.enough_alone:
-        hidden = _hidden_by_air(believed, tuned, near.added_to(believed), records, air, say, effects)
+        hidden = _hidden_by_air(believed, tuned, near.added_to(believed), records, air, say, effects, paths)
         if hidden is not None:
             return hidden
         near = None  # it explains too little to be what is missing: what it would take out may be turbulence
@@ -280,7 +287,7 @@ def search(
         beside = _retuned(believed, in_air(believed, again, beside), records)
         again = measure(beside, records, again)
     flown_in = in_air(believed, again, beside)
-    return flown_in, name_effect(flown_in, records, say, effects), again
+    return flown_in, with_surfaces(name_effect(flown_in, records, say, effects), paths, flown_in, records), again
 
 
 def _hidden_by_air(
@@ -291,6 +298,7 @@ def _hidden_by_air(
     air: AirFound,
     say: Callable[[str], None],
     effects: Mapping[str, Effect] | None,
+    paths: Sequence[JudgedPath],
 ) -> tuple[Believed, Naming, AirFound] | None:
     """Return what :func:`search` does if an effect is named once the air is measured beside another; else None.
 
@@ -302,12 +310,13 @@ def _hidden_by_air(
         air: what was heard.
         say: called with a few words as each stage begins.
         effects: the library.
+        paths: those that recorded surfaces tell of.
     """
     again = measure(beside, records, air)
     if misfit(tuned, records, measure(tuned, records, air)) - misfit(beside, records, again) <= CRITERIA.weak:
         return None
     flown_in = in_air(believed, again, beside)
-    naming = name_effect(flown_in, records, say, effects)
+    naming = with_surfaces(name_effect(flown_in, records, say, effects), paths, flown_in, records)
     return (flown_in, naming, again) if naming.names else None
 
 
@@ -317,7 +326,7 @@ def in_measured_air(believed: Believed, records: Sequence[FlightRecord], air: Ai
     Turbulence works on the flights of the real aircraft, so coefficients are re-tuned first.
     """
     if not air.moves:
-        return believed, air
+        return in_air(believed, air), air
     tuned = _retuned(believed, in_air(believed, air), records)
     air = listen_in_flight(tuned, records, air)
     return in_air(believed, air, tuned), air

@@ -100,10 +100,10 @@ def _head(study: Study) -> str:
     short, long = (next(iter(study.values()))[k] for k in (0, -1))
     far = f"from {long[1]:.0f} to {long[2]:.0f} %"
     if abs(long[1] - long[2]) < 0.5:
-        far = f"not at all, {long[2]:.0f} %,"
+        far = f"it stays at {long[2]:.0f} %"
     return (
-        f"α lowers the mean error from {short[1]:.0f} to {short[2]:.0f} % at L = {B1_FUTURE}, {far} with a future of "
-        f"{long[0]:g} s"
+        f"α lowers the mean error from {short[1]:.0f} to {short[2]:.0f} % at L = {B1_FUTURE}; with a future of "
+        f"{long[0]:g} s {far}"
     )
 
 

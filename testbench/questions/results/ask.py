@@ -17,6 +17,10 @@ from testbench.page.write import PAGE
 _HEAD_BYTES = 100_000  # of a page; title and answer stand before the first figure
 _DEEPEST = 4  # folders below the one that is listed
 _MOST = 2000  # pages of one index
+INDEX = "index.html"
+"""Of a folder of results; the papers' results have theirs under this name, too."""
+KICKER = "flight-testbench: testbench results"
+"""Above the title of an index, which is no result itself."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,7 @@ class ResultSummary:
         question: as it was asked; "" if it was not.
         answer: its first sentence.
         written: when, with the zone of this machine's clock.
+        page: name of its page in the folder.
     """
 
     folder: Path
@@ -38,6 +43,7 @@ class ResultSummary:
     question: str
     answer: str
     written: datetime
+    page: str = PAGE
 
 
 @dataclass(frozen=True)
@@ -126,10 +132,11 @@ def _pages(folder: Path, depth: int) -> Iterator[Path]:
         entries = sorted(os.scandir(folder), key=lambda e: e.name)
     except OSError:
         return
+    page = PAGE if any(entry.name == PAGE for entry in entries) else INDEX
     for entry in entries:
         if entry.is_symlink():
             continue
-        if entry.name == PAGE and entry.is_file():
+        if entry.name == page and entry.is_file():
             yield Path(entry.path)
         elif entry.is_dir() and depth < _DEEPEST:
             yield from _pages(Path(entry.path), depth + 1)
@@ -145,10 +152,11 @@ def _summary(path: Path) -> ResultSummary | None:
     reader = _Reader()
     reader.feed(head)
     texts = {name: " ".join(text.split()) for name, text in reader.found.items()}
-    if not texts.get("h1"):
-        return None
     kind, question = texts.get("kicker", ""), texts.get("question", "")
-    return ResultSummary(path.parent, kind, texts["h1"], question, texts.get("answer", ""), written)
+    of_ours = path.name == PAGE or kind.startswith("flight-testbench:")
+    if not texts.get("h1") or not of_ours or kind == KICKER:
+        return None
+    return ResultSummary(path.parent, kind, texts["h1"], question, texts.get("answer", ""), written, path.name)
 
 
 class _Reader(HTMLParser):

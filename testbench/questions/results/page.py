@@ -13,11 +13,11 @@ from testbench.page.page import Page
 from testbench.page.serve import Answer as Served
 from testbench.page.tables import Column, Table
 from testbench.page.words import counted
+from testbench.questions.results.ask import INDEX, KICKER
 
 if TYPE_CHECKING:
     from testbench.questions.results.ask import Difference, ResultsCompared, ResultSummary
 
-INDEX = "index.html"
 _LARGEST_BYTES = 200_000_000  # of a file that is served
 _MOST_ROWS = 500
 
@@ -26,7 +26,7 @@ def index_html(found: Sequence[ResultSummary], folder: Path) -> str:
     """Return the index as one page: a row per result, with a link, its answer and when it was written."""
     rows = [
         {
-            "link": quote(f"{r.folder.relative_to(folder).as_posix()}/report.html"),
+            "link": quote(f"{r.folder.relative_to(folder).as_posix()}/{r.page}"),
             "title": r.title,
             "kind": r.kind,
             "answer": r.answer,
@@ -34,7 +34,7 @@ def index_html(found: Sequence[ResultSummary], folder: Path) -> str:
         }
         for r in found
     ]
-    return render("questions/results/index.html.j2", rows=rows, folder=folder.resolve().name)
+    return render("questions/results/index.html.j2", rows=rows, folder=folder.resolve().name, kicker=KICKER)
 
 
 def compared_page(compared: ResultsCompared) -> Page:

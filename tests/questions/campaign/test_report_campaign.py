@@ -52,6 +52,7 @@ def test_the_packaged_campaign_answers_its_question(flown):
         assert words in said[1][1]
     assert said[2][1].startswith(f"{result.counts.done} of 24 runs are done")
     assert any("bias" in text and "of the true value" in text for kind, text in said if kind == "doubt")
+    assert not any("taurus_8hz" in text for kind, text in said if kind == "doubt")  # the one suite needs no name
     found = {a.name: a for a in result.summary.accuracies}
     zeta = found["taurus_8hz, transfer_function: short period (theta) zeta"]
     assert zeta.biased
@@ -110,7 +111,7 @@ def test_the_lead_tells_bias_scatter_and_coverage_of_one_estimate(flown):
     off = answer(_changed(result, **sharp | {"bias_half": 0.01}, coverage=float("nan")))
     assert "is off by 0.100 ± 0.010, 5.0 % of the true value" in off[0][1]
     assert "states no errors to judge" in off[0][1]
-    assert not any(text.startswith(off[0][1].split(" is off")[0] + ": bias") for _, text in off[1:])
+    assert not any(": bias" in text for _, text in off[1:])
     covered = replace(result.summary.accuracies[0], coverage=0.5, coverage_high=0.7)
     many = replace(result, summary=replace(result.summary, accuracies=(covered, *result.summary.accuracies[1:])))
     assert "(of the 1 estimates that have one) holds the truth in 50 % of the runs" in answer(many)[1][1]

@@ -29,7 +29,7 @@ from testbench.questions.dataset.scenario import DatasetScenario
 from testbench.questions.dataset.store import damaged
 from testbench.sensors.sensor import first_order_lag
 
-FILES = ("flights.h5", "truth_test.h5", "dataset.json", "README.md", "checksums.sha256")
+FILES = ("flights.h5", "truth_test.h5", "dataset.json", "README.md", "README.html", "checksums.sha256")
 
 
 def file_of(folder, text=SMALL):

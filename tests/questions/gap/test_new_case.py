@@ -93,7 +93,9 @@ def test_what_no_case_can_be_made_of_is_said_in_one_sentence(folder, flown, monk
     assert "testbench import LOG -o FOLDER" in one
     assert "testbench import one.csv -o FOLDER" in said(monkeypatch, capsys, *new, "one.csv", "two")
     flown["one"].select([n for n in flown["one"].channels if not n.endswith("_cmd")]).save("silent.nc")
-    assert "must hold a command such as de_cmd" in said(monkeypatch, capsys, *new, "silent.nc", "two")
+    assert "must hold what drives the model, a command such as de_cmd" in said(
+        monkeypatch, capsys, *new, "silent.nc", "two"
+    )
     shutil.copy(folder / "one" / "whole.nc", "odd.nc")
     with h5py.File("odd.nc", "r+") as file:
         file.attrs["channels"] = file.attrs["channels"].replace("theta", "thetu")

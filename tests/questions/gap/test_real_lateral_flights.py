@@ -6,6 +6,8 @@ measured once.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 from real_aircraft import (
     ATTAS_H,
@@ -21,6 +23,8 @@ from real_aircraft import (
 )
 from recorded import flight_data
 
+from testbench.aircraft import Amendment, SetProperty
+from testbench.aircraft.seams import control_path
 from testbench.flight import FlightCondition, linearise, trim
 from testbench.questions.gap.evidence.check import check_data
 from testbench.questions.gap.parameters import off_parameters
@@ -81,6 +85,31 @@ def test_no_derivative_is_accused_where_the_late_sideslip_is_known(tmp_path, eff
     assert off_parameters(found.naming) == ()
     for printed, factor in MEASURED.items():
         assert found.naming.measured[COEFFICIENTS[printed]][0] == pytest.approx(factor, abs=0.01), printed
+
+
+@pytest.mark.slow
+def test_surfaces_drive_a_model_whose_servos_are_none_of_the_aircraft_s(tmp_path):
+    """What was recorded are surfaces. As commands of servos of 12 rad/s they accuse; as surfaces they do not."""
+    data, aircraft = flight_data(), attas(tmp_path / "attas")
+    paths = [control_path(aircraft, c) for c in ("da", "dr")]
+    changes = [SetProperty(str(n), v) for p in paths for n, v in ((p.lag, 12.0), (p.rate_limit, 0.5))]
+    slow = aircraft.amended(Amendment("servos", "servos that the aircraft does not have", tuple(changes)))
+    by_command = {n: attas_lateral_record(data, n) for n in RECORDS}
+    names = {"da_cmd": "da", "dr_cmd": "dr"}
+    by_surface = {n: replace(r, channels=tuple(names.get(c, c) for c in r.channels)) for n, r in by_command.items()}
+    noise = quiet_noise([by_command[n] for n in RECORDS[:2]]) | {"da": 1e-4, "dr": 1e-4}
+    left = {}
+    for what, records in (("command", by_command), ("surface", by_surface)):
+        used, held = ({n: records[n] for n in some} for some in (RECORDS[:2], RECORDS[2:]))
+        believed = believe(slow, used[RECORDS[0]], noise, ATTAS_V, ATTAS_H, {"beta": ATTAS_LATE_S})
+        found = find_gap(believed, used, held, effects={})
+        left[what] = found.naming.chi2_tuned
+        assert bool(found.parameters) == (what == "command")
+    assert [p.outcome for p in found.paths] == ["not seen", "not seen"]
+    assert left == pytest.approx({"command": 1.097e6, "surface": 14.8e3}, rel=0.01)
+    for printed in ("Lp", "Lda", "Lb", "Nb", "Ndr"):
+        value, error = found.naming.measured[COEFFICIENTS[printed]]
+        assert abs(value - MEASURED[printed]) < 2.0 * error, printed
 
 
 @pytest.mark.slow

@@ -153,7 +153,7 @@ def test_the_committed_page_holds_every_printed_number_with_its_place():
 
 def test_the_page_begins_with_the_finding_and_its_figure_and_shows_equations_without_a_script(written):
     html = (written / PAGE).read_text(encoding="utf-8")
-    first = html[html.index('class="answer"') : html.index('aria-labelledby="counted"')]
+    first = html[html.index('class="answer"') : html.index('class="fold"')]
     assert "It hangs on the horizon." in first
     assert first.count("<figure") == 1
     assert html.count("<math ") == 9  # equations 1 to 5 of one paper, 1 to 4 of the other

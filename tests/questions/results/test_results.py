@@ -42,6 +42,19 @@ def test_the_index_says_what_each_page_says_of_itself(tmp_path):
     assert HOSTILE not in page
 
 
+def test_the_papers_results_are_listed_and_an_index_is_not(tmp_path):
+    written(tmp_path / "one")
+    (tmp_path / "index.html").write_text(index_html(list_results(tmp_path), tmp_path), encoding="utf-8")
+    (tmp_path / "papers").mkdir()
+    page = '<p class="kicker">flight-testbench: testbench reproduce</p><h1>Papers</h1>'
+    (tmp_path / "papers" / "index.html").write_text(page, encoding="utf-8")
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "index.html").write_text("<h1>Not ours</h1>", encoding="utf-8")
+    found = list_results(tmp_path)
+    assert sorted(r.folder.name for r in found) == ["one", "papers"]
+    assert 'href="papers/index.html"' in index_html(found, tmp_path)
+
+
 def test_links_that_lead_out_are_not_followed(tmp_path):
     written(tmp_path / "outside" / "secret")
     inside = tmp_path / "results"

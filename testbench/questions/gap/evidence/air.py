@@ -193,14 +193,15 @@ def _plain_residuals(model: Believed, records: Sequence[FlightRecord]) -> list[t
 
 
 def in_air(believed: Believed, air: AirFound, along: Believed | None = None) -> Believed:
-    """Return ``believed`` with residuals that are white in ``air``; as it is if the air stands still.
+    """Return ``believed`` with residuals that are white in ``air``; as it is if nothing colours them.
 
-    The turbulence works on the flights of ``along``, those of ``believed`` if that is not given.
+    The turbulence works on the flights of ``along``, those of ``believed`` if that is not given. So does the noise of
+    recorded surfaces that drive the model.
     """
-    if not air.moves:
+    if not (air.moves or believed.surface_noise):
         return believed
     flown = replace(along or believed, whiten=None)
-    return replace(believed, whiten=FlightFilter(flown, air.rms_m_s, air.height_m).whiten)
+    return replace(believed, whiten=FlightFilter(flown, air.rms_m_s if air.moves else 0.0, air.height_m).whiten)
 
 
 def _quiet(plain: Believed, records: Sequence[FlightRecord]) -> list[tuple[FlightRecord, FloatArray]]:

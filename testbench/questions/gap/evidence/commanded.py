@@ -1,4 +1,4 @@
-"""What was commanded in a measured record, and the quiet flight before it."""
+"""What was commanded in a measured record, or which surfaces drive it, and the quiet flight before it."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ from numpy.typing import NDArray
 from testbench.core.channels import CONTROLS
 from testbench.core.errors import RecordError
 from testbench.core.record import FlightRecord, FloatArray
+from testbench.questions.gap.criteria import CRITERIA
 
 LATERAL_COMMANDS = ("da_cmd", "dr_cmd")
 FREE = "free_start"  # in the provenance of a record that does not begin at trim
+DRIVEN = "driven_by_surface"  # in that of a record whose recorded surfaces stand in place of commands
 LEAST_QUIET_S = 0.5
 MOVED = 1e-3  # rad, or share of the throttle, by which a command must change to count as moved
 
 
 def moves_laterally(records: Sequence[FlightRecord]) -> bool:
     """Return whether an aileron or rudder command moves in any of the records."""
-    return any(_moved(r.columns([n for n in LATERAL_COMMANDS if n in r])).any() for r in records)
+    return any(_moved(r, [n for n in LATERAL_COMMANDS if n in r]).any() for r in records)
 
 
 def commands(record: FlightRecord) -> tuple[tuple[str, ...], FloatArray]:
@@ -39,6 +41,29 @@ def commands(record: FlightRecord) -> tuple[tuple[str, ...], FloatArray]:
         level = record.provenance[FREE]["commands"]
         return names, u - np.array([level[n] for n in names])
     return names, u - u[: quiet_samples(record)].mean(axis=0)
+
+
+def held(record: FlightRecord, names: Sequence[str], u: FloatArray) -> FloatArray:
+    """Return the commands ``u`` (n, m) of some controls as each may be held until the next sample.
+
+    A surface that drives a model moves on between samples: it is held at the mean of two.
+    """
+    moving = [name in surface_noise(record) for name in names]
+    if not any(moving):
+        return u
+    means = 0.5 * (u + np.concatenate([u[1:], u[-1:]]))
+    return np.where(moving, means, u)
+
+
+def driven_by_surfaces(record: FlightRecord, noise: Mapping[str, float]) -> FlightRecord:
+    """Return the record, said to hold surfaces in place of commands: control -> standard deviation of its noise."""
+    return replace(record, provenance={**record.provenance, DRIVEN: dict(noise)})
+
+
+def surface_noise(record: FlightRecord) -> Mapping[str, float]:
+    """Return the controls whose recorded surfaces stand in place of commands -> standard deviation of their noise."""
+    found: Mapping[str, float] = record.provenance.get(DRIVEN, {})
+    return found
 
 
 def starts_freely(record: FlightRecord) -> bool:
@@ -83,10 +108,34 @@ def begins_quietly(record: FlightRecord) -> bool:
 
 
 def _still(record: FlightRecord) -> int:
-    moved = _moved(record.columns([n for n in record.channels if n.endswith("_cmd")]))
+    moved = _moved(record, [n for n in record.channels if n.endswith("_cmd")])
     return int(np.argmax(moved)) if moved.any() else len(record)
 
 
-def _moved(commands: FloatArray) -> NDArray[np.bool_]:
-    """Return at which samples (n,) any of the commands (n, m) is not where it began."""
-    return np.asarray(np.any(np.abs(commands - commands[0]) > MOVED, axis=1))
+def _moved(record: FlightRecord, channels: Sequence[str]) -> NDArray[np.bool_]:
+    """Return at which samples (n,) any of some commands is not where it began, beyond the noise of a surface."""
+    out = np.zeros(len(record), bool)
+    for name in channels:
+        u, noise = record[name], surface_noise(record).get(name.removesuffix("_cmd"))
+        if noise is None:
+            out |= np.abs(u - u[0]) > MOVED
+        else:
+            out |= stirs(u, noise, record.dt_s)
+    return out
+
+
+def stirs(surface: FloatArray, noise_std: float, dt_s: float) -> NDArray[np.bool_]:
+    """Return at which samples (n,) a recorded surface is not where it began, beyond its noise."""
+    began = float(np.mean(surface[: max(1, round(LEAST_QUIET_S / dt_s))]))
+    return np.asarray(np.abs(surface - began) > MOVED + CRITERIA.stirs * noise_std)
+
+
+def jumps(record: FlightRecord, control: str) -> FloatArray:
+    """Return by how much a surface that drives the model jumps between each sample and the next (n,), rad; else 0.
+
+    It jumps if it moves by far more than its noise, and far more than in the samples before and after.
+    """
+    steps = np.abs(np.diff(record[f"{control}_cmd"], append=record[f"{control}_cmd"][-1]))
+    beside = np.append(steps[1:], 0.0) + np.insert(steps[:-1], 0, 0.0)
+    least = MOVED + CRITERIA.stirs * surface_noise(record)[control]
+    return np.where(steps > np.maximum(least, CRITERIA.jumps * beside), steps, 0.0)

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -27,16 +27,13 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects import SERVOS, Effect
 from testbench.questions.gap.effects.servo import WORDS, corner_of, declared
-from testbench.questions.gap.evidence.commanded import commands, quiet_samples
+from testbench.questions.gap.evidence.commanded import commands, quiet_samples, surface_noise
 from testbench.questions.gap.evidence.path_models import INSTANT, Kind, Path, kinds
 
 SURFACES = ("de", "da", "dr")
 _FED = {"alpha": "1", "q": "s", "theta": "1", "p": "s", "r": "s", "phi": "1"}
 _MOST = 3  # kinds in one path
 _STARTS = 2  # the best of a kind's, from which it is fitted
-_FORM = 0.02  # share of the gain by which one kind must lead another, as no form of a servo is quite right
-_TURNED = 1e-6  # rad by which a surface moves that the believed model turns by what it measures
-_FAINTEST_RAD = 2e-5  # noise of a surface that is said to have none: no servo is simulated better
 _BY_KIND = {
     "lag": ("lag", "second order"),
     "second order": ("second order", "delay and second order", "lag"),
@@ -65,6 +62,9 @@ _RULED_OUT = (
     "dead band",
     "one-sided linkage",
 )
+
+# What a surface that drives the model would do wrong to the noise of its reading: within the play it would not move.
+_RATTLING = ("free play", "creeping free play")
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,8 @@ class JudgedPath:
 
     Attributes:
         control: "de", "da" or "dr".
-        outcome: "as believed", "differs" (the terms say how), "unexplained" or "not judged".
+        outcome: "as believed", "differs" (the terms say how), "unexplained", "not judged" or "not seen", where its
+            recorded surface drives the model and no command of it is recorded.
         terms: what differs, the most important first.
         instead: kinds that may stand in place of the first term.
         gain, threshold: fall of minus twice the log-likelihood by the terms, and what noise reaches by the first once
@@ -115,6 +116,7 @@ class JudgedPath:
         offset_rad: how far the surface stands from where the command has it in quiet flight, beyond what is believed.
         offset_error_rad: its standard error.
         why: why it is not judged, "" if it is.
+        falls: kind -> fall of minus twice the log-likelihood with it alone, 0 at least.
     """
 
     control: str
@@ -128,6 +130,19 @@ class JudgedPath:
     offset_rad: float = 0.0
     offset_error_rad: float = 0.0
     why: str = ""
+    falls: Mapping[str, float] = field(default_factory=dict)
+
+    def told(self, effect: Effect) -> float:
+        """Return by how much minus twice the log-likelihood of the surface falls with an effect of the library.
+
+        All that was found counts if each term is of a kind of it, or of one of its parts; else the kind that explains
+        most alone. 0 for an effect of anything else.
+        """
+        parts = {p.name for p in effect.singles}
+        if self.terms and all(parts & set(_effects_of(self.control, t.kind)) for t in self.terms):
+            return self.gain
+        alone = (fall for kind, fall in self.falls.items() if parts & set(_effects_of(self.control, kind)))
+        return min(max(alone, default=0.0), self.gain)
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -137,21 +152,29 @@ class JudgedPath:
 
     @property
     def ruled_out(self) -> tuple[str, ...]:
-        """Names of the library's effects that a path as believed rules out."""
+        """Names of the library's effects that a path as believed rules out; of one that is not seen, none is sought."""
         own = [n for (control, _), names in _BY_FEEDBACK.items() if control == self.control for n in names]
         clock = ["clock_offset"] if self.control == "de" else []
-        return (*(SERVOS[kind, self.control].name for kind in _RULED_OUT), *own, *clock)
+        kinds_out = (*_RULED_OUT, *(_RATTLING if self.outcome == "not seen" else ()))
+        servo = [SERVOS[kind, self.control].name for kind in kinds_out]
+        return (*servo, *own, *clock)
 
     @property
     def sentence(self) -> str:
         """What was found, in words."""
         word = WORDS[self.control]
+        if self.outcome == "not seen":
+            return (
+                f"the path of the {word} could not be seen: {self.why}, so what was recorded of the {word} itself "
+                "drives the model. Lag, rate limit, delay, dead band and play of its servo, and what is fed back or "
+                "joined to its command, do not show in these records and are not sought"
+            )
         if self.outcome == "not judged":
             return f"the path of the {word} was not judged by itself: {self.why}"
         head = f"the {word}'s path by itself, from recorded command to recorded surface,"
         noise = f"noise alone reaches {self.threshold:.3g} once in {1.0 / CRITERIA.false_alarm:.0f} cases"
         offset = ""
-        if abs(self.offset_rad) > max(5.0 * self.offset_error_rad, 1e-3):
+        if abs(self.offset_rad) > max(CRITERIA.sure * self.offset_error_rad, CRITERIA.offset_rad):
             size = with_error(self.offset_rad, self.offset_error_rad)
             offset = f"; the surface stands {size} rad from where the command has it, or its sensor's zero is off"
         if self.outcome == "as believed":
@@ -180,7 +203,7 @@ def judge_paths(believed: Believed, records: Sequence[FlightRecord]) -> tuple[Ju
     read = {s.channel for s in believed.suite.sensors}
     out = []
     for control in SURFACES:
-        own = [r for r in records if control in r and f"{control}_cmd" in r]
+        own = [r for r in records if control in r and f"{control}_cmd" in r and control not in surface_noise(r)]
         if own and control in read and control in believed.aircraft.controls:
             out.append(_judged(believed, control, own))
     return tuple(out)
@@ -193,7 +216,7 @@ def restricted(
 
     Effects of a path that is as believed are in neither; if a path differs, those that it shows come first.
     """
-    without = {n for p in paths if p.outcome == "as believed" for n in p.ruled_out}
+    without = {n for p in paths if p.outcome in ("as believed", "not seen") for n in p.ruled_out}
     known = {n: e for n, e in effects.items() if n not in without}
     shown = {n for p in paths if p.outcome == "differs" for n in p.effects}
     first = {n: e for n, e in known.items() if n in shown}
@@ -227,7 +250,7 @@ class _Part:
 
 
 def _judged(believed: Believed, control: str, records: Sequence[FlightRecord]) -> JudgedPath:
-    if _turned_by_motion(believed, control, records[0]):
+    if turned_by_motion(believed, control, records[0]):
         return JudgedPath(control, "not judged", why="the believed model turns it by what it measures")
     fed = _that_move(believed, control, records)
     parts, offsets = [], []
@@ -236,7 +259,7 @@ def _judged(believed: Believed, control: str, records: Sequence[FlightRecord]) -
         parts.append(part)
         offsets.append(offset)
     path, misfit = _believed_path(believed, control, parts)
-    noise = math.hypot(max(believed.suite.noise_std[control], _FAINTEST_RAD), misfit)
+    noise = math.hypot(max(believed.suite.noise_std[control], CRITERIA.faintest_rad), misfit)
     means, weights = np.array(offsets).T
     error = noise / math.sqrt(float(weights.sum()))
     stands_off = float(means @ weights / weights.sum())
@@ -245,11 +268,11 @@ def _judged(believed: Believed, control: str, records: Sequence[FlightRecord]) -
     return replace(found, control=control, offset_rad=stands_off, offset_error_rad=error)
 
 
-def _turned_by_motion(believed: Believed, control: str, record: FlightRecord) -> bool:
+def turned_by_motion(believed: Believed, control: str, record: FlightRecord) -> bool:
     """Return whether the surface moves otherwise, about its trim, where other coefficients move the aircraft so."""
     other = believed.with_nuisances(dict.fromkeys(believed.priors_of([record]), 1.03))
     a, b = (m.flown(record, (control,))[control] for m in (believed, other))
-    return bool(np.max(np.abs((a - a[0]) - (b - b[0]))) > _TURNED)
+    return bool(np.max(np.abs((a - a[0]) - (b - b[0]))) > CRITERIA.turned_rad)
 
 
 def _believed_path(believed: Believed, control: str, parts: Sequence[_Part]) -> tuple[Path, float]:
@@ -362,12 +385,12 @@ class _Search:
             more = best.cost - following.cost
             if more <= self._threshold(known, following.x.size - best.x.size):
                 break
-            if step and (best.chi2 <= noise_limit or more <= _FORM * (none - best.cost)):
+            if step and (best.chi2 <= noise_limit or more <= CRITERIA.path_form * (none - best.cost)):
                 break
             best = following
         if best.kinds:
             lead = min(first, key=lambda f: f.bic(n))
-            form = 0.0 if lead.chi2 <= noise_limit else _FORM * (none - lead.cost)
+            form = 0.0 if lead.chi2 <= noise_limit else CRITERIA.path_form * (none - lead.cost)
             near = max(CRITERIA.told_apart, form)
             if len(best.kinds) == 1:
                 instead = tuple(f.kinds[0].name for f in first if f is not lead and f.bic(n) - lead.bic(n) < near)
@@ -378,7 +401,8 @@ class _Search:
         else:
             outcome = "as believed" if none <= noise_limit else "unexplained"
         terms = self._terms(best)
-        return JudgedPath("", outcome, terms, instead, gain, threshold, best.chi2 / n, n)
+        falls = {f.kinds[0].name: max(none - f.cost, 0.0) for f in first}
+        return JudgedPath("", outcome, terms, instead, gain, threshold, best.chi2 / n, n, falls=falls)
 
     def _threshold(self, known: Sequence[Kind], parameters: int) -> float:
         return max(float(chi2.isf(CRITERIA.false_alarm / len(known), parameters)), CRITERIA.least)

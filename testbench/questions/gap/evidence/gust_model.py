@@ -2,12 +2,15 @@
 
 The same gust moves an aircraft differently at another airspeed or angle of attack, so the answer to turbulence changes
 within a manoeuvre. To a filter about trim that change looks like an effect that is curved in speed or angle of attack.
+
+Where recorded surfaces drive the aircraft, their noise moves the prediction as a gust would: it is a further input,
+white from sample to sample, beside a constant error of each surface, which is all that is known of its zero.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +18,7 @@ from testbench.core.record import FlightRecord, FloatArray
 from testbench.estimators.parametric.kalman.gain import sampled_noise
 from testbench.flight.air import scale_lengths, turbulence_rms
 from testbench.questions.gap.believed import Believed
+from testbench.questions.gap.evidence.commanded import jumps, surface_noise
 from testbench.questions.gap.evidence.gusts import INERTIAL
 from testbench.questions.gap.flights import linear_along
 from testbench.sensors import Sensor
@@ -24,15 +28,17 @@ _FORMING = 5  # states of the forming filters: one of u, two of v, two of w
 _LAG_SHARE = 0.2  # of a sample: shorter lags and delays of sensors are left out
 # Process noise per step on every state of the aircraft: keeps the filter stable where it feels nothing.
 _UNMODELLED = 1e-5
+_ZERO = "error of zero of "
 
 
 @dataclass(frozen=True, eq=False)
 class GustModel:
     """x+ = F x + noise of covariance rms^2 Q + Q0, y = H x + white noise of variance 1: residuals in noise units.
 
-    The states are the aircraft's own, as they would be in still air (x - E g is what the air feels, g the gust), those
-    of the gust's forming filters, and those of sensor lags; the first ``moving`` are the aircraft's. F, Q (k, n, n) and
-    H (k, p, n) belong to k points: to one, trim, or to every sample of a record.
+    The states are the aircraft's own, as they would be in still air (x - E g is what the air feels, g the gust), errors
+    of zero of the surfaces that drive it, those of the gust's forming filters, those of sensor lags, and the noise of
+    those surfaces; the first ``moving`` are the aircraft's and the errors of zero, of which nothing is known as a
+    record begins. F, Q (k, n, n) and H (k, p, n) belong to k points: to one, trim, or to every sample of a record.
     """
 
     F: FloatArray
@@ -56,7 +62,11 @@ class GustModel:
         believed = believed.at(record)
         names, flown = _moving(believed), believed.flown(record)
         A, C, outputs = linear_along(believed.flyer, flown, names)
-        return cls._of(believed, height_m, record.dt_s, names, A, C, outputs, flown["theta"])
+        found = cls._of(believed, height_m, record.dt_s, names, A, C, outputs, flown["theta"])
+        for i, control in enumerate(believed.surface_noise):
+            if control in surface_noise(record):
+                found = found._with_jumps(i - len(believed.surface_noise), jumps(record, control))
+        return found
 
     @classmethod
     def _of(
@@ -75,6 +85,7 @@ class GustModel:
         The transverse components of the gust are ẋ1 = -a x1 + sqrt(a) n, ẋ2 = a (x1 - x2), w = sqrt(3) x1 +
         (1 - sqrt(3)) x2, the longitudinal one u̇ = -a u + sqrt(2 a) n, with a = V / L (MIL-F-8785C, 3.7.1.2).
         """
+        names, A, C = _with_surfaces(believed, names, A, C)
         n, rates = len(names), [believed.condition.V_m_s / length for length in scale_lengths(height_m)]
         G, noise = np.zeros((_FORMING, _FORMING)), [np.sqrt(2.0 * rates[0])]
         G[0, 0] = -rates[0]
@@ -99,7 +110,53 @@ class GustModel:
             H[:, k] = np.eye(size)[j]
         F, Q = sampled_noise(M, driven, dt_s)
         Q = 0.5 * (Q + np.swapaxes(Q, -1, -2))
-        return cls(F, Q, np.diag(np.where(np.arange(size) < n, _UNMODELLED**2, 1e-12)), H, n)
+        found = cls(F, Q, np.diag(np.where(np.arange(size) < n, _UNMODELLED**2, 1e-12)), H, n)
+        for control, std in believed.surface_noise.items():
+            found = found._with_noise(names.index(_ZERO + control), std)
+        return found
+
+    def _with_noise(self, zero: int, std: float) -> GustModel:
+        """Return the model with the noise of a surface whose error of zero is a state: one more state, new each time.
+
+        It does, within a sample, what the error of zero does.
+        """
+        k, size = self.F.shape[:2]
+        F, Q, Q0 = np.zeros((k, size + 1, size + 1)), np.zeros((k, size + 1, size + 1)), np.zeros((size + 1, size + 1))
+        F[:, :size, :size], Q[:, :size, :size], Q0[:size, :size] = self.F, self.Q, self.Q0
+        F[:, :size, size] = self.F[:, :, zero]
+        F[:, zero, size] = 0.0
+        Q0[size, size] = std**2
+        return GustModel(F, Q, Q0, np.concatenate([self.H, self.H[:, :, zero : zero + 1]], axis=2), self.moving)
+
+    def _with_jumps(self, noise: int, jumped: FloatArray) -> GustModel:
+        """Return the model with what a surface, whose noise is a state, may do besides: its jumps (n,) come anywhere
+        within their sample, and a straight line errs by as much as a uniform distribution over them.
+        """
+        if not jumped.any():
+            return self
+        does = self.F[:, :, noise]
+        more = (jumped**2 / 12.0)[:, None, None] * does[:, :, None] * does[:, None, :]
+        return replace(self, Q0=self.Q0 + more)
+
+
+def _with_surfaces(
+    believed: Believed, names: Sequence[str], A: FloatArray, C: FloatArray
+) -> tuple[list[str], FloatArray, FloatArray]:
+    """Return names, A and C with a constant error of every surface that drives the aircraft as a further state.
+
+    What a surface does is that about trim.
+    """
+    linear, driving = believed.linear, list(believed.surface_noise)
+    if not driving:
+        return list(names), A, C
+    columns = [linear.inputs.index(control) for control in driving]
+    states = [linear.states.index(s) for s in names if s in linear.states]
+    n, m = len(names), len(driving)
+    wide, B = np.zeros((len(A), n + m, n + m)), np.zeros((n, m))
+    B[[i for i, s in enumerate(names) if s in linear.states]] = linear.B[np.ix_(states, columns)]
+    wide[:, :n, :n], wide[:, :n, n:] = A, B
+    D = np.broadcast_to(linear.D[:, columns], (len(C), C.shape[1], m))
+    return [*names, *(_ZERO + control for control in driving)], wide, np.concatenate([C, D], axis=2)
 
 
 def _moving(believed: Believed) -> tuple[str, ...]:

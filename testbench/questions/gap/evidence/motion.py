@@ -21,7 +21,7 @@ from testbench.core.constants import G0_M_S2
 from testbench.core.record import FlightRecord, FloatArray
 from testbench.flight.batch.along import GivenMotion
 from testbench.questions.gap.believed import Believed
-from testbench.questions.gap.evidence.commanded import commands
+from testbench.questions.gap.evidence.commanded import commands, held, jumps, surface_noise
 from testbench.sensors import Sensor
 
 NEEDED = ("V", "alpha", "q", "theta")
@@ -43,7 +43,7 @@ class Motion:
         state: of V, alpha, beta, p, q, r, phi, theta, h, udot, vdot, wdot -> (versions, n), SI.
         acceleration: (versions, n, 3) without gravity, at the centre of gravity, body axes.
         rotation: (versions, n, 3) pdot, qdot, rdot.
-        commands: control -> (n,) absolute command, SI.
+        commands: control -> (versions, n) absolute command, SI; surfaces that drive the model have noise of their own.
         read: which of ax, ay, az were recorded; the others are derivatives.
         moves_laterally: True if sideslip, rates and bank were recorded.
     """
@@ -58,7 +58,8 @@ class Motion:
 
     def given(self, version: int) -> GivenMotion:
         """Return one version as a model is given it."""
-        return GivenMotion(1.0 / self.record.dt_s, {k: x[version] for k, x in self.state.items()}, self.commands)
+        of_version = {k: u[version] for k, u in self.commands.items()}
+        return GivenMotion(1.0 / self.record.dt_s, {k: x[version] for k, x in self.state.items()}, of_version)
 
 
 def motion_of(believed: Believed, record: FlightRecord, copies: int, number: int = 0) -> Motion | None:
@@ -86,8 +87,9 @@ def motion_of(believed: Believed, record: FlightRecord, copies: int, number: int
         raw = {**read, **{s.channel: read[s.channel] - _altered(s, record, state, raw, rotation) for s in sensors}}
         state, rotation = _state(believed, raw, dt, lateral)
     acceleration = _accelerations(raw, state, dt)
-    trim, (held, u) = believed.trimmed.controls, commands(record)
-    absolute = {n: trim[n] + u[:, i] for i, n in enumerate(held) if n in trim}
+    trim, (controls, u) = believed.trimmed.controls, commands(record)
+    u = held(record, controls, u)
+    absolute = {n: trim[n] + _copied(record, n, u[:, i], copies, number) for i, n in enumerate(controls) if n in trim}
     limits = believed.aircraft.controls
     absolute = {n: np.clip(x, limits[n].low, limits[n].full) for n, x in absolute.items()}
     x, y, z = (n in names for n in _FORCES)
@@ -108,6 +110,20 @@ def _readings(believed: Believed, record: FlightRecord, name: str, copies: int, 
     if own.size == at.size:
         return np.asarray(y)
     return np.stack([np.interp(at, at[own], each) for each in y])
+
+
+def _copied(record: FlightRecord, control: str, u: FloatArray, copies: int, number: int) -> FloatArray:
+    """Return a command (1 + copies, n); of a recorded surface the copies hold its noise once more.
+
+    What a surface that jumps within a sample has done until the next one is not known either.
+    """
+    noise = surface_noise(record).get(control)
+    if noise is None:
+        return np.broadcast_to(u, (1 + copies, u.size))
+    rng = np.random.default_rng([zlib.crc32(f"{control}_cmd".encode()), number])
+    more = noise * rng.standard_normal((copies, u.size + 1))
+    within = jumps(record, control) * (rng.random((copies, u.size)) - 0.5)
+    return np.concatenate([u[None], u + 0.5 * (more[:, 1:] + more[:, :-1]) + within])
 
 
 def _alters(sensor: Sensor) -> bool:

@@ -168,6 +168,8 @@ def as_issued_in(
     frames = round(settle_s * trimmed.rate_hz)
     issued = np.concatenate([np.zeros((frames, u.shape[1])), u, u[-1:]])[:: round(trimmed.rate_hz * record.dt_s)]
     for i, name in enumerate(controls):
+        if f"{name}_cmd" not in record:
+            continue  # of a suite that reads surfaces only
         data[:, record.channels.index(f"{name}_cmd")] = trimmed.controls[name] + issued[: len(record), i]
     for name in ("de", "dr"):
         if name not in controls and f"{name}_cmd" in record:  # a feedback moves it all the same

@@ -42,6 +42,7 @@ class EffectFit:
         settled: False if it was given up, flown or not, before it came to rest.
         scatter_s: standard deviation of a delay from command to command, see :mod:`.scatter`. If it is not 0, ``chi2``
             is -2 ln of the likelihood, but for the constant that noise alone has.
+        told: part of ``gain`` that recorded surfaces tell, see :mod:`.surface_evidence`.
     """
 
     effect: Effect
@@ -56,6 +57,7 @@ class EffectFit:
     within: float = 1.0
     settled: bool = True
     scatter_s: float = 0.0
+    told: float = 0.0
 
     def brought_to(self, x: FloatArray, point: Hypothesis, left: float, chi2_tuned: float) -> EffectFit:
         """Return the fit at parameters ``x`` (p,) and the coefficients of a point flown with them; its errors stay.
@@ -80,6 +82,11 @@ class EffectFit:
     def significant(self) -> bool:
         """True if noise would hardly ever gain as much."""
         return self.gain > self.threshold
+
+    @property
+    def in_motion(self) -> float:
+        """Part of its gain that the motion tells."""
+        return self.gain - self.told
 
     @property
     def beyond(self) -> tuple[str, ...]:

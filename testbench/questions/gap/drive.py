@@ -1,0 +1,200 @@
+"""What tells how the controls moved: commands, or recorded surfaces in their place.
+
+A command drives the believed path: its servo, what is fed back, what is joined. A recorded surface drives the model
+behind all of that. Its servo is bypassed, and nothing that lies between command and surface can be seen. The noise of
+the surface moves the prediction as a gust would, and its zero is not known: both are taken out of residuals and
+signatures alike (:mod:`.evidence.gust_model`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from testbench.aircraft import Aircraft, Amendment, SetProperty
+from testbench.aircraft.amend import Change
+from testbench.aircraft.seams import control_path, with_servo
+from testbench.core.channels import CONTROLS
+from testbench.core.errors import RecordError, located
+from testbench.core.record import FlightRecord
+from testbench.page.words import listed
+from testbench.questions.gap.believed import NO_SERVO_RAD_S, Believed
+from testbench.questions.gap.criteria import CRITERIA
+from testbench.questions.gap.effects.servo import WORDS
+from testbench.questions.gap.evidence.commanded import begins_quietly, driven_by_surfaces, stirs, surface_noise
+from testbench.questions.gap.evidence.control_path import SURFACES, JudgedPath, judge_paths, turned_by_motion
+from testbench.sensors import SensorSuite
+
+Drive = Literal["command", "surface", "both"]
+"""What drives: "both" are commands, and recorded surfaces where no command is recorded."""
+BYPASS = "recorded surface"  # the amendment that takes a servo away; files of the amended aircraft do without it
+_NO_LIMIT_RAD_S = 100.0
+_WHY = {"both": "recorded", "surface": "recorded, or not with quiet flight before it"}
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """What is flown by commands, or by surfaces in their place.
+
+    Attributes:
+        believed: the belief; of controls that surfaces drive, without servos.
+        records, held_out: with what drives, by name.
+        paths: those of controls whose surface drives: not seen, or judged by the command that is recorded beside it.
+    """
+
+    believed: Believed
+    records: Mapping[str, FlightRecord]
+    held_out: Mapping[str, FlightRecord]
+    paths: tuple[JudgedPath, ...]
+
+
+def driven(
+    believed: Believed, records: Mapping[str, FlightRecord], held_out: Mapping[str, FlightRecord], drive: Drive
+) -> Driven:
+    """Return records and belief as ``drive`` says.
+
+    Raises:
+        RecordError: as :func:`drive_records`; or the believed model turns such a surface by what it measures.
+        FlightAborted, LimitError, TrimError: the believed aircraft cannot fly these records.
+    """
+    both = drive_records(believed.suite, {**records, **held_out}, drive)
+    controls = driving(list(both.values()))
+    if not controls:
+        return Driven(believed, records, held_out, ())
+    out = _without_servos(believed, both, controls)
+    told = [r for r in records.values() if begins_quietly(r) and not surface_noise(r)]
+    judged = {p.control: p for p in judge_paths(believed, told)} if drive == "surface" and told else {}
+    paths = tuple(
+        judged.get(c, JudgedPath(c, "not seen", why=f"its command, {c}_cmd, is not {_WHY[drive]}"))
+        for c in controls
+        if c in SURFACES
+    )
+    return Driven(out, {n: both[n] for n in records}, {n: both[n] for n in held_out}, paths)
+
+
+def drive_records(
+    suite: SensorSuite, records: Mapping[str, FlightRecord], drive: Drive = "both"
+) -> dict[str, FlightRecord]:
+    """Return records that hold what drives each control: its command, or its surface in place of it.
+
+    Samples of a surface that were lost lie on straight lines. A surface that stirs no more than its noise stands still;
+    one that stirs in no record is left alone where something else drives.
+
+    Args:
+        suite: of the sensors believed, which says bias, scale, lag, delay and noise of the surfaces' sensors.
+        records: by name.
+        drive: "surface" takes surfaces wherever they are recorded, "both" where no command is, "command" none.
+
+    Raises:
+        RecordError: a record holds nothing that drives the model; or one holds the command of a control alone, where
+            the surface of others is to drive.
+    """
+    out = dict(records)
+    for control in CONTROLS if drive != "command" else ():
+        out |= _by_surface(suite, out, control, drive == "surface")
+    for name, record in out.items():
+        with located(None, f"record '{name}'"):
+            if not any(f"{c}_cmd" in record for c in CONTROLS):
+                surfaces = [c for c in CONTROLS if c in record]
+                fix = f'; {", ".join(surfaces)} could drive it: set drive = "both"' if surfaces else ""
+                raise RecordError(
+                    "a record must hold what drives the model, a command such as de_cmd or a surface such as de, got "
+                    f"{', '.join(record.channels)}{fix}"
+                )
+    return out
+
+
+def _by_surface(
+    suite: SensorSuite, records: Mapping[str, FlightRecord], control: str, wherever: bool
+) -> dict[str, FlightRecord]:
+    """Return the records that the surface of a control is to drive, ``wherever`` it is recorded or for want of it."""
+    command = f"{control}_cmd"
+    own = {n: r for n, r in records.items() if (control in r or command in r) and control not in surface_noise(r)}
+    silent = [n for n, r in own.items() if command not in r]
+    if not (silent or (wherever and any(control in r for r in own.values()))):
+        return {}
+    for name, record in own.items():
+        if control not in record:
+            why = f"as '{silent[0]}' holds no {command}" if silent else 'as drive = "surface"'
+            raise RecordError(f"record '{name}': {control} must be recorded, {why}, got {command} alone")
+    out = {n: _driven(suite, r, control) for n, r in own.items()}
+    stirring = any(np.ptp(r[command]) > 0.0 for r in out.values())
+    others = all(any(f"{c}_cmd" in records[n] for c in CONTROLS if c != control) for n in out)
+    return out if stirring or not others else {}
+
+
+def driving(records: Sequence[FlightRecord]) -> dict[str, float]:
+    """Return the controls whose surfaces drive the model in any of the records -> noise, 0 where none stirs."""
+    out: dict[str, float] = {}
+    for record in records:
+        for control, noise in surface_noise(record).items():
+            stands = bool(np.ptp(record[f"{control}_cmd"]) == 0.0)
+            out[control] = max(out.get(control, 0.0), 0.0 if stands else noise)
+    return out
+
+
+def _without_servos(believed: Believed, records: Mapping[str, FlightRecord], controls: Mapping[str, float]) -> Believed:
+    """Return the belief that recorded surfaces drive: their servos bypassed, their noise known."""
+    aircraft = replace(believed.aircraft, rate_hz=believed.rate_hz)
+    turned = [c for c in controls if c in SURFACES]
+    for control in turned:
+        aircraft = _bypassed(aircraft, control)
+    noise = {c: controls[c] for c in turned if controls[c] > 0.0}
+    out = replace(believed, aircraft=aircraft, surface_noise=noise)
+    for control in turned:
+        moved = next((r for r in records.values() if control in surface_noise(r) and begins_quietly(r)), None)
+        if moved is not None and turned_by_motion(out, control, moved):
+            raise RecordError(
+                f"a recorded {WORDS[control]} cannot drive a model that turns it by what it measures, as "
+                f"{believed.aircraft.name} does; record {control}_cmd, or believe a model without that feedback"
+            )
+    return out
+
+
+def driven_by(records: Sequence[FlightRecord]) -> str:
+    """Return what drives the believed model in these records, in a sentence."""
+    words = [WORDS[c] for c in driving(records)]
+    if not words:
+        return "The measured commands drive the believed model."
+    return f"What was recorded of {listed(words)} drives the believed model, and measured commands otherwise."
+
+
+def as_it_is(aircraft: Aircraft) -> Aircraft:
+    """Return an aircraft with the servos that recorded surfaces bypass."""
+    return replace(aircraft, amendments=tuple(a for a in aircraft.amendments if a.name != BYPASS))
+
+
+def _driven(suite: SensorSuite, record: FlightRecord, control: str) -> FlightRecord:
+    """Return the record with its surface in place of the command."""
+    sensor = next((s for s in suite.sensors if s.channel == control), None)
+    valid = record.valid[:, record.channels.index(control)]
+    if not valid.any():
+        raise RecordError(f"{control} must be recorded where it is to drive the model, every sample of it is missing")
+    surface = np.interp(record.t_s, record.t_s[valid], record[control][valid])
+    noise = CRITERIA.faintest_rad
+    if sensor is not None:
+        noise = max(suite.noise_std[control] / abs(sensor.scale), CRITERIA.faintest_rad)
+        surface = (surface - sensor.bias) / sensor.scale
+        late = sensor.lag_s + sensor.delay_s  # a lag is a delay to what is much slower than it
+        surface = np.interp(record.t_s + late, record.t_s, surface)
+    if not stirs(surface, noise, record.dt_s).any():
+        surface = np.full_like(surface, surface.mean())
+    known = {**surface_noise(record), control: noise}
+    return driven_by_surfaces(record.with_columns({f"{control}_cmd": surface}), known)
+
+
+def _bypassed(aircraft: Aircraft, control: str) -> Aircraft:
+    """Return the aircraft whose surface is where its command is."""
+    path = control_path(aircraft, control)
+    changes: list[Change] = []
+    if path.lag is not None:
+        aircraft, more = with_servo(aircraft, control, NO_SERVO_RAD_S)
+        changes += more
+    if path.rate_limit is not None:
+        changes.append(SetProperty(path.rate_limit, _NO_LIMIT_RAD_S))
+    if not changes:
+        return aircraft
+    return aircraft.amended(Amendment(BYPASS, f"no servo of the {path.word}: its surface is recorded", tuple(changes)))
