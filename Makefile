@@ -36,7 +36,6 @@ fuzz: $(VENV)/installed-dev
 # Small errors sown into the numerical rooms, into results/mutants.csv: hours on two cores; it goes on where it stopped.
 MUTANTS ?= 300
 mutants: $(VENV)/installed-dev
-	$(BIN)/python -m pip install -q coverage
 	$(BIN)/python tests/studies/mutants.py --count $(MUTANTS)
 
 # The quick tests without extras, home, room or locale, and with other versions: results/surroundings.csv; some ten minutes.

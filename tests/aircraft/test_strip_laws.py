@@ -264,4 +264,8 @@ def test_the_unit_of_a_mode_is_its_largest_motion():
     shape = Shape(0.002 * SWEPT.y, np.full(STRIPS, -0.5), tail_up=0.1)
     size, words = largest_motion(shape, SWEPT, 0.95)
     assert (size, words) == (pytest.approx(-0.5), "wing-tip twist of 1 rad")
+    straight = Shape(0.5 * SWEPT.y, np.zeros(STRIPS))  # the tip lies half a strip beyond the last one
+    assert largest_motion(straight, SWEPT, 0.95)[0] == pytest.approx(0.5 * 6.0 / 0.95)
+    twisted = Shape(np.zeros(STRIPS), -0.1 * SWEPT.y)
+    assert largest_motion(twisted, SWEPT, 0.95)[0] == pytest.approx(-0.6)
     assert at_stations(SWEPT, shape.bend, STATIONS)[-1] == pytest.approx(0.012)

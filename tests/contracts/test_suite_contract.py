@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from testbench.core.paths import SUITES, suite_names
 from testbench.core.record import FlightRecord
-from testbench.sensors import KINDS, load_suite
-from testbench.sensors.contract import suite_laws, synthetic_flight
+from testbench.sensors import KINDS, Sensor, load_suite
+from testbench.sensors.contract import SECONDS, suite_laws, synthetic_flight
 from testbench.sensors.suite import SensorSuite
 
+_FLIGHT = synthetic_flight(20.0)
+SLOPE = np.abs(np.gradient(_FLIGHT["q"][::3], 0.05)).max()  # 1/s, the fastest of its pitch rate
 MARKS = ("estimate", "from memory", "data sheet", "exact by construction")
 
 
@@ -29,6 +32,8 @@ def test_suite(name: str) -> None:
     ("change", "law"),
     [
         ({"bias": 0.01}, "a sensor with errors shows them"),
+        ({"noise_std": 0.01}, "a sensor with errors shows them"),
+        ({"quantum": 0.01}, "a sensor with errors shows them"),
         ({"scale": 1.2}, "figures lie near the truth"),
     ],
 )
@@ -48,6 +53,44 @@ def test_a_suite_that_breaks_a_law_is_told_which(change: dict[str, float], law: 
     sensors = (*suite.sensors[:2], replace(honest, **change), *suite.sensors[3:])
     lying = Lying(suite.name, suite.title, suite.rate_hz, sensors)
     assert [broken for broken in suite_laws(lying) if not broken.holds and law in broken.words]
+
+
+@pytest.mark.parametrize(
+    ("figures", "allowed"),
+    [  # six standard deviations of what is random, the bias, half a quantum, and 1.05 of the slope over the age
+        ({"noise_std": 0.04}, 0.24),
+        ({"noise_std": 0.03, "drift_std": 0.04, "drift_time_s": 1.0}, 0.3),
+        ({"bias_walk": 0.01}, 0.06 * np.sqrt(SECONDS)),
+        ({"bias": -0.2}, 0.2),
+        ({"quantum": 0.5}, 0.25),
+        ({"lag_s": 0.3}, 1.05 * SLOPE * 0.3),
+        ({"delay_s": 0.3}, 1.05 * SLOPE * 0.3),
+        ({"recorder": "a", "clock_offset_s": -0.3}, 1.05 * SLOPE * 0.3),
+        ({"recorder": "a", "clock_ppm": -1000.0}, 1.05 * SLOPE * 1e-3 * SECONDS),
+        ({"rate_hz": 5.0}, 1.05 * SLOPE * 0.15),  # a sample more is in every age: 0.2 s here instead of 0.05 s
+        ({"dropout": 0.1}, 1.05 * SLOPE * 0.15),  # four of the suite's own
+    ],
+)
+def test_figures_may_lie_as_far_off_as_their_errors_allow_and_no_further(figures: dict, allowed: float) -> None:
+    rate_hz = 20.0
+    sensor = Sensor("q", **figures)
+    bound = allowed + 1.05 * SLOPE / rate_hz
+
+    def holds(off: float) -> bool:
+        class Off(SensorSuite):
+            def measure(self, truth: FlightRecord, seed: int) -> FlightRecord:
+                """Measure the truth itself, but for one sample."""
+                exact = SensorSuite("bench", "a suite", rate_hz, (Sensor("q"),)).measure(truth, seed)
+                data = exact.data.copy()
+                data[100] += off
+                return FlightRecord(exact.t_s, ("q",), data, "measured")
+
+        laws = suite_laws(Off("bench", "a suite", rate_hz, (sensor,)))
+        return next(law.holds for law in laws if "figures lie near" in law.words)
+
+    for sign in (-1.0, 1.0):
+        assert holds(sign * 0.995 * bound)
+        assert not holds(sign * 1.005 * bound)
 
 
 def test_every_kind_is_in_a_suite_or_has_no_aircraft_to_sit_on() -> None:

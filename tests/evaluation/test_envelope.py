@@ -11,7 +11,7 @@ import pytest
 from testbench.core.errors import ModelError, TrimError
 from testbench.core.paths import aircraft_names
 from testbench.evaluation.derivatives import dimensional_derivatives
-from testbench.evaluation.envelope import Envelope, fly_envelope
+from testbench.evaluation.envelope import Envelope, _followed, fly_envelope
 from testbench.evaluation.modes import follow, longitudinal_modes, name_modes, poles_of, spectrum
 from testbench.flight import FlightCondition, LinearModel, linearise, load_aircraft, trim
 from testbench.questions.aircraft.ask import SpeedRange, speed_range, survey
@@ -106,6 +106,31 @@ def test_names_follow_the_motion_through_a_crossing_of_frequencies():
         owners = follow(before, owners, after)
     assert abs(poles_of(found[-1], owners["falling"])[0]) == pytest.approx(20.0)
     assert abs(poles_of(found[-1], owners["rising"])[0]) == pytest.approx(30.0)
+
+
+def test_modes_are_followed_from_the_middle_to_both_ends():
+    """Each of three modes keeps its eigenvector; their frequencies change places between the ends."""
+    elastic = {1: "a", 2: "b", 3: "c"}
+    states = (*LATERAL, *(f"{kind}_{i}" for kind in ("eta", "etadot") for i in elastic))
+    turn = [np.array([[np.cos(x), np.sin(x)], [-np.sin(x), np.cos(x)]]) for x in np.linspace(-1.2, 1.2, 13)]
+    frequencies = {1: lambda k: 20.0 + 0.5 * k, 2: lambda k: 26.0 - 0.5 * k, 3: lambda k: 40.0}
+
+    def at(k: int):
+        T = np.eye(6)  # the states of modes 1 and 2 turn into each other, both ways from the middle
+        for first in (0, 3):
+            T[np.ix_([first, first + 1], [first, first + 1])] = turn[k]
+        A = np.zeros((6, 6))
+        for i, wn in frequencies.items():
+            A[np.ix_([i - 1, i + 2], [i - 1, i + 2])] = pair(wn(k), 0.02)
+        rigid = [(("v", "r"), pair(2.0, 0.1)), (("phi", "p"), np.diag([-0.01, -8.0]))]
+        return spectrum(system(states, *rigid, (states[4:], T.T @ A @ T)), "lateral-directional", elastic)
+
+    found = [at(k) for k in range(13)]
+    for start in (5, 6, 7):
+        owners = _followed(found, elastic, start)
+        for k, owned in enumerate(owners):
+            for i, name in elastic.items():
+                assert abs(poles_of(found[k], owned[name])[0]) == pytest.approx(frequencies[i](k)), (start, k, name)
 
 
 def test_a_pair_that_splits_into_real_roots_and_joins_again_keeps_its_name():

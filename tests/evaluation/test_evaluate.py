@@ -9,7 +9,8 @@ from scipy.signal import cont2discrete
 from testbench.core.errors import EstimationError
 from testbench.core.record import FlightRecord
 from testbench.estimators.state_space import StateSpaceModel
-from testbench.evaluation import Evaluation, evaluate
+from testbench.evaluation import Evaluation, _pole_verdict, evaluate
+from testbench.evaluation.poles import match_poles
 
 DT = 0.05
 A_S = np.array([[-1.2, 1.0], [-6.6, -2.5]])
@@ -150,3 +151,20 @@ def test_verdicts_follow_the_figures():
     stored = {f.name for f in fields(Evaluation)}
     assert "verdicts" not in stored
     assert len(result.verdicts) == 2
+
+
+@pytest.mark.parametrize(
+    ("true", "found", "words"),
+    [
+        (-2.0 + 0j, -2.08 + 0j, "slow (q): found; -2.08 1/s (+4 %)"),
+        (-2.0 + 0j, -2.0 + 0.3j, "slow (q): found; wn 2.02 rad/s (+1.1 %), zeta off by -0.011"),
+        (-2.0 + 0.3j, -2.0 + 0j, "slow (q): found; wn 2 rad/s (-1.1 %), zeta off by +0.011"),
+        (-2.0 + 0j, -3.0 + 0j, "slow (q): found, but off; -3 1/s (+50 %)"),
+        (-2.0 + 0j, None, "slow (q): not found; no pole of the model lies near -2 1/s"),
+        (0j, 0.001j, "slow (q): not found; no pole of the model lies near 0 rad/s"),
+        (0j, 1e-6 + 0j, "slow (q): found at 1e-06 rad/s, true pole at the origin"),
+    ],
+)
+def test_a_pole_is_told_as_a_root_only_beside_a_root(true, found, words):
+    (match,) = match_poles([] if found is None else [found], {"slow": true}, "q")
+    assert _pole_verdict(match) == words

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from testbench.evaluation.calibration import calibration
-from testbench.evaluation.ranks import ranks
+from testbench.evaluation.ranks import Ranks, ranks
 
 AUC = np.array(
     [
@@ -78,3 +78,23 @@ def test_true_stated_errors_lie_in_the_band_and_small_ones_do_not() -> None:
     assert np.mean((half.low <= half.found) & (half.found <= half.high)) < 0.5
     few = calibration(np.array([1.0, np.nan, 2.0]), np.array([1.0, 1.0, 0.0]))
     assert few.found.tolist() == [1.0]
+
+
+@pytest.mark.parametrize("n", [1, 7, 40])
+def test_each_of_the_sorted_errors_leaves_its_band_with_half_of_5_percent_on_each_side(n: int) -> None:
+    """The i-th smallest of n lies below x where at least i of n do: a binomial probability."""
+    z = calibration(np.random.default_rng(n).normal(size=n), np.ones(n))
+    i = np.arange(1, n + 1)
+    for edge, chance in ((z.low, 0.025), (z.expected, 0.5), (z.high, 0.975)):
+        np.testing.assert_allclose(stats.binom.sf(i - 1, n, stats.norm.cdf(edge)), chance, rtol=1e-9)
+    assert np.all(np.diff(z.found) >= 0.0)
+
+
+def test_groups_hold_two_or_more_and_none_lies_within_another() -> None:
+    def groups(*mean: float) -> list[tuple[int, ...]]:
+        return Ranks(10, np.array(mean), 1.0, 0.5, 1.0, 0.05).groups()
+
+    assert groups(1.0, 3.0, 5.0) == []
+    assert groups(2.5, 1.0, 1.9) == [(1, 2), (2, 0)]
+    assert groups(1.0, 1.5, 1.9, 4.0) == [(0, 1, 2)]
+    assert groups(1.0, 2.0) == []  # the critical difference itself tells them apart

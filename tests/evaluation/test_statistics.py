@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
 from itertools import product
 
 import numpy as np
 import pytest
 from scipy import stats
 
+from testbench.evaluation.proportion import proportion_interval
 from testbench.evaluation.statistics import (
+    chance_of_scatter,
     holm,
     mean_interval,
     paired,
@@ -117,8 +120,32 @@ def test_root_mean_square_and_its_interval() -> None:
     errors = np.array([3.0, -4.0, 5.0, -2.0])
     found = root_mean_square(errors)
     assert found.value == pytest.approx(np.sqrt(np.mean(errors**2)))
-    assert 0.0 < found.low < found.value < found.high
+    square = errors**2
+    half = stats.t.ppf(0.975, 3) * stats.sem(square) / np.mean(square)  # of the logarithm of the mean square
+    assert np.log([found.low, found.high]) * 2.0 == pytest.approx(np.log(np.mean(square)) + half * np.array([-1, 1]))
     assert root_mean_square(np.ones(1)) is None
+    assert astuple(root_mean_square(np.array([2.0, 2.0]))) == pytest.approx((2.0, 2.0, 2.0))
+    assert astuple(root_mean_square(np.zeros(3))) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("n", [2, 5, 40])
+def test_scatter_leaves_the_same_chance_on_each_side(n: int) -> None:
+    low, high = scatter_interval(3.0, n)
+    assert stats.chi2.sf((n - 1) * (3.0 / low) ** 2, n - 1) == pytest.approx(0.025)
+    assert stats.chi2.cdf((n - 1) * (3.0 / high) ** 2, n - 1) == pytest.approx(0.025)
+    assert chance_of_scatter(3.0 / low, n) == pytest.approx(0.05)
+    assert chance_of_scatter(3.0 / high, n) == pytest.approx(0.05)
+    assert chance_of_scatter(np.sqrt(stats.chi2.median(n - 1) / (n - 1)), n) == pytest.approx(1.0)
+
+
+def test_interval_of_misses_takes_each_share_at_its_own_97_5_percent() -> None:
+    before, after = (
+        np.repeat([True, False, True, False], [5, 2, 8, 5]),
+        np.repeat([False, True, True, False], [5, 2, 8, 5]),
+    )
+    found = paired_misses(before, after).difference
+    (b_low, b_high), (c_low, c_high) = (proportion_interval(k, 20, 0.975, "exact") for k in (5, 2))
+    assert astuple(found) == pytest.approx((15.0, 100.0 * (b_low - c_high), 100.0 * (b_high - c_low)))
 
 
 def test_interval_of_a_scatter_covers() -> None:

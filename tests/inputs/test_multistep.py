@@ -51,9 +51,25 @@ def test_doublets_may_not_overlap() -> None:
         build([spec], 20.0, 100.0)
 
 
+def test_as_many_doublets_as_the_manoeuvre_has_room_for() -> None:
+    spec = Doublet(signal="doublet", period_s=0.02, repeats=2, spacing_s=0.02, **DE)
+    assert levels(spec, 0.04) == [(1.0, 1), (-1.0, 1), (1.0, 1), (-1.0, 1)]
+    with pytest.raises(ScenarioError, match=r"must end within duration_s = 0\.04 s .* got an end at 0\.1 s"):
+        build([spec.model_copy(update={"repeats": 5})], 0.04, 100.0)
+    with pytest.raises(ScenarioError, match=r"must end within duration_s = 1 s .* got an end at 399 s"):
+        build([Doublet(signal="doublet", start_s=1.0, period_s=2.0, repeats=100, **DE)], 1.0, 10.0)
+
+
 def test_3211() -> None:
     spec = StandardMultistep(signal="3211", start_s=1.0, step_s=0.8, **DE)
     assert levels(spec) == [(0.0, 100), (1.0, 240), (-1.0, 160), (1.0, 80), (-1.0, 80), (0.0, 1340)]
+
+
+@pytest.mark.parametrize(("signal", "lengths"), [("3211", (3, -2, 1, -1)), ("211", (2, -1, 1)), ("123", (1, -2, 3))])
+def test_a_name_gives_the_lengths_of_its_steps(signal: str, lengths: tuple[int, ...]) -> None:
+    spec = StandardMultistep(signal=signal, step_s=0.5, **DE)
+    runs = [(float(np.sign(p)), 50 * abs(p)) for p in lengths]
+    assert levels(spec) == [*runs, (0.0, 2000 - 50 * sum(map(abs, lengths)))]
 
 
 def test_multistep_with_the_3211_pattern_is_the_3211() -> None:

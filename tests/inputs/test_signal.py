@@ -10,6 +10,7 @@ from scipy.special import sici
 
 from testbench.core.errors import ChannelError, EstimationError, LimitError
 from testbench.inputs import InputSignal, band_share, energy_spectrum, frequency_below, signal, total_energy
+from testbench.inputs.signal import held_spectrum
 
 DT = 0.01
 OMEGA = np.concatenate([np.geomspace(1e-4, 300.0, 400), -np.geomspace(0.1, 10.0, 5)])
@@ -115,6 +116,16 @@ def test_band_share_agrees_with_quadrature(u: np.ndarray, low: float, high: floa
     assert band_share(u, DT, low, high)[0] == pytest.approx(exact, rel=1e-9, abs=1e-11)
 
 
+def test_held_spectrum_is_the_integral_of_the_held_samples() -> None:
+    u = np.random.default_rng(6).standard_normal((40, 2))
+    omega = np.array([-7.0, 0.4, 3.0, 200.0])
+    # sample k holds from k dt to (k + 1) dt: the integral of exp(-j w t) over it
+    k = np.arange(40)
+    each = (np.exp(-1j * np.outer(omega, k * DT)) - np.exp(-1j * np.outer(omega, (k + 1) * DT))) / (1j * omega[:, None])
+    np.testing.assert_allclose(held_spectrum(u, DT, omega), each @ u, rtol=1e-10, atol=1e-13)
+    np.testing.assert_allclose(np.abs(each @ u) ** 2, energy_spectrum(u, DT, omega), rtol=1e-9, atol=1e-13)
+
+
 def test_band_shares_by_pairs_and_by_fft_agree(monkeypatch: pytest.MonkeyPatch) -> None:
     u = np.random.default_rng(4).standard_normal((400, 2))
     by_pairs = band_share(u, DT, 3.0, 40.0)
@@ -139,7 +150,7 @@ def test_energy_of_a_pulse_below_its_first_null() -> None:
 
 def test_frequency_below_inverts_band_share() -> None:
     u = np.column_stack([held([1.0, -1.0], [0.5, 0.5]), held([1.0], [2.0], 1.0)])
-    for share in (0.05, 0.5, 0.95, 0.999):
+    for share in (0.05, 0.5, 0.95, 0.999, 0.999999):
         frequency = frequency_below(u, DT, share)
         got = [band_share(u, DT, 0.0, f)[i] for i, f in enumerate(frequency)]
         np.testing.assert_allclose(got, share, rtol=1e-9)

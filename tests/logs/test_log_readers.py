@@ -13,7 +13,7 @@ from testbench.core.constants import DEG_RAD
 from testbench.core.errors import RecordError
 from testbench.logs import chain
 from testbench.logs.ardupilot import COLUMNS
-from testbench.logs.dataflash import binary_messages, read_dataflash
+from testbench.logs.dataflash import binary_messages, read_dataflash, text_messages
 from testbench.logs.signals import increasing
 from testbench.logs.ulog import read_ulog
 from testbench.questions.importing.ask import import_log, read_log
@@ -364,3 +364,30 @@ def test_settings_of_the_log_are_kept(tmp_path):
     assert log.facts == {"software": "ArduPlane V4.5.7"}
     assert read_ulog(put(tmp_path, "f.ulg", ulog_of([("airspeed", "uint64_t timestamp;float true_airspeed_m_s;", T,
                      20.0 + WAVE[:, None])], {"A": 3, "B": 0.5}))).parameters == {"A": 3.0, "B": 0.5}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("line", "whole"),
+    [
+        ("ATT, 1, 2.0, 3.0", 1),
+        ("ATT, 1, 2.0", 0),
+        ("ATT, 1, 2.0, x", 0),
+        ("ATT, 1.5, 2.0, 3.0", 0),
+        ("FMT, 130, 20, GPS, Q!, TimeUS,Lat", 0),
+        ("FMT, 130, 20, GPS, Qff, TimeUS,Lat", 0),
+        ("FMT, 130, 20, GPS, Qf, TimeUS,Lat", 1),
+        ("FMT, 128, 89, FMT, BBnN!, Type,Length,Name,Format,Columns", 0),
+        ("FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format", 1),
+        ("NEW, 1", 0),
+        ("", 0),
+    ],
+)
+def test_lines_of_a_text_log_that_fit_no_format_are_counted(line, whole):
+    head = ["FMT, 129, 19, ATT, Qff, TimeUS,Roll,Pitch", "ATT, 0, 1.0, 2.0"]
+    found = text_messages("\n".join([*head, line, ""]).encode())
+    bad = "" if whole or not line else "1 of 3 lines fit no format given and were left out"
+    assert "; ".join(found.damage) == bad
+    assert sum(found.counts.values()) == 2 + whole
+    cut = text_messages("\n".join([*head, "ATT, 5, 1.0, 2.0"]).encode())
+    assert cut.damage == ("the file ends in the middle of a line, which was left out; it was cut short",)
+    assert cut.counts["ATT"] == 1

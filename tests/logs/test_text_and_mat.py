@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import struct
+import tracemalloc
+import zlib
+
 import numpy as np
 import pytest
 
-from testbench.core.errors import RecordError
+from testbench.core.errors import RecordError, SizeError
+from testbench.core.sizes import VARIABLE
+from testbench.logs.mat import Opaque, _matrix, mat_variables
 from testbench.logs.tables import read_table
 
 
@@ -122,8 +128,6 @@ def test_mat_numbers_agree_with_an_independent_reader(compressed, tmp_path):
 
 
 def test_mat_of_a_big_endian_machine(tmp_path):
-    import struct
-
     def element(kind: int, content: bytes) -> bytes:
         return struct.pack(">II", kind, len(content)) + content + bytes(-len(content) % 8)
 
@@ -162,3 +166,27 @@ def test_a_broken_mat_file_of_version_7_3_is_said_to_be_incomplete(tmp_path):
     (tmp_path / "m.mat").write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + b"\x89HDF\r\n\x1a\n")
     with pytest.raises(RecordError, match=r"must be a complete MAT file, but it is damaged"):
         read_table(tmp_path / "m.mat", "mat")
+
+
+@pytest.mark.parametrize("parts", [2, 3, 4, 5])
+def test_an_object_is_named_by_its_class_where_its_element_is_whole(parts):
+    def element(kind: int, content: bytes) -> bytes:
+        return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+    texts = [b"flight", b"MCOS", b"timeseries", b"12345678"]
+    data = element(6, struct.pack("<II", 17, 0)) + b"".join(element(1, text) for text in texts[: parts - 1])
+    name, value = _matrix(memoryview(data), "<", lambda size: None)
+    assert (name, value) == (("flight", Opaque("timeseries")) if parts > 3 else ("", None))
+
+
+def test_a_compressed_element_is_refused_before_it_is_unpacked_whole(monkeypatch):
+    packed = zlib.compress(struct.pack("<II", 14, 0) + bytes(100_000_000), 1)
+    whole = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + struct.pack("<II", 15, len(packed)) + packed
+    monkeypatch.setenv(VARIABLE, "0.02")
+    tracemalloc.start()
+    try:
+        with pytest.raises(SizeError, match="unpacks to"):
+            mat_variables(whole)
+        assert tracemalloc.get_traced_memory()[1] < 60e6  # pieces of 17 MB
+    finally:
+        tracemalloc.stop()

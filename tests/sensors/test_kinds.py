@@ -175,6 +175,10 @@ def test_weights_are_the_derivatives_of_what_is_felt(name: str) -> None:
         ("accelerometer", {"channel": "az_wing_1", "position_m": (0.1, 0.0, 0.0)}, "ax, ay, az only"),
         ("magnetic_heading", {"channel": "psi", "deviation": (0.3, 0.3, 0.0, 0.0)}, "less than 0.5 rad"),
         ("barometer", {"channel": "hdot", "static_cp": 0.1}, "modelled for h only"),
+        ("rate_gyro", {"channel": "q", "cross_axis": (0.1, 0.0)}, "three shares between -1 and 1"),
+        ("rate_gyro", {"channel": "q", "cross_axis": (1.0, 0.0, 0.0)}, "three shares between -1 and 1"),
+        ("rate_gyro", {"channel": "q", "cross_axis": (0.0, 0.0, float("nan"))}, "three shares between -1 and 1"),
+        ("surface_position", {"channel": "thr", "play": 0.1}, "a throttle has no play"),
         ("pitot", {"channel": "V", "static_cp": 1.0}, "-1 < static_cp < 1 must hold, got 1"),
         ("gps", {"channel": "Vg"}, "rate_hz: a receiver has a rate of its own"),
         ("flow_vane", {"channel": "alpha", "upwash": 0.0}, "0 < upwash < 5"),
@@ -247,6 +251,19 @@ def test_drift_changes_neither_noise_nor_losses_and_a_shorter_flight_is_a_prefix
     np.testing.assert_array_equal(drifting.sample(x[:200], 4, 0.01)[0], b[:200])
     first = np.random.default_rng(np.random.SeedSequence([4, zlib.crc32(b"q")])).standard_normal(500)
     np.testing.assert_allclose(a, 0.1 * first, atol=1e-15)
+
+
+def test_drift_is_the_documented_recursion_on_the_documented_draws() -> None:
+    T, dt, s, walk, n = 0.7, 0.02, 0.2, 0.05, 60
+    seeds = np.random.SeedSequence([4, zlib.crc32(b"q")], spawn_key=(1,))
+    w = np.random.default_rng(seeds).standard_normal((n, 2))
+    steady, wandered, a = [s * w[0, 0]], [0.0], np.exp(-dt / T)
+    for k in range(1, n):
+        steady.append(a * steady[-1] + s * np.sqrt(1.0 - a**2) * w[k, 0])
+        wandered.append(wandered[-1] + walk * np.sqrt(dt) * w[k, 1])
+    sensor = Sensor("q", drift_std=s, drift_time_s=T, bias_walk=walk, bias=1.0)
+    expected = 1.0 + np.array(steady) + np.array(wandered)
+    np.testing.assert_allclose(sensor.sample(np.zeros(n), 4, dt)[0], expected, atol=1e-13)
 
 
 @pytest.mark.parametrize(

@@ -108,6 +108,8 @@ def test_every_fault_is_reported_at_once_with_its_key(tmp_path: Path) -> None:
         ('title = "t"\nrate_hz = "fast"\n' + entry(), "rate_hz"),
         (HEAD + entry(channel=3), "sensor[0].channel"),
         (HEAD + entry(rate_hz="fast"), "sensor[0].rate_hz"),
+        (HEAD + entry(rate_hz=0.0), "sensor[0].rate_hz"),
+        (HEAD + entry(rate_hz=-2.0), "sensor[0].rate_hz"),
         (HEAD + entry(position_m=[1, 2]), "sensor[0].position_m"),
     ],
 )

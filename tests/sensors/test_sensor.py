@@ -185,6 +185,8 @@ def test_sensor_rate_must_divide_the_suite_rate() -> None:
         ScenarioError, match=r"sensor\[1\]\.rate_hz: .* 8 Hz, got 5 Hz for 'u'; nearest valid: 4 Hz or 8 Hz"
     ):
         suite(Sensor("q"), Sensor("u", rate_hz=5.0), rate_hz=8.0)
+    with pytest.raises(ScenarioError, match=r"got 0\.3 Hz for 'u'; nearest valid: 0\.296296 Hz or 0\.307692 Hz"):
+        suite(Sensor("u", rate_hz=0.3), rate_hz=8.0)
     with pytest.raises(ScenarioError, match=r"got 20 Hz for 'u'; nearest valid: 8 Hz$"):
         suite(Sensor("u", rate_hz=20.0), rate_hz=8.0)
 
@@ -354,6 +356,12 @@ def test_heading_noise_at_north_wraps() -> None:
     assert got.max() < 2 * np.pi
 
 
+def test_a_heading_a_rounding_error_west_of_north_is_zero() -> None:
+    got = Sensor("psi").sample(np.array([-1e-17, 0.0, 2.0 * np.pi, 6.0, -0.5, 7.0]), 0)[0]
+    np.testing.assert_allclose(got, [0.0, 0.0, 0.0, 6.0, 2.0 * np.pi - 0.5, 7.0 - 2.0 * np.pi], atol=1e-12)
+    assert got[0] == 0.0
+
+
 # laws of a sensor and a suite
 
 
@@ -421,3 +429,10 @@ def test_drift_of_a_random_walk_and_of_both() -> None:
     both = Sensor("q", bias_walk=0.02, drift_std=0.3, drift_time_s=15.0)
     assert both.drift_over(24.0) == pytest.approx(np.hypot(walk.drift_over(24.0), wander.drift_over(24.0)), rel=1e-12)
     assert Sensor("q").drift_over(24.0) == 0.0
+
+
+def test_noise_of_a_suite_counts_rounding() -> None:
+    # the error of rounding is even over the quantum: its variance is quantum^2 / 12
+    bench = suite(Sensor("q", noise_std=0.3, quantum=0.6), Sensor("V", quantum=0.6), Sensor("theta"))
+    third = 0.6**2 / 12.0
+    assert bench.noise_std == pytest.approx({"q": np.sqrt(0.09 + third), "V": np.sqrt(third), "theta": 0.0})

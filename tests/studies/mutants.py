@@ -6,9 +6,9 @@
 
 A mutant is one change of one place: + and -, * and /, ** and *, < and <=, == and !=, ``and`` and ``or``, a sign, a
 number plus 1, less 1 or 1.5 times as large. Texts, raised errors and annotations are left alone. The draw is even over
-the rooms and has a fixed seed. Which tests reach which line is found once, test file by test file, with coverage.py
-(``--trace``; it is not among what the testbench needs). A mutant is killed by the first test that fails, or by one
-that takes ten times as long; the quickest tests come first, at most ``LONGEST_S`` seconds of them.
+the rooms and has a fixed seed. Which tests reach which mutant is found once (reaching_tests.py); a test that fails
+without a mutant takes no part. A mutant is killed by the first test that fails, or by one that takes ten times as
+long; the quickest tests come first, at most ``LONGEST_S`` seconds of them.
 
 mutants.csv: one row for each mutant with its end: killed, survived, or equivalent with the reason why no test can tell.
 The mutant is sown into a copy of the tree; the tree itself is never changed.
@@ -18,27 +18,33 @@ from __future__ import annotations
 
 import argparse
 import ast
+import compileall
 import csv
+import functools
 import hashlib
+import importlib
 import json
 import os
-import random
 import shutil
-import signal
 import subprocess
-import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is imported
+
+import pytest
+from reaching_tests import Span, in_child, let_report, watch
 
 ROOT = Path(__file__).resolve().parents[2]
 TABLE = ROOT / "results" / "mutants.csv"
 REASONS = Path(__file__).with_name("equivalent_mutants.csv")
 SEED = 34
 COUNT = 300
-LONGEST_S = 90.0  # of tests for one mutant
-_FILE_S = 150.0  # for the tests of one file to be traced; a file that takes longer takes no part
+LONGEST_S = 60.0  # of tests for one mutant
+# imported once, before the children fork: what the tests need that is not the testbench's own
+_LIBRARIES = ("scipy.optimize", "scipy.signal", "scipy.stats", "scipy.integrate", "scipy.io", "pandas", "jsbsim")
 ROOMS: dict[str, tuple[str, tuple[str, ...]]] = {
     "aircraft": ("testbench/aircraft", ("tests/aircraft", "tests/contracts/test_aircraft_contract.py")),
     "flight": ("testbench/flight", ("tests/flight",)),
@@ -80,8 +86,13 @@ class Mutant:
         return self.path, source_line(self.path, self.line), self.change
 
 
+@functools.cache
+def lines_of(path: str) -> list[str]:
+    return (ROOT / path).read_text(encoding="utf-8").splitlines()
+
+
 def source_line(path: str, line: int) -> str:
-    return (ROOT / path).read_text(encoding="utf-8").splitlines()[line - 1].strip()
+    return lines_of(path)[line - 1].strip()
 
 
 # what can be changed
@@ -140,12 +151,15 @@ def mutants_of(room: str, path: str) -> list[Mutant]:
 
 
 def drawn(count: int) -> list[Mutant]:
-    """Return ``count`` mutants, room by room in turn; a longer draw begins with a shorter one."""
+    """Return ``count`` mutants, room by room in turn; a longer draw begins with a shorter one.
+
+    Each takes its place by a hash of its key: a line that is rewritten changes the draw by its own mutants alone.
+    """
     queues = []
     for room, (folder, _) in ROOMS.items():
         every = [m for p in sorted((ROOT / folder).rglob("*.py")) for m in mutants_of(room, str(p.relative_to(ROOT)))]
-        random.Random(f"{SEED} {room}").shuffle(every)
-        queues.append(every)
+        one_each = {m.key: m for m in reversed(every)}  # of equal lines the first
+        queues.append(sorted(one_each.values(), key=lambda m: hashlib.sha256(f"{SEED} {m.key}".encode()).digest()))
     turns = (queue[k] for k in range(max(map(len, queues))) for queue in queues if k < len(queue))
     return [m for m, _ in zip(turns, range(count), strict=False)]
 
@@ -159,73 +173,45 @@ def sown(mutant: Mutant) -> str:
     return (whole[:start] + mutant.text.encode() + whole[end:]).decode()
 
 
-# which tests reach which line
+# which tests reach it, and what they say
 
 
-def trace(test_file: str, out: Path) -> None:
-    """Run the tests of one file under coverage, and write which lines each reaches and how long it takes."""
-    import coverage
-    import pytest
-
-    cov = coverage.Coverage(data_file=None, source=[str(ROOT / "testbench")], config_file=False)
-
-    class Tracer:
-        seconds: dict[str, float] = {}
-
-        @pytest.hookimpl(wrapper=True)
-        def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
-            cov.switch_context(item.nodeid)
-            result = yield
-            cov.switch_context("")
-            return result  # type: ignore[return-value]
-
-        def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-            self.seconds[report.nodeid] = self.seconds.get(report.nodeid, 0.0) + report.duration
-
-    tracer = Tracer()
-    cov.start()
-    try:
-        pytest.main(["-q", "-m", "not slow", "-p", "no:cacheprovider", test_file], plugins=[tracer])
-    finally:
-        cov.stop()
-    data = cov.get_data()
-    reached: dict[str, dict[int, list[str]]] = {}
-    for path in data.measured_files():
-        by_line = data.contexts_by_lineno(path)
-        reached[str(Path(path).relative_to(ROOT))] = {n: [c for c in tests if c] for n, tests in by_line.items()}
-    out.write_text(json.dumps({"seconds": tracer.seconds, "reached": reached}), encoding="utf-8")
-
-
-def traced(room: str, work: Path) -> dict[str, dict[str, dict]]:
-    """Return test file -> what :func:`trace` wrote; what has not been traced yet, or has changed since, is traced."""
-    out = {}
-    sources = b"".join(p.read_bytes() for p in sorted((ROOT / ROOMS[room][0]).rglob("*.py")))
+def traced(room: str, mutants: list[Mutant], work: Path) -> dict[str, tuple[float, list[str]]]:
+    """Return test -> seconds and the mutants that it reaches; test files that are new or have changed are traced."""
+    names = {place_of(m) for m in mutants}
+    kept = {}
     for place in ROOMS[room][1]:
         for file in sorted((ROOT / place).rglob("test_*.py")) or [ROOT / place]:
-            name = str(file.relative_to(ROOT))
-            digest = hashlib.sha256(name.encode() + file.read_bytes() + sources).hexdigest()[:16]
-            kept = work / f"{digest}.json"
-            if not kept.exists():
-                print(f"tracing {name}", flush=True)
-                run_tests(ROOT, [sys.executable, __file__, "--trace", name, str(kept)], _FILE_S)
-            if not kept.exists():
-                print(f"{name} takes longer than {_FILE_S:g} s: its tests take no part", flush=True)
-                kept.write_text('{"seconds": {}, "reached": {}}', encoding="utf-8")
-            out[name] = json.loads(kept.read_text(encoding="utf-8"))
-    return out
+            text = "".join(sorted(names)).encode() + file.read_bytes()
+            kept[str(file.relative_to(ROOT))] = work / f"{hashlib.sha256(text).hexdigest()[:16]}.json"
+    missing = [name for name, at in kept.items() if not at.exists()]
+    if missing:
+        print(f"tracing {len(missing)} test files of {room}", flush=True)
+        asked: dict[str, dict[Span, str]] = {}
+        for m in mutants:
+            asked.setdefault(m.path, {})[m.line, m.column, *m.end] = place_of(m)
+        with tempfile.TemporaryDirectory(dir=work) as tree:
+            copy_of_tree(Path(tree))
+            let_report(Path(tree), "testbench", asked)
+            out = work / f"{room}.json"
+            in_child(Path(tree), lambda: watch(missing, out), work / f"{room}.log", 3600.0)
+        found = json.loads(out.read_text(encoding="utf-8"))
+        for name in missing:
+            of_file = {test: row for test, row in found.items() if test.partition("::")[0] == name}
+            kept[name].write_text(json.dumps(of_file), encoding="utf-8")
+    return {test: row for at in kept.values() for test, row in json.loads(at.read_text(encoding="utf-8")).items()}
 
 
-def tests_of(mutant: Mutant, tracing: dict[str, dict[str, dict]]) -> list[tuple[float, str]]:
-    """Return seconds and name of the tests that reach the line, quickest first; for a constant, those of its file."""
-    lines: dict[str, set[str]] = {}
-    seconds: dict[str, float] = {}
-    for found in tracing.values():
-        seconds |= found["seconds"]
-        for line, tests in found["reached"].get(mutant.path, {}).items():
-            lines.setdefault(line, set()).update(tests)
-    tests = lines.get(str(mutant.line)) or set().union(*lines.values())
-    chosen, total = [], 0.0
-    for s, name in sorted((seconds.get(n, 0.0), n) for n in tests):
+def place_of(mutant: Mutant) -> str:
+    """Return the name under which the mutated expression reports: other mutants of one expression share it."""
+    return f"{mutant.path}:{mutant.key[1]}:{mutant.change.rpartition(' at ')[2]}:{mutant.end[1] - mutant.column}"
+
+
+def tests_of(mutant: Mutant, tracing: dict[str, tuple[float, list[str]]]) -> list[tuple[float, str]]:
+    """Return seconds and name of the tests that reach the mutant, quickest first."""
+    chosen: list[tuple[float, str]] = []
+    total, place = 0.0, place_of(mutant)
+    for s, name in sorted((s, name) for name, (s, places) in tracing.items() if place in places):
         if chosen and total + s > LONGEST_S:
             break
         chosen.append((s, name))
@@ -233,27 +219,8 @@ def tests_of(mutant: Mutant, tracing: dict[str, dict[str, dict]]) -> list[tuple[
     return chosen
 
 
-# one mutant after another
-
-
-def run_tests(folder: Path, command: list[str], timeout_s: float) -> int | None:
-    """Return the exit status of a command in a tree, None after a while; its children end with it."""
-    environment = {**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
-    environment |= {"PYTHONDONTWRITEBYTECODE": "1", "OPENBLAS_NUM_THREADS": "1"}
-    quiet = subprocess.DEVNULL
-    process = subprocess.Popen(command, cwd=folder, env=environment, stdout=quiet, stderr=quiet, start_new_session=True)
-    try:
-        return process.wait(timeout_s)
-    except subprocess.TimeoutExpired:
-        return None
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-            process.wait()
-
-
 def copy_of_tree(folder: Path) -> None:
-    """Copy what git knows, and what is new, into ``folder``."""
+    """Copy what git knows, and what is new, into ``folder``, and compile it."""
     listed = subprocess.run(
         ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
         cwd=ROOT,
@@ -264,22 +231,21 @@ def copy_of_tree(folder: Path) -> None:
         if name and (ROOT / name).is_file():
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             shutil.copy2(ROOT / name, folder / name)
+    compileall.compile_dir(folder / "testbench", quiet=2)
 
 
-def end_of(mutant: Mutant, tests: list[tuple[float, str]], tree: Path) -> str:
+def end_of(mutant: Mutant, tests: list[tuple[float, str]], tree: Path, log: Path) -> str:
     """Return killed, survived, or not reached."""
     if not tests:
         return "not reached"
-    names = [name for _, name in tests]
+    command = ["-x", "-q", "-p", "no:cacheprovider", *(name for _, name in tests)]
     timeout_s = 60.0 + 10.0 * sum(s for s, _ in tests)
     place = tree / mutant.path
     place.write_text(sown(mutant), encoding="utf-8")
     try:
-        status = run_tests(
-            tree, [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *names], timeout_s
-        )
+        status = in_child(tree, lambda: int(pytest.main(command)), log, timeout_s)
     finally:
-        shutil.copy(ROOT / mutant.path, place)
+        shutil.copy2(ROOT / mutant.path, place)
     return "survived" if status == 0 else "killed"
 
 
@@ -298,10 +264,7 @@ def main() -> None:
     parser.add_argument("--again", choices=["survived", "not reached"], help="try those that ended so again")
     parser.add_argument("--work", type=Path, default=Path(tempfile.gettempdir()) / "testbench-mutants")
     parser.add_argument("--out", type=Path, default=TABLE)
-    parser.add_argument("--trace", nargs=2, metavar=("TESTS", "OUT"), help=argparse.SUPPRESS)
     asked = parser.parse_args()
-    if asked.trace:
-        return trace(asked.trace[0], Path(asked.trace[1]))
     asked.work.mkdir(parents=True, exist_ok=True)
     done: dict[tuple[str, str, str], str] = {}
     if asked.out.exists():
@@ -309,20 +272,20 @@ def main() -> None:
             done = {(r["path"], r["line"], r["change"]): r["end"] for r in csv.DictReader(file)}
     done = {key: end for key, end in done.items() if end != asked.again and end != "equivalent"}
     draw = drawn(asked.count)
-    tracing: dict[str, dict[str, dict[str, dict]]] = {}
+    left = [m for m in draw if m.key not in done and m.key not in reasons() and m.room in asked.rooms]
+    for library in _LIBRARIES:
+        importlib.import_module(library)
     with tempfile.TemporaryDirectory(dir=asked.work) as tree:
         copy_of_tree(Path(tree))
-        for mutant in draw:
-            if mutant.key in done or mutant.key in reasons() or mutant.room not in asked.rooms:
-                continue
-            if mutant.room not in tracing:
-                tracing[mutant.room] = traced(mutant.room, asked.work)
-            end = end_of(mutant, tests_of(mutant, tracing[mutant.room]), Path(tree))
-            done[mutant.key] = end
-            print(f"{end:12} {mutant.path}:{mutant.line}: {mutant.change}", flush=True)
-            write(asked.out, draw, done)
+        for room in dict.fromkeys(m.room for m in left):
+            tracing = traced(room, [m for m in draw if m.room == room], asked.work)
+            for mutant in left:
+                if mutant.room == room:
+                    tests = tests_of(mutant, tracing)
+                    done[mutant.key] = end = end_of(mutant, tests, Path(tree), asked.work / "last.log")
+                    print(f"{end:12} {mutant.path}:{mutant.line}: {mutant.change} ({len(tests)} tests)", flush=True)
+                    write(asked.out, draw, done)
     write(asked.out, draw, done)
-    return None
 
 
 def write(path: Path, draw: list[Mutant], done: dict[tuple[str, str, str], str]) -> None:

@@ -53,6 +53,16 @@ BROKEN = {
         "mass_kg = 5.0\nIxx_kg_m2 = 0.1\nIyy_kg_m2 = 0.1\nIzz_kg_m2 = 0.5",
         r"mass: the triangle rule Ixx \+ Iyy >= Izz must hold for any body, got 0.1 \+ 0.1 < 0.5 kg m2",
     ),
+    "triangle about y": (
+        "mass_kg = 5.0",
+        "mass_kg = 5.0\nIxx_kg_m2 = 0.5\nIyy_kg_m2 = 0.1\nIzz_kg_m2 = 0.2",
+        r"mass: the triangle rule Iyy \+ Izz >= Ixx must hold for any body, got 0.1 \+ 0.2 < 0.5 kg m2",
+    ),
+    "triangle about z": (
+        "mass_kg = 5.0",
+        "mass_kg = 5.0\nIxx_kg_m2 = 0.1\nIyy_kg_m2 = 0.5\nIzz_kg_m2 = 0.2",
+        r"mass: the triangle rule Izz \+ Ixx >= Iyy must hold for any body, got 0.2 \+ 0.1 < 0.5 kg m2",
+    ),
     "two inertias": ("mass_kg = 5.0", "mass_kg = 5.0\nIxx_kg_m2 = 0.1", r"mass: ixx_kg_m2, .* must all be given"),
     "aside": ("[0.09, 0.0, 0.0]", "[0.09, 0.3, 0.0]", r"mass: .*plane of symmetry, got y = 0.3 m"),
     "no such surface": ('surface = "fin"', 'surface = "canard"', r"control.dr.surface: must be one of wing, tail, fin"),

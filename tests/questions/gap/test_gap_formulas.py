@@ -1,0 +1,135 @@
+"""Formulas of the gap workflow one by one: each against a value worked out another way."""
+
+from __future__ import annotations
+
+import re
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from testbench.core.record import FlightRecord
+from testbench.flight.air import turbulence_rms
+from testbench.questions.gap.evidence import felt
+from testbench.questions.gap.evidence.gust_model import _felt
+from testbench.questions.gap.evidence.stepwise import _Moments, _Slow
+from testbench.questions.gap.free_start import Directions
+from testbench.questions.gap.hidden import boom as boom_module
+from testbench.questions.gap.hidden.boom import RATE_HZ, boom
+from testbench.questions.gap.hidden.servos import backlash, reluctant
+from testbench.questions.gap.new import shared_with
+from testbench.questions.gap.tell import strained
+
+RNG = np.random.default_rng(12)
+
+
+def test_a_boom_is_stepped_exactly_for_a_load_held_over_a_frame(monkeypatch):
+    monkeypatch.setattr(boom_module, "load_aircraft", lambda *_: SimpleNamespace(design_V_m_s=20.0))
+    f_hz, zeta, dt = 6.0, 0.07, 1.0 / RATE_HZ
+    written = str(boom({"f_hz": f_hz, "zeta": zeta, "Cm": 0.1}, "any").changes)
+    w = 2.0 * np.pi * f_hz
+    exact = expm(np.array([[0.0, 1.0], [-(w**2), -2.0 * zeta * w]]) * dt)
+    numbers = [float(x) for x in re.findall(r"<value>([^<]*)</value>", written)]
+    for entry in exact.ravel():
+        assert min(abs(np.array(numbers) - entry)) < 1e-9 * max(abs(entry), 1.0), entry
+
+
+def test_coefficients_are_the_components_of_a_force_along_and_across_the_wind(monkeypatch):
+    monkeypatch.setattr(felt, "smooth", lambda x, dt_s: x)
+    n, b, c, S = 20, 3.0, 0.4, 1.1
+    alpha, beta, qbar = 0.3 * RNG.normal(size=n), 0.2 * RNG.normal(size=n), 150.0 + 10.0 * RNG.normal(size=n)
+    force, moment = RNG.normal(size=(n, 3)), RNG.normal(size=(n, 3))
+    believed = SimpleNamespace(aircraft=SimpleNamespace(geometry=SimpleNamespace(b_m=b, cbar_m=c, S_m2=S)))
+    motion = SimpleNamespace(record=SimpleNamespace(dt_s=0.02), state={"alpha": alpha[None], "beta": beta[None]})
+    found = felt._coefficients(believed, motion, 0, force, moment, qbar)
+    for k in range(n):
+        x = np.array([1.0, np.tan(beta[k]) * np.hypot(1.0, np.tan(alpha[k])), np.tan(alpha[k])])  # where it flies
+        x /= np.linalg.norm(x)
+        z = np.array([-x[2], 0.0, x[0]]) / np.hypot(x[0], x[2])  # across it, in the plane of symmetry
+        wind = force[k] @ np.column_stack([x, np.cross(z, x), z])
+        expected = [-wind[2], -wind[0], wind[1], *(moment[k] / [b, c, b])]
+        np.testing.assert_allclose(found[k], np.array(expected) / (qbar[k] * S), rtol=1e-9, atol=1e-12)
+
+
+def test_turbulence_is_felt_along_the_body_axes_with_drydens_transverse_filter():
+    theta = np.array([0.0, 0.3])
+    E = _felt(("u", "v", "w", "q"), 50.0, theta)
+    u, v, w = turbulence_rms(1.0, 50.0)
+    lateral = np.array([np.sqrt(3.0), 1.0 - np.sqrt(3.0)])
+    np.testing.assert_allclose(E[0], [[u, 0, 0, 0, 0], [0, *(v * lateral), 0, 0], [0, 0, 0, *(w * lateral)], [0] * 5])
+    wind = E[0][[0, 2]]
+    turned = np.array([[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]]) @ wind
+    np.testing.assert_allclose(E[1][[0, 2]], turned)
+    np.testing.assert_allclose(E[1][1], E[0][1])
+
+
+def test_a_free_start_takes_out_of_residuals_what_its_covariance_whitens():
+    G = RNG.normal(size=(30, 3)) * [3.0, 1.0, 0.1]
+    U, s, Vt = np.linalg.svd(G, full_matrices=False)
+    found, r = Directions(U, s, Vt), RNG.normal(size=(15, 2))
+    Q = np.linalg.inv(np.eye(30) + G @ G.T)
+    values, vectors = np.linalg.eigh(Q)
+    root = (vectors * np.sqrt(values)) @ vectors.T
+    np.testing.assert_allclose(found.taken_out(r), (root @ r.ravel()).reshape(15, 2), rtol=1e-9, atol=1e-12)
+    assert found.lost == pytest.approx(np.trace(np.eye(30) - Q))
+    np.testing.assert_allclose(found.best(r), np.linalg.solve(G.T @ G + np.eye(3), G.T @ r.ravel()), rtol=1e-9)
+    far = 1e3 * G @ np.ones(3)
+    assert np.max(np.abs(found.best(far.reshape(15, 2)))) < np.max(
+        np.abs(np.linalg.solve(G.T @ G + np.eye(3), G.T @ far))
+    )
+
+
+def test_moments_are_freed_of_the_noise_that_copies_show():
+    copies, n, p = 4, 25, 3
+    y, G = RNG.normal(size=(copies + 1, n)), RNG.normal(size=(copies + 1, n, p))
+    found = _Moments.of(y, G)
+    noise = sum((G[k] - G[0]).T @ (G[k] - G[0]) for k in range(1, copies + 1)) / copies
+    cross = sum((G[k] - G[0]).T @ (y[k] - y[0]) for k in range(1, copies + 1)) / copies
+    np.testing.assert_allclose(found.noise, noise)
+    np.testing.assert_allclose(found.corrected, G[0].T @ G[0] - noise)
+    np.testing.assert_allclose(found.with_y, G[0].T @ y[0] - cross)
+    assert found.y == pytest.approx(y[0] @ y[0])
+
+
+def test_slow_signals_pass_the_filter_at_the_rate_that_it_states():
+    dt = 0.01
+    slow = _Slow.of(dt)
+    t = dt * np.arange(4000)
+    out = slow(t[:, None], 0)
+    np.testing.assert_allclose(np.diff(out[:, 0]), 1.0 / slow.per_s(dt), rtol=1e-6)
+
+
+def test_play_and_a_reluctant_servo_follow_what_exceeds_their_band():
+    u = np.array([0.0, 0.1, 0.4, 0.4, 0.3, -0.2, -0.2])
+    np.testing.assert_allclose(backlash(0.2)(u, 0.01), [0.0, 0.0, 0.3, 0.3, 0.3, -0.1, -0.1], atol=1e-12)
+    step = np.r_[0.0, np.full(4000, 0.5)]
+    for sign in (1.0, -1.0):
+        out = reluctant(20.0, 0.1)(sign * step, 0.005)
+        assert out[-1] == pytest.approx(sign * 0.4)  # it stops where the error is the band
+        k = np.arange(200, 260)
+        np.testing.assert_allclose(np.diff(np.log(0.4 - sign * out[20:40])), -20.0 * 0.005, rtol=0.01)
+        assert np.all(np.abs(out[k]) <= 0.4)
+    assert not np.any(reluctant(20.0, 0.1)(0.09 * np.sin(np.arange(300.0)), 0.005) - 0.0)
+
+
+def record(sha: str | None, span: tuple[float, float] | None) -> FlightRecord:
+    of = {} if sha is None else {"sha256": sha, "cut_from_record_s": span}
+    return FlightRecord(np.arange(3.0), ("q",), np.zeros((3, 1)), "measured", provenance=of)
+
+
+def test_what_two_records_share_of_one_log_is_counted_in_its_seconds():
+    records = {"a": record("x", (0.0, 10.0)), "b": record("x", (7.5, 20.0)), "c": record("x", (10.0, 12.0)),
+               "d": record("y", (0.0, 10.0)), "e": record(None, None)}  # fmt: skip
+    assert "it shares 2.5 s of its log with 'b', where" in shared_with("a", records)
+    assert "it shares 2.5 s of its log with 'a', 2 s of its log with 'c', where" in shared_with("b", records)
+    assert shared_with("d", records) == ""
+    assert shared_with("e", records) == ""
+
+
+def test_strained_coefficients_are_told_the_farthest_first_down_to_half_of_it():
+    fit = SimpleNamespace(effect=SimpleNamespace(title="a lag"), size="10 ms",
+                          nuisances={"a": 1.4, "b": 0.79, "c": 1.19, "d": 1.0})  # fmt: skip
+    text = strained(fit, dict.fromkeys("abcd", 0.1))
+    assert text.endswith("a 1.4 times the believed value (4.0 standard deviations), "
+                         "b 0.79 times the believed value (2.1 standard deviations)")  # fmt: skip
