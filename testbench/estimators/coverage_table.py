@@ -4,7 +4,7 @@ HELD: dict[str, tuple[int, int, int]] = {
     "bootstrap": (86, 100, 400),
     "data compatibility": (95, 99, 400),
     "ekf": (88, 98, 400),
-    "equation_error": (21, 100, 400),
+    "equation_error": (57, 100, 400),
     "equivalent, windowed": (62, 100, 400),
     "frequency response, windowed": (0, 97, 400),
     "quiet regression": (91, 96, 400),

@@ -44,6 +44,12 @@ class Autoregression(NamedTuple):
         companion[:p] = self.A.transpose(1, 0, 2).reshape(p, -1)
         return float(np.abs(np.linalg.eigvals(companion)).max())
 
+    def damped(self, slowest: float) -> Autoregression:
+        """Return the autoregression whose roots are smaller by one factor, so that none is larger than ``slowest``."""
+        share = min(1.0, slowest / max(self.slowest(), 1e-300))
+        powers = share ** np.arange(1, len(self.A) + 1)
+        return Autoregression(self.A * powers[:, None, None], self.S)
+
     def whitener(self, size: int) -> NDArray[np.complex128]:
         """Return 1 - sum A z^-j (f, p, p) at the frequencies of a real transform over ``size`` samples."""
         shift = np.exp(-2j * np.pi * np.arange(size // 2 + 1)[:, None] * np.arange(1, len(self.A) + 1) / size)

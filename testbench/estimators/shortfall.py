@@ -18,7 +18,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 
 from testbench.core.record import FloatArray
 from testbench.estimators.parametric.sensitivities import Sensitivities
-from testbench.estimators.residuals import Autoregression, Colour, autoregression, sides
+from testbench.estimators.residuals import LAG_SHARE, Autoregression, Colour, autoregression, sides
 
 DRAWS = 32  # the factor then scatters by some 5 % for a variance that scatters by 60 %
 LONG_ENOUGH = 300.0  # correlation times in the records, beyond which the factor is below 1.01
@@ -52,6 +52,8 @@ def shortfall(
         return np.ones(k)
     if -np.log(model.slowest()) * samples > LONG_ENOUGH or samples * p * (k + 2 * DRAWS) > LARGEST:
         return np.ones(k)
+    # A root that dies away over the whole record is one of chance: what is drawn with it would say nothing of the next.
+    model = model.damped(float(np.exp(-LAG_SHARE / max(map(len, residuals)))))
     inverse, rng = np.asarray(np.linalg.inv(R), dtype=np.float64), np.random.default_rng(_SEED)
     felt = [_Felt.of(s, inverse, plain, moved) for s in sensitivities()]
     drawn = [_drawn(model, v, rng) for v in residuals]

@@ -122,3 +122,16 @@ def test_the_variances_of_a_colour_are_those_of_its_score(order):
     score = Colour(model, np.zeros((0, 0, 0))).score(np.linalg.inv(R) @ J)
     mine = _Felt.of(s, np.linalg.inv(R), plain, np.arange(3)).variances(model)
     np.testing.assert_allclose(mine, np.diag(plain @ score @ plain), rtol=1e-9)
+
+
+@pytest.mark.parametrize("root", [0.99, 0.99997, 1.00003, 1.04])
+def test_a_root_as_slow_as_the_record_is_taken_for_chance(root):
+    X = regressors(250)
+    _, v, R, plain = fitted(X, noise(np.random.default_rng(1), 250, 0.3))
+    slow = Colour(Autoregression(np.array([[[root]]]), R), np.zeros((0, 0, 0)))
+    found = shortfall([v], lambda: [Sensitivities.of_all(X[:, None, :])], R, plain, slow)
+    assert np.all(found >= 1.0)
+    assert found.max() < 40.0  # of variances; over a million where a root of 0.99997 is drawn as it is
+    damped = slow.model.damped(0.98)
+    assert damped.slowest() == pytest.approx(0.98)
+    assert slow.model.damped(2.0).slowest() == pytest.approx(root)

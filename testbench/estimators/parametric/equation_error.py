@@ -337,7 +337,7 @@ def _bias_in_words(model: ParametricModel, bias: FloatArray) -> tuple[Advice, ..
     beyond = [i for i in worth if abs(bias[i]) > error[i]]
     if not beyond:
         most = f"noise of the measured states biases these estimates by less than their errors, most {said(worth[0])}"
-        return (note("noisy_terms", most),)
+        return (note("noisy_terms", most), *approximate("equation_error"))
     return (
         doubt(
             "noisy_terms",
