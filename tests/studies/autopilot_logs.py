@@ -88,6 +88,25 @@ def table(rows: list[dict[str, str]]) -> list[dict[str, object]]:
     return out
 
 
+def pooled(rows: list[dict[str, str]]) -> list[str]:
+    """Return per format and axis the share of all intervals that held, and its 95 % interval over flights resampled."""
+    known, out = truth(), []
+    flights: dict[tuple[str, str], dict[str, list[bool]]] = {}
+    for row in rows:
+        if row["derivative"] in known:
+            held = abs(float(row["value"]) - known[row["derivative"]]) <= 1.96 * float(row["std"])
+            for axis in (row["axis"], "both"):
+                flights.setdefault((row["format"], axis), {}).setdefault(row["seed"], []).append(held)
+    rng = np.random.default_rng(1)
+    for (kind, axis), of in flights.items():
+        counts = np.array([(sum(held), len(held)) for held in of.values()])
+        drawn = counts[rng.integers(len(counts), size=(2000, len(counts)))].sum(axis=1)
+        low, high = np.percentile(100.0 * drawn[:, 0] / drawn[:, 1], [2.5, 97.5])
+        share = 100.0 * counts[:, 0].sum() / counts[:, 1].sum()
+        out.append(f"{kind}, {axis}: {share:.1f} % held ({low:.1f} to {high:.1f}) in {len(counts)} flights")
+    return out
+
+
 def main() -> None:
     """Go on with the seeds that are missing, then write the table of all that are there."""
     seeds = int(sys.argv[1]) if len(sys.argv) > 1 else 100
@@ -110,6 +129,7 @@ def main() -> None:
         rows += [{key: str(value) for key, value in row.items()} for row in new]
         print(f"seed {seed} of {seeds}: {time.monotonic() - began:.1f} s", flush=True)
         write(table(rows))
+    print("\n".join(pooled(rows)))
 
 
 def write(found: list[dict[str, object]]) -> None:
