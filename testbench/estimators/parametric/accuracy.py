@@ -40,7 +40,7 @@ def accuracy(
 
     Args:
         residuals: per record (N, p); zero where not valid.
-        sensitivities: called twice; gives those of each record, zero where not valid.
+        sensitivities: called two or three times; gives those of each record, zero where not valid.
         R: (p, p) covariance of the residuals.
         prior_weight: (k,) one over the standard deviation of the prior, 0 without one.
         moving: (k,) False for unknowns on a bound, which get zero variance.

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -26,10 +25,9 @@ from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.effects.servo import WORDS
 from testbench.questions.gap.evidence.commanded import begins_quietly, driven_by_surfaces, stirs, surface_noise
 from testbench.questions.gap.evidence.control_path import SURFACES, JudgedPath, judge_paths, turned_by_motion
+from testbench.questions.gap.scenario import Drive
 from testbench.sensors import SensorSuite
 
-Drive = Literal["command", "surface", "both"]
-"""What drives: "both" are commands, and recorded surfaces where no command is recorded."""
 BYPASS = "recorded surface"  # the amendment that takes a servo away; files of the amended aircraft do without it
 _NO_LIMIT_RAD_S = 100.0
 _WHY = {"both": "recorded", "surface": "recorded, or not with quiet flight before it"}

@@ -13,6 +13,9 @@ from testbench.questions.gap.hidden.kinds import Hidden
 from testbench.questions.gap.window_length import SHORTEST_S
 from testbench.sensors import load_suite
 
+Drive = Literal["command", "surface", "both"]
+"""What drives: "both" are commands, and recorded surfaces where no command is recorded."""
+
 
 class Loaded(Strict):
     """What the aircraft carried in one flight beyond what is believed of it, on the centre line.
@@ -70,7 +73,7 @@ class GapScenario(FlownAt):
     effects: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] | None = None
     more_effects: Annotated[tuple[str, ...], Field(strict=False)] = ()
     windows: Literal["auto", "off"] | Annotated[float, Field(strict=False, ge=SHORTEST_S)] = "auto"
-    drive: Literal["command", "surface", "both"] = "both"
+    drive: Drive = "both"
 
     def faults(self) -> list[str]:
         """Return what is wrong with the effects that are searched, as far as texts tell; no code of theirs is run."""

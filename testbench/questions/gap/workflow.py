@@ -16,7 +16,7 @@ from testbench.questions.gap.believed import Believed
 from testbench.questions.gap.controls import fly_controls, without_false_alarms
 from testbench.questions.gap.criteria import CRITERIA
 from testbench.questions.gap.decide import Naming, judged, noise_limit
-from testbench.questions.gap.drive import Drive, driven
+from testbench.questions.gap.drive import driven
 from testbench.questions.gap.effects import Effect, library
 from testbench.questions.gap.evidence.air import (
     AirFound,
@@ -44,6 +44,7 @@ from testbench.questions.gap.open_set import first_look, named_openly
 from testbench.questions.gap.parameters import wrong_parameters
 from testbench.questions.gap.plan import separate
 from testbench.questions.gap.result import GapFinding, Shrink
+from testbench.questions.gap.scenario import Drive
 from testbench.questions.gap.search.gauss_newton import retune
 from testbench.questions.gap.search.hypothesis import Hypothesis
 from testbench.questions.gap.search.name import name_effect
@@ -266,7 +267,7 @@ def search(
     if air.moves:
         say("measure the air")
     flown_in, air = in_measured_air(believed, records, air)
-    naming = with_surfaces(name_effect(flown_in, records, say, effects), paths, flown_in, records)
+    naming = _named(flown_in, records, say, effects, paths)
     if naming.noise_left and not air.moves:
         return flown_in, naming, air
     say("listen to the air again")
@@ -287,7 +288,18 @@ def search(
         beside = _retuned(believed, in_air(believed, again, beside), records)
         again = measure(beside, records, again)
     flown_in = in_air(believed, again, beside)
-    return flown_in, with_surfaces(name_effect(flown_in, records, say, effects), paths, flown_in, records), again
+    return flown_in, _named(flown_in, records, say, effects, paths), again
+
+
+def _named(
+    believed: Believed,
+    records: Sequence[FlightRecord],
+    say: Callable[[str], None],
+    effects: Mapping[str, Effect] | None,
+    paths: Sequence[JudgedPath],
+) -> Naming:
+    """Return what is named by the motion and by what recorded surfaces tell of ``paths``."""
+    return with_surfaces(name_effect(believed, records, say, effects), paths, believed, records)
 
 
 def _hidden_by_air(
@@ -316,7 +328,7 @@ def _hidden_by_air(
     if misfit(tuned, records, measure(tuned, records, air)) - misfit(beside, records, again) <= CRITERIA.weak:
         return None
     flown_in = in_air(believed, again, beside)
-    naming = with_surfaces(name_effect(flown_in, records, say, effects), paths, flown_in, records)
+    naming = _named(flown_in, records, say, effects, paths)
     return (flown_in, naming, again) if naming.names else None
 
 

@@ -11,6 +11,8 @@ from testbench.page.tables import Column, Table, Value
 from testbench.page.words import MOST_WORDS, listed
 from testbench.questions.run.seeds import Gain, Repeats
 
+_FOUND_TO = 100.0  # %; a mean error beyond the value itself is of a value that was not found
+
 
 def seeds_table(repeats: Repeats | None) -> Table | None:
     """Return one row per error, and per model its mean over the seeds, half the interval, and the seeds with one."""
@@ -45,8 +47,6 @@ def seeds_in_short(repeats: Repeats) -> Table:
         rows.append((", ".join(key), *(None if m is None else _span(m) for m in means)))
     return Table("seeds", f"Mean errors over {repeats.count} seeds, %", "", columns, tuple(rows))
 
-
-_FOUND_TO = 100.0  # %; a mean error beyond the value itself is of a value that was not found
 
 # --- in words ---------------------------------------------------------------------------------------------------------
 
