@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import re
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from testbench.page.words import Answer, Line, advice_lines, answer_lines, brief, sentence
+from testbench.page.words import Answer, Line, advice_lines, answer_lines, brief, sentence, typeset
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
 
 _TEMPLATES = Path(__file__).resolve().parent / "templates"
 _UPLOT = _TEMPLATES.parent / "uplot"
+
+
+LONGEST_WORD = 20
+"""Characters of a word in a cell that does not break."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +68,16 @@ def _environment() -> Environment:
     out.globals.update(script_of=lambda live: Markup(_script(live)), hash_of=lambda live: Markup(_hash(live)))
     out.globals.update(first_screen=first_screen, notes_of=notes_of, advice_lines=advice_lines)
     out.globals.update(plot_style=Markup((_UPLOT / "uPlot.min.css").read_text(encoding="utf-8")))
-    out.filters["sentence"] = sentence
+    out.filters.update(sentence=sentence, typeset=typeset, breakable=_breakable)
     return out
+
+
+def _breakable(text: str) -> str:
+    """Return a text of a cell, escaped, whose long names may break behind an underscore, a point or a stroke."""
+    from markupsafe import Markup, escape
+
+    words = (re.sub(r"(?<=[_./])(?=[\w])", "\0", w) if len(w) > LONGEST_WORD else w for w in text.split(" "))
+    return Markup(escape(" ".join(words)).replace("\0", Markup("<wbr>")))
 
 
 @lru_cache(maxsize=2)

@@ -14,6 +14,9 @@ from testbench.page.labels import number
 Value = str | float | int | bool | None
 MISSING = "–"
 """A missing value, as the page shows it."""
+LONGEST = 160
+"""Characters of a cell that stand in it on the page; what is longer is a note below the table."""
+_BEGINNING = 50  # characters of it that the cell keeps
 
 
 @dataclass(frozen=True)
@@ -103,6 +106,14 @@ class Table:
         return [
             [(c.text(v), right) for c, v, right in zip(self.columns, row, numeric, strict=True)] for row in self.rows
         ]
+
+    def remarks(self) -> dict[str, tuple[int, str]]:
+        """Return (number from 1, its first words) of each text that is too long for a cell; equal texts are one."""
+        texts = [str(v) for row in self.rows for v in row[1:] if isinstance(v, str) and len(v) > LONGEST]
+        return {
+            text: (k, f"{text[:_BEGINNING].rsplit(' ', 1)[0].rstrip(' ,;:(')} …")
+            for k, text in enumerate(dict.fromkeys(texts), 1)
+        }
 
     def heads(self) -> list[str]:
         """Return the column names that files carry, with units."""

@@ -10,6 +10,9 @@ from testbench.core.advice import ranked
 from testbench.core.channels import CHANNELS
 
 _BEFORE_UNIT = re.compile(r"(\d) (%|rad/s|Hz|dB|s\b)")
+_SQUARED = re.compile(r"\b(m|deg|rad)/s2\b")
+_SHORTENED = ("imu", "gps", "ekf")  # are in capitals where a sentence begins with them
+_WORDS_TOO = ("thrust", "north", "east")  # channels whose names are words of the language
 
 
 MOST_WORDS = 25
@@ -54,9 +57,16 @@ def sentence(text: str) -> str:
     The name or symbol of a channel, or a name with an underscore, stays as it is at the beginning.
     """
     first = text.split(" ", 1)[0].removesuffix(":")
-    name = "_" in first or (first in CHANNELS and first != "a") or not first.isascii()
-    whole = _BEFORE_UNIT.sub("\\1\u00a0\\2", text if name else text[:1].upper() + text[1:])
+    name = "_" in first or (first in CHANNELS and first not in _WORDS_TOO) or not first.isascii()
+    capital = len(first) if first in _SHORTENED else 1
+    whole = typeset(text if name else text[:capital].upper() + text[capital:])
     return whole if whole.endswith((".", "?", "!")) else whole + "."
+
+
+def typeset(text: str) -> str:
+    """Return ``text`` with ± for +-, s² for s2, and each number beside its unit (by a space that does not break)."""
+    text = _SQUARED.sub("\\1/s²", text.replace("+- ", "±\u00a0"))
+    return _BEFORE_UNIT.sub("\\1\u00a0\\2", text)
 
 
 def brief(text: str) -> tuple[str, str]:

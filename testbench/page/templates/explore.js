@@ -294,7 +294,7 @@
         c.strokeStyle = c.fillStyle = css("--quiet"); c.lineWidth = k; c.setLineDash([2 * k, 3 * k]);
         c.beginPath(); c.moveTo(at, top); c.lineTo(at, top + height); c.stroke(); c.setLineDash([]);
         if (name && at > free && at >= left && at <= left + width) {
-          c.save(); c.translate(at + 2 * k, top + height - 3 * k); c.rotate(-Math.PI / 2); c.fillText(name, 0, 0); c.restore();
+          c.save(); c.translate(at + 2 * k, top + height - (name.length > 2 ? 3 : 14) * k); if (name.length > 2) c.rotate(-Math.PI / 2); c.fillText(name, 0, 0); c.restore();
           free = at + 14 * k;
         }
       }

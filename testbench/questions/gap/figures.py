@@ -137,7 +137,9 @@ def _region_plate(result: GapResult) -> Plate:
             image = _draw_energy(axes, region.channels, region.energy)
             factor = shown_unit(region.quantity)[0]
             ticks = [0, len(region.edges) // 2, len(region.edges) - 1]
-            axes.set_xticks([k - 0.5 for k in ticks], [f"{factor * region.edges[k]:.3g}" for k in ticks])
+            axes.set_xticks(
+                [k - 0.5 for k in ticks], [f"{factor * region.edges[k]:.3g}".replace("-", "−") for k in ticks]
+            )
             label(axes, axis_label(region.quantity))
         _energy_bar(figure, image)
         return figure
@@ -256,8 +258,8 @@ def _map_plate(result: GapResult) -> Plate:
 
     caption = (
         "Energy of measured minus predicted, in units of the noise energy, in the manoeuvres that the effect was "
-        "sought in: each channel over frequency bands and over time. White is noise; dark is what the model does not "
-        "explain."
+        "sought in: each channel over frequency bands and over time. The left end of the colour bar is noise, the "
+        "right end what the model does not explain."
     )
     return Plate("residual_maps", "Where the residual sits", caption, make)
 

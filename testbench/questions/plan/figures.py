@@ -49,7 +49,7 @@ def _weakest(plan: Plan) -> list[str]:
 
 def _build_up(plan: Plan) -> Plate:
     names = _weakest(plan)
-    caption = "Points are numbered in the order of flying. " + (
+    caption = "Points are numbered in the order of flying: a circle as given, a diamond scaled, a square refused. " + (
         "Damping ratio of the least damped elastic modes. Dashed: onset of instability and, where the plan keeps it, "
         "the onset less the margin. Dotted: least admissible damping."
         if names
@@ -127,7 +127,7 @@ def _points(axes: Axes, plan: Plan) -> None:
     if len(heights) < 5:
         axes.set_yticks(heights)
     _onset_lines(axes, plan)
-    label(axes, "true airspeed V, m/s", "h, m", "points (circle: as given, diamond: scaled, square: refused)")
+    label(axes, "true airspeed V, m/s", "h, m", "test points")
 
 
 def _energy(plan: Plan) -> Plate:
@@ -151,7 +151,9 @@ def _energy(plan: Plan) -> Plate:
         axes.axhline(usable, color=_WARN, linewidth=1.0, linestyle=(0, (5, 2)))
         axes.set_ylim(0.0, 1.12 * usable)
         axes.set_xlim(0.0, 1.01 * before)
-        label(axes, "time in the air, min", "energy, Wh", "energy used in each flight; dashed: usable")
+        label(axes, "time in the air, min", "energy, Wh", "energy used in each flight")
         return figure
 
-    return Plate("energy", "Energy and time", "One dot per run; time between flights is left out.", make)
+    return Plate(
+        "energy", "Energy and time", "One dot per run; time between flights is left out. Dashed: usable energy.", make
+    )

@@ -169,7 +169,8 @@ def no_go(closed: Closed, card: Card) -> str:
     slower = [c for c in closed.plan.cards if c.point.h_m == card.point.h_m and c.point.V_m_s < card.point.V_m_s]
     lacking = [str(c.number) for c in slower if closed.missing(c)]
     if lacking:
-        return f"{'cards' if lacking[1:] else 'card'} {listed(lacking)} at a lower speed come first"
+        one = not lacking[1:]
+        return f"{'card' if one else 'cards'} {listed(lacking)} at a lower speed {'comes' if one else 'come'} first"
     for c in slower:
         strange = [r for r in closed.of(c) if r.unexpected]
         if len(strange) > len(closed.good(c)):

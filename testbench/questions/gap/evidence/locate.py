@@ -44,7 +44,7 @@ class ResidualMap:
         return (
             f"{self.manoeuvre}: the residual is largest in {self.channels[int(channel)]}, at "
             f"{window * self.window_s:.0f} to {(window + 1) * self.window_s:.0f} s and {band[0]:g} to {band[1]:g} Hz: "
-            f"{self.by_time[window, channel]:.3g} times the noise"
+            f"{_figures(self.by_time[window, channel])} times the noise"
         )
 
 
@@ -102,9 +102,9 @@ class Structure:
         """What that says of a name, in words."""
         low, high = self.band_Hz
         return (
-            f"what it leaves is not white: {self.channel} holds {self.energy:.3g} times the noise between {low:g} and "
-            f"{high:g} Hz; noise alone does so once in {1.0 / max(self.probability, 1e-99):.2g} cases. Its form is not "
-            "quite right, or the true effect is a relative of it"
+            f"what it leaves is not white: {self.channel} holds {_figures(self.energy)} times the noise between "
+            f"{low:g} and {high:g} Hz; noise alone does so once in {1.0 / max(self.probability, 1e-99):.2g} cases. Its "
+            "form is not quite right, or the true effect is a relative of it"
         )
 
 
@@ -184,7 +184,7 @@ class RegionMap:
         factor, shown = (1.0 / DEG_RAD, unit.replace("rad", "deg")) if unit.startswith("rad") else (1.0, unit)
         return (
             f"over the flight region the residual is largest at {self.quantity} from {low * factor:.3g} to "
-            f"{high * factor:.3g}{'' if shown == '1' else ' ' + shown}: {self.energy[b, c]:.3g} times the "
+            f"{high * factor:.3g}{'' if shown == '1' else ' ' + shown}: {_figures(self.energy[b, c])} times the "
             f"noise in {self.channels[int(c)]}"
         )
 
@@ -220,6 +220,11 @@ def locate_regions(
         edges = np.where(np.abs(edges) < 1e-6 * (high - low), 0.0, edges)  # rounding would be printed
         out.append(RegionMap(name, edges, tuple(channels), mean, samples))
     return tuple(out)
+
+
+def _figures(ratio: float) -> str:
+    """Return a ratio with three figures, and from 1000 on as a whole number."""
+    return f"{ratio:.3g}" if ratio < 999.5 else f"{ratio:.0f}"
 
 
 def _smooth(x: FloatArray, dt_s: float) -> FloatArray:
