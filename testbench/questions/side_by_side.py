@@ -192,8 +192,9 @@ _TALL_IN, _GAP_IN, _POINTS = 1.75, 0.78, 2000
 CALIBRATION = (
     "Estimate minus truth over the standard error that the estimator states, sorted, against the normal distribution. "
     "On the line the stated errors are true; steeper, the errors are larger than stated; beside it, they are biased. "
-    "Shaded: where each point lies with 95 % if they are true."
+    "Shaded: where each point lies with 95 % if they are true. What is beyond 1000 stated errors is drawn there."
 )
+_MOST_RATIO = 1000.0  # of errors to stated ones that are drawn
 
 
 def panel_each(names: Sequence[str], draw: Callable[[Axes, str, bool], None]) -> Callable[[bool], Figure]:
@@ -243,4 +244,5 @@ def draw_calibration(axes: Axes, errors: FloatArray, stated: FloatArray) -> None
     axes.fill_between(z.expected, z.low, z.high, color=MEASURED, alpha=0.5, linewidth=0)
     end = float(np.abs(z.expected).max(initial=1.0))
     axes.plot([-end, end], [-end, end], color=INK, linewidth=0.9)
-    axes.plot(z.expected[::every], z.found[::every], ".", color=COLOURS[0], markersize=3.5, alpha=0.6)
+    found = np.clip(z.found[::every], -_MOST_RATIO, _MOST_RATIO)  # a stated error of nearly zero hides all others
+    axes.plot(z.expected[::every], found, ".", color=COLOURS[0], markersize=3.5, alpha=0.6)

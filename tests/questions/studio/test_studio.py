@@ -414,3 +414,9 @@ def test_it_fits_a_narrow_screen_and_is_labelled(page):
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
     unlabelled = "[...document.querySelectorAll('input, select')].filter(e => !e.labels.length && !e.ariaLabel).length"
     assert page.evaluate(unlabelled) == 0
+
+
+def test_only_what_holds_no_control_is_a_picture(page):
+    assert page.locator("svg[role=img]").count() > 0
+    assert page.locator("svg[role=img] [tabindex]").count() == 0
+    assert page.locator("svg[role=group] #handle").count() == 1

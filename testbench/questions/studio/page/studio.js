@@ -448,7 +448,8 @@
     return broken;
   }
 
-  const svg = (H, body, title) => `<svg viewBox="0 0 ${W} ${H}" role="img" aria-label="${escape(title)}">${body}</svg>`;
+  // A picture has no parts that keys reach: what holds a handle is a group.
+  const svg = (H, body, title) => `<svg viewBox="0 0 ${W} ${H}" role="${body.includes("tabindex") ? "group" : "img"}" aria-label="${escape(title)}">${body}</svg>`;
 
   const percent = (r) => (Number.isFinite(r) ? (r >= 10 ? "over 1000 %" : `${sig(100 * r)} %`) : "not told");
 
