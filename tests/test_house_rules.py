@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -55,9 +57,15 @@ def room(path: Path) -> str:
     return relative.parts[0].removesuffix(".py")
 
 
+@cache
+def tree_of(path: Path) -> ast.Module:
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
+@cache
 def imports(path: Path) -> list[tuple[str, int]]:
     """Modules that a file imports at run time; those under TYPE_CHECKING are for the type checker alone."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = tree_of(path)
     hidden = {
         id(node)
         for block in ast.walk(tree)
@@ -75,37 +83,47 @@ def imports(path: Path) -> list[tuple[str, int]]:
     return found
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_imports_point_to_the_left(path):
+# Each rule is one test over all files, which lists what breaks it: a test for each file cost half a minute.
+
+
+def misplaced_imports(path: Path) -> Iterator[str]:
     here = room(path)
     if here == "__init__":
         return  # the facade names everything, lazily
     for module, line in imports(path):
-        top = module.split(".")[0]
-        assert ONLY_IN.get(top, here) == here, f"{path.name}:{line}: {top} belongs in {ONLY_IN.get(top)}/"
-        if top == "matplotlib":
-            assert here == "page" or path.stem.endswith("figures"), f"{path.name}:{line}: a drawing lies in figures.py"
-        if top in ("dask", "distributed"):
-            assert path.parent == PACKAGE / "questions" / "campaign", f"{path.name}:{line}: {top} belongs in campaign/"
-        if top == "numba":
-            assert path.name == "compiled.py", f"{path.name}:{line}: kernels are compiled by flight/batch/compiled.py"
+        place, top = f"{path.relative_to(ROOT)}:{line}", module.split(".")[0]
+        if ONLY_IN.get(top, here) != here:
+            yield f"{place}: {top} belongs in {ONLY_IN.get(top)}/"
+        if top == "matplotlib" and here != "page" and not path.stem.endswith("figures"):
+            yield f"{place}: a drawing lies in figures.py"
+        if top in ("dask", "distributed") and path.parent != PACKAGE / "questions" / "campaign":
+            yield f"{place}: {top} belongs in campaign/"
+        if top == "numba" and path.name != "compiled.py":
+            yield f"{place}: kernels are compiled by flight/batch/compiled.py"
         if top != "testbench":
             continue
         there = [*module.split("."), "__init__"][1]
-        if there in (here, "__init__"):
-            continue
-        assert RANK[there] < RANK[here], f"{path.name}:{line}: {here} may not import {there}"
+        if there not in (here, "__init__") and RANK[there] >= RANK[here]:
+            yield f"{place}: {here} may not import {there}"
 
 
-@pytest.mark.parametrize(
-    "path", [p for p in SOURCES if room(p) == "questions"], ids=lambda p: str(p.relative_to(PACKAGE / "questions"))
-)
-def test_a_question_imports_another_only_if_it_asks_it(path):
+def test_imports_point_to_the_left():
+    assert [fault for path in SOURCES for fault in misplaced_imports(path)] == []
+
+
+def questions_not_asked(path: Path) -> Iterator[str]:
     parts = path.relative_to(PACKAGE / "questions").parts
     for module, line in imports(path) if len(parts) > 1 else ():
         words = module.split(".")
-        if words[:2] == ["testbench", "questions"] and len(words) > 3 and words[2] != parts[0]:
-            assert words[2] in ASKS.get(parts[0], ()), f"{path.name}:{line}: {parts[0]} does not ask {words[2]}"
+        other = words[:2] == ["testbench", "questions"] and len(words) > 3 and words[2] != parts[0]
+        if other and words[2] not in ASKS.get(parts[0], ()):
+            yield f"{path.relative_to(ROOT)}:{line}: {parts[0]} does not ask {words[2]}"
+
+
+def test_a_question_imports_another_only_if_it_asks_it():
+    rooms = [path for path in SOURCES if room(path) == "questions"]
+    assert len(rooms) > 100
+    assert [fault for path in rooms for fault in questions_not_asked(path)] == []
 
 
 def test_the_hidden_truth_and_the_library_of_effects_share_no_code():
@@ -138,22 +156,25 @@ def public(tree: ast.Module) -> list[ast.FunctionDef | ast.ClassDef]:
     ]
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_everything_public_is_documented(path):
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    assert ast.get_docstring(tree), "a module says what it holds"
+def undocumented(path: Path) -> Iterator[str]:
+    tree = tree_of(path)
+    if not ast.get_docstring(tree):
+        yield f"{path.relative_to(ROOT)}: a module says what it holds"
     nested = {id(n) for f in ast.walk(tree) if isinstance(f, ast.FunctionDef) for n in ast.walk(f) if n is not f}
     private = {
         id(n) for c in ast.walk(tree) if isinstance(c, ast.ClassDef) and c.name.startswith("_") for n in ast.walk(c)
     }
     for node in public(tree):
-        if id(node) not in nested | private:
-            assert ast.get_docstring(node), f"{node.name} (line {node.lineno}) has no docstring"
+        if id(node) not in nested | private and not ast.get_docstring(node):
+            yield f"{path.relative_to(ROOT)}:{node.lineno}: {node.name} has no docstring"
 
 
-@pytest.mark.parametrize("path", TESTS, ids=lambda p: str(p.relative_to(ROOT)))
-def test_every_test_asserts(path):
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+def test_everything_public_is_documented():
+    assert [fault for path in SOURCES for fault in undocumented(path)] == []
+
+
+def unable_to_fail(path: Path) -> Iterator[str]:
+    tree, place = tree_of(path), path.relative_to(ROOT)
     helpers = {
         f.name
         for f in ast.walk(tree)
@@ -170,19 +191,41 @@ def test_every_test_asserts(path):
         asserts = any(isinstance(n, ast.Assert) for n in ast.walk(node)) or names & (
             helpers | {"raises", "warns", "assert_allclose", "assert_array_equal"}
         )
-        assert asserts, f"{node.name} (line {node.lineno}) cannot fail"
+        if not asserts:
+            yield f"{place}:{node.lineno}: {node.name} cannot fail"
     for node in ast.walk(tree):
         if isinstance(node, ast.Expr):
             call = ast.unparse(node.value.func).split(".")[-1] if isinstance(node.value, ast.Call) else ""
-            assert not isinstance(node.value, ast.Compare), f"line {node.lineno}: a comparison without assert"
-            assert call not in {"allclose", "isclose", "array_equal"}, f"line {node.lineno}: {call} without assert"
+            if isinstance(node.value, ast.Compare):
+                yield f"{place}:{node.lineno}: a comparison without assert"
+            if call in {"allclose", "isclose", "array_equal"}:
+                yield f"{place}:{node.lineno}: {call} without assert"
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_nothing_is_left_unfinished(path):
-    text = path.read_text(encoding="utf-8")
-    for mark in ("TODO", "FIXME", "XXX", "NotImplementedError"):
-        assert mark not in text
+def test_every_test_asserts():
+    assert [fault for path in TESTS for fault in unable_to_fail(path)] == []
+
+
+def test_nothing_is_left_unfinished():
+    marks = ("TODO", "FIXME", "XXX", "NotImplementedError")
+    texts = {path: path.read_text(encoding="utf-8") for path in SOURCES}
+    assert [f"{path.relative_to(ROOT)}: {mark}" for path, text in texts.items() for mark in marks if mark in text] == []
+
+
+def test_the_rules_find_what_breaks_them(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "ROOT", tmp_path)
+    monkeypatch.setattr(sys.modules[__name__], "PACKAGE", tmp_path)
+    path = tmp_path / "sensors" / "gyro.py"
+    path.parent.mkdir()
+    path.write_text(
+        "import jsbsim, numba, dask, matplotlib\nfrom testbench.line import x\n"
+        "def seen(): pass\ndef test_nothing():\n    1 == 2\n    isclose(1, 2)\n",
+        encoding="utf-8",
+    )
+    assert len(list(misplaced_imports(path))) == 5
+    assert [fault.split(": ", 1)[1] for fault in undocumented(path)] == [
+        "a module says what it holds", "seen has no docstring", "test_nothing has no docstring"]  # fmt: skip
+    assert [fault.split(":")[1] for fault in unable_to_fail(path)] == ["4", "5", "6"]
 
 
 def test_names_in_the_schema_are_those_of_the_families():

@@ -38,7 +38,8 @@ def visitors(tmp_path_factory):
     return visitor
 
 
-@pytest.mark.parametrize("name", BY_NAME)
+# the trainer keeps them in tests/aircraft/geometry, too
+@pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow) if n == "trainer" else n for n in BY_NAME])
 def test_the_laws_of_aircraft(visitors, name):
     laws = aircraft_laws(load_aircraft(visitors(name).name))
     assert [law.sentence for law in laws if not law.holds] == []
@@ -47,7 +48,7 @@ def test_the_laws_of_aircraft(visitors, name):
 @pytest.mark.parametrize(
     ("question", "name"),
     [
-        ("run", "c172p"),
+        pytest.param("run", "c172p", marks=pytest.mark.slow),
         pytest.param("design", "f16", marks=pytest.mark.slow),
         ("plan", "SGS"),
         pytest.param("compare", "B747", marks=pytest.mark.slow),

@@ -248,7 +248,10 @@ def test_notes_are_given_once(method):
     assert len({a.code for a in notes}) == len(notes)
 
 
-@METHOD
+@pytest.mark.parametrize(
+    "method",  # of most laws there is a test of its own above: methods that search are tried here with the slow ones
+    [pytest.param(m, marks=pytest.mark.slow) if m in (*SEARCHED, "ukf") else m for m in METHODS],
+)
 @pytest.mark.parametrize("law", [law for law in LAWS if law.__name__ not in STRICTER], ids=lambda law: law.__name__)
 def test_the_laws_of_what_is_brought_hold_for_what_is_packaged(method, law):
     entry = SPECS[method]

@@ -62,6 +62,7 @@ def identified_errors() -> dict[str, float]:
         return {row["derivative"]: float(row["std"]) for row in csv.DictReader(file) if row["derivative"][0] == "M"}
 
 
+@pytest.mark.slow
 def test_the_whole_way_from_geometry_to_derivatives_in_small(tmp_path, monkeypatch):
     """The commands of the guide, with a design that no flight realises."""
     monkeypatch.chdir(tmp_path)

@@ -9,6 +9,7 @@ import types
 from pathlib import Path
 
 import numpy as np
+import pytest
 from commands import command
 from drawn_sets import SMALL, StandIn
 
@@ -18,6 +19,7 @@ GUIDE = Path(__file__).parents[2] / "docs" / "guides" / "synthetic_data.md"
 TEXT = GUIDE.read_text("utf-8")
 
 
+@pytest.mark.slow
 def test_its_commands_run_and_its_own_file_is_right(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     first, second, third = (line for line in TEXT.splitlines() if line.startswith("testbench dataset "))

@@ -42,6 +42,7 @@ def test_the_estimator_of_the_guide_runs_from_an_empty_folder_and_says_whose_cod
     assert model["settings"] == {"ridge": 1e-6}
 
 
+@pytest.mark.slow
 def test_the_structure_of_the_guide_runs_from_an_empty_folder(tmp_path):
     written("bring_a_structure", tmp_path)
     for words in (("check", "structure.toml"), ("check", "my_structure.py:make"), ("run", "structure.toml")):
@@ -52,6 +53,7 @@ def test_the_structure_of_the_guide_runs_from_an_empty_folder(tmp_path):
     assert list(model["provenance"]) == ["structure"]
 
 
+@pytest.mark.slow
 def test_the_equations_of_the_guide_run_from_an_empty_folder(tmp_path):
     written("bring_a_structure", tmp_path)
     for words in (("check", "own_equations.toml"), ("run", "own_equations.toml")):

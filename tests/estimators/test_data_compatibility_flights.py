@@ -95,6 +95,7 @@ def test_an_eolo_without_errors_has_none_named_over_10_seeds(eolo_flight):
     assert sum(bool(r.errors) for r in results) <= 1
 
 
+@pytest.mark.slow
 def test_a_taurus_with_all_channels(taurus_flight):
     true = {**TRUE, "alpha_delay": 0.1, "V_bias": 1.0}
     start = time.process_time()

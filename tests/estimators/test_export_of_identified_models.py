@@ -13,8 +13,8 @@ from scipy.io import loadmat
 import testbench.cli as cli
 from testbench.core.channels import channel
 from testbench.page.write import record_keeper
+from testbench.questions.identify import ask
 from testbench.questions.identify.ask import identify
-from testbench.questions.identify.scenario import RecordDescription
 from testbench.questions.run.ask import run
 from testbench.questions.run.scenario import Scenario
 
@@ -93,14 +93,21 @@ def identified(request, tmp_path_factory):
     channels = ", ".join(f'{{ name = "{n}", column = "{n}", unit = "{channel(n).unit}" }}' for n in names)
     file = folder / f"{name}_recorded.toml"
     file.write_text(DESCRIPTION.format(name=name, suite=suite, channels=channels), encoding="utf-8")
+    found = []
+
+    def kept(*words, **more):
+        found.append(identify(*words, **more))
+        return found[-1]
+
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ask, "identify", kept)
         patch.setattr(
             "testbench.questions.run.figures.plates", lambda result: []
         )  # which take longest and are not asked here
         assert status(patch, "identify", file, "-o", folder / "results") == 0
     return SimpleNamespace(
         models=folder / "results" / file.stem / "models",
-        cases={c.model.method: c.model for c in identify(RecordDescription.load(file)).cases},
+        cases={c.model.method: c.model for c in found[0].cases},
         truth=simulated.truth,
         aircraft=simulated.truth.aircraft,
     )

@@ -180,7 +180,10 @@ def nrmse(found: dict[str, FloatArray], expected: dict[str, FloatArray], names: 
     return out
 
 
-@pytest.mark.parametrize("case", ["3-2-1-1", "sweep", "lateral doublets", "lateral 3-2-1-1", "lateral sweep"])
+@pytest.mark.parametrize(
+    "case",
+    ["3-2-1-1", "sweep", "lateral doublets", "lateral 3-2-1-1", pytest.param("lateral sweep", marks=pytest.mark.slow)],
+)
 def test_time_histories_agree_within_half_a_percent_in_their_plane(case, eolo):
     """At the default rate, against the flat Earth under air of one density.
 
@@ -218,6 +221,7 @@ def test_the_rotation_of_the_earth_moves_the_lateral_states_as_it_should(eolo):
 # --- time step ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_errors_fall_with_the_square_of_the_time_step_or_faster(eolo):
     """250, 500, 1000 Hz against the reference with all that is known put back: second order at the corners of commands.
 

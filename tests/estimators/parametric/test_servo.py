@@ -61,14 +61,21 @@ def errors(model, **more: float) -> dict[str, float]:
 
 
 CASES = [(0.05, 0.0, 0.0), (0.1, 0.0, 0.0), (0.05, 0.05, 0.0), (0.05, 0.0, 60.0)]
+DEAR = pytest.mark.slow  # seconds each; the first case and equation error's have all of it
 
 
 def described(lag, delay, limit: float) -> dict:
     return {"lag_s": lag, "delay_s": delay} | ({"rate_limit_deg_s": limit} if limit else {})
 
 
-@pytest.mark.parametrize(("lag", "delay", "limit"), CASES)
-@pytest.mark.parametrize("method", ["output_error", "filter_error"])
+@pytest.mark.parametrize(
+    ("method", "lag", "delay", "limit"),
+    [
+        *(("output_error", *case) for case in CASES),
+        ("filter_error", *CASES[0]),
+        *(pytest.param("filter_error", *case, marks=DEAR) for case in CASES[1:]),
+    ],
+)
 def test_a_known_servo_gives_the_derivatives_within_their_errors(method, lag, delay, limit):
     # 4 derivatives beyond 4 of their errors by chance: 3e-4 per case
     model = fitted(method, flight(lag, delay, limit), **described(lag, delay, limit))
@@ -84,7 +91,7 @@ def test_equation_error_takes_the_surface_that_a_known_servo_makes(lag, delay, l
     assert model.values["tau_de"] == lag
 
 
-@pytest.mark.parametrize(("lag", "delay", "limit"), CASES)
+@pytest.mark.parametrize(("lag", "delay", "limit"), [*CASES[:3], pytest.param(*CASES[3], marks=DEAR)])
 def test_output_error_estimates_the_lag_within_its_error(lag, delay, limit):
     model = fitted("output_error", flight(lag, delay, limit), **described("estimate", delay, limit))
     assert max(errors(model, tau_de=lag).values()) < 4.0
