@@ -258,6 +258,7 @@ def test_every_coefficient_of_a_mode_acts_in_the_model_that_flies(name, tmp_path
     assert all(made.elastic.modes[1].force[n] != 0.0 for n in ("da", "dr", "beta", "p", "r"))
 
 
+@pytest.mark.slow
 def test_the_ground_test_of_the_guide_flies_and_is_found_again_from_an_empty_folder(tmp_path):
     text = GUIDE.read_text(encoding="utf-8")
     for name, content in re.findall(r"^```\w+\n# (\S+)\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL):

@@ -91,6 +91,7 @@ def test_eight_workers_give_the_same_table(short, tmp_path, reference):
     assert seen[-1].left_s == 0.0
 
 
+@pytest.mark.slow
 def test_nothing_is_lost_or_counted_twice_when_it_is_interrupted_and_then_killed(written, tmp_path, reference_store):
     """Of 1000 runs it cannot end by itself; then it is cut behind its last finished run, and the gaps are flown."""
     file = written("runs = 1000")

@@ -121,6 +121,7 @@ def test_a_wrong_derivative_is_found_in_turbulence_too(tmp_path, printed, coeffi
     assert any(f"the believed {coefficient} is {said}: " in s for s in found.sentences)
 
 
+@pytest.mark.slow
 def test_attas_lacks_nothing_that_matters(tmp_path):
     check_immaterial(fly_attas(tmp_path, {}, "fAttasElv1", TEMPTING))
 

@@ -43,6 +43,7 @@ TRUE_SIZE = {"slow_servo": ("lag_rad_s", 12.0), "thrust_line": ("z_m", 0.03), "a
 
 
 SMALL = ("wing_bending", "actuator_lag", "thrust_line", "alpha_scale", "q_lag", "mass_error")
+VANE_EFFECTS = {n: EFFECTS[n] for n in ("alpha_scale", "actuator_lag")}
 FEWEST = ("wing_bending", "actuator_lag", "q_lag")
 
 
@@ -58,13 +59,15 @@ def solve(name, effects):
 @pytest.fixture(
     scope="module",
     params=[
-        ("flexible_wings", FEWEST),
+        ("alpha_vane", VANE_EFFECTS),
+        pytest.param(("flexible_wings", FEWEST), marks=pytest.mark.slow),
         *(pytest.param((name, None), marks=pytest.mark.slow) for name in CASES),
     ],
     ids=lambda p: f"{p[0]}-{'few effects' if p[1] else 'whole library'}",
 )
 def solved(request):
-    return request.param[0], solve(*request.param)
+    case, effects = request.param
+    return case, request.getfixturevalue("vane")[1] if effects is VANE_EFFECTS else solve(case, effects)
 
 
 def test_the_right_effect_is_named_and_the_gap_shrinks(solved):
@@ -230,7 +233,6 @@ def test_faults_of_a_gap_scenario_come_at_once(tmp_path):
     assert any("did you mean 'nothing'" in f for f in caught.value.faults)
 
 
-VANE_EFFECTS = {n: EFFECTS[n] for n in ("alpha_scale", "actuator_lag")}
 VANE_MANOEUVRES = ("elevator 3211", "doublets and throttle")  # one to name from, one held out
 
 
