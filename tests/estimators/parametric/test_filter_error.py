@@ -224,7 +224,8 @@ def test_chi_bar_square_of_one_variance_is_half_a_chi_square():
     assert chi_bar_square(-0.1, 2) == 1.0
 
 
-@pytest.mark.parametrize("sensor", ["inertial", pytest.param("vane", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("sensor", ["inertial", "vane"])
 def test_a_gust_in_both_equations_is_chosen_and_its_intervals_hold_the_truth(sensor):
     held, taken, values = [], [], []
     for seed in range(10):

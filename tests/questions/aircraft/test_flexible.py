@@ -75,6 +75,7 @@ def test_eolos_generalised_masses_follow_from_where_its_mass_sits(derive, stiff,
     assert {o.mass for o in made.origins} == {"from the distribution of mass, which is assumed"}
 
 
+@pytest.mark.slow
 def test_a_ground_test_at_nine_stations_gives_eolos_flutter_within_half_a_m_s(derive, stiff, tmp_path):
     """As it would be brought: few stations and digits, the drawing's plan form, the aircraft's own derivatives."""
     shapes, masses, _ = derive.modes()

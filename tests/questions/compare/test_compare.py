@@ -261,6 +261,7 @@ def test_report_of_the_packaged_scenario(packaged, tmp_path: Path) -> None:
     assert len(gains.rows) == len(packaged.gains)
 
 
+@pytest.mark.slow
 def test_wing_sensors_make_the_elastic_modes_known() -> None:
     loaded = CompareScenario.load("compare/eolo_wing")
     result = compare(loaded.model_copy(update={"placement": None}), simulate=False)

@@ -95,6 +95,7 @@ def test_what_is_not_answered_counts_among_the_draws_alone(figures, tmp_path):
     assert found[0]["truth within 95 %"] == "", "no errors are stated"
 
 
+@pytest.mark.slow
 def test_the_sealed_cases_are_those_of_the_blind_test(names):
     cases = {c.name: c for c in opened(SEALED.read_text(encoding="utf-8").removesuffix("\n"))}
     flights = tb.open_dataset(names / "set", truth="")

@@ -213,6 +213,7 @@ def small(taurus_file):
     return run_design(DesignScenario.load(taurus_file))
 
 
+@pytest.mark.slow
 def test_where_only_noise_disturbs_a_small_input_the_promise_is_kept(small):
     """A 1 % false alarm per design; the seed is fixed."""
     best = small.best.realised

@@ -225,6 +225,7 @@ def test_what_workers_are_given_is_where_a_spawned_process_finds_it():
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks /proc")
+@pytest.mark.slow
 def test_workers_end_with_a_run_that_is_killed():
     script = (
         "import os, time\n"

@@ -49,6 +49,7 @@ def believed() -> Believed:
     return Believed(aircraft, load_suite("eolo_gap"), CONDITION, 100.0)
 
 
+@pytest.mark.slow
 def test_a_slow_servo_is_found_that_the_model_does_not_have(believed, tmp_path):
     """Its corner frequency within three standard errors; the held-out flight agrees to the noise afterwards."""
     truth = believed.with_effect(EFFECTS["actuator_lag"], {"lag_rad_s": 6.0})

@@ -42,6 +42,7 @@ def named(plan: Truth, names: tuple[str, ...] = LATE):
     return name_effect(believe("taurus"), records, effects={n: EFFECTS[n] for n in names})
 
 
+@pytest.mark.slow
 def test_a_delay_is_named_with_its_scatter_where_each_command_arrives_at_a_time_of_its_own():
     drawn: list[float] = []
     naming = named(Truth(elevator=jittery(0.08, 0.006, drawn)))

@@ -226,6 +226,7 @@ def test_edited_sensors_count_and_are_written(page, tmp_path):
     assert {r["name"]: r["relative"] for r in shown(page)["errors"]} == before
 
 
+@pytest.mark.slow
 def test_the_errors_if_the_model_is_wrong_are_those_of_the_wrong_models(page, data, tmp_path):
     choose(page, aircraft="eolo", suite="eolo_alpha", family="doublet", off_model=20)
     until(page, lambda found: "ranges" in found)
