@@ -242,8 +242,14 @@ def end_of(mutant: Mutant, tests: list[tuple[float, str]], tree: Path, log: Path
     timeout_s = 60.0 + 10.0 * sum(s for s, _ in tests)
     place = tree / mutant.path
     place.write_text(sown(mutant), encoding="utf-8")
+
+    def run(kernels: str) -> int:
+        os.environ["NUMBA_CACHE_DIR"] = kernels  # a kernel is kept by its own file: those that it calls may be sown
+        return int(pytest.main(command))
+
     try:
-        status = in_child(tree, lambda: int(pytest.main(command)), log, timeout_s)
+        with tempfile.TemporaryDirectory() as kernels:
+            status = in_child(tree, lambda: run(kernels), log, timeout_s)
     finally:
         shutil.copy2(ROOT / mutant.path, place)
     return "survived" if status == 0 else "killed"

@@ -177,6 +177,8 @@ def test_hidden_servos_are_what_they_say():
     wave = 0.1 * np.sin(2 * np.pi * np.arange(400) * dt)
     assert np.ptp(servos.backlash(0.04)(wave, dt)[100:]) == pytest.approx(0.16, abs=1e-3)
     assert np.ptp(servos.soft_play(0.04)(wave, dt)[100:]) < 0.2
+    doubled = servos.soft_play(0.08)(2.0 * wave, dt)  # all goes with the width of the play
+    assert doubled == pytest.approx(2.0 * servos.soft_play(0.04)(wave, dt))
     assert servos.reluctant(50.0, 0.03)(0.02 * u, dt) == pytest.approx(np.zeros(200))
     assert servos.motor(0.5, 0.5)(u, dt)[59] == pytest.approx(1.0 - np.exp(-1.0), abs=1e-9)
     assert set(servos.coarse(0.05)(wave, dt)) <= set(0.05 * np.arange(-3, 4))

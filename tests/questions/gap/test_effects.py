@@ -177,7 +177,11 @@ def test_a_steady_wind_shows_in_ground_speed_alone(believed):
 
 def test_a_bending_mode_appears_among_the_poles(believed):
     values = {"f_hz": 9.0, "mass_ratio": 0.3, "twist_rad": 0.0, "lever": 0.0}
-    amended, _ = EFFECTS["wing_bending"].amend(believed.aircraft, believed.suite, values)
+    plane = believed.aircraft
+    amended, _ = EFFECTS["wing_bending"].amend(plane, believed.suite, values)
+    assert amended.amendments[-1].modes[0].mass_kg_m2 == pytest.approx(
+        0.3 * plane.mass.mass_kg * plane.geometry.cbar_m**2
+    )
     poles = linearise(amended, trim(amended, CONDITION)).poles()
     assert np.min(np.abs(np.abs(poles) - 2 * np.pi * 9.0)) < 0.05 * 2 * np.pi * 9.0
 

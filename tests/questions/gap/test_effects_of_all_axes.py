@@ -128,3 +128,20 @@ def test_what_is_trimmed_out_shows_in_the_control_at_trim_alone(name, control):
     assert turned[control] - plain[control] == pytest.approx(alone, rel=0.3)  # the other control takes a part
     record = commands()[0]
     assert np.max(np.abs((b.with_effect(effect, size).predict(record) - b.predict(record)) / b.noise_std)) < 3.0
+
+
+def test_accelerometers_stay_in_the_airframe_when_its_centre_of_gravity_moves():
+    b = believe()
+    moved, suite = asymmetry.amend_centre(b.aircraft, b.suite, {"right_spans": 0.1})
+    shift = 0.1 * b.aircraft.geometry.b_m
+    places = {
+        one.channel: (one.position_m, other.position_m)
+        for one, other in zip(b.suite.sensors, suite.sensors, strict=True)
+    }
+    moving = sorted({"ax", "ay", "az"} & set(places))
+    assert moving == ["ay", "az"]
+    for channel in moving:
+        before, after = places[channel]
+        assert np.subtract(after, before) == pytest.approx([0.0, -shift, 0.0])
+    assert places["q"][0] == places["q"][1]
+    assert moved is not b.aircraft

@@ -264,7 +264,12 @@ def test_a_plan_with_the_rudder_sees_a_yaw_damper_and_may_add_lateral_manoeuvres
     names = {m.name for m, _ in family(b, [RUDDER["taurus"]])}
     assert {"rudder 3211", "aileron doublet", "turn"} <= names
     assert not {"rudder 3211", "aileron doublet", "turn"} & {m.name for m, _ in family(b, [ELEVATOR])}
-    assert family(b, [RUDDER["taurus"]])[-1][1].endswith("for 1 s into a turn, held for 18 s")
+    added = family(b, [RUDDER["taurus"]])
+    assert added[-1][1].endswith("for 1 s into a turn, held for 18 s")
+    times = {m.name: m.duration_s for m, _ in added}
+    assert [times[n] for n in ("rudder 3211", "aileron doublet", "short rudder doublets", "turn")] == [12, 12, 12, 20]
+    aileron = next(m.input[0] for m, _ in added if m.name == "aileron doublet")
+    assert aileron.amplitude_deg == pytest.approx(2.0)  # where none was flown or planned
 
 
 def test_residuals_are_located_over_sideslip_and_rudder_where_they_move(base):

@@ -78,6 +78,8 @@ def test_the_family_is_as_large_as_what_is_planned(believed):
     loud = ELEVATOR.model_copy(update={"input": (ELEVATOR.input[0].model_copy(update={"amplitude_deg": 4.0}),)})
     amplitudes = [s.amplitude_deg for m, _ in family(believed, [loud]) for s in m.input if s.control == "de"]
     assert max(amplitudes) == pytest.approx(4.0)
+    pull = next(m for m, _ in family(believed, [loud]) if m.name == "slow pull")
+    assert pull.input[0].amplitude_deg == pytest.approx(-2.4)  # held for four seconds, it is 0.6 of the largest
     names = [m.name for m, _ in family(believed, [])]
     assert len(set(names)) == len(names)
 

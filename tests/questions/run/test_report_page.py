@@ -114,7 +114,7 @@ def test_the_page_says_where_its_figures_come_from(page: str, result) -> None:
         "Aircraft and trim",
         "Sensors",
         "potentiometer on an air data boom",
-        "doublet on δe, 2 deg, period 2 s",
+        "doublet on δe, 2 deg, period 2\u00a0s",
     ):
         assert text in page
     assert html.escape(result.suites[0].sensors[0].source, quote=False)[:40] in page.replace("&#39;", "'")
