@@ -248,7 +248,7 @@ def test_gust_derivatives_agree_with_differences_and_a_linear_gust_with_a_genera
     x, u, params = rng.standard_normal((3, 3)), rng.standard_normal((3, 1)), np.tile(s.values, (3, 1))
     np.testing.assert_allclose(_Gust.derivative(s, x, u, params), s.derivative(x, u, params), atol=1e-13)
     np.testing.assert_allclose(_Gust.output(s, x, u, params), s.output(x, u, params), atol=1e-13)
-    one = _Gust.derivative(s, x[0], u[0], params if params.ndim == 1 else params[0])  # one state, and many of many
+    one = _Gust.derivative(s, x[0], u[0], params[0])  # one state, and many of many
     np.testing.assert_allclose(one, s.derivative(x, u, params)[0], atol=1e-13)
     np.testing.assert_allclose(
         _Gust.derivative(s, x[None], u[None], params), s.derivative(x, u, params)[None], atol=1e-13
