@@ -30,7 +30,7 @@ _MEANT = (
     ("records", "mutated records of every format, 600 each, by one command that reads them, then read again", 7800),
     (
         "kills_campaign",
-        "SIGKILL of `campaign run` at a random moment, then `campaign resume` (the page, which has times, aside)",
+        "SIGKILL of `campaign run` at a random moment, then `campaign resume`",
         100,
     ),
     ("kills_plan", "SIGKILL of `plan show`, then the same again", 100),
