@@ -19,11 +19,14 @@ from pathlib import Path
 
 import numpy as np
 from studies.reliability import small
-from studies.reliability.cases import ROOT, Row, go_on
+from studies.reliability.cases import KEPT, ROOT, Row, go_on
 
 COUNT, RUNS, LONGEST_S = 100, 12, 900
 SEED = 34
-ENVIRONMENT = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}", "OPENBLAS_NUM_THREADS": "1"}
+ENVIRONMENT = {
+    **os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}", "OPENBLAS_NUM_THREADS": "1",
+    "PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(KEPT / "compiled"),  # a second sooner, and killed, too
+}  # fmt: skip
 _TIMES = {
     "report.html": rb"<dt>cost</dt><dd>[^<]*</dd>",  # of a campaign
     "rows.jsonl": rb'"seconds": [^}]*',
