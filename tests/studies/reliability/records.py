@@ -16,6 +16,7 @@ from studies.reliability.scenarios import LONGEST_S, run_cases
 
 from testbench.core.errors import TestbenchError
 from testbench.core.record import FlightRecord
+from testbench.questions.importing.ask import Imported, import_log
 
 COUNT = 600  # of each format
 BATCH = 130  # ten of each format in one process, which imports what it needs once
@@ -23,23 +24,19 @@ WRONG = 0.5  # of the samples of a channel that differ from the original's: no d
 
 
 @cache
-def originals() -> dict[str, tuple[str, bytes, FlightRecord]]:
+def originals() -> dict[str, tuple[str, bytes, Imported]]:
     """Return format -> (suffix, content, what is read of it)."""
-    from testbench.questions.importing.ask import import_log
-
     with tempfile.TemporaryDirectory() as place:
         out = {}
         for name, (suffix, content) in inputs.logs(Path(place)).items():
             path = Path(place, f"whole{suffix}")
             path.write_bytes(content)
-            out[name] = (suffix, content, import_log(path).record)
+            out[name] = (suffix, content, import_log(path))
     return out
 
 
 def judged(case: str, folder: Path) -> tuple[str, str]:
     """Return what became of a mutant: refused, or read, and whether most of what was read is the original's."""
-    from testbench.questions.importing.ask import import_log
-
     name, _, seed = case.rpartition(" ")
     suffix, content, whole = originals()[name]
     path = folder / f"log{suffix}"
@@ -49,12 +46,13 @@ def judged(case: str, folder: Path) -> tuple[str, str]:
         found = import_log(path)
     except TestbenchError as error:
         return "refused", str(error)
-    wrong = differing(whole, found.record)
+    wrong = differing(whole.record, found.record)
     if not wrong:
         return "read", ""
+    asked = [text for text in found.asked if text not in whole.asked]  # what is asked of the whole one says nothing
     told = [*found.log.warnings, *found.log.notes]
-    outcome = "read with a question" if found.asked else "read with a warning" if told else "to be looked at"
-    return outcome, "; ".join([*wrong, "|", *found.asked, *told])
+    outcome = "read with a question" if asked else "read with a warning" if told else "to be looked at"
+    return outcome, "; ".join([*wrong, "|", *asked, *told])
 
 
 def commands(path: Path, folder: Path, seed: int) -> None:
@@ -81,11 +79,13 @@ def commands(path: Path, folder: Path, seed: int) -> None:
 def differing(whole: FlightRecord, read: FlightRecord) -> list[str]:
     """Return the channels most samples of which differ from the original's at the same time, or near it.
 
-    Time counts from the first sample: where the first rows are lost, all begins so much later.
+    Time counts from the first sample: where the first rows are lost, all begins so much later, and earlier where one
+    has a time before them.
     """
     wrong = _apart(whole, read, 0.0)
     most_s = whole.t_s[-1] - read.t_s[-1] + 0.1  # what is read must end where the original ends, or before
-    for lost_s in whole.t_s[(whole.t_s > 0.0) & (whole.t_s <= most_s)] if wrong else ():
+    earlier, later = read.t_s[read.t_s <= 1.0], whole.t_s[(whole.t_s > 0.0) & (whole.t_s <= most_s)]
+    for lost_s in (*-earlier, *later) if wrong else ():
         found = _apart(whole, read, float(lost_s))
         wrong = found if len(found) < len(wrong) else wrong
         if not wrong:
