@@ -83,9 +83,9 @@ def differing(whole: FlightRecord, read: FlightRecord) -> list[str]:
     has a time before them.
     """
     wrong = _apart(whole, read, 0.0)
-    most_s = whole.t_s[-1] - read.t_s[-1] + 0.1  # what is read must end where the original ends, or before
-    earlier, later = read.t_s[read.t_s <= 1.0], whole.t_s[(whole.t_s > 0.0) & (whole.t_s <= most_s)]
-    for lost_s in (*-earlier, *later) if wrong else ():
+    over_s = read.t_s[-1] - whole.t_s[-1]
+    shifts = np.arange(-max(over_s, 1.0), 0.1 - over_s, 0.25 * (whole.t_s[1] - whole.t_s[0])) if wrong else ()
+    for lost_s in shifts:  # with any of them, what is read ends where the original ends, or before
         found = _apart(whole, read, float(lost_s))
         wrong = found if len(found) < len(wrong) else wrong
         if not wrong:
@@ -103,7 +103,10 @@ def _apart(whole: FlightRecord, read: FlightRecord, lost_s: float) -> list[str]:
             continue
         there = np.interp(t_s[inside], whole.t_s[valid], whole.data[valid, a])
         near = 0.02 * max(np.ptp(whole.data[valid, a]), 1e-9) + 1e-6 * np.abs(there)
-        share = float(np.mean(np.abs(read.data[inside, b] - there) > near))
+        off = read.data[inside, b] - there
+        if name in ("phi", "psi"):
+            off = (off + np.pi) % (2.0 * np.pi) - np.pi  # a turn more is the same heading
+        share = float(np.mean(np.abs(off) > near))
         if share > WRONG:
             out.append(f"{name}: {share:.0%} of the samples")
     return out
